@@ -1,0 +1,160 @@
+"""Knobs: the tunable numbers θ, and the one place where the unit cube meets physics."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import KnobError
+
+Scale = Literal["linear", "log10"]
+
+
+@dataclass(frozen=True, slots=True)
+class Knob:
+    """One tunable number; `low` and `high` are inclusive and in `unit`.
+
+    Raises:
+        KnobError: reversed, equal or infinite bounds, a log10 knob that is not positive, an
+            integer knob without an integer in its range, an empty name, an unknown scale.
+    """
+
+    name: str
+    low: float
+    high: float
+    unit: str = ""
+    scale: Scale = "linear"
+    integer: bool = False
+
+    def __post_init__(self) -> None:
+        box = f"got [{self.low}, {self.high}] {self.unit}".rstrip()
+        if not (isinstance(self.name, str) and self.name.strip()):
+            raise KnobError(f"a knob needs a name, got {self.name!r}")
+        if not (isfinite(self.low) and isfinite(self.high)):
+            raise KnobError(f"knob {self.name!r}: low and high must be finite, {box}")
+        if not self.low < self.high:
+            raise KnobError(f"knob {self.name!r}: low must be below high, {box}")
+        if self.scale not in get_args(Scale):
+            raise KnobError(
+                f"knob {self.name!r}: scale must be one of {get_args(Scale)}, got {self.scale!r}"
+            )
+        if self.scale == "log10" and self.low <= 0:
+            raise KnobError(f"knob {self.name!r}: a log10 scale needs low above 0, {box}")
+        if self.integer and (self.low != round(self.low) or self.high != round(self.high)):
+            raise KnobError(f"knob {self.name!r}: an integer knob needs integer bounds, {box}")
+
+    def decode(self, z: float) -> float:
+        """Physical value in `unit` of the unit coordinate `z` in [0, 1]; integers round half up."""
+        if self.scale == "log10":
+            value = 10.0 ** (np.log10(self.low) * (1 - z) + np.log10(self.high) * z)
+        else:
+            value = self.low * (1 - z) + self.high * z
+        if self.integer:
+            value = np.floor(value + 0.5)
+        return float(min(max(value, self.low), self.high))
+
+    def encode(self, value: float) -> float:
+        """Unit coordinate in [0, 1] of a physical value in `unit`."""
+        if self.scale == "log10":
+            z = np.log10(value / self.low) / np.log10(self.high / self.low)
+        else:
+            z = (value - self.low) / (self.high - self.low)
+        return float(min(max(z, 0.0), 1.0))
+
+
+@dataclass(frozen=True)
+class KnobSpace:
+    """The box Θ in which θ is sought, an ordered collection of knobs.
+
+    Raises:
+        KnobError: no knob, something that is not a `Knob`, or two knobs of one name.
+    """
+
+    knobs: tuple[Knob, ...]
+
+    def __init__(self, knobs: Sequence[Knob]) -> None:
+        object.__setattr__(self, "knobs", tuple(knobs))
+        strangers = [k for k in self.knobs if not isinstance(k, Knob)]
+        if not self.knobs or strangers:
+            raise KnobError(f"a knob space needs one or more Knobs, got {strangers or 'none'}")
+        duplicates = {n for n in self.names if self.names.count(n) > 1}
+        if duplicates:
+            raise KnobError(f"knob names must differ, got {sorted(duplicates)} more than once")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the knobs, in order."""
+        return tuple(k.name for k in self.knobs)
+
+    def __len__(self) -> int:
+        return len(self.knobs)
+
+    def __iter__(self) -> Iterator[Knob]:
+        return iter(self.knobs)
+
+    def decode(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Map a point of the unit cube, shape (n,), to physical units.
+
+        Raises:
+            KnobError: wrong shape, NaN, or a coordinate outside [0, 1].
+        """
+        z = self._vector(z, "z")
+        for knob, zi in zip(self.knobs, z, strict=True):
+            if not 0.0 <= zi <= 1.0:
+                raise KnobError(f"z of knob {knob.name!r} must be in [0, 1], got {zi}")
+        return np.array([k.decode(zi) for k, zi in zip(self.knobs, z, strict=True)])
+
+    def encode(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Map physical θ, shape (n,), to the unit cube.
+
+        Raises:
+            KnobError: as `check`.
+        """
+        theta = self.check(theta)
+        return np.array([k.encode(v) for k, v in zip(self.knobs, theta, strict=True)])
+
+    def snap(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Cube point of the θ that `z` decodes to: equal for all `z` of one experiment."""
+        return self.encode(self.decode(z))
+
+    def check(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return `theta` as a float array, shape (n,), physical.
+
+        Raises:
+            KnobError: wrong shape, NaN, outside the box, or a fraction for an integer knob.
+        """
+        theta = self._vector(theta, "theta")
+        for knob, value in zip(self.knobs, theta, strict=True):
+            if not knob.low <= value <= knob.high:
+                raise KnobError(
+                    f"theta of knob {knob.name!r} must be in [{knob.low}, {knob.high}] "
+                    f"{knob.unit}".rstrip() + f", got {value}"
+                )
+            if knob.integer and value != round(value):
+                raise KnobError(f"theta of knob {knob.name!r} must be an integer, got {value}")
+        return theta
+
+    def named(self, theta: Float[np.ndarray, " n"]) -> dict[str, float]:
+        """Knob name to physical value, in order; integers as int, for people and JSON."""
+        theta = self.check(theta)
+        return {
+            k.name: int(v) if k.integer else float(v)
+            for k, v in zip(self.knobs, theta, strict=True)
+        }
+
+    def _vector(self, values: object, what: str) -> Float[np.ndarray, " n"]:
+        try:
+            vector = np.array(values, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise KnobError(f"{what} must be numbers, got {values!r}") from error
+        if vector.shape != (len(self),):
+            raise KnobError(
+                f"{what} must have shape ({len(self)},), one value each of {self.names}, "
+                f"got shape {vector.shape}"
+            )
+        if not np.all(np.isfinite(vector)):
+            raise KnobError(f"{what} must be finite, got {dict(zip(self.names, vector, strict=True))}")
+        return vector

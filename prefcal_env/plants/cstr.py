@@ -1,0 +1,173 @@
+"""The continuous stirred tank reactor of section IV-A."""
+
+from dataclasses import astuple, dataclass
+from functools import cached_property
+from math import exp
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import brentq
+
+from prefcal_env.errors import PlantError
+from prefcal_env.experiment import Channel
+from prefcal_env.plants.plant import Jacobians
+
+FEED = np.array([298.15, 10.0])
+"""The paper's feed stream: T_f [K], C_Af [kgmol/m³]."""
+
+
+@dataclass(frozen=True, slots=True)
+class CSTRParams:
+    """Table tab:CSTR_para."""
+
+    F_V: float = 1.0  # 1/h
+    k_0: float = 3.49e7  # 1/h
+    H: float = 5960.0  # kcal/kgmol, given off by the reaction
+    E: float = 11843.0  # kcal/kgmol
+    rho_Cp: float = 500.0  # kcal/(m³ K)
+    US_V: float = 150.0  # kcal/(m³ K h)
+    R: float = 1.987  # kcal/(kgmol K)
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            if not 0 < getattr(self, name) < np.inf:
+                raise PlantError(
+                    f"CSTR parameter {name} must be positive and finite, got {getattr(self, name)}"
+                )
+
+
+@dataclass(frozen=True)
+class CSTR:
+    """Eq. cstr_system_eqn with eq. ratelaw: x = (T [K], C_A [kgmol/m³]), u = T_c [K].
+
+    Both states are outputs; measured disturbances are the feed's T_f [K] and C_Af [kgmol/m³].
+    Time in hours.
+
+    Deviation: the reaction heats the tank (+ H r/(ρ C_p)). As printed, with a minus, the only
+    steady state at T_c = 298 K has C_A = 9.5; with a plus there are three, the paper's 8.56
+    among them (to the digits of the table).
+
+    Args:
+        params: Physical parameters.
+        max_step: Largest step of the integrator [h].
+    """
+
+    params: CSTRParams = CSTRParams()
+    max_step: float = 0.005
+
+    name = "CSTR"
+    time_unit = "h"
+    states = (
+        Channel("temperature", "K", symbol="T"),
+        Channel("concentration", "kgmol/m³", symbol="C_A"),
+    )
+    outputs = states
+    inputs = (Channel("coolant temperature", "K", low=284.0, high=310.0, symbol="T_c"),)
+    disturbances = (
+        Channel("feed temperature", "K", symbol="T_f"),
+        Channel("feed concentration", "kgmol/m³", symbol="C_{Af}"),
+    )
+
+    @cached_property
+    def _packed(self) -> Float[np.ndarray, " p"]:
+        return np.array(astuple(self.params))
+
+    def f(
+        self,
+        x: Float[np.ndarray, " 2"],
+        u: Float[np.ndarray, " 1"],
+        d: Float[np.ndarray, " 2"],
+    ) -> Float[np.ndarray, " 2"]:
+        """Eq. cstr_system_eqn, (K/h, kgmol/(m³ h))."""
+        (T, C_A), p = x, self.params
+        r = self._rate(T) * C_A
+        return np.array([
+            p.F_V * (d[0] - T) + p.H / p.rho_Cp * r - p.US_V / p.rho_Cp * (T - u[0]),
+            p.F_V * (d[1] - C_A) - r,
+        ])  # fmt: skip
+
+    def g(
+        self,
+        x: Float[np.ndarray, " 2"],
+        u: Float[np.ndarray, " 1"],
+        d: Float[np.ndarray, " 2"],
+    ) -> Float[np.ndarray, " 2"]:
+        """Both states."""
+        return np.array(x, dtype=float)
+
+    def jacobians(
+        self,
+        x: Float[np.ndarray, " 2"],
+        u: Float[np.ndarray, " 1"],
+        d: Float[np.ndarray, " 2"],
+    ) -> Jacobians:
+        """Derivatives of eq. cstr_system_eqn by hand."""
+        (T, C_A), p = (float(x[0]), float(x[1])), self.params
+        k = self._rate(T)
+        dr_dT = k * C_A * p.E / (p.R * T**2)
+        heat, cooling = p.H / p.rho_Cp, p.US_V / p.rho_Cp
+        A = np.array([[-p.F_V + heat * dr_dT - cooling, heat * k], [-dr_dT, -p.F_V - k]])
+        return Jacobians(A, np.array([[cooling], [0.0]]), np.eye(2), np.zeros((2, 1)))
+
+    def hold(
+        self,
+        x: Float[np.ndarray, " 2"],
+        u: Float[np.ndarray, " 1"],
+        d: Float[np.ndarray, " 2"],
+        times: Float[np.ndarray, " K"],
+    ) -> Float[np.ndarray, "K 2"]:
+        """States at `times` [h] by the compiled fixed-step integrator."""
+        # Here, not above: importing the package must not load the compiler.
+        from prefcal_env.plants import _cstr_kernels
+
+        d = np.concatenate([d, self._packed])
+        states: Float[np.ndarray, "K 2"] = _cstr_kernels.hold(x, u, d, times, self.max_step)
+        return states
+
+    def _rate(self, T: float) -> float:
+        """Arrhenius factor of eq. ratelaw, 1/h; 0 where the temperature makes no sense."""
+        return self.params.k_0 * exp(-self.params.E / (self.params.R * T)) if T > 0 else 0.0
+
+    def steady_state_at_concentration(
+        self, C_A: float, d: Float[np.ndarray, " 2"] = FEED
+    ) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 1"]]:
+        """The one steady state (x, u) with concentration `C_A` [kgmol/m³], stable or not.
+
+        Raises:
+            PlantError: `C_A` not strictly between 0 and the feed's concentration, or reached
+                only above the temperature at which every molecule would react.
+        """
+        p = self.params
+        if not 0 < C_A < d[1]:
+            raise PlantError(f"C_A must be in (0, {d[1]}) kgmol/m³, got {C_A}")
+        k = p.F_V * (d[1] - C_A) / C_A
+        if k >= p.k_0:
+            raise PlantError(f"no temperature gives a concentration as low as {C_A} kgmol/m³")
+        T = p.E / (p.R * np.log(p.k_0 / k))
+        heating = p.F_V * (d[0] - T) + p.H / p.rho_Cp * p.F_V * (d[1] - C_A)
+        return np.array([T, C_A]), np.array([T - heating * p.rho_Cp / p.US_V])
+
+    def steady_states_at_input(
+        self, T_c: float, d: Float[np.ndarray, " 2"] = FEED
+    ) -> Float[np.ndarray, "k 2"]:
+        """All steady states (T, C_A) at coolant temperature `T_c` [K], by rising T, shape (k, 2).
+
+        Raises:
+            PlantError: `T_c` not positive and finite.
+        """
+        if not 0 < T_c < np.inf:
+            raise PlantError(f"T_c must be positive and finite, got {T_c} K")
+        p, u = self.params, np.array([T_c])
+
+        def concentration(T: float) -> float:
+            return float(p.F_V * d[1] / (p.F_V + self._rate(T)))
+
+        def imbalance(T: float) -> float:
+            return float(self.f(np.array([T, concentration(T)]), u, d)[0])
+
+        lowest = min(d[0], T_c) - 1.0
+        highest = max(d[0], T_c) + p.H / p.rho_Cp * d[1] + 1.0
+        grid = np.linspace(lowest, highest, 2001)
+        signs = np.sign([imbalance(T) for T in grid])
+        roots = [brentq(imbalance, grid[i], grid[i + 1], xtol=1e-12) for i in np.flatnonzero(np.diff(signs))]
+        return np.array([[T, concentration(T)] for T in roots])

@@ -1,0 +1,166 @@
+"""Questions and answers: what passes between an agent and whoever compares experiments.
+
+Source: the preference function is eq. pref_fun, its vector of answers eq. pref-vector.
+"""
+
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from typing import Any, Protocol, Self, TypeVar, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import PreferenceError
+from prefcal_env.experiment import End
+from prefcal_env.knobs import KnobSpace
+
+ExperimentT = TypeVar("ExperimentT", contravariant=True)
+
+
+class Preference(IntEnum):
+    """π(challenger, incumbent) of eq. pref_fun."""
+
+    CHALLENGER = -1
+    TIE = 0
+    INCUMBENT = 1
+
+
+class Mark(Enum):
+    """What a calibrator may say of one side, apart from the verdict."""
+
+    CHALLENGER_UNSAFE = "challenger unsafe"
+    INCUMBENT_UNSAFE = "incumbent unsafe"
+    CHALLENGER_GOOD_ENOUGH = "challenger good enough"
+    INCUMBENT_GOOD_ENOUGH = "incumbent good enough"
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """An answer to a query.
+
+    Args:
+        preference: Which one is better; None is an abstention ("can't tell").
+        strength: How sure the calibrator is, above 0; 1 is an ordinary verdict. It is the
+            weight c_h of eq. QP-pref.
+        marks: Marks on either side.
+        outcomes: How the challenger's and the incumbent's experiments ended, where known.
+
+    Raises:
+        PreferenceError: a preference other than -1, 0, 1 or None, a strength that is not
+            positive and finite, or something that is not a mark.
+    """
+
+    preference: Preference | None
+    strength: float = 1
+    marks: tuple[Mark, ...] = ()
+    outcomes: tuple[End, End | None] | None = None
+
+    def __post_init__(self) -> None:
+        if self.preference is not None:
+            object.__setattr__(self, "preference", _preference(self.preference))
+        if not (np.isreal(self.strength) and 0 < self.strength < np.inf):
+            raise PreferenceError(f"strength must be positive and finite, got {self.strength!r}")
+        object.__setattr__(self, "marks", tuple(self.marks))
+        for mark in self.marks:
+            if not isinstance(mark, Mark):
+                raise PreferenceError(f"a mark must be one of {list(Mark)}, got {mark!r}")
+
+    @classmethod
+    def of(cls, answer: "Answer | Preference | int | None") -> "Answer":
+        """Return `answer` as an Answer; a bare -1, 0, 1 or None (abstain) is accepted.
+
+        Raises:
+            PreferenceError: anything else.
+        """
+        return answer if isinstance(answer, cls) else cls(answer)  # type: ignore[arg-type]
+
+
+def _preference(value: Any) -> Preference:
+    if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value in (-1, 0, 1):
+        return Preference(int(value))
+    raise PreferenceError(
+        "an answer must be -1 (challenger better), 0 (as good as), 1 (incumbent better), "
+        f"None (can't tell) or an Answer, got {value!r}"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Suggestion:
+    """Experiment number `index` (from 0), with parameters `theta`, physical, shape (n,)."""
+
+    index: int
+    theta: Float[np.ndarray, " n"]
+
+    def __post_init__(self) -> None:
+        theta = np.array(self.theta, dtype=float)
+        theta.setflags(write=False)
+        object.__setattr__(self, "theta", theta)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Suggestion):
+            return NotImplemented
+        return self.index == other.index and np.array_equal(self.theta, other.theta)
+
+    def __hash__(self) -> int:
+        return hash((self.index, self.theta.tobytes()))
+
+
+@dataclass(frozen=True, slots=True)
+class Query:
+    """A question: is the challenger better than the incumbent?
+
+    The incumbent is None in the very first query (there is nothing to compare with; any answer
+    closes it and teaches nothing) and in every query of a value-based agent.
+    """
+
+    challenger: Suggestion
+    incumbent: Suggestion | None = None
+
+
+class Agent(Protocol):
+    """Proposes θ and learns from preferences; the one mutable object of a study.
+
+    `ask` is pure: asking twice changes nothing. `tell` refuses an answer to a query that is
+    not the open one. The contract suite `tests/contracts/agents.py` is what an agent must pass.
+    """
+
+    @property
+    def space(self) -> KnobSpace:
+        """The knobs that θ is made of."""
+
+    @property
+    def n_max(self) -> int:
+        """Number of experiments after which the agent is done."""
+
+    @property
+    def done(self) -> bool:
+        """Whether all experiments are answered."""
+
+    @property
+    def best(self) -> Float[np.ndarray, " n"]:
+        """θ of the incumbent, physical, shape (n,). Raises ProtocolError before any answer."""
+
+    def ask(self) -> Query:
+        """Return the open query. Raises ProtocolError when done."""
+
+    def tell(self, query: Query, answer: Answer | Preference | int | None) -> None:
+        """Close `query`. Raises ProtocolError if it is not open, PreferenceError if no answer."""
+
+    def undo(self) -> None:
+        """Take the last answer back and open its query again. Raises ProtocolError if none."""
+
+    def retract(self, index: int) -> None:
+        """Forget answer number `index` (from 0), keep its sample. Raises ProtocolError if none."""
+
+    def copy(self) -> Self:
+        """Return an independent twin, for running ahead on each likely answer."""
+
+
+@runtime_checkable
+class Calibrator(Protocol[ExperimentT]):
+    """Compares two experiments: a person's front end or a synthetic judge."""
+
+    def prefer(
+        self, challenger: ExperimentT, incumbent: ExperimentT
+    ) -> Answer | Preference | int | None:
+        """Say which is better: -1, 0 or 1 as in eq. pref_fun, or None to abstain."""

@@ -1,0 +1,28 @@
+"""Quadratic programs: one problem type, two backends, solutions that are checked."""
+
+from prefcal_env.errors import SettingsError
+from prefcal_env.qp.problem import QP as QP
+from prefcal_env.qp.problem import Backend as Backend
+from prefcal_env.qp.problem import Solution as Solution
+from prefcal_env.qp.problem import Status as Status
+from prefcal_env.qp.problem import Tolerances as Tolerances
+
+BACKENDS = ("piqp", "daqp")
+
+
+def make_backend(name: str = "piqp", tolerances: Tolerances | None = None) -> Backend:
+    """Make the QP solver called `name`, one of `BACKENDS`.
+
+    Raises:
+        SettingsError: an unknown name.
+        MissingExtraError: "daqp" without the extra installed.
+    """
+    if name == "piqp":
+        from prefcal_env.qp.piqp_backend import PIQPBackend
+
+        return PIQPBackend(tolerances)
+    if name == "daqp":
+        from prefcal_env.qp.daqp_backend import DAQPBackend
+
+        return DAQPBackend(tolerances)
+    raise SettingsError(f"QP backend must be one of {BACKENDS}, got {name!r}")

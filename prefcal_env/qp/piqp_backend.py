@@ -1,0 +1,50 @@
+"""PIQP, a proximal interior-point solver: the default backend, and the only import of piqp.
+
+PIQP reports little of what goes wrong: wrong shapes only print, NaN and an indefinite P pass
+unnoticed, `solve` after a failed `setup` ends the process, and `result.x` is a view into memory
+that the next solve overwrites. `QP` refuses the malformed, this adapter always sets up before it
+solves, and `verified` copies and checks what comes out.
+"""
+
+import numpy as np
+import piqp
+
+from prefcal_env.qp.problem import QP, Solution, Status, Tolerances, failed, verified
+
+_STATUS = {
+    piqp.PIQP_MAX_ITER_REACHED: Status.ITERATION_LIMIT,
+    piqp.PIQP_PRIMAL_INFEASIBLE: Status.INFEASIBLE,
+    piqp.PIQP_DUAL_INFEASIBLE: Status.UNBOUNDED,
+}
+_INFINITY = 1e30  # PIQP takes bounds beyond this as absent
+
+
+class PIQPBackend:
+    """Dense PIQP. One object may solve any number of problems of any size."""
+
+    name = "piqp"
+
+    def __init__(self, tolerances: Tolerances | None = None) -> None:
+        self._tolerances = tolerances or Tolerances()
+        self._solver = piqp.DenseSolver()
+        settings = self._solver.settings
+        settings.eps_abs = settings.eps_duality_gap_abs = self._tolerances.absolute
+        settings.eps_rel = settings.eps_duality_gap_rel = self._tolerances.relative
+        settings.max_iter = self._tolerances.max_iterations
+
+    def solve(self, qp: QP) -> Solution:
+        """Solve once; see `Backend`."""
+        P, G = np.asfortranarray(qp.P), np.asfortranarray(qp.G)
+        solver = self._solver
+        if len(qp.lower):
+            lower, upper = np.maximum(qp.lower, -_INFINITY), np.minimum(qp.upper, _INFINITY)
+            solver.setup(P, qp.q, None, None, G, lower, upper)
+        else:
+            solver.setup(P, qp.q)
+        status = solver.solve()
+        result = solver.result
+        iterations = int(result.info.iter)
+        if status != piqp.PIQP_SOLVED:
+            return failed(qp, _STATUS.get(status, Status.FAILED), iterations)
+        y = result.z_u - result.z_l if len(qp.lower) else np.zeros(0)
+        return verified(qp, result.x, y, iterations)

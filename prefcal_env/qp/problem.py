@@ -1,0 +1,174 @@
+"""A dense quadratic program, its solution, and the protocol of what solves it."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import QPError, SettingsError
+
+
+class Status(Enum):
+    """How a solve ended. Only SOLVED has passed the check of its residuals."""
+
+    SOLVED = "solved"
+    INACCURATE = "residuals above tolerance"
+    INFEASIBLE = "no feasible point"
+    UNBOUNDED = "unbounded below"
+    ITERATION_LIMIT = "iteration limit"
+    FAILED = "numerical failure"
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerances:
+    """When a solver may stop: the QP tolerances that the paper lists among the MPC's knobs.
+
+    Args:
+        absolute: On the residuals, in the units of each row and of the gradient.
+        relative: On the residuals, against the size of the terms that they are made of.
+        max_iterations: After which a solve is given up.
+    """
+
+    absolute: float = 1e-8
+    relative: float = 1e-9
+    max_iterations: int = 250
+
+    def __post_init__(self) -> None:
+        for name in ("absolute", "relative"):
+            if not 0 <= getattr(self, name) < 1 or self.absolute + self.relative == 0:
+                raise SettingsError(
+                    f"{name} QP tolerance must be in [0, 1) and not both may be 0, "
+                    f"got {getattr(self, name)}"
+                )
+        if self.max_iterations < 1:
+            raise SettingsError(f"max_iterations must be 1 or more, got {self.max_iterations}")
+
+
+@dataclass(frozen=True, slots=True)
+class QP:
+    """min ½ zᵀP z + qᵀz subject to lower <= G z <= upper; equal bounds are an equality.
+
+    Args:
+        P: Symmetric positive semidefinite, shape (n, n).
+        q: Shape (n,).
+        G: Shape (m, n).
+        lower: Shape (m,), -inf where there is no bound.
+        upper: Shape (m,), inf where there is no bound.
+
+    Raises:
+        QPError: wrong shapes, NaN or infinite data, crossed bounds, P not symmetric or
+            not positive semidefinite.
+    """
+
+    P: Float[np.ndarray, "n n"]
+    q: Float[np.ndarray, " n"]
+    G: Float[np.ndarray, "m n"]
+    lower: Float[np.ndarray, " m"]
+    upper: Float[np.ndarray, " m"]
+
+    def __post_init__(self) -> None:
+        n, m = len(self.q), len(self.lower)
+        shapes = (self.P.shape, self.q.shape, self.G.shape, self.lower.shape, self.upper.shape)
+        if shapes != ((n, n), (n,), (m, n), (m,), (m,)) or n == 0:
+            raise QPError(
+                "a QP needs P (n, n), q (n,), G (m, n), lower (m,) and upper (m,), got "
+                + ", ".join(map(str, shapes))
+            )
+        if not np.isfinite(self.P.sum() + self.q.sum() + self.G.sum()):
+            raise QPError("P, q and G of a QP must be finite")
+        if not (self.lower <= self.upper).all():
+            row = int(np.argmin(self.lower <= self.upper))
+            raise QPError(
+                f"lower must not be above upper: row {row} has [{self.lower[row]}, {self.upper[row]}]"
+            )
+        _check_convex(self.P)
+
+
+def _check_convex(P: Float[np.ndarray, "n n"]) -> None:
+    scale = max(float(np.abs(P).max()), 1e-300)
+    if np.abs(P - P.T).max() > 1e-10 * scale:
+        raise QPError("P of a QP must be symmetric")
+    try:
+        # Semidefinite up to rounding: the shift lets a zero eigenvalue pass.
+        np.linalg.cholesky(P + 1e-10 * scale * np.eye(len(P)))
+    except np.linalg.LinAlgError as error:
+        smallest = float(np.linalg.eigvalsh(P)[0])
+        raise QPError(
+            f"P of a QP must be positive semidefinite, its smallest eigenvalue is {smallest:.3g}"
+        ) from error
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """What a solve gave.
+
+    Args:
+        z: Minimiser, shape (n,); meaningful when `status` is SOLVED.
+        multipliers: Of the rows of G, shape (m,), positive at the upper bound.
+        status: How it ended, after the check of the residuals.
+        iterations: Of the solver.
+        primal_residual: Largest violation of a row.
+        dual_residual: Largest entry of P z + q + Gᵀ multipliers.
+    """
+
+    z: Float[np.ndarray, " n"]
+    multipliers: Float[np.ndarray, " m"]
+    status: Status
+    iterations: int
+    primal_residual: float
+    dual_residual: float
+
+    @property
+    def solved(self) -> bool:
+        """Whether `z` may be used."""
+        return self.status is Status.SOLVED
+
+
+class Backend(Protocol):
+    """A QP solver. Never raises for an unsolvable QP: read `Solution.status`."""
+
+    @property
+    def name(self) -> str:
+        """How people call it."""
+
+    def solve(self, qp: QP) -> Solution:
+        """Solve once, check the residuals, return copies that later solves leave alone."""
+
+
+def verified(
+    qp: QP,
+    z: Float[np.ndarray, " n"],
+    multipliers: Float[np.ndarray, " m"],
+    iterations: int,
+    tolerance: float = 1e-6,
+) -> Solution:
+    """Trust a solver's "solved" only if the optimality conditions hold to `tolerance`.
+
+    The KKT residuals are taken relative to the size of their terms; complementarity as the
+    multiplier times the distance from its bound. Copies `z` and `multipliers`.
+    """
+    z, y = z.copy(), multipliers.copy()
+    Gz = qp.G @ z
+    gap_upper, gap_lower = qp.upper - Gz, Gz - qp.lower
+    Pz, Gy = qp.P @ z, y @ qp.G
+    primal = max(float(-np.minimum(gap_upper, gap_lower).min(initial=0.0)), 0.0)
+    dual = float(np.abs(Pz + qp.q + Gy).max())
+    slack = np.where(y > 0, gap_upper, gap_lower)
+    # An infinite bound has no business with a multiplier: inf * 0 is not a residual.
+    complementarity = float(np.abs(np.where(y != 0, y, 0.0) * np.where(y != 0, slack, 0.0)).max(initial=0.0))
+    size = 1.0 + float(np.abs(Gz).max(initial=0.0))
+    force = 1.0 + float(max(np.abs(Pz).max(), np.abs(qp.q).max(), np.abs(Gy).max()))
+    good = (
+        primal <= tolerance * size
+        and dual <= tolerance * force
+        and complementarity <= tolerance * size * force
+    )
+    return Solution(z, y, Status.SOLVED if good else Status.INACCURATE, iterations, primal, dual)
+
+
+def failed(qp: QP, status: Status, iterations: int) -> Solution:
+    """A solution that holds nothing but how it failed."""
+    nan = float("nan")
+    return Solution(np.full(len(qp.q), nan), np.full(len(qp.lower), nan), status, iterations, nan, nan)

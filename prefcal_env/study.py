@@ -1,0 +1,65 @@
+"""The loop of design: ask, run, compare, tell. One comparison at a time, so it can stop anywhere."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.experiment import Experiment
+from prefcal_env.preference import Agent, Answer, Calibrator, Preference, Query
+
+Run = Callable[[Float[np.ndarray, " n"]], Experiment]
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """One closed query, with both experiments.
+
+    `incumbent` is None for the very first experiment, whose answer is an abstention.
+    """
+
+    query: Query
+    answer: Answer
+    challenger: Experiment
+    incumbent: Experiment | None
+
+    @property
+    def winner(self) -> Experiment:
+        """The experiment that is the incumbent afterwards."""
+        if self.incumbent is None or self.answer.preference is Preference.CHALLENGER:
+            return self.challenger
+        return self.incumbent
+
+    @property
+    def winner_index(self) -> int:
+        """Number of the experiment that is the incumbent afterwards."""
+        if self.query.incumbent is None or self.answer.preference is Preference.CHALLENGER:
+            return self.query.challenger.index
+        return self.query.incumbent.index
+
+
+def calibrate(agent: Agent, run: Run, calibrator: Calibrator[Experiment]) -> Iterator[Comparison]:
+    """Drive `agent` until it is done, yielding every comparison after it was told.
+
+    Args:
+        agent: Proposes θ; changed by this.
+        run: One closed-loop experiment of a physical θ, shape (n,); called once for each θ.
+        calibrator: Compares challenger and incumbent.
+
+    Yields:
+        The comparisons, `agent.n_max` of them, the first without an incumbent.
+    """
+    experiments: dict[int, Experiment] = {}
+    while not agent.done:
+        query = agent.ask()
+        for side in (query.challenger, query.incumbent):
+            if side is not None and side.index not in experiments:
+                experiments[side.index] = run(side.theta)
+        challenger = experiments[query.challenger.index]
+        incumbent = None if query.incumbent is None else experiments[query.incumbent.index]
+        answer = Answer(None)
+        if incumbent is not None:
+            answer = Answer.of(calibrator.prefer(challenger, incumbent))
+        agent.tell(query, answer)
+        yield Comparison(query, answer, challenger, incumbent)

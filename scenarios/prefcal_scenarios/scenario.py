@@ -1,0 +1,135 @@
+"""A scenario: everything about one calibration task, as data, and how to find it by name."""
+
+import importlib.util
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.control import Controller
+from prefcal_env.errors import ScenarioError
+from prefcal_env.experiment import Channel, Experiment
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.preference import Calibrator
+
+BUILT_IN: Mapping[str, str] = {"cstr": "prefcal_scenarios.cstr:cstr"}
+"""Name to "module:attribute"; loaded when asked for."""
+
+
+class Run(Protocol):
+    """One closed-loop experiment."""
+
+    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
+        """Run θ, physical, shape (n,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class KPI:
+    """A key performance indicator: its key in `Experiment.kpis`, title, unit, and objective.
+
+    `at_most` and `at_least` state the objective, in `unit`; a KPI with neither is for information.
+    """
+
+    name: str
+    title: str
+    unit: str = ""
+    at_most: float = np.inf
+    at_least: float = -np.inf
+
+    def met(self, value: float) -> bool | None:
+        """Whether `value` meets the objective; None where none is stated."""
+        if np.isinf(self.at_most) and np.isinf(self.at_least):
+            return None
+        return self.at_least <= value <= self.at_most
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One plot of an experiment: a state, input or signal of it, as `channel` describes.
+
+    Args:
+        kind: "x" or "u" with `index` into that array, or "signal" with `key`.
+        channel: Name, unit, limits, target and band to draw.
+    """
+
+    kind: str
+    channel: Channel
+    index: int = 0
+    key: str = ""
+
+    def values(self, experiment: Experiment) -> Float[np.ndarray, " K"]:
+        """The curve, on `experiment.t`."""
+        if self.kind == "signal":
+            return experiment.signals[self.key]
+        array = experiment.x if self.kind == "x" else experiment.u
+        return array[:, self.index]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One calibration task.
+
+    Args:
+        name: Short, as in `prefcal calibrate NAME`.
+        title: For headings.
+        space: The knobs.
+        run: One experiment of a physical θ.
+        cost: Latent cost of an experiment, lower is better; None where no single score exists.
+        kpis: What people read of an experiment, in order of importance.
+        panels: What people look at, top down.
+        references: Named θ to compare with, the paper's say, physical, shape (n,).
+        calibrators: Synthetic calibrators by name, each made from a seed.
+        controller: The tuned controller of a θ.
+        settings: The controller's settings at a θ, JSON-able, for the export.
+    """
+
+    name: str
+    title: str
+    space: KnobSpace
+    run: Run
+    cost: Callable[[Experiment], float] | None = None
+    kpis: tuple[KPI, ...] = ()
+    panels: tuple[Panel, ...] = ()
+    references: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)
+    calibrators: Mapping[str, Callable[..., Calibrator[Experiment]]] = field(default_factory=dict)
+    controller: Callable[[Float[np.ndarray, " n"]], Controller] | None = None
+    settings: Callable[[Float[np.ndarray, " n"]], dict[str, Any]] | None = None
+
+
+def load(name: str) -> Scenario:
+    """Return the scenario called `name`: "cstr", or "path/to/own.py:attribute".
+
+    Raises:
+        ScenarioError: no scenario of that name, no such file or attribute, or not a Scenario.
+    """
+    path, _, attribute = name.rpartition(":")
+    if path.endswith(".py"):
+        found = getattr(_module_at(Path(path)), attribute, None)
+    elif name in BUILT_IN:
+        module, _, attribute = BUILT_IN[name].partition(":")
+        found = getattr(import_module(module), attribute)
+    else:
+        raise ScenarioError(
+            f"no scenario is called {name!r}: expected one of {sorted(BUILT_IN)} "
+            "or path/to/own.py:name"
+        )
+    if not isinstance(found, Scenario):
+        raise ScenarioError(f"{name!r} must name a prefcal_scenarios.Scenario, got {found!r}")
+    return found
+
+
+def _module_at(path: Path) -> Any:
+    if not path.is_file():
+        raise ScenarioError(f"no file {str(path)!r} to load a scenario from")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules.setdefault(path.stem, module)  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
