@@ -1,0 +1,5 @@
+"""Model predictive control: eq. MPC on a linearised plant."""
+
+from prefcal_env.mpc.controller import LinearMPC as LinearMPC
+from prefcal_env.mpc.settings import MPCSettings as MPCSettings
+from prefcal_env.mpc.settings import control_horizon as control_horizon

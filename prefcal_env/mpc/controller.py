@@ -1,0 +1,128 @@
+"""The linear (time-varying) model predictive controller of eq. MPC and eq. MPC_constraints."""
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.control import Measurement, Move
+from prefcal_env.errors import SettingsError
+from prefcal_env.mpc import _kernels
+from prefcal_env.mpc.limits import Limits
+from prefcal_env.mpc.model import Prediction, along_trajectory, at_point
+from prefcal_env.mpc.settings import MPCSettings
+from prefcal_env.plants.plant import Plant
+from prefcal_env.qp import QP, make_backend
+
+_SMALLEST_MOVE_WEIGHT = 1e-10
+
+
+class LinearMPC:
+    """Eq. MPC: linearise, condense to a QP, solve, apply the first input.
+
+    Each step solves for deviations v from the unconstrained optimal feedback (see `_kernels`),
+    which is eq. MPC in other variables. Outputs y_1 ... y_Np, inputs and moves 0 ... N_p - 1.
+
+    Deviation: where Q_u + Q_Δu is singular, 1e-10 of the largest weight is added to Q_Δu, since
+    eq. MPC then may have no unique minimiser.
+
+    Args:
+        plant: Its model of the plant.
+        settings: Horizons, weights, limits.
+
+    Raises:
+        SettingsError: weights or limits whose shapes do not fit the plant.
+    """
+
+    def __init__(self, plant: Plant, settings: MPCSettings) -> None:
+        self.plant, self.settings = plant, settings
+        n_u, n_y = len(plant.inputs), len(plant.outputs)
+        Q_u = _weight("Q_u", settings.Q_u, n_u)
+        Q_y, Q_du = _weight("Q_y", settings.Q_y, n_y), _weight("Q_du", settings.Q_du, n_u)
+        floor = _SMALLEST_MOVE_WEIGHT * max(Q_y.max(), Q_u.max(), Q_du.max())
+        if np.linalg.eigvalsh(Q_u + Q_du)[0] < floor:
+            Q_du = Q_du + floor * np.eye(n_u)
+        self._roots = (_root(Q_y), _root(Q_u), _root(Q_du))
+        self._u_ref = _rows("u_ref", settings.u_ref, n_u)
+        self._limits = Limits.of(plant, settings)
+        self._backend = make_backend(settings.backend, settings.tolerances)
+        self._identity = np.eye(settings.N_u * n_u + (1 if self._limits.soft else 0))
+        self._plan: Float[np.ndarray, "N_p n_u"] | None = None
+
+    @property
+    def T_s(self) -> float:
+        """Sampling time, in the plant's unit of time."""
+        return self.settings.T_s
+
+    def move(self, measurement: Measurement) -> Move:
+        """Decide the next input; hold the last one where the QP is not solved."""
+        qp, U = self.problem(measurement)
+        solution = self._backend.solve(qp)
+        if not solution.solved:
+            self._plan = None
+            return Move(measurement.u, solution.iterations, solved=False)
+        deviations = U[:, :, :-1] @ solution.z[: U.shape[2] - 1] + U[:, :, -1]
+        plan = measurement.u + deviations
+        self._plan = plan
+        # Rounding may leave a limit by 1e-9 of a unit; an actuator's limit is hard.
+        return Move(self._limits.clip(plan[0], measurement.u), solution.iterations)
+
+    def problem(self, m: Measurement) -> tuple[QP, Float[np.ndarray, "N_u n_u n_v1"]]:
+        """The QP of one step, and the inputs as affine functions of its variables.
+
+        Returns:
+            The QP in (v, slack) and U, shape (N_u, n_u, n_v + 1): inputs relative to the last
+            one, the last column constant.
+        """
+        s = self.settings
+        model = self._predict(m)
+        error = model.e - self._references(m.y_ref)
+        R = _kernels.backward(
+            model.A, model.B, model.c, model.C, model.D, error,
+            *self._roots, self._u_ref - m.u, s.N_u,
+        )  # fmt: skip
+        N_y = s.N_p if self._limits.soft else 0
+        U, X = _kernels.forward(model.A, model.B, model.c, R, N_y)
+        lower, upper = self._limits.inputs(m.u, s.N_u)
+        G, low, high = _kernels.input_rows(U, lower, upper, self._limits.du_min, self._limits.du_max)
+        if self._limits.soft:
+            G, low, high = self._limits.with_outputs(G, low, high, model, U, X)
+        return QP(self._identity, np.zeros(len(self._identity)), G, low, high), U
+
+    def _predict(self, m: Measurement) -> Prediction:
+        s = self.settings
+        d = m.d if m.d.ndim == 2 else m.d[None]
+        if s.linearisation == "point":
+            return at_point(self.plant, m.x, m.u, d, s.T_s, s.N_p)
+        plan = np.tile(m.u, (s.N_p, 1))
+        if self._plan is not None:  # the last plan, a step on, its last input held
+            shifted = self._plan[1:]
+            plan[: len(shifted)] = shifted
+            plan[len(shifted) :] = self._plan[-1]
+        return along_trajectory(self.plant, m.x, plan, m.u, d, s.T_s)
+
+    def _references(self, y_ref: Float[np.ndarray, "*y"]) -> Float[np.ndarray, "*y"]:
+        """Rows for y_0 ... y_Np; a preview starts at y_1 and its last row holds on."""
+        if y_ref.ndim == 1:
+            return y_ref
+        rows = np.minimum(np.arange(-1, self.settings.N_p), len(y_ref) - 1)
+        return np.asarray(y_ref[np.maximum(rows, 0)])
+
+
+def _weight(name: str, Q: object, n: int) -> Float[np.ndarray, "n n"]:
+    matrix = np.zeros((n, n)) if Q is None else np.array(Q, dtype=float)
+    if matrix.shape != (n, n):
+        raise SettingsError(f"{name} must have shape ({n}, {n}), got {matrix.shape}")
+    return matrix
+
+
+def _root(Q: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "r n"]:
+    """Rows L with LᵀL = Q, as many as its rank."""
+    values, vectors = np.linalg.eigh(Q)
+    kept = values > 1e-14 * max(values.max(), 0.0)
+    return np.ascontiguousarray((vectors[:, kept] * np.sqrt(values[kept])).T)
+
+
+def _rows(name: str, value: object, n: int) -> Float[np.ndarray, "k n"]:
+    rows = np.zeros((1, n)) if value is None else np.atleast_2d(np.array(value, dtype=float))
+    if rows.ndim != 2 or rows.shape[1] != n or not np.all(np.isfinite(rows)):
+        raise SettingsError(f"{name} must be finite, shape ({n},) or (N, {n}), got {value!r}")
+    return rows

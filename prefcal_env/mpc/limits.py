@@ -1,0 +1,127 @@
+"""The limits of eq. MPC_constraints: inputs and moves hard, outputs soft with one slack."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import SettingsError
+from prefcal_env.mpc.model import Prediction
+from prefcal_env.mpc.settings import MPCSettings
+from prefcal_env.plants.plant import Plant
+
+_LARGEST_TRUSTED_GROWTH = 1e9
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits in the plant's units; infinite where there is none."""
+
+    u_min: Float[np.ndarray, " n_u"]
+    u_max: Float[np.ndarray, " n_u"]
+    du_min: Float[np.ndarray, " n_u"]
+    du_max: Float[np.ndarray, " n_u"]
+    y_min: Float[np.ndarray, " n_y"]
+    y_max: Float[np.ndarray, " n_y"]
+    softness: Float[np.ndarray, " n_y"]
+    Q_eps: float
+
+    @classmethod
+    def of(cls, plant: Plant, settings: MPCSettings) -> "Limits":
+        """Take the limits of `settings`, the inputs' from the plant where none are given."""
+        s, n_u, n_y = settings, len(plant.inputs), len(plant.outputs)
+        low, high = [c.low for c in plant.inputs], [c.high for c in plant.inputs]
+        limits = cls(
+            u_min=_vector("u_min", low if s.u_min is None else s.u_min, n_u, -np.inf),
+            u_max=_vector("u_max", high if s.u_max is None else s.u_max, n_u, np.inf),
+            du_min=_vector("du_min", s.du_min, n_u, -np.inf),
+            du_max=_vector("du_max", s.du_max, n_u, np.inf),
+            y_min=_vector("y_min", s.y_min, n_y, -np.inf),
+            y_max=_vector("y_max", s.y_max, n_y, np.inf),
+            softness=_vector("softness", s.softness, n_y, 1.0),
+            Q_eps=s.Q_eps,
+        )
+        if np.any(limits.du_min > 0) or np.any(limits.du_max < 0):
+            raise SettingsError(
+                "du_min must not be above 0 and du_max not below 0 (an input may always be held), "
+                f"got {limits.du_min}, {limits.du_max}"
+            )
+        if np.any(limits.softness < 0):
+            raise SettingsError(f"softness must be 0 or more, got {limits.softness}")
+        return limits
+
+    @property
+    def soft(self) -> bool:
+        """Whether any output is limited."""
+        return bool(np.isfinite(self.y_min).any() or np.isfinite(self.y_max).any())
+
+    def inputs(
+        self, u_last: Float[np.ndarray, " n_u"], N_u: int
+    ) -> tuple[Float[np.ndarray, "N_u n_u"], Float[np.ndarray, "N_u n_u"]]:
+        """Bounds of the inputs relative to the last one, relaxed to what can be reached from it.
+
+        When the last input lies outside the limits (they may have changed), no input that the
+        move limits allow may be inside: then the nearest reachable one is the bound.
+        """
+        steps = np.arange(1.0, N_u + 1)[:, None]
+        lower, upper = self.u_min - u_last, self.u_max - u_last
+        if (lower <= 0).all() and (upper >= 0).all():
+            return np.broadcast_to(lower, (N_u, len(lower))), np.broadcast_to(upper, (N_u, len(upper)))
+        return np.minimum(lower, steps * self.du_max), np.maximum(upper, steps * self.du_min)
+
+    def clip(
+        self, u: Float[np.ndarray, " n_u"], u_last: Float[np.ndarray, " n_u"]
+    ) -> Float[np.ndarray, " n_u"]:
+        """`u` within the bounds of the first input."""
+        lower, upper = self.inputs(u_last, 1)
+        low = np.maximum(lower[0], self.du_min)
+        high = np.minimum(upper[0], self.du_max)
+        return u_last + np.clip(u - u_last, low, high)
+
+    def with_outputs(
+        self,
+        G: Float[np.ndarray, "m n_v"],
+        low: Float[np.ndarray, " m"],
+        high: Float[np.ndarray, " m"],
+        model: Prediction,
+        U: Float[np.ndarray, "N_u n_u n_v1"],
+        X: Float[np.ndarray, "N_p1 n_x n_v1"],
+    ) -> tuple[Float[np.ndarray, "m2 n"], Float[np.ndarray, " m2"], Float[np.ndarray, " m2"]]:
+        """Append the soft rows y_min - ε <= y_k <= y_max + ε, k = 1 ... N_p, and ε >= 0.
+
+        The slack variable is √Q_ε ε, so that its weight is that of a deviation: 1.
+
+        Rows that have grown beyond what their rounding leaves (an unstable model, held for long)
+        are made infeasible on purpose, so that the step reports itself unsolved.
+        """
+        n_v = G.shape[1]
+        steps = len(X) - 1
+        Y = np.empty((steps, len(self.y_min), n_v + 1))
+        for k in range(1, steps + 1):
+            C, D = model.C[min(k, len(model.C) - 1)], model.D[min(k, len(model.D) - 1)]
+            Y[k - 1] = C @ X[k] + D @ U[min(k, len(U) - 1)]
+            Y[k - 1, :, n_v] += model.e[k]
+        give = np.broadcast_to(self.softness / np.sqrt(self.Q_eps), Y.shape[:2])
+        blocks = [np.hstack([G, np.zeros((len(G), 1))])]
+        lows, highs = [low], [high]
+        for bound, sign in ((self.y_max, 1.0), (self.y_min, -1.0)):
+            kept = np.broadcast_to(np.isfinite(bound), Y.shape[:2])
+            rows = sign * Y[kept]
+            limit = sign * np.broadcast_to(bound, Y.shape[:2])[kept]
+            blocks.append(np.hstack([rows[:, :n_v], -give[kept][:, None]]))
+            lows.append(np.full(len(rows), -np.inf))
+            highs.append(limit - rows[:, n_v])
+        slack = np.zeros((1, n_v + 1))
+        slack[0, n_v] = 1.0
+        matrix = np.vstack([*blocks, slack])
+        low, high = np.concatenate([*lows, [0.0]]), np.concatenate([*highs, [np.inf]])
+        if np.abs(X).max() > _LARGEST_TRUSTED_GROWTH * max(1.0, float(np.abs(X[1]).max())):
+            matrix, low, high = slack, np.array([-np.inf]), np.array([-1.0])
+        return matrix, low, high
+
+
+def _vector(name: str, value: object, n: int, default: float) -> Float[np.ndarray, " n"]:
+    vector = np.full(n, default) if value is None else np.array(value, dtype=float)
+    if vector.shape != (n,) or np.isnan(vector).any():
+        raise SettingsError(f"{name} must have shape ({n},) and no NaN, got {value!r}")
+    return vector

@@ -1,0 +1,120 @@
+"""Everything that defines an MPC of eq. MPC and eq. MPC_constraints, frozen and checked."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from prefcal_env.errors import SettingsError
+from prefcal_env.qp import BACKENDS, Tolerances
+
+Linearisation = Literal["point", "trajectory"]
+Matrix = Sequence[Sequence[float]] | np.ndarray
+Vector = Sequence[float] | np.ndarray
+
+
+def _tuple(value: Any) -> Any:
+    """Arrays and lists as nested tuples, so that settings are frozen and compare by value."""
+    if isinstance(value, np.ndarray | list | tuple):
+        return tuple(_tuple(v) for v in value)
+    return float(value) if isinstance(value, np.floating | np.integer) else value
+
+
+@dataclass(frozen=True)
+class MPCSettings:
+    """Settings of a linear (time-varying) MPC. Matrices and vectors may be given as arrays.
+
+    Args:
+        T_s: Sampling time, in the plant's unit of time.
+        N_p: Prediction horizon, steps.
+        N_u: Free moves, steps; afterwards the input is held. At most N_p.
+        Q_y: Weight of y - y_ref, shape (n_y, n_y), positive semidefinite.
+        Q_du: Weight of the moves Δu, shape (n_u, n_u), positive semidefinite.
+        Q_u: Weight of u - u_ref, shape (n_u, n_u), positive semidefinite; None is zero.
+        u_ref: Input reference, shape (n_u,) or (N, n_u), a row a step; None is zero.
+        u_min: Hard lower limits of the inputs, shape (n_u,); None takes the plant's.
+        u_max: Hard upper limits of the inputs, shape (n_u,); None takes the plant's.
+        du_min: Hard lower limits of the move in one step, shape (n_u,); None is none.
+        du_max: Hard upper limits of the move in one step, shape (n_u,); None is none.
+        y_min: Soft lower limits of the outputs, shape (n_y,); None is none.
+        y_max: Soft upper limits of the outputs, shape (n_y,); None is none.
+        Q_eps: Weight of the one slack ε >= 0 of the soft limits, above 0.
+        softness: Share of ε by which each output's limits give way, shape (n_y,); None is 1.
+        linearisation: "point": one model, at the present state and input, for the whole horizon.
+            "trajectory": along the nominal trajectory of the last plan (eq. MPCsys).
+        backend: QP solver, "piqp" or "daqp".
+        tolerances: Of the QP solver.
+
+    Raises:
+        SettingsError: a horizon below 1 or not an integer, N_u above N_p, a sampling time or
+            Q_eps that is not positive, weights that are not symmetric positive semidefinite,
+            crossed limits, an unknown option.
+    """
+
+    T_s: float
+    N_p: int
+    N_u: int
+    Q_y: Matrix
+    Q_du: Matrix
+    Q_u: Matrix | None = None
+    u_ref: Matrix | Vector | None = None
+    u_min: Vector | None = None
+    u_max: Vector | None = None
+    du_min: Vector | None = None
+    du_max: Vector | None = None
+    y_min: Vector | None = None
+    y_max: Vector | None = None
+    Q_eps: float = 10.0
+    softness: Vector | None = None
+    linearisation: Linearisation = "point"
+    backend: str = "piqp"
+    tolerances: Tolerances = Tolerances()
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            object.__setattr__(self, f.name, _tuple(getattr(self, f.name)))
+        for name in ("T_s", "Q_eps"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise SettingsError(f"{name} must be positive, got {getattr(self, name)}")
+        self._check_horizons()
+        for name in ("Q_y", "Q_du", "Q_u"):
+            if getattr(self, name) is not None:
+                _check_weight(name, np.array(getattr(self, name), dtype=float))
+        for what in ("u", "du", "y"):
+            low, high = getattr(self, f"{what}_min"), getattr(self, f"{what}_max")
+            if low is not None and high is not None and not np.all(np.array(low) <= high):
+                raise SettingsError(f"{what}_min must not be above {what}_max, got {low}, {high}")
+        if self.linearisation not in get_args(Linearisation):
+            raise SettingsError(
+                f"linearisation must be one of {get_args(Linearisation)}, "
+                f"got {self.linearisation!r}"
+            )
+        if self.backend not in BACKENDS:
+            raise SettingsError(f"backend must be one of {BACKENDS}, got {self.backend!r}")
+
+    def _check_horizons(self) -> None:
+        for name in ("N_p", "N_u"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or value != int(value) or value < 1:
+                raise SettingsError(f"{name} must be an integer of 1 or more, got {value}")
+            object.__setattr__(self, name, int(value))
+        if self.N_u > self.N_p:
+            raise SettingsError(f"N_u must not be above N_p = {self.N_p}, got {self.N_u}")
+
+
+def _check_weight(name: str, Q: np.ndarray) -> None:
+    if Q.ndim != 2 or Q.shape[0] != Q.shape[1] or not np.all(np.isfinite(Q)):
+        raise SettingsError(f"{name} must be a finite square matrix, got shape {Q.shape}")
+    if not np.allclose(Q, Q.T, rtol=1e-12, atol=0):
+        raise SettingsError(f"{name} must be symmetric, got {Q.tolist()}")
+    smallest = float(np.linalg.eigvalsh(Q)[0])
+    if smallest < -1e-12 * max(float(np.abs(Q).max()), 1e-300):
+        raise SettingsError(
+            f"{name} must be positive semidefinite, its smallest eigenvalue is {smallest:.3g}"
+        )
+
+
+def control_horizon(share: float, N_p: int) -> int:
+    """N_u = max(1, `share` of N_p, rounded half up): the paper rounds, this says how."""
+    return max(1, int(np.floor(share * N_p + 0.5)))
