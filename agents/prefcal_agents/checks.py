@@ -1,0 +1,34 @@
+"""Checks of settings, each with an error that says name, value and what was expected."""
+
+from collections.abc import Collection
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from prefcal_env.errors import SettingsError
+
+
+def integer(name: str, value: Any, *, low: int) -> None:
+    """Raise SettingsError unless `value` is an integer, `low` or more."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < low:
+        raise SettingsError(f"{name} must be an integer, {low} or more, got {value!r}")
+
+
+def number(name: str, value: Any, *, low: float = 0.0, strict: bool = False) -> None:
+    """Raise SettingsError unless `value` is finite and not below `low` (above it if strict)."""
+    numeric = isinstance(value, (int, float, np.integer, np.floating))
+    if (
+        not numeric
+        or isinstance(value, bool)
+        or not isfinite(value)
+        or (value <= low if strict else value < low)
+    ):
+        relation = "above" if strict else "not below"
+        raise SettingsError(f"{name} must be finite and {relation} {low:g}, got {value!r}")
+
+
+def choice(name: str, value: Any, options: Collection[str]) -> None:
+    """Raise SettingsError unless `value` is one of `options`."""
+    if not isinstance(value, str) or value not in options:
+        raise SettingsError(f"{name} must be one of {sorted(options)}, got {value!r}")

@@ -1,0 +1,194 @@
+"""GLISp: preference-based optimisation with radial basis functions and IDW exploration."""
+
+from dataclasses import replace
+from typing import Self
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import KnobError, SettingsError
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.preference import Answer, Preference, Query
+from prefcal_env.qp import make_backend
+
+from .checks import integer
+from .proposal import Strategy
+from .settings import GLISpSettings
+from .state import AgentState
+from .surrogate import Surrogate
+from .turns import Turns
+
+VERSION = 1
+"""Of the algorithm: raised when the same answers would lead to another next sample."""
+
+
+class GLISp:
+    """Active preference learning: asks for the experiment that promises or teaches most.
+
+    The first `n_init` samples are a Latin hypercube. Then Ĵ is learned from all preferences
+    (eq. QP-pref), ε chosen by cross-validation, and eq. acquisition minimised (eq. xNp1).
+
+    Source: section III of the paper.
+    Deviation: those of `GLISpSettings`; `GLISp.paper` learns without any.
+
+    Args:
+        space: The knobs.
+        n_init: Samples of the start, 2 or more.
+        n_max: Experiments in all, which take n_max - 1 comparisons.
+        seed: Of all randomness, 0 or more.
+        settings: Everything else.
+        delta: δ of eq. acquisition, in place of the one in `settings`.
+
+    Raises:
+        SettingsError: an impossible value.
+    """
+
+    def __init__(
+        self,
+        space: KnobSpace,
+        *,
+        n_init: int = 10,
+        n_max: int = 50,
+        seed: int = 0,
+        settings: GLISpSettings | None = None,
+        delta: float | None = None,
+    ) -> None:
+        settings = GLISpSettings() if settings is None else settings
+        if not isinstance(settings, GLISpSettings):
+            raise SettingsError(f"settings must be GLISpSettings, got {settings!r}")
+        integer("seed", seed, low=0)
+        self._settings = settings if delta is None else replace(settings, delta=delta)
+        self._seed = int(seed)
+        # A backend of its own: twins may think ahead at the same time.
+        self._strategy = Strategy(
+            space, self._settings, n_init, self._seed, make_backend("piqp")
+        )
+        self._turns = Turns(space, n_init, n_max, self._strategy.propose)
+
+    @classmethod
+    def paper(
+        cls, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
+    ) -> Self:
+        """The algorithm and settings of the paper, section IV."""
+        settings = GLISpSettings.paper()
+        return cls(space, n_init=n_init, n_max=n_max, seed=seed, settings=settings)
+
+    @classmethod
+    def restore(cls, space: KnobSpace, state: AgentState) -> Self:
+        """Carry on from `state`, with the identical next query.
+
+        Raises:
+            SettingsError: it is the state of another agent, or does not fit the space.
+        """
+        state.check("GLISp")
+        agent = cls(
+            space,
+            n_init=state.n_init,
+            n_max=state.n_max,
+            seed=state.seed,
+            settings=GLISpSettings.of(state.settings),
+        )
+        agent._turns.load(state.ledger)
+        return agent
+
+    @property
+    def state(self) -> AgentState:
+        """Everything that has to be saved; the sample of the open query is among it."""
+        self._turns.settle()
+        return self._snapshot()
+
+    def _snapshot(self) -> AgentState:
+        return self._turns.state("GLISp", VERSION, self._seed, self._settings.pairs())
+
+    def copy(self) -> Self:
+        """Return an independent twin, for running ahead on each likely answer."""
+        return self.restore(self.space, self._snapshot())
+
+    @property
+    def space(self) -> KnobSpace:
+        """The knobs that θ is made of."""
+        return self._turns.space
+
+    @property
+    def n_init(self) -> int:
+        """Samples of the space-filling start."""
+        return self._turns.n_init
+
+    @property
+    def n_max(self) -> int:
+        """Experiments until the end; fewer than asked for if the space holds fewer θ."""
+        return self._turns.n_max
+
+    @property
+    def done(self) -> bool:
+        """Whether all experiments are answered."""
+        return self._turns.done
+
+    @property
+    def best(self) -> Float[np.ndarray, " n"]:
+        """θ of the incumbent, physical, shape (n,). Raises ProtocolError before any answer."""
+        return self._turns.best
+
+    @property
+    def samples(self) -> Float[np.ndarray, "N n"]:
+        """θ of all answered queries, physical, in the order tried, shape (N, n)."""
+        return self._turns.samples()
+
+    def ask(self) -> Query:
+        """Return the open query, the same until told. Raises ProtocolError when done."""
+        return self._turns.ask()
+
+    def tell(self, query: Query, answer: Answer | Preference | int | None) -> None:
+        """Close `query`.
+
+        Raises:
+            ProtocolError: it is not the open one.
+            PreferenceError: `answer` is none of -1, 0, 1, None (can't tell) and an Answer.
+        """
+        self._turns.tell(query, answer)
+
+    def undo(self) -> None:
+        """Take the last answer back and open its query again. Raises ProtocolError if none."""
+        self._turns.undo()
+
+    def retract(self, index: int) -> None:
+        """Forget what answer `index` (from 0) taught; all samples stay, the open one too.
+
+        Raises:
+            ProtocolError: there is no such answer, or it is retracted already.
+        """
+        self._turns.retract(index)
+
+    @property
+    def settings(self) -> GLISpSettings:
+        """All settings."""
+        return self._settings
+
+    @property
+    def epsilon(self) -> float:
+        """ε of eq. rbf in use, after the answers so far."""
+        return self._strategy.epsilon(self._turns.ledger)
+
+    def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+        """Ĵ/ΔĴ at physical `thetas`, shape (m, n), less its smallest value on the samples.
+
+        So the best sample has 0 and the worst 1: shape (m,), without unit, for plotting. All
+        zeros while nothing is known. Learned without the random margins of a proposal.
+
+        Raises:
+            KnobError: `thetas` has another shape or leaves the box.
+        """
+        if np.ndim(thetas) != 2:
+            raise KnobError(
+                f"thetas must have shape (m, {len(self.space)}), got {np.shape(thetas)}"
+            )
+        z = np.array([self.space.encode(theta) for theta in thetas]).reshape(
+            -1, len(self.space)
+        )
+        preferences = self._turns.ledger.preferences()
+        if len(preferences) == 0:
+            return np.zeros(len(z))
+        learned: Surrogate = self._strategy.surrogate(preferences, self.epsilon)
+        on_samples = learned(preferences.samples)
+        spread = float(np.ptp(on_samples))
+        return np.asarray((learned(z) - on_samples.min()) / (spread if spread > 0 else 1.0))

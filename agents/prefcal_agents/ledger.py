@@ -1,0 +1,154 @@
+"""The ledger: which samples were stored, what was answered, and what follows from both.
+
+It is the part that all preference-based agents share. Frozen: every change gives a new one.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from prefcal_env.errors import ProtocolError
+from prefcal_env.preference import Answer, Preference
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """One closed query: sample number `challenger` against sample number `incumbent`.
+
+    The incumbent is None for sample 0, which has nothing to be compared with. A retracted
+    answer stays on record and teaches nothing.
+    """
+
+    challenger: int
+    incumbent: int | None
+    answer: Answer
+    retracted: bool = False
+
+    @property
+    def teaches(self) -> bool:
+        """Whether it says anything about the order of its two samples."""
+        return (
+            self.incumbent is not None
+            and not self.retracted
+            and self.answer.preference is not None
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Preferences:
+    """What M comparisons teach about N samples: the vector B of eq. pref-vector.
+
+    Args:
+        samples: Points of the unit cube, shape (N, n).
+        first: i(h), the challenger of comparison h, shape (M,).
+        second: j(h), the incumbent that it was compared with, shape (M,).
+        b: Preference b_h in {-1, 0, 1}, shape (M,); -1: the first is better.
+        weights: c_h of eq. QP-pref, above 0, shape (M,).
+    """
+
+    samples: Float[np.ndarray, "N n"]
+    first: Int[np.ndarray, " M"]
+    second: Int[np.ndarray, " M"]
+    b: Int[np.ndarray, " M"]
+    weights: Float[np.ndarray, " M"]
+
+    def __len__(self) -> int:
+        return len(self.b)
+
+    def subset(self, rows: Int[np.ndarray, " K"]) -> "Preferences":
+        """Only the comparisons `rows`, on all samples."""
+        return Preferences(
+            self.samples, self.first[rows], self.second[rows], self.b[rows], self.weights[rows]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Ledger:
+    """Samples in the order proposed (the last may be pending), and the closed queries.
+
+    Args:
+        samples: Points of the unit cube that decode to the θ that ran, each of length n.
+        comparisons: Comparison h closed the query of sample h.
+    """
+
+    samples: tuple[tuple[float, ...], ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
+
+    @property
+    def answered(self) -> int:
+        """How many queries are closed, which is also the index of the open one."""
+        return len(self.comparisons)
+
+    @property
+    def pending(self) -> tuple[float, ...] | None:
+        """The sample of the open query, if it is stored already."""
+        return self.samples[self.answered] if len(self.samples) > self.answered else None
+
+    @property
+    def incumbent(self) -> int | None:
+        """Index of the winner along the remaining answers; None before the first one."""
+        winner = 0 if self.comparisons else None
+        for comparison in self.comparisons:
+            won = comparison.answer.preference is Preference.CHALLENGER
+            if comparison.teaches and won:
+                winner = comparison.challenger
+        return winner
+
+    def cube(self) -> Float[np.ndarray, "N n"]:
+        """Samples whose queries are closed, shape (N, n)."""
+        return np.array(self.samples[: self.answered], dtype=float)
+
+    def preferences(self) -> Preferences:
+        """What the remaining answers teach."""
+        lessons = [c for c in self.comparisons if c.teaches]
+        return Preferences(
+            samples=self.cube(),
+            first=np.array([c.challenger for c in lessons], dtype=np.int64),
+            second=np.array([c.incumbent for c in lessons], dtype=np.int64),
+            b=np.array([c.answer.preference for c in lessons], dtype=np.int64),
+            weights=np.array([c.answer.strength for c in lessons], dtype=float),
+        )
+
+    def until(self, count: int) -> "Ledger":
+        """The first `count` samples and their answers."""
+        return Ledger(self.samples[:count], self.comparisons[:count])
+
+    def with_pending(self, z: Float[np.ndarray, " n"]) -> "Ledger":
+        """Store `z`, shape (n,), as the sample of the open query."""
+        return replace(self, samples=(*self.samples[: self.answered], tuple(map(float, z))))
+
+    def told(self, answer: Answer) -> "Ledger":
+        """Close the open query, whose sample must be stored."""
+        closed = Comparison(self.answered, self.incumbent, answer)
+        return replace(self, comparisons=(*self.comparisons, closed))
+
+    def undone(self) -> "Ledger":
+        """Take the last answer back: its sample is pending again, a later one is dropped.
+
+        Raises:
+            ProtocolError: nothing is answered.
+        """
+        if not self.comparisons:
+            raise ProtocolError("there is no answer to undo")
+        return Ledger(self.samples[: self.answered], self.comparisons[:-1])
+
+    def retracted(self, index: int) -> "Ledger":
+        """Forget what answer number `index` (from 0) taught; every sample stays.
+
+        Raises:
+            ProtocolError: there is no such answer, or it is retracted already.
+        """
+        if isinstance(index, bool) or not isinstance(index, (int, np.integer)):
+            raise ProtocolError(f"the index of an answer must be an integer, got {index!r}")
+        if not 0 <= index < self.answered:
+            raise ProtocolError(
+                f"there is no answer {index}: {self.answered} are given, counted from 0"
+            )
+        if self.comparisons[index].retracted:
+            raise ProtocolError(f"answer {index} is retracted already")
+        changed = replace(self.comparisons[index], retracted=True)
+        return replace(
+            self,
+            comparisons=(*self.comparisons[:index], changed, *self.comparisons[index + 1 :]),
+        )

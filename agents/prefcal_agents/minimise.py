@@ -1,0 +1,154 @@
+"""Minimising the acquisition over the unit cube: particle swarm (the paper's) and multistart.
+
+Both respect integer knobs, take the incumbent as one of their starts, and return points in
+increasing order of the objective, so that a caller who cannot use the first takes the next.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+_SCALES = (1e-4, 0.3)  # of the steps around the incumbent, in units of the cube
+_APART = 0.1  # two starts of a descent are at least this far from each other, in the cube
+
+
+class Objective(Protocol):
+    """What is minimised: many values at once, and the gradient at one point."""
+
+    def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+        """Values at the rows of `z`."""
+
+    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Gradient at one point."""
+
+
+@dataclass(frozen=True, slots=True)
+class Domain:
+    """Where is searched: the unit cube, which coordinates stay put, and how points snap.
+
+    Args:
+        fixed: Coordinates that a descent must not move (integer knobs), shape (n,).
+        snap: Moves the rows of an array (m, n) to the points of the cube that can run.
+        start: A point worth starting from (the incumbent), shape (n,).
+    """
+
+    fixed: Bool[np.ndarray, " n"]
+    snap: Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, "m n"]] = field(repr=False)
+    start: Float[np.ndarray, " n"]
+
+
+Minimiser = Callable[[Objective, Domain, np.random.Generator], Float[np.ndarray, "m n"]]
+
+
+def multistart(
+    objective: Objective,
+    domain: Domain,
+    rng: np.random.Generator,
+    *,
+    draws: int = 900,
+    starts: int = 3,
+    iterations: int = 40,
+) -> Float[np.ndarray, "m n"]:
+    """Sample the cube and the surroundings of the incumbent, then descend from the best few.
+
+    Source: none; it solves eq. xNp1.
+    Deviation: L-BFGS-B with analytic gradients from sampled starts instead of particle swarm.
+    """
+    points = _sampled(domain, rng, draws)
+    values = objective(points)
+    order = np.argsort(values, kind="stable")
+    points, values = points[order], values[order]
+    chosen = _apart(points, starts)
+    descended = domain.snap(
+        np.array([_descend(objective, domain, points[k], iterations) for k in chosen])
+    )
+    everything = np.vstack([descended, points])
+    values = np.concatenate([objective(descended), values])
+    return np.asarray(everything[np.argsort(values, kind="stable")])
+
+
+def _sampled(domain: Domain, rng: np.random.Generator, draws: int) -> Float[np.ndarray, "m n"]:
+    n, near = len(domain.start), draws // 3
+    steps = np.exp(rng.uniform(np.log(_SCALES[0]), np.log(_SCALES[1]), size=(near, 1)))
+    around = domain.start + steps * rng.standard_normal((near, n))
+    wide = rng.random((draws - near, n))
+    return domain.snap(np.clip(np.vstack([domain.start[None], around, wide]), 0.0, 1.0))
+
+
+def _apart(points: Float[np.ndarray, "m n"], count: int) -> list[int]:
+    """Indices of the first `count` points that keep their distance from each other."""
+    chosen = [0]
+    nearest = np.sum((points - points[0]) ** 2, axis=1)
+    while len(chosen) < count:
+        far = np.flatnonzero(nearest > _APART**2)
+        if not len(far):
+            break
+        chosen.append(int(far[0]))
+        nearest = np.minimum(nearest, np.sum((points - points[far[0]]) ** 2, axis=1))
+    return chosen
+
+
+def _descend(
+    objective: Objective, domain: Domain, z: Float[np.ndarray, " n"], iterations: int
+) -> Float[np.ndarray, " n"]:
+    """L-BFGS-B from `z` over the coordinates that may move, shape (n,)."""
+    free = ~domain.fixed
+    if not free.any():
+        return z
+    from scipy.optimize import minimize  # a third of a second to import
+
+    point = z.copy()
+
+    def value_and_slope(part: np.ndarray) -> tuple[float, np.ndarray]:
+        point[free] = part
+        return float(objective(point[None])[0]), objective.gradient(point)[free]
+
+    result = minimize(
+        value_and_slope,
+        z[free],
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(0.0, 1.0)] * int(free.sum()),
+        options={"maxiter": iterations},
+    )
+    point[free] = np.clip(result.x, 0.0, 1.0)
+    return point
+
+
+def particle_swarm(
+    objective: Objective,
+    domain: Domain,
+    rng: np.random.Generator,
+    *,
+    particles: int = 40,
+    iterations: int = 80,
+) -> Float[np.ndarray, "m n"]:
+    """Particle swarm over the cube, shape (particles, n): the minimiser that the paper uses.
+
+    Source: eq. xNp1 and the paragraph after it. Inertia 0.7298 and pulls of 1.4962 are the
+    usual constricted coefficients.
+    Deviation: the paper's swarm is coupled with a pattern search; this one is not.
+    """
+    n = len(domain.start)
+    position = rng.random((particles, n))
+    position[0] = domain.start
+    velocity = rng.uniform(-0.5, 0.5, (particles, n))
+    own = domain.snap(position)
+    own_value = objective(own)
+    for _ in range(iterations):
+        leader = own[np.argmin(own_value)]
+        pull = rng.random((2, particles, n))
+        velocity = 0.7298 * velocity + 1.4962 * (
+            pull[0] * (own - position) + pull[1] * (leader - position)
+        )
+        moved = np.clip(position + velocity, 0.0, 1.0)
+        velocity = np.where(moved == position + velocity, velocity, 0.0)
+        position = moved
+        snapped = domain.snap(position)
+        value = objective(snapped)
+        better = value < own_value
+        own[better], own_value[better] = snapped[better], value[better]
+    return np.asarray(own[np.argsort(own_value, kind="stable")])

@@ -1,0 +1,89 @@
+"""The five-line entry: minimise by preference, with nothing but a function that compares."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import SettingsError
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.preference import Agent, Answer, Preference
+
+from .checks import integer
+from .glisp import GLISp
+
+Prefer = Callable[
+    [Float[np.ndarray, " n"], Float[np.ndarray, " n"]], Answer | Preference | int | None
+]
+
+
+class AgentFactory(Protocol):
+    """Makes an agent: `GLISp`, `RandomSearch`, `LatinHypercube`, or a partial of one."""
+
+    def __call__(self, space: KnobSpace, *, n_init: int, n_max: int, seed: int) -> Agent:
+        """Make an agent for one study."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Minimum:
+    """What a study found.
+
+    Args:
+        best: θ that won, physical, shape (n,).
+        samples: All θ in the order tried, physical, shape (N, n).
+        answers: N - 1 answers; number h compared sample h + 1 with the best one before it.
+    """
+
+    best: Float[np.ndarray, " n"]
+    samples: Float[np.ndarray, "N n"]
+    answers: tuple[Answer, ...]
+
+    def __post_init__(self) -> None:
+        for array in (self.best, self.samples):
+            array.setflags(write=False)
+
+
+def minimize_by_preference(
+    prefer: Prefer,
+    space: KnobSpace,
+    *,
+    agent: AgentFactory = GLISp,
+    n_init: int | None = None,
+    n_max: int = 50,
+    seed: int = 0,
+) -> Minimum:
+    """Find the θ that `prefer` likes best, in `n_max` experiments and n_max - 1 comparisons.
+
+    Args:
+        prefer: `prefer(a, b)` with two θ, physical, shape (n,): -1 if a is better, 1 if b is,
+            0 if they are equally good, None if it cannot tell, or an `Answer`.
+        space: Where θ is sought.
+        agent: Class of the agent.
+        n_init: Space-filling experiments before learning starts; None: min(10, n_max // 2).
+        n_max: Experiments in all, 4 or more unless `n_init` is given.
+        seed: Of all randomness.
+
+    Raises:
+        SettingsError: an impossible count or seed.
+        PreferenceError: `prefer` returned something else.
+    """
+    if not callable(prefer):
+        raise SettingsError(f"prefer must be a function of two θ, got {prefer!r}")
+    integer("n_max", n_max, low=2)
+    if n_init is None:
+        n_init = max(2, min(10, n_max // 2))
+    study = agent(space, n_init=n_init, n_max=n_max, seed=seed)
+    samples, answers = [], []
+    while not study.done:
+        query = study.ask()
+        samples.append(query.challenger.theta)
+        if query.incumbent is None:
+            study.tell(query, None)
+            continue
+        answers.append(
+            Answer.of(prefer(query.challenger.theta.copy(), query.incumbent.theta.copy()))
+        )
+        study.tell(query, answers[-1])
+    return Minimum(np.array(study.best), np.array(samples), tuple(answers))

@@ -1,0 +1,71 @@
+"""Radial basis functions φ(εd) of eq. rbf and the distances they are made of.
+
+All of them are smooth in u = (εd)², so value and slope are given as functions of u; the chain
+rule then has no division by a distance.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Float
+
+Array = Float[np.ndarray, "..."]
+_TINY = 1e-300  # keeps log(u) and 1/sqrt(u) finite on a centre
+
+
+@dataclass(frozen=True, slots=True)
+class RadialFunction:
+    """φ as a function of u = (εd)²: `value` is φ, `slope` is dφ/du, both elementwise."""
+
+    name: str
+    value: Callable[[Array], Array]
+    slope: Callable[[Array], Array]
+
+
+def _thin_plate_spline(u: Array) -> Array:
+    return np.asarray(0.5 * u * np.log(np.maximum(u, _TINY)))
+
+
+RADIAL_FUNCTIONS: Mapping[str, RadialFunction] = MappingProxyType(
+    {
+        f.name: f
+        for f in (
+            RadialFunction(
+                "inverse_quadratic", lambda u: 1 / (1 + u), lambda u: -1 / (1 + u) ** 2
+            ),
+            RadialFunction("gaussian", lambda u: np.exp(-u), lambda u: -np.exp(-u)),
+            RadialFunction(
+                "thin_plate_spline",
+                _thin_plate_spline,
+                lambda u: 0.5 * (np.log(np.maximum(u, _TINY)) + 1),
+            ),
+            RadialFunction(
+                "multiquadric", lambda u: np.sqrt(1 + u), lambda u: 0.5 / np.sqrt(1 + u)
+            ),
+            RadialFunction(
+                "inverse_multiquadric",
+                lambda u: 1 / np.sqrt(1 + u),
+                lambda u: -0.5 * (1 + u) ** -1.5,
+            ),
+            RadialFunction("linear", np.sqrt, lambda u: 0.5 / np.sqrt(np.maximum(u, _TINY))),
+        )
+    }
+)
+"""The radial functions by name: those of the paper, and those it refers to."""
+
+
+def squared_distances(
+    a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]
+) -> Float[np.ndarray, "m N"]:
+    """d of eq. distance between all rows of `a` and all of `b`, shape (m, N).
+
+    Differences are taken before squaring: near the optimum samples lie within 1e-6 of each
+    other, where |a|² + |b|² - 2ab has no correct digit.
+    """
+    d = np.zeros((len(a), len(b)))
+    for k in range(a.shape[1]):
+        difference = a[:, k, None] - b[:, k]
+        d += difference * difference
+    return d

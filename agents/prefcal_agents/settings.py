@@ -1,0 +1,101 @@
+"""The settings of GLISp, checked at birth; the paper's are one call away."""
+
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+from prefcal_env.errors import SettingsError
+
+from .checks import choice, integer, number
+from .minimise import Minimiser, multistart, particle_swarm
+from .rbf import RADIAL_FUNCTIONS
+from .surrogate import Hyper
+
+EVERY_STEP: Literal["every step"] = "every step"
+MINIMISERS: dict[str, Minimiser] = {
+    "multistart": multistart,
+    "particle_swarm": particle_swarm,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GLISpSettings:
+    """What GLISp does between two answers. The defaults are those measured best.
+
+    Args:
+        delta: δ of eq. acquisition, 0 or more; 0 trusts the surrogate, well above 1 explores.
+        rbf: φ of eq. rbf, a key of `RADIAL_FUNCTIONS`.
+        sigma: σ of eq. QP-pref, above 0.
+        lam: λ of eq. QP-pref, 0 or more; the QP divided by σ has λσ, so 1 at σ = 1e-6 keeps all
+            preferences that can be kept.
+        epsilon: ε of eq. rbf before the first cross-validation, above 0, in the unit cube.
+        epsilons: Multiples of `epsilon` among which cross-validation chooses, increasing.
+        folds: K of the cross-validation, 2 or more.
+        validate_at: Numbers of experiments after which ε is chosen anew, or "every step".
+        margin_power: How the margin of a strict preference grows with the distance of its two
+            samples; 0: it is σ for all, as in eq. RBF-pref.
+        perturb_every: Every how many proposals the margins are drawn at random; 0: never.
+        minimiser: Of eq. xNp1: "multistart" or "particle_swarm".
+
+    Raises:
+        SettingsError: an impossible value.
+    """
+
+    delta: float = 0.3
+    rbf: str = "inverse_quadratic"
+    sigma: float = 1e-6
+    lam: float = 1.0
+    epsilon: float = 1.0
+    epsilons: tuple[float, ...] = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2, 5.6, 10.0)
+    folds: int = 3
+    validate_at: tuple[int, ...] | Literal["every step"] = EVERY_STEP
+    margin_power: float = 1.0
+    perturb_every: int = 2
+    minimiser: str = "multistart"
+
+    def __post_init__(self) -> None:
+        number("delta", self.delta)
+        choice("rbf", self.rbf, RADIAL_FUNCTIONS)
+        number("sigma", self.sigma, strict=True)
+        number("lam", self.lam)
+        number("epsilon", self.epsilon, strict=True)
+        integer("folds", self.folds, low=2)
+        number("margin_power", self.margin_power)
+        integer("perturb_every", self.perturb_every, low=0)
+        choice("minimiser", self.minimiser, MINIMISERS)
+        integer("the number of epsilons", len(self.epsilons), low=1)
+        for value in self.epsilons:
+            number("each of epsilons", value, strict=True)
+        if self.validate_at != EVERY_STEP:
+            for count in self.validate_at:
+                integer("each of validate_at", count, low=1)
+
+    @classmethod
+    def paper(cls) -> "GLISpSettings":
+        """The settings of section IV of the paper, with no deviation in what is learned."""
+        return cls(
+            validate_at=(10, 20, 30, 40),
+            margin_power=0.0,
+            perturb_every=0,
+            minimiser="particle_swarm",
+        )
+
+    @property
+    def hyper(self) -> Hyper:
+        """What shapes the fit of the surrogate."""
+        return Hyper(self.rbf, self.sigma, self.lam, self.margin_power)
+
+    def pairs(self) -> tuple[tuple[str, Any], ...]:
+        """Name and value of every setting, for an `AgentState`."""
+        return tuple((f.name, getattr(self, f.name)) for f in fields(self))
+
+    @classmethod
+    def of(cls, pairs: tuple[tuple[str, Any], ...]) -> "GLISpSettings":
+        """Read what `pairs` gave; a setting that is missing has its default.
+
+        Raises:
+            SettingsError: an unknown setting or an impossible value.
+        """
+        unknown = {name for name, _ in pairs} - {f.name for f in fields(cls)}
+        if unknown:
+            raise SettingsError(f"GLISp has no settings called {sorted(unknown)}")
+        return cls(**dict(pairs))

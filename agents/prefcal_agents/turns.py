@@ -1,0 +1,156 @@
+"""Whose turn it is: the ask/tell protocol that every preference-based agent follows.
+
+An agent composes one `Turns` and brings a proposal strategy: a function of the ledger alone
+(seed and settings are fixed), so that nothing else needs saving.
+"""
+
+from collections.abc import Callable
+from math import prod
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import KnobError, ProtocolError, SettingsError
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.preference import Answer, Preference, Query, Suggestion
+
+from .checks import integer
+from .ledger import Ledger
+from .state import AgentState
+
+Propose = Callable[[Ledger], Float[np.ndarray, " n"]]
+
+
+class Turns:
+    """The mutable part of an agent: its ledger, and the open query made on demand.
+
+    Sample h is proposed from the ledger as answer h - 1 left it, when it is first needed; from
+    then on it is stored and stays, also when an earlier answer is retracted (its experiment may
+    have run already). Only the incumbent that it meets may then change. `undo` reopens the
+    last closed query and drops the sample proposed after it.
+
+    Args:
+        space: The knobs.
+        n_init: Samples of the space-filling start, 2 or more.
+        n_max: Experiments asked for, not below `n_init`.
+        propose: Cube point, shape (n,), of the next sample, from the ledger.
+
+    Raises:
+        SettingsError: an impossible count.
+    """
+
+    def __init__(self, space: KnobSpace, n_init: int, n_max: int, propose: Propose) -> None:
+        if not isinstance(space, KnobSpace):
+            raise SettingsError(f"space must be a KnobSpace, got {space!r}")
+        integer("n_init", n_init, low=2)
+        integer("n_max", n_max, low=2)
+        if n_max < n_init:
+            raise SettingsError(f"n_max must not be below n_init, got {n_max} below {n_init}")
+        self.space, self.n_init, self._asked_for = space, int(n_init), int(n_max)
+        self._propose = propose
+        self.ledger = Ledger()
+
+    @property
+    def n_max(self) -> int:
+        """Experiments until the end: as asked for, or all θ of a space that holds fewer."""
+        return int(min(self._asked_for, capacity(self.space)))
+
+    @property
+    def done(self) -> bool:
+        """Whether all experiments are answered."""
+        return self.ledger.answered >= self.n_max
+
+    @property
+    def best(self) -> Float[np.ndarray, " n"]:
+        """θ of the incumbent, physical, shape (n,)."""
+        if self.ledger.incumbent is None:
+            raise ProtocolError("there is no best θ before the first answer")
+        return self._theta(self.ledger.incumbent)
+
+    def ask(self) -> Query:
+        """Return the open query, which stays the same until something is told or taken back."""
+        if self.done:
+            why = f"all {self.n_max} experiments are answered"
+            if self.n_max < self._asked_for:
+                why = f"every one of the {self.n_max} θ of the space has been tried"
+            raise ProtocolError(f"there is no open query: {why}")
+        self.settle()
+        incumbent = self.ledger.incumbent
+        return Query(
+            Suggestion(self.ledger.answered, self._theta(self.ledger.answered)),
+            None if incumbent is None else Suggestion(incumbent, self._theta(incumbent)),
+        )
+
+    def tell(self, query: Query, answer: Answer | Preference | int | None) -> None:
+        """Close `query`; a bare -1, 0, 1 or None is accepted as an answer."""
+        given = Answer.of(answer)
+        if self.done:
+            raise ProtocolError(f"told {query}, but all {self.n_max} experiments are answered")
+        if query != self.ask():
+            raise ProtocolError(f"told {query}, but the open query is {self.ask()}")
+        self.ledger = self.ledger.told(given)
+
+    def undo(self) -> None:
+        """Take the last answer back."""
+        self.ledger = self.ledger.undone()
+
+    def retract(self, index: int) -> None:
+        """Forget answer `index`; the sample of the open query was fixed before."""
+        changed = self.ledger.retracted(index)
+        if not self.done:
+            self.settle()
+            changed = self.ledger.retracted(index)
+        self.ledger = changed
+
+    def settle(self) -> None:
+        """Store the sample of the open query, unless it is stored or all is answered."""
+        if not self.done and self.ledger.pending is None:
+            self.ledger = self.ledger.with_pending(self.space.snap(self._propose(self.ledger)))
+
+    def samples(self) -> Float[np.ndarray, "N n"]:
+        """θ of all closed queries, physical, in the order tried, shape (N, n)."""
+        return np.array([self._theta(i) for i in range(self.ledger.answered)]).reshape(
+            -1, len(self.space)
+        )
+
+    def _theta(self, index: int) -> Float[np.ndarray, " n"]:
+        return self.space.decode(np.array(self.ledger.samples[index]))
+
+    def state(
+        self, agent: str, version: int, seed: int, settings: tuple[tuple[str, Any], ...] = ()
+    ) -> AgentState:
+        """What has to be saved of the agent called `agent`."""
+        return AgentState(
+            agent, version, self.n_init, self._asked_for, seed, self.ledger, settings
+        )
+
+    def load(self, ledger: Ledger) -> None:
+        """Take `ledger` over.
+
+        Raises:
+            SettingsError: it does not fit the space or the counts.
+        """
+        stored, answered = len(ledger.samples), ledger.answered
+        if not answered <= stored <= answered + 1 or stored > self.n_max:
+            raise SettingsError(
+                f"a state of up to {self.n_max} experiments cannot hold {stored} samples and "
+                f"{answered} answers"
+            )
+        for h, comparison in enumerate(ledger.comparisons):
+            rival = comparison.incumbent
+            if (rival is None) != (h == 0) or (rival is not None and not 0 <= rival < h):
+                raise SettingsError(f"answer {h} of a state cannot be against sample {rival}")
+        for index in range(stored):
+            try:
+                self.space.decode(np.array(ledger.samples[index]))
+            except KnobError as error:
+                raise SettingsError(f"sample {index} of a state: {error}") from error
+        self.ledger = ledger
+
+
+def capacity(space: KnobSpace) -> float:
+    """How many different θ the space holds; infinite unless all knobs are integers."""
+    if not all(knob.integer for knob in space):
+        return np.inf
+    return float(prod(int(knob.high - knob.low) + 1 for knob in space))
