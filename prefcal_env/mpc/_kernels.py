@@ -184,8 +184,10 @@ def backward(A, B, c, C, D, e, sqrt_Qy, sqrt_Qu, sqrt_Qdu, u_ref, N_u):  # type:
 def forward(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
     """Inputs and states as affine functions of the deviations v (last column: constant).
 
-    From x = 0 and w = 0. Returns U (N_u, n_u, n_v + 1) and X (N_y + 1, n_x, n_v + 1), where N_y
-    is how far the states are wanted; behind N_u the last input is held.
+    From x = 0 and w = 0. Returns U (N_u, n_u, n_v + 1), X (N_y + 1, n_x, n_v + 1), where N_y is
+    how far the states are wanted (behind N_u the last input is held), and the unit of v: the
+    smallest of their weights, so that v moves an input by about its own size and a solver's
+    tolerance on v means as much for the inputs.
 
     A deviation whose weight is far above those of the same input elsewhere is what nothing later
     can correct (the growing mode, once the input is held). Its weight is cut to 1e4 times theirs:
@@ -202,6 +204,7 @@ def forward(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
         smallest[j] = np.inf
         for k in range(N_u):
             smallest[j] = min(smallest[j], abs(R[k, j, j]))
+    unit = smallest.min()
     for k in range(max(N_u, N_y)):
         i = min(k, A.shape[0] - 1)
         if k < N_u:
@@ -216,7 +219,7 @@ def forward(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
                     row -= R[k, j, q] * inverse * U[k, q]
                 row[n_v] -= R[k, j, n_u + n_x + n_u] * inverse
                 weight = min(abs(R[k, j, j]), _LARGEST_WEIGHT_RATIO * smallest[j])
-                row[k * n_u + j] += 1.0 / weight
+                row[k * n_u + j] += unit / weight
             W[:, :] = U[k]
         for a in range(n_x):
             for q in range(n_x):
@@ -224,15 +227,16 @@ def forward(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
             for q in range(n_u):
                 X[k + 1, a] += B[i, a, q] * W[q]
             X[k + 1, a, n_v] += c[min(k, c.shape[0] - 1), a]
-    return U, X
+    return U, X, unit
 
 
 @numba.njit(cache=True)
-def input_rows(U, lower, upper, du_min, du_max):  # type: ignore[no-untyped-def]
+def input_rows(U, u_last, u_min, u_max, du_min, du_max):  # type: ignore[no-untyped-def]
     """Rows l <= G v <= h of the inputs' and the moves' limits of eq. MPC_constraints.
 
-    All relative to the last input: lower, upper (N_u, n_u) bound the inputs, du_min and du_max
-    (n_u,) the moves. The first move is its input, so one row holds both limits.
+    The first move is its input, so one row holds both limits. When the last input lies outside
+    its limits (they may have changed), no input that the move limits allow may be inside: then
+    the nearest reachable one is the bound, and the problem stays feasible.
     """
     N_u, n_u, width = U.shape
     n_v = width - 1
@@ -242,15 +246,86 @@ def input_rows(U, lower, upper, du_min, du_max):  # type: ignore[no-untyped-def]
         for j in range(n_u):
             r = k * n_u + j
             G[r] = U[k, j, :n_v]
-            low[r] = lower[k, j] - U[k, j, n_v]
-            high[r] = upper[k, j] - U[k, j, n_v]
+            low[r] = u_min[j] - u_last[j]
+            high[r] = u_max[j] - u_last[j]
+            if low[r] > 0.0:
+                low[r] = min(low[r], (k + 1) * du_max[j])
+            if high[r] < 0.0:
+                high[r] = max(high[r], (k + 1) * du_min[j])
             if k == 0:
-                low[r] = max(lower[k, j], du_min[j]) - U[k, j, n_v]
-                high[r] = min(upper[k, j], du_max[j]) - U[k, j, n_v]
+                low[r] = max(low[r], du_min[j])
+                high[r] = min(high[r], du_max[j])
             else:
-                r += (N_u - 1) * n_u
-                G[r] = U[k, j, :n_v] - U[k - 1, j, :n_v]
+                q = r + (N_u - 1) * n_u
+                G[q] = U[k, j, :n_v] - U[k - 1, j, :n_v]
                 constant = U[k, j, n_v] - U[k - 1, j, n_v]
-                low[r] = du_min[j] - constant
-                high[r] = du_max[j] - constant
+                low[q] = du_min[j] - constant
+                high[q] = du_max[j] - constant
+            low[r] -= U[k, j, n_v]
+            high[r] -= U[k, j, n_v]
     return G, low, high
+
+
+@numba.njit(cache=True)
+def plan(U, v, u_last, low, high):  # type: ignore[no-untyped-def]
+    """Inputs (N_u, n_u) of the solution v, the first within its rows' limits to the last bit.
+
+    Rounding may leave a limit by 1e-9 of a unit; an actuator's limit is hard.
+    """
+    N_u, n_u, width = U.shape
+    n_v = width - 1
+    out = np.empty((N_u, n_u))
+    for k in range(N_u):
+        for j in range(n_u):
+            move = 0.0
+            for q in range(n_v):
+                move += U[k, j, q] * v[q]
+            if k == 0:
+                move = min(max(move, low[j]), high[j])
+            out[k, j] = u_last[j] + (U[k, j, n_v] + move)
+    return out
+
+
+@numba.njit(cache=True)
+def open_loop(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
+    """The same plan with the inputs themselves as variables: `forward` and the cost rows T.
+
+    Returns U and X as `forward`, here affine in the inputs, and T (n_v, n_v + 1) with the
+    deviations v = T (u, 1), so that the cost is |T (u, 1)|². Rows of T may grow like the plant.
+    """
+    N_u, n_u = R.shape[0], R.shape[1]
+    n_x = A.shape[1]
+    n_v = N_u * n_u
+    U = np.zeros((N_u, n_u, n_v + 1))
+    X = np.zeros((max(N_u, N_y) + 1, n_x, n_v + 1))
+    W = np.zeros((n_u, n_v + 1))
+    T = np.zeros((n_v, n_v + 1))
+    for k in range(max(N_u, N_y)):
+        i = min(k, A.shape[0] - 1)
+        if k < N_u:
+            for j in range(n_u):
+                U[k, j, k * n_u + j] = 1.0
+            for j in range(n_u):
+                row = T[k * n_u + j]
+                for q in range(n_u):
+                    row += R[k, j, q] * U[k, q] + R[k, j, n_u + n_x + q] * W[q]
+                for q in range(n_x):
+                    row += R[k, j, n_u + q] * X[k, q]
+                row[n_v] += R[k, j, n_u + n_x + n_u]
+            W[:, :] = U[k]
+        for a in range(n_x):
+            for q in range(n_x):
+                X[k + 1, a] += A[i, a, q] * X[k, q]
+            for q in range(n_u):
+                X[k + 1, a] += B[i, a, q] * W[q]
+            X[k + 1, a, n_v] += c[min(k, c.shape[0] - 1), a]
+    return U, X, T
+
+
+@numba.njit(cache=True)
+def condense(A, B, c, C, D, e, roots, u_ref, N_u, N_y, u_last, limits):  # type: ignore[no-untyped-def]
+    """`backward`, `forward` and `input_rows` in one call: what every step needs."""
+    R = backward(A, B, c, C, D, e, roots[0], roots[1], roots[2], u_ref - u_last, N_u)
+    U, X, unit = forward(A, B, c, R, N_y)
+    G, low, high = input_rows(U, u_last, limits[0], limits[1], limits[2], limits[3])
+    return R, U, X, unit, G, low, high

@@ -1,5 +1,7 @@
 """The linear (time-varying) model predictive controller of eq. MPC and eq. MPC_constraints."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Float
 
@@ -44,7 +46,8 @@ class LinearMPC:
         self._u_ref = _rows("u_ref", settings.u_ref, n_u)
         self._limits = Limits.of(plant, settings)
         self._backend = make_backend(settings.backend, settings.tolerances)
-        self._identity = np.eye(settings.N_u * n_u + (1 if self._limits.soft else 0))
+        n = settings.N_u * n_u + (1 if self._limits.soft else 0)
+        self._cost = QP(np.eye(n), np.zeros(n), np.zeros((0, n)), np.zeros(0), np.zeros(0))
         self._plan: Float[np.ndarray, "N_p n_u"] | None = None
 
     @property
@@ -53,39 +56,49 @@ class LinearMPC:
         return self.settings.T_s
 
     def move(self, measurement: Measurement) -> Move:
-        """Decide the next input; hold the last one where the QP is not solved."""
-        qp, U = self.problem(measurement)
-        solution = self._backend.solve(qp)
-        if not solution.solved:
-            self._plan = None
-            return Move(measurement.u, solution.iterations, solved=False)
-        deviations = U[:, :, :-1] @ solution.z[: U.shape[2] - 1] + U[:, :, -1]
-        plan = measurement.u + deviations
-        self._plan = plan
-        # Rounding may leave a limit by 1e-9 of a unit; an actuator's limit is hard.
-        return Move(self._limits.clip(plan[0], measurement.u), solution.iterations)
+        """Decide the next input; hold the last one where the QP is not solved.
 
-    def problem(self, m: Measurement) -> tuple[QP, Float[np.ndarray, "N_u n_u n_v1"]]:
-        """The QP of one step, and the inputs as affine functions of its variables.
-
-        Returns:
-            The QP in (v, slack) and U, shape (N_u, n_u, n_v + 1): inputs relative to the last
-            one, the last column constant.
+        Deviations v are the right variables while the limits leave the growing modes of the model
+        in hand, the inputs themselves when they do not (no plan stabilises the model, so v is of
+        the order of its growth): then the first problem is not solved, and the second is tried.
         """
-        s = self.settings
+        iterations = 0
+        for qp, U in self.problems(measurement):
+            solution = self._backend.solve(qp)
+            iterations += solution.iterations
+            if solution.solved:
+                u = measurement.u
+                self._plan = _kernels.plan(U, solution.z, u, qp.lower, qp.upper)
+                return Move(self._plan[0], iterations)
+        self._plan = None
+        return Move(measurement.u, iterations, solved=False)
+
+    def problems(
+        self, m: Measurement
+    ) -> Iterator[tuple[QP, Float[np.ndarray, "N_u n_u n_v1"]]]:
+        """The QP of one step, in deviations and then in inputs.
+
+        Yields:
+            The QP in its variables (then the slack), and U, shape (N_u, n_u, n_v + 1): the inputs
+            relative to the last one as affine functions of them, the last column constant.
+        """
+        s, limits = self.settings, self._limits
         model = self._predict(m)
-        error = model.e - self._references(m.y_ref)
-        R = _kernels.backward(
-            model.A, model.B, model.c, model.C, model.D, error,
-            *self._roots, self._u_ref - m.u, s.N_u,
+        dynamics = model.A, model.B, model.c
+        N_y = s.N_p if limits.soft else 0
+        R, U, X, unit, *rows = _kernels.condense(
+            *dynamics, model.C, model.D, model.e - self._references(m.y_ref),
+            self._roots, self._u_ref, s.N_u, N_y, m.u, limits.hard,
         )  # fmt: skip
-        N_y = s.N_p if self._limits.soft else 0
-        U, X = _kernels.forward(model.A, model.B, model.c, R, N_y)
-        lower, upper = self._limits.inputs(m.u, s.N_u)
-        G, low, high = _kernels.input_rows(U, lower, upper, self._limits.du_min, self._limits.du_max)
-        if self._limits.soft:
-            G, low, high = self._limits.with_outputs(G, low, high, model, U, X)
-        return QP(self._identity, np.zeros(len(self._identity)), G, low, high), U
+        yield self._cost.under(*limits.rows(*rows, model, U, X, unit)), U
+        U, X, T = _kernels.open_loop(*dynamics, R, N_y)
+        unit = float(np.abs(T).max())
+        T = T / unit
+        P, q = self._cost.P.copy(), self._cost.q.copy()
+        n_v = len(T)
+        P[:n_v, :n_v], q[:n_v] = T[:, :-1].T @ T[:, :-1], T[:, :-1].T @ T[:, -1]
+        rows = _kernels.input_rows(U, m.u, *limits.hard)
+        yield QP(P, q, *limits.rows(*rows, model, U, X, unit)), U
 
     def _predict(self, m: Measurement) -> Prediction:
         s = self.settings

@@ -55,45 +55,31 @@ class Limits:
         """Whether any output is limited."""
         return bool(np.isfinite(self.y_min).any() or np.isfinite(self.y_max).any())
 
-    def inputs(
-        self, u_last: Float[np.ndarray, " n_u"], N_u: int
-    ) -> tuple[Float[np.ndarray, "N_u n_u"], Float[np.ndarray, "N_u n_u"]]:
-        """Bounds of the inputs relative to the last one, relaxed to what can be reached from it.
+    @property
+    def hard(self) -> tuple[Float[np.ndarray, " n_u"], ...]:
+        """Limits of the inputs and of the moves."""
+        return self.u_min, self.u_max, self.du_min, self.du_max
 
-        When the last input lies outside the limits (they may have changed), no input that the
-        move limits allow may be inside: then the nearest reachable one is the bound.
-        """
-        steps = np.arange(1.0, N_u + 1)[:, None]
-        lower, upper = self.u_min - u_last, self.u_max - u_last
-        if (lower <= 0).all() and (upper >= 0).all():
-            return np.broadcast_to(lower, (N_u, len(lower))), np.broadcast_to(upper, (N_u, len(upper)))
-        return np.minimum(lower, steps * self.du_max), np.maximum(upper, steps * self.du_min)
-
-    def clip(
-        self, u: Float[np.ndarray, " n_u"], u_last: Float[np.ndarray, " n_u"]
-    ) -> Float[np.ndarray, " n_u"]:
-        """`u` within the bounds of the first input."""
-        lower, upper = self.inputs(u_last, 1)
-        low = np.maximum(lower[0], self.du_min)
-        high = np.minimum(upper[0], self.du_max)
-        return u_last + np.clip(u - u_last, low, high)
-
-    def with_outputs(
+    def rows(
         self,
         G: Float[np.ndarray, "m n_v"],
         low: Float[np.ndarray, " m"],
         high: Float[np.ndarray, " m"],
         model: Prediction,
         U: Float[np.ndarray, "N_u n_u n_v1"],
-        X: Float[np.ndarray, "N_p1 n_x n_v1"],
+        X: Float[np.ndarray, "N n_x n_v1"],
+        unit: float,
     ) -> tuple[Float[np.ndarray, "m2 n"], Float[np.ndarray, " m2"], Float[np.ndarray, " m2"]]:
-        """Append the soft rows y_min - ε <= y_k <= y_max + ε, k = 1 ... N_p, and ε >= 0.
+        """The inputs' rows, and with limited outputs their soft rows.
 
-        The slack variable is √Q_ε ε, so that its weight is that of a deviation: 1.
+        y_min - ε <= y_k <= y_max + ε for k = 1 ... N_p, and ε >= 0. The slack variable is
+        √Q_ε ε / `unit`, so that its weight is 1 like that of a deviation.
 
         Rows that have grown beyond what their rounding leaves (an unstable model, held for long)
         are made infeasible on purpose, so that the step reports itself unsolved.
         """
+        if not self.soft:
+            return G, low, high
         n_v = G.shape[1]
         steps = len(X) - 1
         Y = np.empty((steps, len(self.y_min), n_v + 1))
@@ -101,7 +87,7 @@ class Limits:
             C, D = model.C[min(k, len(model.C) - 1)], model.D[min(k, len(model.D) - 1)]
             Y[k - 1] = C @ X[k] + D @ U[min(k, len(U) - 1)]
             Y[k - 1, :, n_v] += model.e[k]
-        give = np.broadcast_to(self.softness / np.sqrt(self.Q_eps), Y.shape[:2])
+        give = np.broadcast_to(self.softness * unit / np.sqrt(self.Q_eps), Y.shape[:2])
         blocks = [np.hstack([G, np.zeros((len(G), 1))])]
         lows, highs = [low], [high]
         for bound, sign in ((self.y_max, 1.0), (self.y_min, -1.0)):

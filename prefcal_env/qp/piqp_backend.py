@@ -16,7 +16,6 @@ _STATUS = {
     piqp.PIQP_PRIMAL_INFEASIBLE: Status.INFEASIBLE,
     piqp.PIQP_DUAL_INFEASIBLE: Status.UNBOUNDED,
 }
-_INFINITY = 1e30  # PIQP takes bounds beyond this as absent
 
 
 class PIQPBackend:
@@ -37,8 +36,7 @@ class PIQPBackend:
         P, G = np.asfortranarray(qp.P), np.asfortranarray(qp.G)
         solver = self._solver
         if len(qp.lower):
-            lower, upper = np.maximum(qp.lower, -_INFINITY), np.minimum(qp.upper, _INFINITY)
-            solver.setup(P, qp.q, None, None, G, lower, upper)
+            solver.setup(P, qp.q, None, None, G, qp.lower, qp.upper)
         else:
             solver.setup(P, qp.q)
         status = solver.solve()

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from math import isfinite
 from typing import Protocol
 
 import numpy as np
@@ -69,21 +70,45 @@ class QP:
     upper: Float[np.ndarray, " m"]
 
     def __post_init__(self) -> None:
-        n, m = len(self.q), len(self.lower)
-        shapes = (self.P.shape, self.q.shape, self.G.shape, self.lower.shape, self.upper.shape)
-        if shapes != ((n, n), (n,), (m, n), (m,), (m,)) or n == 0:
+        n = len(self.q)
+        if n == 0 or self.P.shape != (n, n) or self.q.shape != (n,):
             raise QPError(
-                "a QP needs P (n, n), q (n,), G (m, n), lower (m,) and upper (m,), got "
-                + ", ".join(map(str, shapes))
+                "the cost of a QP needs P (n, n) and q (n,) with n of 1 or more, "
+                f"got {self.P.shape}, {self.q.shape}"
             )
-        if not np.isfinite(self.P.sum() + self.q.sum() + self.G.sum()):
-            raise QPError("P, q and G of a QP must be finite")
-        if not (self.lower <= self.upper).all():
+        if not isfinite(self.P.sum() + self.q.sum()):
+            raise QPError("P and q of a QP must be finite")
+        _check_convex(self.P)
+        self._check_rows()
+
+    def under(
+        self,
+        G: Float[np.ndarray, "m2 n"],
+        lower: Float[np.ndarray, " m2"],
+        upper: Float[np.ndarray, " m2"],
+    ) -> "QP":
+        """The same cost under other rows; the cost, checked already, is not checked again."""
+        qp = object.__new__(QP)
+        for name, value in zip(self.__slots__, (self.P, self.q, G, lower, upper), strict=True):
+            object.__setattr__(qp, name, value)
+        qp._check_rows()
+        return qp
+
+    def _check_rows(self) -> None:
+        m = len(self.lower)
+        if self.G.shape != (m, len(self.q)) or self.lower.shape != self.upper.shape:
+            raise QPError(
+                f"the rows of a QP need G (m, {len(self.q)}), lower (m,) and upper (m,), got "
+                f"{self.G.shape}, {self.lower.shape}, {self.upper.shape}"
+            )
+        if not isfinite(self.G.sum()):
+            raise QPError("G of a QP must be finite")
+        if not (self.lower <= self.upper).all():  # also where either is NaN
             row = int(np.argmin(self.lower <= self.upper))
             raise QPError(
-                f"lower must not be above upper: row {row} has [{self.lower[row]}, {self.upper[row]}]"
+                f"lower must not be above upper: row {row} has "
+                f"[{self.lower[row]}, {self.upper[row]}]"
             )
-        _check_convex(self.P)
 
 
 def _check_convex(P: Float[np.ndarray, "n n"]) -> None:
@@ -146,25 +171,16 @@ def verified(
 ) -> Solution:
     """Trust a solver's "solved" only if the optimality conditions hold to `tolerance`.
 
-    The KKT residuals are taken relative to the size of their terms; complementarity as the
-    multiplier times the distance from its bound. Copies `z` and `multipliers`.
+    Feasibility, stationarity and the duality gap, each relative to the size of its terms.
+    Copies `z` and `multipliers`.
     """
+    from prefcal_env.qp._kernels import residuals  # compiled: not loaded before it is needed
+
     z, y = z.copy(), multipliers.copy()
-    Gz = qp.G @ z
-    gap_upper, gap_lower = qp.upper - Gz, Gz - qp.lower
-    Pz, Gy = qp.P @ z, y @ qp.G
-    primal = max(float(-np.minimum(gap_upper, gap_lower).min(initial=0.0)), 0.0)
-    dual = float(np.abs(Pz + qp.q + Gy).max())
-    slack = np.where(y > 0, gap_upper, gap_lower)
-    # An infinite bound has no business with a multiplier: inf * 0 is not a residual.
-    complementarity = float(np.abs(np.where(y != 0, y, 0.0) * np.where(y != 0, slack, 0.0)).max(initial=0.0))
-    size = 1.0 + float(np.abs(Gz).max(initial=0.0))
-    force = 1.0 + float(max(np.abs(Pz).max(), np.abs(qp.q).max(), np.abs(Gy).max()))
-    good = (
-        primal <= tolerance * size
-        and dual <= tolerance * force
-        and complementarity <= tolerance * size * force
+    primal, reach, dual, force, gap, value = residuals(
+        qp.P, qp.q, qp.G, qp.lower, qp.upper, z, y
     )
+    good = primal <= tolerance * reach and dual <= tolerance * force and gap <= tolerance * value
     return Solution(z, y, Status.SOLVED if good else Status.INACCURATE, iterations, primal, dual)
 
 
