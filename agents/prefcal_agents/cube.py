@@ -16,12 +16,12 @@ _DRAWS = 200  # random points looked at before an integer space is searched in f
 
 def integer_mask(space: KnobSpace) -> Bool[np.ndarray, " n"]:
     """Which knobs are integers, shape (n,)."""
-    return np.fromiter((knob.integer for knob in space), dtype=np.bool_, count=len(space))
+    return np.array([knob.integer for knob in space], dtype=np.bool_)
 
 
 def snap_all(space: KnobSpace, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
     """`KnobSpace.snap` of the integer coordinates of many points at once, shape (m, n)."""
-    snapped = np.clip(z, 0.0, 1.0)
+    snapped = np.asarray(np.clip(z, 0.0, 1.0))
     for k, knob in enumerate(space):
         if not knob.integer:
             continue
