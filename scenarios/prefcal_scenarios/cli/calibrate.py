@@ -1,0 +1,84 @@
+"""`prefcal calibrate`: one study from start to report."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from prefcal_scenarios.cli.options import Options
+
+EPILOG = """\
+[bold]Examples[/bold]
+
+[cyan]prefcal calibrate cstr[/cyan]
+  The paper's reactor: 50 experiments, 49 answers by its synthetic calibrator.
+
+[cyan]prefcal calibrate cstr --seed 7 --out reactor[/cyan]
+  Another start of the search; the report goes to the folder reactor.
+
+[cyan]prefcal calibrate cstr --calibrator synthetic --tie-band 0.02 --answer-noise 0.05[/cyan]
+  A calibrator who sees small differences as ties and errs now and then.
+
+[cyan]prefcal calibrate own.py:plant --agent random --n-max 20 --json[/cyan]
+  Your own scenario, random search, result as JSON for a program.
+"""
+
+
+def calibrate(
+    scenario: Annotated[
+        str,
+        typer.Argument(metavar="SCENARIO", help="A name (see `prefcal scenarios`) or own.py:name."),
+    ],
+    calibrator: Annotated[
+        str, typer.Option(help="Who compares: one of the scenario's synthetic calibrators.")
+    ] = "synthetic",
+    agent: Annotated[str, typer.Option(help="Who proposes: glisp, random or lhs.")] = "glisp",
+    seed: Annotated[int, typer.Option(help="Of the agent and the calibrator.")] = 0,
+    n_init: Annotated[
+        int | None,
+        typer.Option(
+            help="Experiments before learning starts.",
+            show_default="10, or half of --n-max if that is less",
+        ),
+    ] = None,
+    n_max: Annotated[int, typer.Option(help="Experiments in all.")] = 50,
+    delta: Annotated[
+        float | None,
+        typer.Option(help="How much glisp explores (δ of the paper).", show_default="the agent's"),
+    ] = None,
+    tie_band: Annotated[
+        float | None,
+        typer.Option(help="Costs closer than this are a tie.", show_default="the scenario's"),
+    ] = None,
+    answer_noise: Annotated[
+        float | None,
+        typer.Option(help="How much the answers err.", show_default="the scenario's"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of the report; may exist.", show_default="./prefcal-SCENARIO-SEED"
+        ),
+    ] = None,
+    json: Annotated[
+        bool,
+        typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout."),
+    ] = False,
+) -> None:
+    """Calibrate SCENARIO by preferences, and write a report of it.
+
+    Proposes θ, runs the experiment, has it compared with the best so far, and learns from the
+    answer. Ctrl-C stops and leaves a report of the comparisons so far.
+    """
+    # Here, not above: --help must not wait for it.
+    from prefcal_scenarios.cli.session import run
+
+    options = Options(
+        scenario, calibrator, agent, seed, _initial(n_init, n_max), n_max, delta, tie_band,
+        answer_noise,
+    )  # fmt: skip
+    raise typer.Exit(run(options, out, json=json))
+
+
+def _initial(n_init: int | None, n_max: int) -> int:
+    return min(10, max(1, n_max // 2)) if n_init is None else n_init

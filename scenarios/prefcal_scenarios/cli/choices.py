@@ -1,0 +1,55 @@
+"""From the words of the command line to agents and calibrators."""
+
+import inspect
+from typing import Any
+
+from prefcal_env.errors import SettingsError
+from prefcal_env.experiment import Experiment
+from prefcal_env.preference import Agent, Calibrator
+from prefcal_scenarios.cli.options import Options
+from prefcal_scenarios.scenario import Scenario
+
+AGENTS = {"glisp": "GLISp", "random": "RandomSearch", "lhs": "LatinHypercube"}
+"""Word to class in `prefcal_agents`."""
+
+
+def make_agent(options: Options, scenario: Scenario) -> Agent:
+    """The agent of the options.
+
+    Raises:
+        SettingsError: an unknown agent, settings that it refuses, or δ for one without it.
+    """
+    if options.agent not in AGENTS:
+        raise SettingsError(f"agent must be one of {sorted(AGENTS)}, got {options.agent!r}")
+    if options.delta is not None and options.agent != "glisp":
+        raise SettingsError(f"only the agent glisp takes a delta, not {options.agent!r}")
+    import prefcal_agents
+
+    extra: dict[str, Any] = {} if options.delta is None else {"delta": options.delta}
+    make = getattr(prefcal_agents, AGENTS[options.agent])
+    agent: Agent = make(
+        scenario.space, n_init=options.n_init, n_max=options.n_max, seed=options.seed, **extra
+    )
+    return agent
+
+
+def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experiment]:
+    """The calibrator of the options, one of the scenario's.
+
+    Raises:
+        SettingsError: unknown, or it does not take the tie band or the answer noise.
+    """
+    if options.calibrator not in scenario.calibrators:
+        raise SettingsError(
+            f"calibrator must be one of {sorted(scenario.calibrators)} for scenario "
+            f"{scenario.name!r}, got {options.calibrator!r}"
+        )
+    make = scenario.calibrators[options.calibrator]
+    wanted = {"tie_band": options.tie_band, "answer_noise": options.answer_noise}
+    extra = {name: value for name, value in wanted.items() if value is not None}
+    refused = sorted(extra.keys() - inspect.signature(make).parameters.keys())
+    if refused:
+        raise SettingsError(
+            f"calibrator {options.calibrator!r} takes no {' and no '.join(refused)}"
+        )
+    return make(options.seed, **extra)

@@ -1,0 +1,64 @@
+"""What a user asked for, as data."""
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from prefcal_env.errors import SettingsError
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """The options of `prefcal calibrate`; None where the default of whoever uses it holds.
+
+    Raises:
+        SettingsError: a seed below 0, or more initial experiments than experiments.
+    """
+
+    scenario: str
+    calibrator: str = "synthetic"
+    agent: str = "glisp"
+    seed: int = 0
+    n_init: int = 10
+    n_max: int = 50
+    delta: float | None = None
+    tie_band: float | None = None
+    answer_noise: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise SettingsError(f"seed must be 0 or above, got {self.seed}")
+        if not 1 <= self.n_init <= self.n_max:
+            raise SettingsError(
+                f"n_max must be at least n_init, and n_init at least 1, "
+                f"got n_init {self.n_init} and n_max {self.n_max}"
+            )
+        if self.delta is not None and not 0 <= self.delta < float("inf"):
+            raise SettingsError(f"delta must be 0 or above and finite, got {self.delta}")
+
+    def folder(self, scenario_name: str) -> Path:
+        """Where the report goes unless the user says otherwise: prefcal-<scenario>-<seed>."""
+        return Path(f"prefcal-{scenario_name}-{self.seed}")
+
+    def settings(self) -> Mapping[str, str | int | float]:
+        """What was set, for people."""
+        every: dict[str, str | int | float | None] = {
+            "scenario": self.scenario, "calibrator": self.calibrator, "agent": self.agent,
+            "seed": self.seed, "initial experiments": self.n_init, "experiments": self.n_max,
+            "delta": self.delta, "tie band": self.tie_band, "answer noise": self.answer_noise,
+        }  # fmt: skip
+        return {name: value for name, value in every.items() if value is not None}
+
+    def command(self) -> str:
+        """One command line that repeats the study, the folder aside."""
+        words = ["prefcal", "calibrate", self.scenario]
+        flags = {
+            "--calibrator": self.calibrator, "--agent": self.agent, "--seed": self.seed,
+            "--n-init": self.n_init, "--n-max": self.n_max, "--delta": self.delta,
+            "--tie-band": self.tie_band, "--answer-noise": self.answer_noise,
+        }  # fmt: skip
+        for flag, value in flags.items():
+            if value is not None:
+                words += [flag, str(value)]
+        return shlex.join(words)

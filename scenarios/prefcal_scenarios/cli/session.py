@@ -1,0 +1,119 @@
+"""One study of the command line: set up, run, report."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from rich.console import Console
+
+from prefcal_env.experiment import Experiment
+from prefcal_env.preference import Agent, Calibrator
+from prefcal_env.study import Comparison, calibrate
+from prefcal_scenarios.cli.choices import make_agent, make_calibrator
+from prefcal_scenarios.cli.display import Display
+from prefcal_scenarios.cli.interrupt import interruption
+from prefcal_scenarios.cli.options import Options
+from prefcal_scenarios.cli.outcome import as_json, show
+from prefcal_scenarios.report.folder import folder_for
+from prefcal_scenarios.report.record import Record
+from prefcal_scenarios.scenario import Scenario, load
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
+
+def run(options: Options, out: Path | None, *, json: bool) -> int:
+    """Run the study, write its report, print the result; return the exit code.
+
+    Whatever ends the study early, a report of the comparisons so far is left.
+
+    Raises:
+        PrefcalError: the options do not fit the scenario, or the folder cannot be made.
+    """
+    messages = Console(stderr=True)
+    with interruption() as ctrl_c:
+        scenario = load(options.scenario)
+        agent, calibrator = make_agent(options, scenario), make_calibrator(options, scenario)
+        folder = folder_for(options.folder(scenario.name) if out is None else out)
+        comparisons: list[Comparison] = []
+        failure: Exception | None = None
+        try:
+            with ctrl_c.allowed(), Display(scenario, options.n_max, messages) as display:
+                for comparison in _study(options, scenario, agent, calibrator, display):
+                    comparisons.append(comparison)
+                    display.compared(comparison)
+                    ctrl_c.check()
+        except KeyboardInterrupt:
+            done = f"{len(comparisons)} of {options.n_max} experiments"
+            messages.print(f"Interrupted after {done}; writing the report of these.")
+            agent = _again(options, scenario, comparisons)
+        except Exception as error:  # whatever a rig raises: its results so far are kept
+            failure = error
+            agent = _again(options, scenario, comparisons)
+        record = _record(options, scenario, agent, comparisons)
+        report = _write(record, folder)
+    _tell(record, report, options, messages, json=json)
+    if failure is not None:
+        raise failure
+    return INTERRUPTED if ctrl_c.pressed else 0
+
+
+def _study(
+    options: Options,
+    scenario: Scenario,
+    agent: Agent,
+    calibrator: Calibrator[Experiment],
+    display: Display,
+) -> Iterator[Comparison]:
+    def experiment(theta: Float[np.ndarray, " n"]) -> Experiment:
+        display.running(theta)
+        return scenario.run(theta, seed=options.seed)
+
+    return calibrate(agent, experiment, calibrator)
+
+
+def _again(options: Options, scenario: Scenario, comparisons: Sequence[Comparison]) -> Agent:
+    """A twin told what is recorded: the agent itself may have been stopped in mid-thought."""
+    agent = make_agent(options, scenario)
+    for comparison in comparisons:
+        agent.tell(agent.ask(), comparison.answer)
+    return agent
+
+
+def _record(
+    options: Options, scenario: Scenario, agent: Agent, comparisons: Sequence[Comparison]
+) -> Record:
+    references = {
+        name: scenario.run(theta, seed=options.seed) for name, theta in scenario.references.items()
+    }
+    learned = any(c.answer.preference is not None for c in comparisons)
+    return Record(
+        scenario=scenario,
+        source=options.scenario,
+        comparisons=tuple(comparisons),
+        references=references,
+        settings=options.settings(),
+        n_init=options.n_init,
+        n_max=options.n_max,
+        command=options.command(),
+        surrogate=getattr(agent, "surrogate", None) if learned else None,
+    )
+
+
+def _write(record: Record, folder: Path) -> Path:
+    # Here, not above: plots take half a second to load, and a refused option must not wait.
+    from prefcal_scenarios.report.write import write_report
+
+    return write_report(record, folder)
+
+
+def _tell(record: Record, report: Path, options: Options, messages: Console, *, json: bool) -> None:
+    if json:
+        print(as_json(record, options, report))
+    else:
+        show(record, report, Console())
+    if record.stopped:
+        messages.print(
+            f"This is a partial report: {len(record.trials)} of {record.n_max} experiments."
+        )

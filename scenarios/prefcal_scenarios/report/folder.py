@@ -1,0 +1,24 @@
+"""The folder that a report goes to."""
+
+import os
+from pathlib import Path
+
+from prefcal_env.errors import SettingsError
+
+
+def folder_for(path: str | Path) -> Path:
+    """Make the folder `path` with its parents, unless it is there, and return it.
+
+    Raises:
+        SettingsError: it is a file, or cannot be made or written to.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise SettingsError(f"out must be a folder, but {error.filename!r} is a file") from error
+    except OSError as error:
+        raise SettingsError(f"cannot make the folder {path!s}: {error.strerror}") from error
+    if not os.access(folder, os.W_OK):
+        raise SettingsError(f"cannot write into the folder {path!s}")
+    return folder

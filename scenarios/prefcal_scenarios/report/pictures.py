@@ -1,0 +1,157 @@
+"""Which figures a report has, their names, and how they read to those who cannot see."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+
+from matplotlib.figure import Figure
+
+from prefcal_scenarios.report.progress import best_so_far
+from prefcal_scenarios.report.record import Record
+from prefcal_scenarios.report.slices import slices
+from prefcal_scenarios.report.style import save, style
+from prefcal_scenarios.report.trajectories import best_against, side_by_side
+from prefcal_scenarios.report.tried import tried
+from prefcal_scenarios.report.wording import number, theta_text
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One figure of a report.
+
+    Args:
+        file: Name of its PNG.
+        title: Heading.
+        caption: What it shows, in a sentence or two.
+        alt: What it says, for those who cannot see it; made from the study.
+        draw: Makes it.
+        applies: Whether the study has what it needs; drawn anyway where not stated.
+    """
+
+    file: str
+    title: str
+    caption: str
+    alt: Callable[[Record], str]
+    draw: Callable[[Record], Figure]
+    applies: Callable[[Record], bool] = lambda record: True
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A picture and its PNG."""
+
+    picture: Picture
+    alt: str
+    png: bytes
+
+
+def draw(record: Record, extra: Sequence[Picture] = ()) -> list[Drawn]:
+    """Draw every picture that applies, and those that a scenario brings in `extra`."""
+    if record.best is None:
+        return []
+    drawn = []
+    with style():
+        for picture in (*PICTURES, *extra):
+            if picture.applies(record):
+                buffer = BytesIO()
+                save(picture.draw(record), buffer)
+                drawn.append(Drawn(picture, picture.alt(record), buffer.getvalue()))
+    return drawn
+
+
+def automated(record: Record) -> str | None:
+    """Name of the reference that stands for fully automated calibration, if there is one."""
+    named = [name for name in record.references if "automat" in name.lower()]
+    return named[0] if named else next(iter([*record.references][::-1]), None)
+
+
+def _side_by_side(record: Record) -> Figure:
+    other = automated(record)
+    assert other is not None
+    return side_by_side(record, other)
+
+
+def _best_alt(record: Record) -> str:
+    assert record.best is not None
+    theta = theta_text(record.scenario.space, record.best.experiment.theta)
+    kpis = [
+        f"{k.title} {number(record.best.experiment.kpis[k.name])} {k.unit}".rstrip()
+        for k in record.scenario.kpis
+        if k.name in record.best.experiment.kpis
+    ]
+    against = ", ".join(["the first experiment", *record.references])
+    return f"Time plots of the best run ({theta}) against {against}. Best: {', '.join(kpis)}."
+
+
+def _progress_alt(record: Record) -> str:
+    assert record.best is not None
+    first, last = record.incumbents[0].cost, record.incumbents[-1].cost
+    return (
+        f"Plot of the performance index of {len(record.trials)} experiments. The best so far "
+        f"falls from {number(first)} to {number(last)}, of experiment {record.best.number}."
+    )
+
+
+def _tried_alt(record: Record) -> str:
+    assert record.best is not None
+    theta = theta_text(record.scenario.space, record.best.experiment.theta)
+    return f"Parallel coordinates of {len(record.trials)} θ; the best is {theta}."
+
+
+def _slices_alt(record: Record) -> str:
+    names = ", ".join(record.scenario.space.names)
+    return f"Slices and planes of the learned cost over {names}, through the best θ."
+
+
+def _pair_alt(record: Record) -> str:
+    return (
+        "Time plots side by side: the run calibrated by preferences to the left, "
+        f"{automated(record)} to the right."
+    )
+
+
+PICTURES: tuple[Picture, ...] = (
+    Picture(
+        "best_trajectory.png",
+        "Best trajectory",
+        "The best run against the first one and against reference θ. Shaded: the accepted "
+        "band around the target. Dashed: limits. A dot ends a run, a cross a stopped one.",
+        _best_alt,
+        best_against,
+        lambda record: bool(record.scenario.panels),
+    ),
+    Picture(
+        "best_so_far.png",
+        "Best so far",
+        "The performance index that the calibrator did not show to the agent: of each "
+        "experiment, and of the best so far by his verdicts.",
+        _progress_alt,
+        best_so_far,
+        lambda record: record.scenario.cost is not None,
+    ),
+    Picture(
+        "tried.png",
+        "What was tried",
+        "One line for each θ. Axes run over the whole range of each knob.",
+        _tried_alt,
+        tried,
+    ),
+    Picture(
+        "surrogate.png",
+        "What was learned",
+        "The cost that the agent has learned from the verdicts alone, cut through the best θ. "
+        "Only its order has a meaning, its unit has none.",
+        _slices_alt,
+        slices,
+        lambda record: record.surrogate is not None,
+    ),
+    Picture(
+        "final_performance.png",
+        "By preferences and fully automated",
+        "What preferences have reached, beside what the minimisation of a written-down "
+        "index reaches.",
+        _pair_alt,
+        _side_by_side,
+        lambda record: bool(record.scenario.panels) and automated(record) is not None,
+    ),
+)

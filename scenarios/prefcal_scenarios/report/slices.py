@@ -1,0 +1,132 @@
+"""Figure: slices of the learned surrogate through the best θ."""
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, NullLocator
+
+from prefcal_env.knobs import KnobSpace
+from prefcal_scenarios.report.record import Record, Surrogate
+from prefcal_scenarios.report.style import BEST, FAINT, VALLEY, WIDTH, canvas
+from prefcal_scenarios.report.wording import knob_axis
+
+_LINE, _PLANE = 121, 41
+"""Points a slice, and along each side of a plane."""
+
+
+def slices(record: Record) -> Figure:
+    """Every knob's slice on the diagonal, every pair's plane below it, the samples on both."""
+    assert record.best is not None
+    assert record.surrogate is not None
+    space, best = record.scenario.space, record.best.experiment.theta
+    n = len(space)
+    figure = canvas(min(2.45, 9.0 / n) * n, WIDTH)
+    grid = figure.subplots(n, n, squeeze=False)
+    seen = np.asarray(record.surrogate(record.thetas))
+    for i in range(n):
+        for j in range(n):
+            axes = grid[i, j]
+            if j > i:
+                axes.set_visible(False)
+                continue
+            if i == j:
+                _line(axes, space, best, i, record, seen)
+            else:
+                _plane(axes, space, best, (j, i), record)
+            axes.set_xlabel(knob_axis(space.knobs[j]) if i == n - 1 else "")
+            if j == 0 and i > 0:
+                axes.set_ylabel(knob_axis(space.knobs[i]))
+    grid[0, 0].set_ylabel("learned cost")
+    _explain(figure, n)
+    return figure
+
+
+def _explain(figure: Figure, n: int) -> None:
+    figure.text(
+        1.08 / n if n > 1 else 0.4, 0.985,
+        "The learned cost through the best θ (blue).\n"
+        "Diagonal: one knob moved, the others at their best.\n"
+        "Below: two knobs moved; the bluer, the better.\n"
+        "Dots: the experiments, at their own learned cost\n"
+        "(diagonal), or projected onto the plane (below).",
+        va="top", color=FAINT, linespacing=1.6,
+    )  # fmt: skip
+
+
+def _line(
+    axes: Axes,
+    space: KnobSpace,
+    best: Float[np.ndarray, " n"],
+    i: int,
+    record: Record,
+    seen: Float[np.ndarray, " N"],
+) -> None:
+    assert record.surrogate is not None
+    values = _along(space, i, _LINE)
+    points = np.repeat(best[None, :], len(values), axis=0)
+    points[:, i] = values
+    axes.plot(record.thetas[:, i], seen, "o", color=FAINT, alpha=0.45, ms=3.6, mew=0, clip_on=False)
+    axes.plot(values, record.surrogate(points), color=BEST, linewidth=2)
+    axes.plot(best[i], float(record.surrogate(best[None, :])[0]), "o", color=BEST, ms=7,
+              mec="white", mew=1.2, zorder=5, clip_on=False)  # fmt: skip
+    _scale(axes, space, i, "x")
+
+
+def _plane(
+    axes: Axes,
+    space: KnobSpace,
+    best: Float[np.ndarray, " n"],
+    pair: tuple[int, int],
+    record: Record,
+) -> None:
+    assert record.surrogate is not None
+    j, i = pair
+    across, up = _along(space, j, _PLANE), _along(space, i, _PLANE)
+    values = _over_plane(record.surrogate, best, pair, (across, up))
+    axes.contourf(across, up, values, levels=14, cmap=VALLEY)
+    axes.plot(
+        record.thetas[:, j],
+        record.thetas[:, i],
+        "o",
+        color="#39434d",
+        ms=3,
+        mew=0,
+        alpha=0.6,
+        clip_on=False,
+    )
+    axes.plot(
+        best[j], best[i], "o", color=BEST, ms=8, mec="white", mew=1.4, zorder=5, clip_on=False
+    )
+    axes.grid(False)
+    _scale(axes, space, j, "x")
+    _scale(axes, space, i, "y")
+
+
+def _over_plane(
+    surrogate: Surrogate,
+    best: Float[np.ndarray, " n"],
+    pair: tuple[int, int],
+    along: tuple[Float[np.ndarray, " a"], Float[np.ndarray, " b"]],
+) -> Float[np.ndarray, "b a"]:
+    across, up = np.meshgrid(*along)
+    points = np.repeat(best[None, :], across.size, axis=0)
+    points[:, pair[0]], points[:, pair[1]] = across.ravel(), up.ravel()
+    return np.asarray(surrogate(points)).reshape(across.shape)
+
+
+def _along(space: KnobSpace, i: int, count: int) -> Float[np.ndarray, " c"]:
+    """Physical values of knob `i` over its range, each once (integers repeat else)."""
+    knob = space.knobs[i]
+    return np.unique([knob.decode(z) for z in np.linspace(0, 1, count)])
+
+
+def _scale(axes: Axes, space: KnobSpace, i: int, side: str) -> None:
+    knob = space.knobs[i]
+    axis = axes.xaxis if side == "x" else axes.yaxis
+    if knob.scale == "log10":
+        axes.set(**{f"{side}scale": "log"})
+        axis.set_minor_locator(NullLocator())
+    else:
+        axis.set_major_locator(MaxNLocator(5, integer=knob.integer))
+    axes.set(**{f"{side}lim": (knob.low, knob.high)})

@@ -1,0 +1,87 @@
+"""One look for every figure: colours for the colour-blind too, light grid, no chart junk.
+
+Blue is the best, orange whatever it is held against, grey the first experiment.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import IO, Any
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+
+BEST, OTHERS, FIRST = "#0a66c2", ("#d9610a", "#8a4fb0", "#7a6a10"), "#9aa3ad"
+INK, FAINT, GRID = "#1f2933", "#5d6874", "#e4e8ec"
+GOOD, LIMIT = "#12805c", "#b9463c"
+WIDTH, DPI = 8.4, 140
+"""Inches and dots an inch: about 1180 pixels, sharp at the width of a README."""
+
+HEAT = LinearSegmentedColormap.from_list("heat", ["#7a2e04", "#d9610a", "#f0ab7a", "#e5d2c3"])
+"""From good (dark) to bad (pale): the good ones are what the eye should find."""
+VALLEY = LinearSegmentedColormap.from_list("valley", ["#2f77b8", "#a8c9e6", "#f2f5f8"])
+"""Learned cost, from low (blue like the best) to high (pale)."""
+
+_RC: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.5,
+    "text.color": INK,
+    "axes.edgecolor": "#c5ccd3",
+    "axes.labelcolor": INK,
+    "axes.labelsize": 9.5,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.titlecolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.8,
+    "xtick.color": FAINT,
+    "ytick.color": FAINT,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "xtick.major.size": 0,
+    "ytick.major.size": 0,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+    "lines.linewidth": 1.7,
+    "lines.solid_capstyle": "round",
+    "mathtext.fontset": "dejavusans",
+    "savefig.dpi": DPI,
+    "figure.dpi": DPI,
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Draw and save within this look; the caller's own settings come back afterwards."""
+    with rc_context(_RC):
+        yield
+
+
+def canvas(height: float, width: float = WIDTH) -> Figure:
+    """An empty figure, `width` by `height` inches, drawn without any window system."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.get_layout_engine().set(w_pad=0.06, h_pad=0.05)  # type: ignore[union-attr, call-arg]
+    return figure
+
+
+def save(figure: Figure, target: IO[bytes]) -> None:
+    """Write a PNG whose bytes depend on the picture alone."""
+    figure.savefig(
+        target, format="png", metadata={"Software": None}, pil_kwargs={"compress_level": 4}
+    )
+
+
+def legend(figure: Figure, axes: Axes, columns: int = 6) -> None:
+    """One row of the labels of `axes` above the whole figure."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside upper left", ncols=columns, columnspacing=1.6,
+        handlelength=1.6, handletextpad=0.6, borderaxespad=0.2,
+    )  # fmt: skip

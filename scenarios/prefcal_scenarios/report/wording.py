@@ -1,0 +1,53 @@
+"""How numbers and names read, for terminals, HTML and plots alike."""
+
+import re
+from html import escape
+from math import isfinite
+
+from prefcal_env.knobs import Knob, KnobSpace
+
+_SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
+
+
+def number(value: float | None) -> str:
+    """Four significant digits; a dash where there is no number."""
+    if value is None or value != value:
+        return "–"
+    if not isfinite(value):
+        return "never" if value > 0 else "−∞"
+    text = f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
+    return "0" if text == "-0" else text
+
+
+def quantity(value: float | None, unit: str) -> str:
+    """A number with its unit."""
+    text = number(value)
+    return f"{text} {unit}" if unit and text[0] in "-0123456789" else text
+
+
+def labelled(name: str, unit: str) -> str:
+    """A name with its unit, for plain text headings."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def theta_text(space: KnobSpace, theta: object) -> str:
+    """θ on one line: name, value and unit of each knob."""
+    values = space.named(theta)  # type: ignore[arg-type]
+    return " · ".join(f"{k.name} {quantity(values[k.name], k.unit)}" for k in space)
+
+
+def mathtext(name: str) -> str:
+    """`name` for matplotlib, with what follows an underscore as a subscript."""
+    return _SUBSCRIPTED.sub(
+        lambda m: f"${m[1]}_{{{m[2].replace('_', ' ')}}}$", name.replace("$", r"\$")
+    )
+
+
+def html(name: str) -> str:
+    """`name` for HTML, escaped, with what follows an underscore as a subscript."""
+    return _SUBSCRIPTED.sub(r"\1<sub>\2</sub>", escape(name))
+
+
+def knob_axis(knob: Knob) -> str:
+    """Axis label of a knob in mathtext."""
+    return labelled(mathtext(knob.name), knob.unit)

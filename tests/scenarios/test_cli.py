@@ -1,0 +1,119 @@
+"""`prefcal calibrate`, called as a user calls it, in this process."""
+
+import json
+import sys
+
+import pytest
+from prefcal_scenarios.cli import main
+from toy_study import TOY_FILE
+
+TOY = f"{TOY_FILE}:toy"
+QUICK = ["--agent", "random", "--n-max", "5"]
+
+
+@pytest.fixture
+def prefcal(monkeypatch, capsys, tmp_path):
+    """Run a command line in an empty folder; gives exit code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words):
+        monkeypatch.setattr(sys, "argv", ["prefcal", *words])
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+        out = capsys.readouterr()
+        return code, out.out, out.err
+
+    return run
+
+
+def test_a_study_ends_with_a_table_and_the_place_of_the_report(prefcal, tmp_path):
+    code, out, err = prefcal("calibrate", TOY, *QUICK)
+    assert code == 0
+    for words in ("best", "paper", "automated", "T_s [h]", "settling time", "✓"):
+        assert words in out
+    assert "prefcal-toy-0/report.html" in out
+    assert (tmp_path / "prefcal-toy-0" / "report.html").is_file()
+    assert "best stays" in err
+    assert "best θ" in err
+
+
+def test_json_prints_only_json_on_standard_output(prefcal, tmp_path):
+    code, out, _ = prefcal("calibrate", TOY, *QUICK, "--json", "--seed", "3", "--out", "there")
+    result = json.loads(out)
+    assert code == 0
+    assert list(result["best"]) == ["T_s", "N_p", "gain"]
+    assert (result["experiments"], result["questions"]) == (5, 4)
+    assert result["report"] == "there/report.html"
+    assert (result["seed"], result["agent"], result["stopped"]) == (3, "random", False)
+    assert sum(result["verdicts"].values()) == 4
+
+
+def test_the_same_seed_gives_the_same_folder_byte_by_byte(prefcal, tmp_path):
+    for out in ("a", "b"):
+        assert prefcal("calibrate", TOY, *QUICK, "--out", out)[0] == 0
+    files = sorted(p.name for p in (tmp_path / "a").iterdir())
+    assert files == sorted(p.name for p in (tmp_path / "b").iterdir())
+    for name in files:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_glisp_is_the_default_and_takes_delta(prefcal):
+    code, out, _ = prefcal("calibrate", TOY, "--n-max", "6", "--delta", "0.5", "--json")
+    assert code == 0
+    assert json.loads(out)["agent"] == "glisp"
+
+
+def test_the_command_in_the_report_repeats_the_study(prefcal, tmp_path):
+    prefcal("calibrate", TOY, *QUICK, "--seed", "4")
+    text = (tmp_path / "prefcal-toy-4" / "report.html").read_text("utf-8")
+    assert f"prefcal calibrate {TOY}" in text
+    assert "--agent random --seed 4 --n-init 2 --n-max 5" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["nowhere"], "no scenario is called 'nowhere'"),
+        ([f"{TOY_FILE}:nothing"], "must name a prefcal_scenarios.Scenario"),
+        ([f"{TOY_FILE}:not_a_scenario"], "must name a prefcal_scenarios.Scenario"),
+        (["missing.py:toy"], "no file"),
+        ([TOY, "--agent", "oracle"], "agent must be one of"),
+        ([TOY, "--calibrator", "oracle"], "calibrator must be one of"),
+        ([TOY, "--n-init", "9", "--n-max", "5"], "n_max must be at least n_init"),
+        ([TOY, "--n-max", "0"], "n_max must be at least n_init"),
+        ([TOY, "--delta", "-1"], "delta must be 0 or above"),
+        ([TOY, "--delta", "nan"], "delta must be 0 or above"),
+        ([TOY, "--agent", "random", "--delta", "1"], "only the agent glisp takes a delta"),
+        ([TOY, "--seed", "-1"], "seed must be 0 or above"),
+        ([TOY, "--answer-noise", "1"], "takes no answer_noise"),
+        ([TOY, "--out", str(TOY_FILE)], "out must be a folder"),
+    ],
+)
+def test_bad_input_is_one_clear_line_and_exit_code_2(prefcal, tmp_path, words, message):
+    code, out, err = prefcal("calibrate", *words)
+    assert code == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert err.startswith("prefcal: ")
+    assert message in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_option_is_refused(prefcal):
+    code, _, err = prefcal("calibrate", TOY, "--nonsense")
+    assert code == 2
+    assert "--nonsense" in err
+
+
+def test_help_teaches_with_examples(prefcal):
+    code, out, _ = prefcal("calibrate", "--help")
+    assert code == 0
+    for words in ("SCENARIO", "--seed", "--tie-band", "prefcal calibrate cstr", "own.py:plant"):
+        assert words in out
+
+
+def test_the_version_is_printed(prefcal):
+    assert prefcal("--version")[1].startswith("prefcal ")

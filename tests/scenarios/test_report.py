@@ -1,0 +1,182 @@
+"""The folder of a report."""
+
+import base64
+import csv
+import io
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from prefcal_scenarios.report.comparisons import comparisons_as_csv
+from prefcal_scenarios.report.folder import folder_for
+from prefcal_scenarios.report.pictures import PICTURES, Picture
+from prefcal_scenarios.report.style import canvas
+from prefcal_scenarios.report.write import write_report
+from toy_study import toy_record
+
+from prefcal_env.errors import SettingsError
+
+PNG = b"\x89PNG\r\n\x1a\n"
+VOID = {"meta", "img", "br", "link"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("report")
+    write_report(toy_record(), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+class Outline(HTMLParser):
+    """Collects tags and attributes, and refuses tags that are not closed in order."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags = [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def all(self, tag):
+        return [attrs for name, attrs in self.tags if name == tag]
+
+
+def test_the_folder_holds_everything_that_was_promised(folder):
+    files = {p.name for p in folder.iterdir()}
+    figures = {p.file for p in PICTURES}
+    assert files == {"report.html", "best.json", "comparisons.csv", *figures}
+
+
+def test_every_figure_is_a_png_of_readme_width(folder):
+    for picture in PICTURES:
+        data = (folder / picture.file).read_bytes()
+        assert data.startswith(PNG)
+        assert 1000 <= int.from_bytes(data[16:20], "big") <= 1400
+
+
+def test_the_page_asks_the_network_for_nothing(page):
+    assert "http" not in page
+    assert "<script" not in page
+    assert all(a["src"].startswith("data:image/png;base64,") for a in Outline(page).all("img"))
+
+
+def test_the_images_of_the_page_are_those_of_the_folder(page, folder):
+    inside = [base64.b64decode(m) for m in re.findall(r"base64,([^\"]+)", page)]
+    assert inside == [(folder / p.file).read_bytes() for p in PICTURES]
+
+
+def test_the_page_is_accessible(page):
+    outline = Outline(page)
+    assert outline.all("html") == [{"lang": "en"}]
+    assert len(outline.all("h1")) == 1
+    assert all(len(a["alt"]) > 40 for a in outline.all("img"))
+    assert all("scope" in a for a in outline.all("th"))
+    assert len(outline.all("caption")) == len(outline.all("table"))
+
+
+def test_the_page_follows_the_colour_scheme_of_the_reader(page):
+    assert "prefers-color-scheme: dark" in page
+
+
+def test_content_is_escaped(page):
+    assert "<h1>Toy &lt;level&gt; &amp; valve</h1>" in page
+    assert "<level>" not in page
+
+
+def test_the_page_names_settings_versions_command_and_the_way_back(page):
+    for text in ("prefcal calibrate toy --seed 1", "load_controller(", "numpy", "python"):
+        assert text in page
+
+
+def test_the_same_study_writes_the_same_bytes(folder, tmp_path):
+    write_report(toy_record(), tmp_path)
+    for path in folder.iterdir():
+        assert path.read_bytes() == (tmp_path / path.name).read_bytes(), path.name
+
+
+def test_the_csv_has_one_row_for_each_question_with_units(folder):
+    record = toy_record()
+    rows = list(csv.DictReader(io.StringIO((folder / "comparisons.csv").read_text())))
+    assert len(rows) == len(record.asked) == 7
+    assert float(rows[0]["challenger T_s [h]"]) == record.thetas[1][0]
+    assert rows[0]["incumbent experiment"] == "1"
+    assert rows[0]["verdict"] in {"new better", "as good", "best stays", "can't tell"}
+    assert rows[0]["incumbent ended"] == "time is up"
+
+
+def test_a_partial_study_gets_a_readable_report_that_says_so(tmp_path):
+    write_report(toy_record(stop_after=3), tmp_path)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    Outline(text)
+    assert "Partial report" in text
+    assert "after 3 of 8 experiments" in text
+    assert (tmp_path / "best.json").is_file()
+
+
+def test_a_study_of_one_experiment_can_be_reported(tmp_path):
+    write_report(toy_record(stop_after=1), tmp_path)
+    assert not (tmp_path / "surrogate.png").exists()
+    assert (tmp_path / "best_trajectory.png").exists()
+
+
+def test_a_study_without_any_experiment_leaves_a_page_and_no_stale_result(tmp_path):
+    write_report(toy_record(stop_after=2), tmp_path)
+    write_report(toy_record(stop_after=0), tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {"report.html", "comparisons.csv"}
+    assert "after 0 of 8 experiments" in (tmp_path / "report.html").read_text("utf-8")
+
+
+def test_a_scenario_with_nothing_but_knobs_can_be_reported(tmp_path):
+    write_report(toy_record("plain", learn=False), tmp_path)
+    assert {p.name for p in tmp_path.glob("*.png")} == {"tried.png"}
+
+
+def test_a_scenario_may_bring_its_own_figures(tmp_path):
+    own = Picture("own.png", "Own", "An own one.", lambda r: "own " * 20, lambda r: canvas(1.0))
+    write_report(toy_record(stop_after=2), tmp_path, extra=[own])
+    assert (tmp_path / "own.png").read_bytes().startswith(PNG)
+
+
+def test_the_callers_plot_settings_survive(tmp_path):
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    write_report(toy_record(stop_after=2), tmp_path)
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_the_incumbent_is_followed_through_the_answers():
+    record = toy_record()
+    for comparison, trial in zip(record.comparisons, record.incumbents, strict=True):
+        assert np.array_equal(comparison.winner.theta, trial.experiment.theta)
+    assert sum(record.verdict_counts().values()) == 7
+
+
+def test_a_csv_without_questions_is_just_the_headings():
+    assert comparisons_as_csv(toy_record(stop_after=1)).count("\n") == 1
+
+
+def test_an_out_that_is_a_file_is_refused(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    for path in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(SettingsError, match="out must be a folder"):
+            folder_for(path)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_an_out_that_exists_is_taken(tmp_path):
+    assert folder_for(tmp_path) == tmp_path
+    assert folder_for(tmp_path / "a" / "b").is_dir()

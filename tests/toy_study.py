@@ -1,0 +1,50 @@
+"""A short study of the toy scenario, for tests of whatever comes after a study."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from prefcal_agents import GLISp, RandomSearch
+from prefcal_scenarios.report import Record
+from prefcal_scenarios.scenario import Scenario, load
+
+from prefcal_env.study import calibrate
+
+TOY_FILE = Path(__file__).parent / "scenarios" / "toy_scenario.py"
+
+
+def toy_scenario(name: str = "toy") -> Scenario:
+    """One of the scenarios of the toy file."""
+    return load(f"{TOY_FILE}:{name}")
+
+
+@cache
+def toy_record(
+    name: str = "toy",
+    *,
+    n_max: int = 8,
+    stop_after: int = 99,
+    learn: bool = True,
+) -> Record:
+    """A study of the toy, perhaps stopped after some experiments."""
+    scenario = toy_scenario(name)
+    make: Any = GLISp if learn else RandomSearch
+    agent = make(scenario.space, n_init=4, n_max=n_max, seed=1)
+    comparisons = []
+    if stop_after:
+        for comparison in calibrate(agent, scenario.run, scenario.calibrators["synthetic"](0)):
+            comparisons.append(comparison)
+            if len(comparisons) == stop_after:
+                break
+    return Record(
+        scenario=scenario,
+        source=f"{TOY_FILE}:{name}",
+        comparisons=tuple(comparisons),
+        references={k: scenario.run(np.array(v)) for k, v in scenario.references.items()},
+        settings={"agent": "glisp", "seed": 1},
+        n_init=4,
+        n_max=n_max,
+        command="prefcal calibrate toy --seed 1",
+        surrogate=agent.surrogate if learn and len(comparisons) > 1 else None,
+    )
