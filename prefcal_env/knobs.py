@@ -131,7 +131,8 @@ class KnobSpace:
             if not knob.low <= value <= knob.high:
                 raise KnobError(
                     f"theta of knob {knob.name!r} must be in [{knob.low}, {knob.high}] "
-                    f"{knob.unit}".rstrip() + f", got {value}"
+                    f"{knob.unit}".rstrip()
+                    + f", got {value}"
                 )
             if knob.integer and value != round(value):
                 raise KnobError(f"theta of knob {knob.name!r} must be an integer, got {value}")
@@ -156,5 +157,7 @@ class KnobSpace:
                 f"got shape {vector.shape}"
             )
         if not np.all(np.isfinite(vector)):
-            raise KnobError(f"{what} must be finite, got {dict(zip(self.names, vector, strict=True))}")
+            raise KnobError(
+                f"{what} must be finite, got {dict(zip(self.names, vector, strict=True))}"
+            )
         return vector

@@ -1,4 +1,4 @@
-"""The loop of design: ask, run, compare, tell. One comparison at a time, so it can stop anywhere."""
+"""The loop of a study: ask, run, compare, tell. It may be stopped between any two comparisons."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from prefcal_env.control import Measurement, Move
 from prefcal_env.errors import SettingsError
-from prefcal_env.mpc import _kernels
+from prefcal_env.mpc import _plan
 from prefcal_env.mpc.limits import Limits
 from prefcal_env.mpc.model import Prediction, along_trajectory, at_point
 from prefcal_env.mpc.settings import MPCSettings
@@ -20,7 +20,7 @@ _SMALLEST_MOVE_WEIGHT = 1e-10
 class LinearMPC:
     """Eq. MPC: linearise, condense to a QP, solve, apply the first input.
 
-    Each step solves for deviations v from the unconstrained optimal feedback (see `_kernels`),
+    Each step solves for deviations v from the unconstrained optimal feedback (see `_riccati`),
     which is eq. MPC in other variables. Outputs y_1 ... y_Np, inputs and moves 0 ... N_p - 1.
 
     Deviation: where Q_u + Q_Δu is singular, 1e-10 of the largest weight is added to Q_Δu, since
@@ -68,14 +68,12 @@ class LinearMPC:
             iterations += solution.iterations
             if solution.solved:
                 u = measurement.u
-                self._plan = _kernels.plan(U, solution.z, u, qp.lower, qp.upper)
+                self._plan = _plan.inputs(U, solution.z, u, qp.lower, qp.upper)
                 return Move(self._plan[0], iterations)
         self._plan = None
         return Move(measurement.u, iterations, solved=False)
 
-    def problems(
-        self, m: Measurement
-    ) -> Iterator[tuple[QP, Float[np.ndarray, "N_u n_u n_v1"]]]:
+    def problems(self, m: Measurement) -> Iterator[tuple[QP, Float[np.ndarray, "N_u n_u n_v1"]]]:
         """The QP of one step, in deviations and then in inputs.
 
         Yields:
@@ -86,19 +84,19 @@ class LinearMPC:
         model = self._predict(m)
         dynamics = model.A, model.B, model.c
         N_y = s.N_p if limits.soft else 0
-        R, U, X, unit, *rows = _kernels.condense(
+        R, U, X, unit, rows = _plan.condense(
             *dynamics, model.C, model.D, model.e - self._references(m.y_ref),
             self._roots, self._u_ref, s.N_u, N_y, m.u, limits.hard,
         )  # fmt: skip
-        yield self._cost.under(*limits.rows(*rows, model, U, X, unit)), U
-        U, X, T = _kernels.open_loop(*dynamics, R, N_y)
+        yield self._cost.under(*limits.rows(rows, model, U, X, unit)), U
+        U, X, T = _plan.open_loop(*dynamics, R, N_y)
         unit = float(np.abs(T).max())
         T = T / unit
         P, q = self._cost.P.copy(), self._cost.q.copy()
         n_v = len(T)
         P[:n_v, :n_v], q[:n_v] = T[:, :-1].T @ T[:, :-1], T[:, :-1].T @ T[:, -1]
-        rows = _kernels.input_rows(U, m.u, *limits.hard)
-        yield QP(P, q, *limits.rows(*rows, model, U, X, unit)), U
+        rows = _plan.input_rows(U, m.u, *limits.hard)
+        yield QP(P, q, *limits.rows(rows, model, U, X, unit)), U
 
     def _predict(self, m: Measurement) -> Prediction:
         s = self.settings

@@ -10,6 +10,9 @@ from prefcal_env.mpc.model import Prediction
 from prefcal_env.mpc.settings import MPCSettings
 from prefcal_env.plants.plant import Plant
 
+Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""G (m, n), low (m,) and high (m,) of low <= G z <= high."""
+
 _LARGEST_TRUSTED_GROWTH = 1e9
 
 
@@ -62,15 +65,13 @@ class Limits:
 
     def rows(
         self,
-        G: Float[np.ndarray, "m n_v"],
-        low: Float[np.ndarray, " m"],
-        high: Float[np.ndarray, " m"],
+        of_inputs: Rows,
         model: Prediction,
         U: Float[np.ndarray, "N_u n_u n_v1"],
         X: Float[np.ndarray, "N n_x n_v1"],
         unit: float,
-    ) -> tuple[Float[np.ndarray, "m2 n"], Float[np.ndarray, " m2"], Float[np.ndarray, " m2"]]:
-        """The inputs' rows, and with limited outputs their soft rows.
+    ) -> Rows:
+        """The inputs' rows low <= G z <= high, and with limited outputs their soft rows.
 
         y_min - ε <= y_k <= y_max + ε for k = 1 ... N_p, and ε >= 0. The slack variable is
         √Q_ε ε / `unit`, so that its weight is 1 like that of a deviation.
@@ -79,7 +80,8 @@ class Limits:
         are made infeasible on purpose, so that the step reports itself unsolved.
         """
         if not self.soft:
-            return G, low, high
+            return of_inputs
+        G, low, high = of_inputs
         n_v = G.shape[1]
         steps = len(X) - 1
         Y = np.empty((steps, len(self.y_min), n_v + 1))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.mpc._kernels import discretise
+from prefcal_env.mpc._hold import discretise
 from prefcal_env.plants.plant import Plant
 
 

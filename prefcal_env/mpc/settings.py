@@ -1,7 +1,7 @@
 """Everything that defines an MPC of eq. MPC and eq. MPC_constraints, frozen and checked."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -69,7 +69,7 @@ class MPCSettings:
     softness: Vector | None = None
     linearisation: Linearisation = "point"
     backend: str = "piqp"
-    tolerances: Tolerances = Tolerances()
+    tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:
         for f in fields(self):

@@ -169,5 +169,8 @@ class CSTR:
         highest = max(d[0], T_c) + p.H / p.rho_Cp * d[1] + 1.0
         grid = np.linspace(lowest, highest, 2001)
         signs = np.sign([imbalance(T) for T in grid])
-        roots = [brentq(imbalance, grid[i], grid[i + 1], xtol=1e-12) for i in np.flatnonzero(np.diff(signs))]
+        roots = [
+            brentq(imbalance, grid[i], grid[i + 1], xtol=1e-12)
+            for i in np.flatnonzero(np.diff(signs))
+        ]
         return np.array([[T, concentration(T)] for T in roots])

@@ -1,13 +1,16 @@
 """PIQP, a proximal interior-point solver: the default backend, and the only import of piqp.
 
-PIQP reports little of what goes wrong: wrong shapes only print, NaN and an indefinite P pass
-unnoticed, `solve` after a failed `setup` ends the process, and `result.x` is a view into memory
-that the next solve overwrites. `QP` refuses the malformed, this adapter always sets up before it
-solves, and `verified` copies and checks what comes out.
+PIQP reports little of what goes wrong: wrong shapes and rows without a bound only print, NaN and
+an indefinite P pass unnoticed, `solve` after a failed `setup` ends the process, and `result.x` is
+a view into memory that the next solve overwrites. `QP` refuses the malformed, this adapter always
+sets up before it solves, and `verified` copies and checks what comes out.
 """
+
+from dataclasses import replace
 
 import numpy as np
 import piqp
+from jaxtyping import Bool
 
 from prefcal_env.qp.problem import QP, Solution, Status, Tolerances, failed, verified
 
@@ -33,6 +36,9 @@ class PIQPBackend:
 
     def solve(self, qp: QP) -> Solution:
         """Solve once; see `Backend`."""
+        bounded = np.isfinite(qp.lower) | np.isfinite(qp.upper)
+        if not bounded.all():
+            return self._without_free_rows(qp, bounded)
         P, G = np.asfortranarray(qp.P), np.asfortranarray(qp.G)
         solver = self._solver
         if len(qp.lower):
@@ -46,3 +52,10 @@ class PIQPBackend:
             return failed(qp, _STATUS.get(status, Status.FAILED), iterations)
         y = result.z_u - result.z_l if len(qp.lower) else np.zeros(0)
         return verified(qp, result.x, y, iterations)
+
+    def _without_free_rows(self, qp: QP, bounded: Bool[np.ndarray, " m"]) -> Solution:
+        """PIQP prints about rows without any bound: leave them out."""
+        solution = self.solve(qp.under(qp.G[bounded], qp.lower[bounded], qp.upper[bounded]))
+        multipliers = np.zeros(len(qp.lower))
+        multipliers[bounded] = solution.multipliers
+        return replace(solution, multipliers=multipliers)

@@ -177,9 +177,7 @@ def verified(
     from prefcal_env.qp._kernels import residuals  # compiled: not loaded before it is needed
 
     z, y = z.copy(), multipliers.copy()
-    primal, reach, dual, force, gap, value = residuals(
-        qp.P, qp.q, qp.G, qp.lower, qp.upper, z, y
-    )
+    primal, reach, dual, force, gap, value = residuals(qp.P, qp.q, qp.G, qp.lower, qp.upper, z, y)
     good = primal <= tolerance * reach and dual <= tolerance * force and gap <= tolerance * value
     return Solution(z, y, Status.SOLVED if good else Status.INACCURATE, iterations, primal, dual)
 
@@ -187,4 +185,6 @@ def verified(
 def failed(qp: QP, status: Status, iterations: int) -> Solution:
     """A solution that holds nothing but how it failed."""
     nan = float("nan")
-    return Solution(np.full(len(qp.q), nan), np.full(len(qp.lower), nan), status, iterations, nan, nan)
+    return Solution(
+        np.full(len(qp.q), nan), np.full(len(qp.lower), nan), status, iterations, nan, nan
+    )

@@ -1,0 +1,164 @@
+"""The plan of one MPC step as rows of a QP, compiled: prediction and limits.
+
+numba keeps what it compiled beside each file and looks at that file alone to see whether it is
+stale: after a change here, touch the files that import this one.
+"""
+
+import numba
+import numpy as np
+
+from prefcal_env.mpc._riccati import backward
+
+_LARGEST_WEIGHT_RATIO = 1e4
+
+
+@numba.njit(cache=True)
+def _step(A, B, c, k, X, W):  # type: ignore[no-untyped-def]
+    """X[k + 1] = A X[k] + B W + c, affine in the variables (last column: constant)."""
+    i = min(k, A.shape[0] - 1)
+    n_x, n_u = B.shape[1], B.shape[2]
+    for a in range(n_x):
+        for q in range(n_x):
+            X[k + 1, a] += A[i, a, q] * X[k, q]
+        for q in range(n_u):
+            X[k + 1, a] += B[i, a, q] * W[q]
+        X[k + 1, a, X.shape[2] - 1] += c[min(k, c.shape[0] - 1), a]
+
+
+@numba.njit(cache=True)
+def forward(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
+    """Inputs and states as affine functions of the deviations v (last column: constant).
+
+    From x = 0 and w = 0. Returns U (N_u, n_u, n_v + 1), X (N_y + 1, n_x, n_v + 1), where N_y is
+    how far the states are wanted (behind N_u the last input is held), and the unit of v: the
+    smallest of their weights, so that v moves an input by about its own size and a solver's
+    tolerance on v means as much for the inputs.
+
+    A deviation whose weight is far above those of the same input elsewhere is what nothing later
+    can correct (the growing mode, once the input is held). Its weight is cut to 1e4 times theirs:
+    the exact one would put it at zero, or at the nearest reachable, to 20 digits, this one to 8.
+    """
+    N_u, n_u = R.shape[0], R.shape[1]
+    n_x = A.shape[1]
+    n_v = N_u * n_u
+    U = np.zeros((N_u, n_u, n_v + 1))
+    X = np.zeros((max(N_u, N_y) + 1, n_x, n_v + 1))
+    W = np.zeros((n_u, n_v + 1))
+    smallest = np.empty(n_u)
+    for j in range(n_u):
+        smallest[j] = np.inf
+        for k in range(N_u):
+            smallest[j] = min(smallest[j], abs(R[k, j, j]))
+    unit = smallest.min()
+    for k in range(max(N_u, N_y)):
+        if k < N_u:
+            for j in range(n_u - 1, -1, -1):  # back substitution
+                inverse = 1.0 / R[k, j, j]
+                row = U[k, j]
+                for q in range(n_x):
+                    row -= R[k, j, n_u + q] * inverse * X[k, q]
+                for q in range(n_u):
+                    row -= R[k, j, n_u + n_x + q] * inverse * W[q]
+                for q in range(j + 1, n_u):
+                    row -= R[k, j, q] * inverse * U[k, q]
+                row[n_v] -= R[k, j, n_u + n_x + n_u] * inverse
+                weight = min(abs(R[k, j, j]), _LARGEST_WEIGHT_RATIO * smallest[j])
+                row[k * n_u + j] += unit / weight
+            W[:, :] = U[k]
+        _step(A, B, c, k, X, W)
+    return U, X, unit
+
+
+@numba.njit(cache=True)
+def open_loop(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
+    """The same plan with the inputs themselves as variables: `forward` and the cost rows T.
+
+    Returns U and X as `forward`, here affine in the inputs, and T (n_v, n_v + 1) with the
+    deviations v = T (u, 1), so that the cost is |T (u, 1)|². Rows of T may grow like the plant.
+    """
+    N_u, n_u = R.shape[0], R.shape[1]
+    n_x = A.shape[1]
+    n_v = N_u * n_u
+    U = np.zeros((N_u, n_u, n_v + 1))
+    X = np.zeros((max(N_u, N_y) + 1, n_x, n_v + 1))
+    W = np.zeros((n_u, n_v + 1))
+    T = np.zeros((n_v, n_v + 1))
+    for k in range(max(N_u, N_y)):
+        if k < N_u:
+            for j in range(n_u):
+                U[k, j, k * n_u + j] = 1.0
+            for j in range(n_u):
+                row = T[k * n_u + j]
+                for q in range(n_u):
+                    row += R[k, j, q] * U[k, q] + R[k, j, n_u + n_x + q] * W[q]
+                for q in range(n_x):
+                    row += R[k, j, n_u + q] * X[k, q]
+                row[n_v] += R[k, j, n_u + n_x + n_u]
+            W[:, :] = U[k]
+        _step(A, B, c, k, X, W)
+    return U, X, T
+
+
+@numba.njit(cache=True)
+def input_rows(U, u_last, u_min, u_max, du_min, du_max):  # type: ignore[no-untyped-def]
+    """Rows l <= G v <= h of the inputs' and the moves' limits of eq. MPC_constraints.
+
+    The first move is its input, so one row holds both limits. When the last input lies outside
+    its limits (they may have changed), no input that the move limits allow may be inside: then
+    the nearest reachable one is the bound, and the problem stays feasible.
+    """
+    N_u, n_u, width = U.shape
+    n_v = width - 1
+    G = np.empty(((2 * N_u - 1) * n_u, n_v))
+    low, high = np.empty(len(G)), np.empty(len(G))
+    for k in range(N_u):
+        for j in range(n_u):
+            r = k * n_u + j
+            G[r] = U[k, j, :n_v]
+            low[r] = u_min[j] - u_last[j]
+            high[r] = u_max[j] - u_last[j]
+            if low[r] > 0.0:
+                low[r] = min(low[r], (k + 1) * du_max[j])
+            if high[r] < 0.0:
+                high[r] = max(high[r], (k + 1) * du_min[j])
+            if k == 0:
+                low[r] = max(low[r], du_min[j])
+                high[r] = min(high[r], du_max[j])
+            else:
+                q = r + (N_u - 1) * n_u
+                G[q] = U[k, j, :n_v] - U[k - 1, j, :n_v]
+                constant = U[k, j, n_v] - U[k - 1, j, n_v]
+                low[q] = du_min[j] - constant
+                high[q] = du_max[j] - constant
+            low[r] -= U[k, j, n_v]
+            high[r] -= U[k, j, n_v]
+    return G, low, high
+
+
+@numba.njit(cache=True)
+def condense(A, B, c, C, D, e, roots, u_ref, N_u, N_y, u_last, limits):  # type: ignore[no-untyped-def]
+    """`backward`, `forward` and `input_rows` in one call: what every step needs."""
+    R = backward(A, B, c, C, D, e, roots, u_ref - u_last, N_u)
+    U, X, unit = forward(A, B, c, R, N_y)
+    rows = input_rows(U, u_last, limits[0], limits[1], limits[2], limits[3])
+    return R, U, X, unit, rows
+
+
+@numba.njit(cache=True)
+def inputs(U, v, u_last, low, high):  # type: ignore[no-untyped-def]
+    """Inputs (N_u, n_u) of the solution v, the first within its rows' limits to the last bit.
+
+    Rounding may leave a limit by 1e-9 of a unit; an actuator's limit is hard.
+    """
+    N_u, n_u, width = U.shape
+    n_v = width - 1
+    out = np.empty((N_u, n_u))
+    for k in range(N_u):
+        for j in range(n_u):
+            move = 0.0
+            for q in range(n_v):
+                move += U[k, j, q] * v[q]
+            if k == 0:
+                move = min(max(move, low[j]), high[j])
+            out[k, j] = u_last[j] + (U[k, j, n_v] + move)
+    return out

@@ -1,0 +1,149 @@
+"""The unconstrained optimal feedback of eq. MPC, compiled: a square-root Riccati recursion.
+
+Why not powers of A: the frozen CSTR grows by e^60 and more over the horizon. Powers of A lose, in
+each row, all that is not along the growing mode, and a Hessian of condition 1e47 follows. Here the
+cost-to-go is carried backward as a square-root factor S, V(x, w) = |S (x, w, 1)|², so each row
+keeps its own relative accuracy however far the rows are apart; the plan is then written as the
+optimal feedback plus deviations v, whose Hessian is the identity (`_plan`). This is pre-stabilised
+prediction by the array form of the Riccati recursion (Kailath, Sayed, Hassibi, "Linear
+Estimation", 2000, ch. 12, there for its dual, the filter).
+
+numba keeps what it compiled beside each file and looks at that file alone to see whether it is
+stale: after a change here, touch the files that import this one.
+"""
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True)
+def triangularise(M, rows, columns):  # type: ignore[no-untyped-def]
+    """Householder-reduce the first `columns` columns of the first `rows` rows of M, in place.
+
+    Before each reflection the row with the largest entry is brought to the pivot: with rows of
+    very different size this makes the factorisation accurate row by row (Powell and Reid, 1969;
+    Cox and Higham, 1998), where plain QR is accurate only against the largest row.
+    """
+    width = M.shape[1]
+    for j in range(min(columns, rows)):
+        pivot = j
+        for i in range(j + 1, rows):
+            if abs(M[i, j]) > abs(M[pivot, j]):
+                pivot = i
+        if M[pivot, j] == 0.0:
+            continue
+        if pivot != j:
+            for q in range(width):
+                M[j, q], M[pivot, q] = M[pivot, q], M[j, q]
+        largest = M[j, j]
+        total = 0.0
+        for i in range(j, rows):
+            total += (M[i, j] / largest) ** 2
+        length = np.sqrt(total)  # of the column divided by its largest entry, so head is 1
+        # v = column / largest + length e_j, reflection I - v vᵀ / (length (length + 1)).
+        factor = 1.0 / (length * (length + 1.0))
+        for q in range(j + 1, width):
+            dot = (1.0 + length) * M[j, q]
+            for i in range(j + 1, rows):
+                dot += M[i, j] / largest * M[i, q]
+            dot *= factor
+            M[j, q] -= (1.0 + length) * dot
+            for i in range(j + 1, rows):
+                M[i, q] -= M[i, j] / largest * dot
+        M[j, j] = -length * largest
+        for i in range(j + 1, rows):
+            M[i, j] = 0.0
+
+
+@numba.njit(cache=True)
+def _add_cost_to_go(M, S, s, A, B, c):  # type: ignore[no-untyped-def]
+    """Rows 0 ... s - 1 of M (u, x, w, 1): S applied to (A x + B u + c, u, 1)."""
+    n_x, n_u = B.shape
+    for r in range(s):
+        constant = S[r, n_x + n_u]
+        for q in range(n_x):
+            for j in range(n_u):
+                M[r, j] += S[r, q] * B[q, j]
+            for j in range(n_x):
+                M[r, n_u + j] += S[r, q] * A[q, j]
+            constant += S[r, q] * c[q]
+        for j in range(n_u):
+            M[r, j] += S[r, n_x + j]
+        M[r, M.shape[1] - 1] = constant
+
+
+@numba.njit(cache=True)
+def _add_output_cost(M, top, root, C, D, e):  # type: ignore[no-untyped-def]
+    """Rows from `top` on: root (C x + D u + e)."""
+    n_u, n_x = D.shape[1], C.shape[1]
+    for r in range(root.shape[0]):
+        for q in range(root.shape[1]):
+            weight = root[r, q]
+            if weight != 0.0:
+                for j in range(n_u):
+                    M[top + r, j] += weight * D[q, j]
+                for j in range(n_x):
+                    M[top + r, n_u + j] += weight * C[q, j]
+                M[top + r, M.shape[1] - 1] += weight * e[q]
+
+
+@numba.njit(cache=True)
+def backward(A, B, c, C, D, e, roots, u_ref, N_u):  # type: ignore[no-untyped-def]
+    """The feedback of the N_u free stages.
+
+    Stage k (0 ... N_p - 1) predicts x⁺ = A[k] x + B[k] u + c[k]; output y_k - y_ref =
+    C[k] x + D[k] u + e[k] counts for k = 1 ... N_p, the last with the last input. An array with
+    one stage stands for all. `roots` are factors L (LᵀL = Q) of Q_y, Q_u and Q_Δu. State of the
+    recursion: x and w, the previous input.
+
+    Returns the pivot rows R[k] (n_u, 2 n_u + n_x + 1) of the N_u free stages:
+    R_u u + R_x x + R_w w + R_1 = v, with cost |v|².
+    """
+    root_y, root_u, root_du = roots
+    N_p = e.shape[0] - 1
+    n_x, n_u = B.shape[1], B.shape[2]
+    p, p_u, p_du = root_y.shape[0], root_u.shape[0], root_du.shape[0]
+    n_s = n_x + n_u
+    width = n_u + n_s + 1
+    R = np.zeros((N_u, n_u, width))
+    S = np.zeros((max(n_s, p), n_s + 1))
+    M = np.zeros((max(n_s, p) + p + p_u + p_du, width))
+    iC, iD = C.shape[0] - 1, D.shape[0] - 1
+    _add_output_cost(M, 0, root_y, C[min(N_p, iC)], D[min(N_p, iD)], e[N_p])
+    for r in range(p):  # y_Np sees the last input, which is w there
+        S[r, :n_x] = M[r, n_u : n_u + n_x]
+        S[r, n_x:n_s] = M[r, :n_u]
+        S[r, n_s] = M[r, width - 1]
+    s = p
+    for k in range(N_p - 1, -1, -1):
+        M[:, :] = 0.0
+        i = min(k, A.shape[0] - 1)
+        _add_cost_to_go(M, S, s, A[i], B[i], c[min(k, c.shape[0] - 1)])
+        rows = s
+        if k >= 1:
+            _add_output_cost(M, rows, root_y, C[min(k, iC)], D[min(k, iD)], e[k])
+            rows += p
+        for r in range(p_u):
+            for j in range(n_u):
+                M[rows, j] = root_u[r, j]
+                M[rows, width - 1] -= root_u[r, j] * u_ref[min(k, u_ref.shape[0] - 1), j]
+            rows += 1
+        if k < N_u:
+            for r in range(p_du):
+                for j in range(n_u):
+                    M[rows, j] = root_du[r, j]
+                    M[rows, n_u + n_x + j] = -root_du[r, j]
+                rows += 1
+            triangularise(M, rows, n_u + n_s)
+            R[k] = M[:n_u]
+            top = n_u
+        else:  # held: u is w, and its move is 0
+            for r in range(rows):
+                for j in range(n_u):
+                    M[r, n_u + n_x + j] += M[r, j]
+                    M[r, j] = 0.0
+            triangularise(M[:, n_u:], rows, n_s)
+            top = 0
+        s = min(rows - top, n_s)
+        S[:s] = M[top : top + s, n_u:]
+    return R
