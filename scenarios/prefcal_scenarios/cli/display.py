@@ -27,7 +27,7 @@ class Display:
     """A progress bar that names the current θ, the best θ and the verdicts so far."""
 
     def __init__(self, scenario: Scenario, n_max: int, console: Console) -> None:
-        self._scenario = scenario
+        self._scenario, self._console = scenario, console
         self._counts = dict.fromkeys(VERDICTS, 0)
         self._current = self._best = "none yet"
         self._bar = Progress(
@@ -49,6 +49,8 @@ class Display:
         trace: TracebackType | None,
     ) -> None:
         self._live.stop()
+        if not self._console.is_terminal:
+            self._console.print()  # there, rich leaves the last line open
 
     def running(self, theta: Float[np.ndarray, " n"]) -> None:
         """Say which θ is being tried now."""

@@ -46,7 +46,11 @@ def run(options: Options, out: Path | None, *, json: bool) -> int:
                     ctrl_c.check()
         except KeyboardInterrupt:
             done = f"{len(comparisons)} of {options.n_max} experiments"
-            messages.print(f"Interrupted after {done}; writing the report of these.")
+            messages.print(
+                f"Interrupted after {done}; writing the report of these. Ctrl-C again leaves "
+                "at once.",
+                soft_wrap=True,
+            )
             agent = _again(options, scenario, comparisons)
         except Exception as error:  # whatever a rig raises: its results so far are kept
             failure = error
@@ -115,5 +119,6 @@ def _tell(record: Record, report: Path, options: Options, messages: Console, *, 
         show(record, report, Console())
     if record.stopped:
         messages.print(
-            f"This is a partial report: {len(record.trials)} of {record.n_max} experiments."
+            f"This is a partial report: {len(record.trials)} of {record.n_max} experiments.",
+            soft_wrap=True,
         )

@@ -34,7 +34,9 @@ def _body(record: Record, drawn: Sequence[Drawn]) -> Iterator[str]:
         image = b64encode(d.png).decode("ascii")
         yield from _section(
             d.picture.title,
-            f'<figure>\n<img src="data:image/png;base64,{image}" alt="{escape(d.alt)}">\n'
+            '<figure>\n<div class="scroll" tabindex="0" role="region" '
+            f'aria-label="Figure: {escape(d.picture.title)}">'
+            f'<img src="data:image/png;base64,{image}" alt="{escape(d.alt)}"></div>\n'
             f"<figcaption>{escape(d.picture.caption)}</figcaption>\n</figure>",
         )
     if record.asked:
@@ -82,8 +84,10 @@ def _repeat(record: Record) -> Iterator[str]:
             "<p>The tuned controller in Python, from this folder:</p>\n"
             f"<pre><code>{escape(REBUILD)}</code></pre>"
         )
+    yield '<div class="pair">'
     yield from _listing("Settings", record.settings)
     yield from _listing("Versions", versions())
+    yield "</div>"
 
 
 def _listing(caption: str, items: object) -> Iterator[str]:

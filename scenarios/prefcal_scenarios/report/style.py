@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-BEST, OTHERS, FIRST = "#0a66c2", ("#d9610a", "#8a4fb0", "#7a6a10"), "#9aa3ad"
+BEST, OTHERS, FIRST = "#0a66c2", ("#d9610a", "#8a4fb0", "#7a6a10"), "#7f8893"
 INK, FAINT, GRID = "#1f2933", "#5d6874", "#e4e8ec"
 GOOD, LIMIT = "#12805c", "#b9463c"
 WIDTH, DPI = 8.4, 140

@@ -100,7 +100,8 @@ def comparison_table(record: Record) -> str:
         '<div class="scroll tall" tabindex="0" role="region" aria-label="Comparisons">\n'
         '<table class="tight">\n<caption>The tinted side was preferred. Full precision is in '
         "comparisons.csv.</caption>\n<thead>\n"
-        f'<tr><th scope="col" rowspan="2">no.</th><th scope="col" rowspan="2">verdict</th>'
+        '<tr><th scope="col" rowspan="2">no.</th>'
+        '<th class="words" scope="col" rowspan="2">verdict</th>'
         f"{sides}</tr>\n<tr>{names}</tr>\n</thead>\n<tbody>\n{rows}\n</tbody>\n</table>\n</div>"
     )
 
