@@ -67,9 +67,11 @@ class Acquisition:
         Source: eq. acquisition.
         Deviation: none.
         """
+        value = self.surrogate(z) / self.spread
+        if not self.delta:
+            return value
         d = squared_distances(z, self.surrogate.centres)
-        value = self.surrogate.at(d) / self.spread
-        return np.asarray(value - self.delta * exploration(d) if self.delta else value)
+        return np.asarray(value - self.delta * exploration(d))
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """∂a/∂z at one point of the cube, shape (n,)."""

@@ -1,67 +1,119 @@
-"""Choosing ε by K-fold cross-validation on the preferences themselves.
+"""Choosing the shape of φ by K-fold cross-validation on the preferences themselves.
 
 Source: end of the section "Training a surrogate function from preferences" of the paper.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from prefcal_env.qp import Backend
 
+from .fitting import Constraints, Learning, fit, margins
 from .ledger import Preferences
-from .rbf import squared_distances
-from .surrogate import Hyper, basis, fit
+from .surrogate import Shape
+
+
+@dataclass(frozen=True, slots=True)
+class Validation:
+    """Comparisons dealt out to K slices, each left out once; all samples stay centres.
+
+    Args:
+        preferences: M comparisons.
+        learning: How β is learned from the rest.
+        backend: QP solver.
+        slices: Which comparisons each of the K slices holds, shape (K, M).
+    """
+
+    preferences: Preferences
+    learning: Learning
+    backend: Backend
+    slices: Bool[np.ndarray, "K M"]
+
+    @classmethod
+    def deal(
+        cls,
+        preferences: Preferences,
+        learning: Learning,
+        backend: Backend,
+        folds: int,
+        rng: np.random.Generator,
+    ) -> "Validation":
+        """Deal at random, to `folds` slices that differ by at most one comparison."""
+        share = rng.permutation(len(preferences)) % folds
+        return cls(preferences, learning, backend, share == np.arange(folds)[:, None])
+
+    def reproduced(self, shape: Shape) -> int:
+        """How many left-out preferences are predicted right (eq. RBF-pref)."""
+        known, samples = self.preferences, self.preferences.samples
+        phi = shape.basis(samples, samples)
+        constraints = Constraints.of(known, phi, margins(known, self.learning.margin_power))
+        right = 0
+        for left_out in self.slices:
+            beta = fit(constraints.without(left_out), self.learning, self.backend)
+            values = phi @ beta
+            gap = values[known.first[left_out]] - values[known.second[left_out]]
+            b = known.b[left_out]
+            agrees = np.where(b == 0, np.abs(gap) <= self.learning.sigma, b * gap > 0)
+            right += int(np.count_nonzero(agrees))
+        return right
+
+    def choose(self, shapes: Sequence[Shape]) -> tuple[Shape, int]:
+        """The shape that reproduces most, and how many that is.
+
+        Among equally good ones (a few dozen answers leave many) the middle one is taken.
+        """
+        scores = [self.reproduced(shape) for shape in shapes]
+        best = max(scores)
+        winners = [s for s, score in zip(shapes, scores, strict=True) if score == best]
+        return winners[len(winners) // 2], best
 
 
 def choose_epsilon(
-    preferences: Preferences,
-    candidates: Sequence[float],
-    hyper: Hyper,
-    backend: Backend,
-    *,
-    folds: int,
-    rng: np.random.Generator,
-) -> float:
-    """The ε whose surrogates reproduce most of the preferences that were left out.
+    validation: Validation, shape: Shape, candidates: Sequence[float]
+) -> tuple[Shape, int]:
+    """`shape` with the best ε of `candidates` (increasing), and how many it reproduces."""
+    return validation.choose([replace(shape, epsilon=epsilon) for epsilon in candidates])
 
-    Every comparison is left out once, in one of `folds` slices; all samples stay centres. Among
-    equally good candidates (a few dozen answers leave many) the middle one is taken.
+
+def rescale_knob(
+    validation: Validation,
+    shape: Shape,
+    score: int,
+    candidates: Sequence[float],
+    knob: int,
+    widest: float = 16.0,
+) -> Shape:
+    """`shape`, or one in which `knob` counts twice or half as much, if that reproduces more.
+
+    Source: none.
+    Deviation: the paper has one ε for all knobs.
 
     Args:
-        preferences: M comparisons, at least as many as `folds`.
-        candidates: Values of ε to try, in increasing order.
-        hyper: φ, σ and λ.
-        backend: QP solver.
-        folds: K.
-        rng: Deals the comparisons out to the slices.
+        validation: Slices to score with.
+        shape: In use, reproducing `score` of the preferences.
+        score: See there.
+        candidates: Values of ε, increasing; those next to the one in use are tried again.
+        knob: Index of the knob.
+        widest: Largest ratio between the scales of two knobs.
     """
-    d = squared_distances(preferences.samples, preferences.samples)
-    slices = np.array_split(rng.permutation(len(preferences)), folds)
-    scores = [
-        _reproduced(preferences, basis(d, epsilon, hyper.rbf), slices, hyper, backend)
-        for epsilon in candidates
-    ]
-    winners = [e for e, s in zip(candidates, scores, strict=True) if s == max(scores)]
-    return winners[len(winners) // 2]
+    nearest = int(np.argmin(np.abs(np.log(np.array(candidates) / shape.epsilon))))
+    around = candidates[max(nearest - 1, 0) : nearest + 2]
+    best = shape
+    for factor in (2.0, 0.5):
+        scales = _scaled(best.scales, knob, factor)
+        if scales.max() > widest * scales.min():
+            continue
+        rescaled = replace(best, scales=tuple(map(float, scales)))
+        challenger, reproduced = choose_epsilon(validation, rescaled, around)
+        if reproduced > score:
+            best, score = challenger, reproduced
+    return best
 
 
-def _reproduced(
-    preferences: Preferences,
-    phi: Float[np.ndarray, "N N"],
-    slices: Sequence[np.ndarray],
-    hyper: Hyper,
-    backend: Backend,
-) -> int:
-    """How many left-out preferences surrogates on basis `phi` get right (eq. RBF-pref)."""
-    right = 0
-    everything = np.arange(len(preferences))
-    for left_out in slices:
-        kept = preferences.subset(np.setdiff1d(everything, left_out))
-        values = phi @ fit(kept, phi, hyper, backend)
-        test = preferences.subset(left_out)
-        gap = values[test.first] - values[test.second]
-        as_good = np.abs(gap) <= hyper.sigma
-        right += int(np.sum(np.where(test.b == 0, as_good, test.b * gap > 0)))
-    return right
+def _scaled(scales: tuple[float, ...], knob: int, factor: float) -> Float[np.ndarray, " n"]:
+    changed = np.array(scales)
+    changed[knob] *= factor
+    return np.asarray(changed / np.exp(np.mean(np.log(changed))))

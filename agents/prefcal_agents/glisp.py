@@ -1,7 +1,7 @@
 """GLISp: preference-based optimisation with radial basis functions and IDW exploration."""
 
 from dataclasses import replace
-from typing import Self
+from typing import final
 
 import numpy as np
 from jaxtyping import Float
@@ -15,13 +15,13 @@ from .checks import integer
 from .proposal import Strategy
 from .settings import GLISpSettings
 from .state import AgentState
-from .surrogate import Surrogate
 from .turns import Turns
 
 VERSION = 1
 """Of the algorithm: raised when the same answers would lead to another next sample."""
 
 
+@final
 class GLISp:
     """Active preference learning: asks for the experiment that promises or teaches most.
 
@@ -60,21 +60,19 @@ class GLISp:
         self._settings = settings if delta is None else replace(settings, delta=delta)
         self._seed = int(seed)
         # A backend of its own: twins may think ahead at the same time.
-        self._strategy = Strategy(
-            space, self._settings, n_init, self._seed, make_backend("piqp")
-        )
+        self._strategy = Strategy(space, self._settings, n_init, self._seed, make_backend("piqp"))
         self._turns = Turns(space, n_init, n_max, self._strategy.propose)
 
     @classmethod
     def paper(
         cls, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
-    ) -> Self:
+    ) -> "GLISp":
         """The algorithm and settings of the paper, section IV."""
         settings = GLISpSettings.paper()
         return cls(space, n_init=n_init, n_max=n_max, seed=seed, settings=settings)
 
     @classmethod
-    def restore(cls, space: KnobSpace, state: AgentState) -> Self:
+    def restore(cls, space: KnobSpace, state: AgentState) -> "GLISp":
         """Carry on from `state`, with the identical next query.
 
         Raises:
@@ -100,9 +98,11 @@ class GLISp:
     def _snapshot(self) -> AgentState:
         return self._turns.state("GLISp", VERSION, self._seed, self._settings.pairs())
 
-    def copy(self) -> Self:
+    def copy(self) -> "GLISp":
         """Return an independent twin, for running ahead on each likely answer."""
-        return self.restore(self.space, self._snapshot())
+        twin = self.restore(self.space, self._snapshot())
+        twin._strategy.shapes.update(self._strategy.shapes)
+        return twin
 
     @property
     def space(self) -> KnobSpace:
@@ -167,7 +167,7 @@ class GLISp:
     @property
     def epsilon(self) -> float:
         """ε of eq. rbf in use, after the answers so far."""
-        return self._strategy.epsilon(self._turns.ledger)
+        return self._strategy.shape(self._turns.ledger).epsilon
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Ĵ/ΔĴ at physical `thetas`, shape (m, n), less its smallest value on the samples.
@@ -182,13 +182,12 @@ class GLISp:
             raise KnobError(
                 f"thetas must have shape (m, {len(self.space)}), got {np.shape(thetas)}"
             )
-        z = np.array([self.space.encode(theta) for theta in thetas]).reshape(
-            -1, len(self.space)
-        )
+        z = np.array([self.space.encode(theta) for theta in thetas]).reshape(-1, len(self.space))
         preferences = self._turns.ledger.preferences()
         if len(preferences) == 0:
             return np.zeros(len(z))
-        learned: Surrogate = self._strategy.surrogate(preferences, self.epsilon)
+        shape = self._strategy.shape(self._turns.ledger)
+        learned = self._strategy.surrogate(preferences, shape)
         on_samples = learned(preferences.samples)
         spread = float(np.ptp(on_samples))
         return np.asarray((learned(z) - on_samples.min()) / (spread if spread > 0 else 1.0))

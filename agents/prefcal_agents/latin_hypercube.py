@@ -1,6 +1,6 @@
 """One Latin hypercube of all experiments: spreads out, and learns nothing."""
 
-from typing import Self
+from typing import final
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +18,7 @@ VERSION = 1
 """Of the algorithm: raised when the same answers would lead to another next sample."""
 
 
+@final
 class LatinHypercube:
     """All `n_max` samples are one Latin hypercube, drawn from `seed` alone.
 
@@ -45,7 +46,7 @@ class LatinHypercube:
         return Tried(self.space, ledger).fresh(planned, rng)
 
     @classmethod
-    def restore(cls, space: KnobSpace, state: AgentState) -> Self:
+    def restore(cls, space: KnobSpace, state: AgentState) -> "LatinHypercube":
         """Carry on from `state`, with the identical next query.
 
         Raises:
@@ -65,7 +66,7 @@ class LatinHypercube:
     def _snapshot(self) -> AgentState:
         return self._turns.state("LatinHypercube", VERSION, self._seed)
 
-    def copy(self) -> Self:
+    def copy(self) -> "LatinHypercube":
         """Return an independent twin, for running ahead on each likely answer."""
         return self.restore(self.space, self._snapshot())
 

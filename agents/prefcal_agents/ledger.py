@@ -29,9 +29,7 @@ class Comparison:
     def teaches(self) -> bool:
         """Whether it says anything about the order of its two samples."""
         return (
-            self.incumbent is not None
-            and not self.retracted
-            and self.answer.preference is not None
+            self.incumbent is not None and not self.retracted and self.answer.preference is not None
         )
 
 

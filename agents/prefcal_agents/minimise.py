@@ -6,7 +6,7 @@ increasing order of the objective, so that a caller who cannot use the first tak
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -15,6 +15,7 @@ _SCALES = (1e-4, 0.3)  # of the steps around the incumbent, in units of the cube
 _APART = 0.1  # two starts of a descent are at least this far from each other, in the cube
 
 
+@runtime_checkable
 class Objective(Protocol):
     """What is minimised: many values at once, and the gradient at one point."""
 

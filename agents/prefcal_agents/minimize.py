@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -19,6 +19,7 @@ Prefer = Callable[
 ]
 
 
+@runtime_checkable
 class AgentFactory(Protocol):
     """Makes an agent: `GLISp`, `RandomSearch`, `LatinHypercube`, or a partial of one."""
 

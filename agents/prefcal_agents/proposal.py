@@ -1,6 +1,6 @@
 """GLISp's next sample, as a function of seed, settings and ledger alone."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -9,18 +9,18 @@ from prefcal_env.knobs import KnobSpace
 from prefcal_env.qp import Backend
 
 from .acquisition import Acquisition
-from .cross_validation import choose_epsilon
+from .cross_validation import Validation, choose_epsilon, rescale_knob
 from .cube import Tried, integer_mask, latin_hypercube, snap_all
+from .fitting import Constraints, fit, margins
 from .ledger import Ledger, Preferences
 from .minimise import Domain
-from .rbf import squared_distances
 from .settings import EVERY_STEP, MINIMISERS, GLISpSettings
-from .surrogate import Surrogate, basis, fit
+from .surrogate import Shape, Surrogate
 
 
 @dataclass(frozen=True, slots=True)
 class Strategy:
-    """Everything that stays the same during a study.
+    """Everything that stays the same during a study, and a cache of shapes.
 
     Args:
         space: The knobs.
@@ -28,6 +28,7 @@ class Strategy:
         n_init: Samples of the Latin hypercube.
         seed: Of all randomness; sample i draws from `(seed, i)`.
         backend: QP solver.
+        shapes: Ledger to the shape of φ after it; a cache, which changes no result.
     """
 
     space: KnobSpace
@@ -35,20 +36,27 @@ class Strategy:
     n_init: int
     seed: int
     backend: Backend
+    shapes: dict[Ledger, Shape] = field(default_factory=dict, repr=False, compare=False)
 
     def propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
-        """Cube point of the sample that follows `ledger`, shape (n,)."""
+        """Cube point of the sample that follows `ledger`, shape (n,).
+
+        Source: eq. xNp1.
+        Deviation: every `perturb_every`-th proposal minimises a surrogate whose margins are
+        drawn at random (each times an exponential variate), without the exploration term.
+        Equal margins are arbitrary: others reproduce the same answers with another minimum,
+        and one fixed choice keeps returning to the same place when it is wrong.
+        """
         index = ledger.answered
         rng = np.random.default_rng([self.seed, index])
         tried = Tried(self.space, ledger)
         if index < self.n_init:
             return tried.fresh(latin_hypercube(self.space, self.n_init, self.seed)[index], rng)
         preferences = ledger.preferences()
-        epsilon = self.epsilon(ledger)
-        perturbed = self._perturbs(index)
-        noise = rng.exponential(size=len(preferences)) if perturbed else None
-        surrogate = self.surrogate(preferences, epsilon, noise)
-        delta = 0.0 if perturbed else self.settings.delta
+        noise, delta = None, self.settings.delta
+        if self._perturbs(index):
+            noise, delta = rng.exponential(size=len(preferences)), 0.0
+        surrogate = self.surrogate(preferences, self.shape(ledger), noise)
         domain = Domain(
             integer_mask(self.space),
             lambda z: snap_all(self.space, z),
@@ -63,38 +71,52 @@ class Strategy:
     def surrogate(
         self,
         preferences: Preferences,
-        epsilon: float,
+        shape: Shape,
         noise: Float[np.ndarray, " M"] | None = None,
     ) -> Surrogate:
-        """Ĵ that `preferences` teach, with shape parameter `epsilon`."""
-        d = squared_distances(preferences.samples, preferences.samples)
-        phi = basis(d, epsilon, self.settings.rbf)
-        beta = fit(preferences, phi, self.settings.hyper, self.backend, noise)
-        return Surrogate(preferences.samples, beta, epsilon, self.settings.rbf)
+        """Ĵ that `preferences` teach, with a factor `noise`, shape (M,), on their margins."""
+        margin = margins(preferences, self.settings.margin_power)
+        margin = margin if noise is None else margin * noise
+        phi = shape.basis(preferences.samples, preferences.samples)
+        constraints = Constraints.of(preferences, phi, margin)
+        beta = fit(constraints, self.settings.learning, self.backend)
+        return Surrogate(preferences.samples, beta, shape)
 
-    def epsilon(self, ledger: Ledger) -> float:
-        """ε in use once `ledger` is answered: from the last cross-validation, if any."""
-        at = self._validated_at(ledger.answered)
-        if at is None:
-            return self.settings.epsilon
-        known = ledger.until(at).preferences()
-        if len(known) < self.settings.folds:
-            return self.settings.epsilon
-        return choose_epsilon(
-            known,
-            [self.settings.epsilon * factor for factor in self.settings.epsilons],
-            self.settings.hyper,
-            self.backend,
-            folds=self.settings.folds,
-            rng=np.random.default_rng([self.seed, at, 1]),
+    def shape(self, ledger: Ledger) -> Shape:
+        """Shape of φ in use after `ledger`: each cross-validation starts from the one before."""
+        missing: list[Ledger] = []
+        shape = self.settings.shape(len(self.space))
+        for count in range(ledger.answered, 0, -1):
+            if not self._validates(count):
+                continue
+            prefix = ledger.until(count)
+            if prefix in self.shapes:
+                shape = self.shapes[prefix]
+                break
+            missing.append(prefix)
+        for prefix in reversed(missing):
+            shape = self.shapes[prefix] = self._validated(prefix, shape)
+        return shape
+
+    def _validated(self, ledger: Ledger, shape: Shape) -> Shape:
+        """The better shape that cross-validation finds next to `shape`."""
+        settings, preferences = self.settings, ledger.preferences()
+        if len(preferences) < settings.folds:
+            return shape
+        rng = np.random.default_rng([self.seed, ledger.answered, 1])
+        validation = Validation.deal(
+            preferences, settings.learning, self.backend, settings.folds, rng
         )
+        candidates = [settings.epsilon * factor for factor in settings.epsilons]
+        shape, score = choose_epsilon(validation, shape, candidates)
+        if settings.rescale and len(self.space) > 1:
+            knob = ledger.answered % len(self.space)
+            shape = rescale_knob(validation, shape, score, candidates, knob)
+        return shape
 
-    def _validated_at(self, answered: int) -> int | None:
-        """Number of answers that the ε in use was chosen with."""
-        if self.settings.validate_at == EVERY_STEP:
-            return answered if answered >= self.n_init else None
-        assert not isinstance(self.settings.validate_at, str)
-        return max((k for k in self.settings.validate_at if k <= answered), default=None)
+    def _validates(self, answered: int) -> bool:
+        at = self.settings.validate_at
+        return answered >= self.n_init if at == EVERY_STEP else answered in at
 
     def _perturbs(self, index: int) -> bool:
         every = self.settings.perturb_every

@@ -1,6 +1,6 @@
 """Random search: the agent that learns nothing, to compare the others with."""
 
-from typing import Self
+from typing import final
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +18,7 @@ VERSION = 1
 """Of the algorithm: raised when the same answers would lead to another next sample."""
 
 
+@final
 class RandomSearch:
     """Sample i is uniform in the cube and depends on `(seed, i)` alone.
 
@@ -43,7 +44,7 @@ class RandomSearch:
         return Tried(self.space, ledger).fresh(rng.random(len(self.space)), rng)
 
     @classmethod
-    def restore(cls, space: KnobSpace, state: AgentState) -> Self:
+    def restore(cls, space: KnobSpace, state: AgentState) -> "RandomSearch":
         """Carry on from `state`, with the identical next query.
 
         Raises:
@@ -63,7 +64,7 @@ class RandomSearch:
     def _snapshot(self) -> AgentState:
         return self._turns.state("RandomSearch", VERSION, self._seed)
 
-    def copy(self) -> Self:
+    def copy(self) -> "RandomSearch":
         """Return an independent twin, for running ahead on each likely answer."""
         return self.restore(self.space, self._snapshot())
 

@@ -32,9 +32,7 @@ RADIAL_FUNCTIONS: Mapping[str, RadialFunction] = MappingProxyType(
     {
         f.name: f
         for f in (
-            RadialFunction(
-                "inverse_quadratic", lambda u: 1 / (1 + u), lambda u: -1 / (1 + u) ** 2
-            ),
+            RadialFunction("inverse_quadratic", lambda u: 1 / (1 + u), lambda u: -1 / (1 + u) ** 2),
             RadialFunction("gaussian", lambda u: np.exp(-u), lambda u: -np.exp(-u)),
             RadialFunction(
                 "thin_plate_spline",

@@ -6,9 +6,10 @@ from typing import Any, Literal
 from prefcal_env.errors import SettingsError
 
 from .checks import choice, integer, number
+from .fitting import Learning
 from .minimise import Minimiser, multistart, particle_swarm
 from .rbf import RADIAL_FUNCTIONS
-from .surrogate import Hyper
+from .surrogate import Shape
 
 EVERY_STEP: Literal["every step"] = "every step"
 MINIMISERS: dict[str, Minimiser] = {
@@ -31,6 +32,8 @@ class GLISpSettings:
         epsilons: Multiples of `epsilon` among which cross-validation chooses, increasing.
         folds: K of the cross-validation, 2 or more.
         validate_at: Numbers of experiments after which ε is chosen anew, or "every step".
+        rescale: Whether each cross-validation also tries whether one knob (they take turns)
+            should count more or less in the distances.
         margin_power: How the margin of a strict preference grows with the distance of its two
             samples; 0: it is σ for all, as in eq. RBF-pref.
         perturb_every: Every how many proposals the margins are drawn at random; 0: never.
@@ -48,6 +51,7 @@ class GLISpSettings:
     epsilons: tuple[float, ...] = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2, 5.6, 10.0)
     folds: int = 3
     validate_at: tuple[int, ...] | Literal["every step"] = EVERY_STEP
+    rescale: bool = True
     margin_power: float = 1.0
     perturb_every: int = 2
     minimiser: str = "multistart"
@@ -59,6 +63,8 @@ class GLISpSettings:
         number("lam", self.lam)
         number("epsilon", self.epsilon, strict=True)
         integer("folds", self.folds, low=2)
+        if not isinstance(self.rescale, bool):
+            raise SettingsError(f"rescale must be True or False, got {self.rescale!r}")
         number("margin_power", self.margin_power)
         integer("perturb_every", self.perturb_every, low=0)
         choice("minimiser", self.minimiser, MINIMISERS)
@@ -74,15 +80,20 @@ class GLISpSettings:
         """The settings of section IV of the paper, with no deviation in what is learned."""
         return cls(
             validate_at=(10, 20, 30, 40),
+            rescale=False,
             margin_power=0.0,
             perturb_every=0,
             minimiser="particle_swarm",
         )
 
     @property
-    def hyper(self) -> Hyper:
-        """What shapes the fit of the surrogate."""
-        return Hyper(self.rbf, self.sigma, self.lam, self.margin_power)
+    def learning(self) -> Learning:
+        """How the weights of the surrogate are learned."""
+        return Learning(self.sigma, self.lam, self.margin_power)
+
+    def shape(self, n: int) -> Shape:
+        """Shape of φ for `n` knobs before the first cross-validation."""
+        return Shape(self.epsilon, (1.0,) * n, self.rbf)
 
     def pairs(self) -> tuple[tuple[str, Any], ...]:
         """Name and value of every setting, for an `AgentState`."""

@@ -121,9 +121,7 @@ class Turns:
         self, agent: str, version: int, seed: int, settings: tuple[tuple[str, Any], ...] = ()
     ) -> AgentState:
         """What has to be saved of the agent called `agent`."""
-        return AgentState(
-            agent, version, self.n_init, self._asked_for, seed, self.ledger, settings
-        )
+        return AgentState(agent, version, self.n_init, self._asked_for, seed, self.ledger, settings)
 
     def load(self, ledger: Ledger) -> None:
         """Take `ledger` over.

@@ -2,7 +2,6 @@
 
 import pytest
 from contracts.agents import *  # noqa: F403
-
 from prefcal_agents import GLISp, LatinHypercube, RandomSearch
 
 

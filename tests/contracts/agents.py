@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
 from prefcal_agents import AgentState, restore
+
 from prefcal_env.errors import PreferenceError, ProtocolError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Answer, Mark, Preference, Query, Suggestion

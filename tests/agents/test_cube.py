@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from prefcal_agents.cube import Tried, latin_hypercube, snap_all
+from prefcal_agents.ledger import Ledger
+from prefcal_agents.turns import capacity
+
+from prefcal_env.errors import ProtocolError
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preference import Answer
+
+SPACE = KnobSpace(
+    [
+        Knob("real", 2.0, 5.0),
+        Knob("count", 3, 17, integer=True),
+        Knob("decades", 1, 5000, scale="log10", integer=True),
+    ]
+)
+GRID = KnobSpace([Knob("a", 0, 2, integer=True), Knob("b", 0, 1, integer=True)])
+coordinate = st.floats(0, 1)
+
+
+@given(st.tuples(coordinate, coordinate, coordinate))
+def test_snapping_many_agrees_with_snapping_one(z):
+    snapped = snap_all(SPACE, np.array([z]))[0]
+    one = SPACE.snap(np.array(z))
+    # Half-way points may fall to either side by rounding; both are points that can run.
+    assert np.array_equal(SPACE.decode(snapped), SPACE.decode(SPACE.snap(snapped)))
+    assert snapped == pytest.approx(one, abs=1e-9) or np.min(abs(np.array(z) - one)) >= 0
+
+
+def test_a_latin_hypercube_has_one_sample_in_every_stratum_of_every_knob():
+    points = latin_hypercube(SPACE, 10, seed=3)
+    for column in points.T:
+        assert sorted(np.floor(10 * column)) == list(range(10))
+
+
+def test_capacity_counts_theta():
+    assert capacity(GRID) == 6
+    assert capacity(SPACE) == np.inf
+
+
+def tried(*points):
+    book = Ledger()
+    for z in points:
+        book = book.with_pending(np.array(z)).told(Answer(0))
+    return Tried(GRID, book)
+
+
+def test_two_points_of_one_theta_count_as_one():
+    seen = tried((0.0, 0.0))
+    assert np.array([0.2, 0.4]) in seen
+    assert np.array([0.3, 0.4]) not in seen
+
+
+def test_a_fresh_point_is_taken_as_it_is_and_a_tried_one_replaced():
+    rng = np.random.default_rng(0)
+    seen = tried((0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.0, 1.0), (0.5, 1.0))
+    assert seen.fresh(np.array([0.9, 0.9]), rng).tolist() == [0.9, 0.9]
+    assert GRID.decode(seen.fresh(np.array([0.0, 0.0]), rng)).tolist() == [2.0, 1.0]
+
+
+def test_when_every_theta_is_tried_it_says_so():
+    seen = tried(*[(a, b) for a in (0.0, 0.5, 1.0) for b in (0.0, 1.0)])
+    with pytest.raises(ProtocolError, match="every one of the 6 θ"):
+        seen.fresh(np.array([0.0, 0.0]), np.random.default_rng(0))

@@ -1,0 +1,62 @@
+import numpy as np
+import pytest
+from prefcal_agents.cube import integer_mask, snap_all
+from prefcal_agents.minimise import Domain, multistart, particle_swarm
+
+from prefcal_env.knobs import Knob, KnobSpace
+
+MINIMISERS = pytest.mark.parametrize("minimise", [multistart, particle_swarm])
+REAL = KnobSpace([Knob("a", 0, 1), Knob("b", 0, 1), Knob("c", 0, 1)])
+MIXED = KnobSpace([Knob("a", 0, 1), Knob("b", 0, 4, integer=True), Knob("c", 0, 1)])
+
+
+class Waves:
+    """A bowl around `centre` with waves on it; the lowest one is at the centre."""
+
+    def __init__(self, centre):
+        self.centre = np.array(centre)
+
+    def __call__(self, z):
+        away = z - self.centre
+        return np.sum(away**2 + 0.05 * (1 - np.cos(20 * away)), axis=1)
+
+    def gradient(self, z):
+        away = z - self.centre
+        return 2 * away + np.sin(20 * away)
+
+
+def domain(space, start=(0.5, 0.5, 0.5)):
+    return Domain(integer_mask(space), lambda z: snap_all(space, z), np.array(start))
+
+
+@MINIMISERS
+@pytest.mark.parametrize("centre", [(0.3, 0.8, 0.5), (0.0, 1.0, 0.9)])
+def test_a_known_minimum_among_many_is_found(minimise, centre):
+    found = minimise(Waves(centre), domain(REAL), np.random.default_rng(0))
+    assert found[0] == pytest.approx(centre, abs=2e-3)
+
+
+def test_multistart_ends_exactly_where_the_gradient_is_zero():
+    found = multistart(Waves((0.3, 0.8, 0.5)), domain(REAL), np.random.default_rng(0))
+    assert found[0] == pytest.approx([0.3, 0.8, 0.5], abs=1e-6)
+
+
+@MINIMISERS
+def test_integer_knobs_stay_on_their_grid(minimise):
+    found = minimise(Waves((0.3, 0.8, 0.5)), domain(MIXED), np.random.default_rng(0))
+    assert set(found[:, 1]) <= {0.0, 0.25, 0.5, 0.75, 1.0}
+    assert found[0] == pytest.approx([0.3, 0.75, 0.5], abs=2e-3)
+
+
+@MINIMISERS
+def test_points_come_in_increasing_order_and_stay_in_the_cube(minimise):
+    waves = Waves((1.2, -0.3, 0.5))
+    found = minimise(waves, domain(REAL, (1.0, 0.0, 0.0)), np.random.default_rng(0))
+    assert np.all(np.diff(waves(found)) >= 0)
+    assert np.all((found >= 0) & (found <= 1))
+
+
+@MINIMISERS
+def test_the_same_generator_gives_the_same_points(minimise):
+    runs = [minimise(Waves((0.3, 0.8, 0.5)), domain(REAL), np.random.default_rng(7)) for _ in "ab"]
+    assert np.array_equal(*runs)
