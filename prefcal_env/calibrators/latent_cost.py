@@ -1,0 +1,78 @@
+"""A calibrator with a cost function in mind, which he need not be sure about."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.calibrators.noise import Noise
+from prefcal_env.errors import SettingsError
+from prefcal_env.experiment import Experiment
+from prefcal_env.preference import Preference
+
+
+@dataclass(frozen=True)
+class LatentCost:
+    """Prefers the experiment of lower `cost`, as it appears to him. A `Calibrator`.
+
+    Costs that appear within `tie_band` of each other are a tie; so are equal θ. The error of a
+    comparison depends on `seed` and the two θ alone: asked again, or the other way round, he
+    answers the same.
+
+    Source: eq. pref_fun, with f hidden.
+
+    Args:
+        cost: Of an experiment, lower is better; may be infinite.
+        tie_band: Smallest difference of costs that he tells apart, 0 or more.
+        noise: Errors of judgement; None is a sure hand.
+        seed: Of the noise, 0 or more.
+
+    Raises:
+        SettingsError: an impossible option; in `prefer`, a cost that is NaN.
+    """
+
+    cost: Callable[[Experiment], float]
+    tie_band: float = 0.0
+    noise: Noise | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not callable(self.cost):
+            raise SettingsError(f"cost must be a function of an experiment, got {self.cost!r}")
+        if isinstance(self.tie_band, bool) or not 0 <= self.tie_band < np.inf:
+            raise SettingsError(f"tie_band must be 0 or more, got {self.tie_band!r}")
+        if self.noise is not None and not isinstance(self.noise, Noise):
+            raise SettingsError(
+                f"noise must be Thurstone, BradleyTerry or None, got {self.noise!r}"
+            )
+        if isinstance(self.seed, bool) or not (
+            isinstance(self.seed, (int, np.integer)) and self.seed >= 0
+        ):
+            raise SettingsError(f"seed must be an integer of 0 or more, got {self.seed!r}")
+
+    def prefer(self, challenger: Experiment, incumbent: Experiment) -> Preference:
+        """Say which is better, as in eq. pref_fun."""
+        a, b = self._cost(challenger), self._cost(incumbent)
+        difference = 0.0 if a == b else a - b  # two infinite costs are equal
+        if self.noise is not None:
+            difference += self._error(challenger.theta, incumbent.theta)
+        if abs(difference) <= self.tie_band:
+            return Preference.TIE
+        return Preference.CHALLENGER if difference < 0 else Preference.INCUMBENT
+
+    def _cost(self, experiment: Experiment) -> float:
+        cost = float(self.cost(experiment))
+        if np.isnan(cost):
+            raise SettingsError(f"cost must be a number, got NaN at θ = {experiment.theta}")
+        return cost
+
+    def _error(self, a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> float:
+        """Error of cost(a) - cost(b): of opposite sign the other way round, so 0 for equal θ."""
+        assert self.noise is not None
+        first, second = sorted((tuple(a + 0.0), tuple(b + 0.0)))  # + 0.0: there is one zero
+        if first == second:
+            return 0.0
+        key = np.array([first, second]).view(np.uint32).ravel()
+        error = self.noise.draw(np.random.default_rng([int(self.seed), *key.tolist()]))
+        return error if tuple(a) == first else -error

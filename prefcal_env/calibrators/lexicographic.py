@@ -1,0 +1,89 @@
+"""A calibrator with priorities: the first criterion that tells two experiments apart decides."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from prefcal_env.errors import SettingsError
+from prefcal_env.experiment import Experiment
+from prefcal_env.preference import Preference
+
+
+@dataclass(frozen=True, slots=True)
+class Criterion:
+    """One thing that matters.
+
+    Args:
+        name: How people call it.
+        key: Its value in an experiment; may be infinite.
+        just_noticeable: Differences up to this one are not told apart, in the key's unit.
+        lower_is_better: Or higher.
+
+    Raises:
+        SettingsError: `key` is no function, or a just noticeable difference below 0.
+    """
+
+    name: str
+    key: Callable[[Experiment], float]
+    just_noticeable: float = 0.0
+    lower_is_better: bool = True
+
+    def __post_init__(self) -> None:
+        if not callable(self.key):
+            raise SettingsError(f"criterion {self.name!r}: key must be a function of an experiment")
+        if not 0 <= self.just_noticeable < np.inf:
+            raise SettingsError(
+                f"criterion {self.name!r}: just_noticeable must be 0 or more, "
+                f"got {self.just_noticeable!r}"
+            )
+
+    def compare(self, challenger: Experiment, incumbent: Experiment) -> Preference:
+        """Which is better by this criterion alone."""
+        a, b = (float(self.key(e)) for e in (challenger, incumbent))
+        if np.isnan(a) or np.isnan(b):
+            raise SettingsError(f"criterion {self.name!r} must be a number, got NaN")
+        if a == b or abs(a - b) <= self.just_noticeable:
+            return Preference.TIE
+        return Preference.CHALLENGER if (a < b) == self.lower_is_better else Preference.INCUMBENT
+
+
+@dataclass(frozen=True)
+class Lexicographic:
+    """Compares by `criteria` in order of importance. A `Calibrator`.
+
+    An experiment that was interrupted loses against one that was not, whatever the criteria; of
+    two interrupted ones the longer is better (end of section III).
+
+    With just noticeable differences this is not transitive: a and b, b and c may be ties, and a
+    be better than c. People are so, too.
+
+    Raises:
+        SettingsError: no criterion, or something that is none.
+    """
+
+    criteria: tuple[Criterion, ...]
+
+    def __init__(self, criteria: Sequence[Criterion]) -> None:
+        object.__setattr__(self, "criteria", tuple(criteria))
+        strangers = [c for c in self.criteria if not isinstance(c, Criterion)]
+        if not self.criteria or strangers:
+            raise SettingsError(
+                f"criteria must be one or more Criterion, got {strangers or 'none'}"
+            )
+
+    def prefer(self, challenger: Experiment, incumbent: Experiment) -> Preference:
+        """Say which is better, as in eq. pref_fun."""
+        stopped = [e.end.interrupted for e in (challenger, incumbent)]
+        if any(stopped):
+            survived = Criterion("survival", _survival, lower_is_better=False)
+            return survived.compare(challenger, incumbent)
+        for criterion in self.criteria:
+            verdict = criterion.compare(challenger, incumbent)
+            if verdict is not Preference.TIE:
+                return verdict
+        return Preference.TIE
+
+
+def _survival(experiment: Experiment) -> float:
+    return experiment.duration if experiment.end.interrupted else np.inf

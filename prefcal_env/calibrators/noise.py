@@ -1,0 +1,62 @@
+"""How unsure a synthetic calibrator is: noise on the difference of two latent costs."""
+
+from dataclasses import dataclass
+from math import isfinite
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from prefcal_env.errors import SettingsError
+
+
+@runtime_checkable
+class Noise(Protocol):
+    """Errors of judgement, of a symmetric distribution."""
+
+    def draw(self, generator: np.random.Generator) -> float:
+        """One error of a difference of costs, in the unit of the cost."""
+
+
+@dataclass(frozen=True, slots=True)
+class Thurstone:
+    """Each cost is perceived with a normal error of standard deviation `sigma` (case V).
+
+    The error of a difference is normal with standard deviation √2 `sigma`.
+
+    Raises:
+        SettingsError: `sigma` not positive and finite.
+    """
+
+    sigma: float
+
+    def __post_init__(self) -> None:
+        _check("sigma", self.sigma)
+
+    def draw(self, generator: np.random.Generator) -> float:
+        """One error of a difference of costs, in the unit of the cost."""
+        return float(np.sqrt(2) * self.sigma * generator.standard_normal())
+
+
+@dataclass(frozen=True, slots=True)
+class BradleyTerry:
+    """a beats b with probability 1/(1 + exp((cost(a) - cost(b))/scale)).
+
+    The error of a difference is logistic.
+
+    Raises:
+        SettingsError: `scale` not positive and finite.
+    """
+
+    scale: float
+
+    def __post_init__(self) -> None:
+        _check("scale", self.scale)
+
+    def draw(self, generator: np.random.Generator) -> float:
+        """One error of a difference of costs, in the unit of the cost."""
+        return float(generator.logistic(scale=self.scale))
+
+
+def _check(name: str, value: float) -> None:
+    if isinstance(value, bool) or not (isfinite(value) and value > 0):
+        raise SettingsError(f"{name} must be positive and finite, got {value!r}")

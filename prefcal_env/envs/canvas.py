@@ -1,0 +1,117 @@
+"""Pictures of trajectories for `render`: one figure, made when first asked for and then reused."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from prefcal_env.experiment import Channel
+
+_INCHES, _DPI = (7.2, 2.4), 100
+_CURVE, _LIMIT, _TARGET, _BAND = "#0b62c4", "#b3261e", "#2b2b2b", "#2e7d32"
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """One curve in a panel of its own.
+
+    Args:
+        channel: Its name, unit, limits, target and band.
+        t: Instants, shape (K,).
+        values: In the channel's unit, shape (K,).
+        held: Drawn as steps, each value held until the next instant.
+        span: Range of the time axis; None fits it.
+    """
+
+    channel: Channel
+    t: Float[np.ndarray, " K"]
+    values: Float[np.ndarray, " K"]
+    held: bool = False
+    span: tuple[float, float] | None = None
+
+
+class Canvas:
+    """Draws traces below each other. Holds one figure, which is not pickled with it."""
+
+    def __init__(self, title: str = "", time_label: str = "") -> None:
+        self.title, self.time_label = title, time_label
+        self._figure: Any = None
+        self._drawn: tuple[Any, ...] = ()
+        self._lines: list[Any] = []
+
+    def frame(self, traces: Sequence[Trace], note: str = "") -> UInt8[np.ndarray, "h w 3"]:
+        """The picture, shape (height, width, 3), of a size that only their number changes."""
+        layout = tuple((trace.channel, trace.held, trace.span) for trace in traces)
+        if self._figure is None or layout != self._drawn:
+            self._lay_out(traces)
+            self._drawn = layout
+        for line, trace in zip(self._lines, traces, strict=True):
+            line.set_data(trace.t, trace.values)
+            line.axes.set_ylim(*_vertical(trace))
+            if trace.span is None:
+                line.axes.set_xlim(0.0, max(float(trace.t[-1]), 1e-9))
+        self._figure.texts[0].set_text(f"{self.title}   {note}".strip())
+        self._figure.canvas.draw()
+        return np.array(self._figure.canvas.buffer_rgba())[:, :, :3].copy()
+
+    def close(self) -> None:
+        """Forget the figure."""
+        self._figure, self._drawn, self._lines = None, (), []
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"title": self.title, "time_label": self.time_label}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(**state)  # type: ignore[misc]
+
+    def _lay_out(self, traces: Sequence[Trace]) -> None:
+        # Here, not above: whoever does not render must not load matplotlib.
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        width, height = _INCHES
+        self._figure = Figure(
+            (width, height * max(len(traces), 1) + 0.4), dpi=_DPI, layout="constrained"
+        )
+        FigureCanvasAgg(self._figure)
+        self._figure.suptitle(" ", fontsize=11, x=0.01, ha="left")
+        self._lines = []
+        if not traces:
+            return
+        axes = self._figure.subplots(len(traces), 1, sharex=True, squeeze=False)[:, 0]
+        for ax, trace in zip(axes, traces, strict=True):
+            self._lines.append(_panel(ax, trace))
+        axes[-1].set_xlabel(self.time_label)
+
+
+def _panel(ax: Any, trace: Trace) -> Any:
+    """Title, limits, target and band, which do not change; return the empty curve."""
+    c = trace.channel
+    title = f"${c.symbol}$  {c.label}" if c.symbol else c.label
+    ax.set_title(title, fontsize=10, loc="left")
+    ax.grid(color="#e3e6ea", linewidth=0.8)
+    ax.spines[["top", "right"]].set_visible(False)
+    if c.target is not None:
+        if c.band is not None:
+            ax.axhspan(c.target - c.band, c.target + c.band, color=_BAND, alpha=0.25, lw=0)
+        ax.axhline(c.target, color=_TARGET, linewidth=1, linestyle=":")
+    for limit in (c.low, c.high):
+        if np.isfinite(limit):
+            ax.axhline(limit, color=_LIMIT, linewidth=1, linestyle="--")
+    if trace.span is not None:
+        ax.set_xlim(*trace.span)
+    style = "steps-post" if trace.held else "default"
+    return ax.plot([], [], color=_CURVE, linewidth=1.8, drawstyle=style)[0]
+
+
+def _vertical(trace: Trace) -> tuple[float, float]:
+    c = trace.channel
+    wanted = [float(trace.values.min()), float(trace.values.max())]
+    if c.target is not None:
+        wanted += [c.target - (c.band or 0.0), c.target + (c.band or 0.0)]
+    wanted += [limit for limit in (c.low, c.high) if np.isfinite(limit)]
+    low, high = min(wanted), max(wanted)
+    margin = 0.06 * (high - low) or 0.5
+    return low - margin, high + margin

@@ -1,0 +1,97 @@
+"""`prefcal/CSTR-v0`: the reactor of section IV-A as an environment."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.envs.plant_env import PlantEnv
+from prefcal_env.envs.task import Step, Task
+from prefcal_env.plants.cstr import CSTR, FEED
+
+START = 8.56
+"""C_A of the steady state at which every experiment starts, kgmol/m³."""
+TARGET = 2.0
+"""C_A that is asked for, kgmol/m³."""
+BAND = 0.03 * TARGET
+"""Accepted distance from `TARGET` (AR% of eq. perf_index), kgmol/m³."""
+HORIZON = 48.0
+"""Two days (t_f,max of eq. perf_index), h."""
+MAX_MOVE = 10.0
+"""Largest change of T_c from one step to the next (T_c,max), K: the controller's to keep."""
+UNSAFE_TEMPERATURE = 400.0
+"""Above this the experiment is stopped, K; sane runs peak at 383 K."""
+SETTLED_RATES = (0.04, 0.004, 0.04)
+"""The plant is settled while T, C_A and T_c change less: K/h, kgmol/(m³ h), K/h."""
+
+
+def unsafe(x: Float[np.ndarray, " 2"]) -> bool:
+    """Whether the reactor is hotter than `UNSAFE_TEMPERATURE`."""
+    return bool(x[0] > UNSAFE_TEMPERATURE)
+
+
+def settled(step: Step) -> bool:
+    """Inside the band, and nothing changes any more between the last two samples.
+
+    Source: "the steady-state condition is reached", section IV-A, which gives no rule; rates as
+    in `SETTLED_RATES`. A run that never leaves its start is outside the band: not settled.
+    """
+    dT, dC_A = np.abs(step.x[-1] - step.x[0]) / step.T_s
+    dT_c = abs(step.u[0] - step.u_before[0]) / step.T_s
+    inside = abs(step.x[-1, 1] - TARGET) <= BAND
+    T_rate, C_A_rate, T_c_rate = SETTLED_RATES
+    return bool(inside and dC_A < C_A_rate and dT < T_rate and dT_c < T_c_rate)
+
+
+def stage_cost(step: Step) -> float:
+    """Tracking and moves, 1/h: ((C_A - 2)/6.56)², averaged over the step, + 0.1 |ΔT_c|/(10 K T_s).
+
+    The first term is 1 at the start and 0 at the target. The second adds up to 0.1 for every 10 K
+    of travel of T_c, however many steps it takes: totals do not depend on T_s.
+    """
+    error = ((step.x[:, 1] - TARGET) / (START - TARGET)) ** 2
+    tracking = np.trapezoid(error, step.t) / step.duration if step.duration > 0 else error[0]
+    move = abs(step.u[0] - step.u_before[0]) / (MAX_MOVE * step.T_s)
+    return float(tracking + 0.1 * move)
+
+
+def cstr_task(plant: CSTR | None = None) -> Task:
+    """From the steady state with C_A = 8.56 to C_A = 2 kgmol/m³ within 48 h, feed constant.
+
+    The reference of T is its value at the target; it is neither tracked nor observed. The rate
+    limit of 10 K a step is a rule for controllers (it counts in steps, an actuator in hours), so
+    the plant does not enforce it.
+    """
+    plant = plant or CSTR()
+    x0, u0 = plant.steady_state_at_concentration(START)
+    target, _ = plant.steady_state_at_concentration(TARGET)
+    return Task(
+        x0=x0, u0=u0, y_ref=target, d=FEED, horizon=HORIZON,
+        T_s=0.25, T_s_range=(0.01, 6.0), dense_step=0.05,
+        tracked=(1,), bands={1: BAND},
+        # T, C_A, last T_c, reference of C_A, T_f, C_Af
+        observed=np.array([(280, 400), (0, 10), (284, 310), (0, 10), (280, 320), (5, 15)]),
+        unsafe=unsafe, settled=settled, stage_cost=stage_cost,
+        unsafe_cost=10.0,  # the stage cost of sane states is below 2
+    )  # fmt: skip
+
+
+def cstr_env(
+    *, max_move: float | None = None, plant: CSTR | None = None, render_mode: str | None = None
+) -> PlantEnv:
+    """`prefcal/CSTR-v0`: action T_c, observation (T, C_A, last T_c, reference, T_f, C_Af).
+
+    Unsafe above 400 K; over at the first sample at or after 48 h, or when `settled`. Reward:
+    minus `stage_cost` times T_s.
+
+    Args:
+        max_move: Largest change of T_c in one step that the environment lets through, K (the
+            paper's controllers keep 10); None is any.
+        plant: The reactor, with other parameters say.
+        render_mode: None or "rgb_array".
+    """
+    plant = plant or CSTR()
+    task = cstr_task(plant)
+    if max_move is not None:
+        task = replace(task, max_move=np.array([max_move]))
+    return PlantEnv(plant, task, render_mode)

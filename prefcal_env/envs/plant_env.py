@@ -1,0 +1,257 @@
+"""A plant and a task as a Gymnasium environment: one step is one sampling period."""
+
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.control import Measurement
+from prefcal_env.envs.canvas import Canvas, Trace
+from prefcal_env.envs.task import Step, Task
+from prefcal_env.envs.trajectory import Record, Trajectory, instants
+from prefcal_env.errors import PlantError, ProtocolError, SettingsError
+from prefcal_env.experiment import Channels, End
+from prefcal_env.plants.plant import Plant
+
+Array = np.ndarray[Any, Any]
+_RESET_OPTIONS = ("T_s", "x0")
+
+
+class PlantEnv(gym.Env[Array, Array]):
+    """Control `plant` so as to do `task`. Controllers and learned policies both act here.
+
+    - Action, float, shape (n_u,): the plant's inputs, [-1, 1] from their low to their high
+      limit. Beyond the limits it saturates, as the actuator does.
+    - Observation, float32, shape (n,): states, last input, tracked references and measured
+      disturbances, each scaled to [-1, 1] by `task.observed` and clipped.
+    - Reward: minus `task.stage_cost` times the duration of the step.
+    - terminated: unsafe, or a state that is not finite. truncated: time is up, or settled.
+    - Info: `t`, `x` and `u` (the input that was applied) in the plant's units; `end` at the end.
+    - Options of `reset`: `T_s` and `x0`, in the plant's units.
+
+    Nothing is random; the seed is accepted as everywhere.
+
+    Args:
+        plant: The plant.
+        task: What is asked.
+        render_mode: None or "rgb_array".
+
+    Raises:
+        SettingsError: a task that does not fit the plant, an unknown render mode.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 10}
+
+    def __init__(self, plant: Plant, task: Task, render_mode: str | None = None) -> None:
+        _check(plant, task)
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise SettingsError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
+        self.plant, self.task, self.render_mode = plant, task, render_mode
+        self.channels = _channels(plant, task)
+        self._low = np.array([c.low for c in plant.inputs])
+        self._high = np.array([c.high for c in plant.inputs])
+        n_u, n_o = len(plant.inputs), len(task.observed)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (n_u,), np.float32)
+        self.observation_space = gym.spaces.Box(-1.0, 1.0, (n_o,), np.float32)
+        self._canvas = Canvas(plant.name, f"time [{plant.time_unit}]")
+        self._episode: Trajectory | None = None
+        self._end: End | None = None
+        self._T_s, self._steps = task.T_s, 0
+        self._t, self._x, self._u = 0.0, task.x0, task.u0
+
+    @property
+    def T_s(self) -> float:
+        """Sampling time of this episode, in the plant's unit of time."""
+        return self._T_s
+
+    @property
+    def end(self) -> End | None:
+        """Why the episode is over; None while it goes on, and before the first one."""
+        return self._end
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start an episode; options `T_s` and `x0`, shape (n_x,), in the plant's units.
+
+        Raises:
+            SettingsError: an unknown option, or a sampling time out of range.
+            PlantError: an initial state of the wrong shape, not finite or unsafe.
+        """
+        super().reset(seed=seed)
+        options = options or {}
+        unknown = sorted(set(options) - set(_RESET_OPTIONS))
+        if unknown:
+            raise SettingsError(f"reset options must be among {_RESET_OPTIONS}, got {unknown}")
+        T_s = self.task.sampling_time(options.get("T_s", self.task.T_s))
+        x0 = _vector(options.get("x0", self.task.x0), len(self.plant.states), "initial state x0")
+        if self.task.unsafe(x0):
+            raise PlantError(f"the initial state x0 is unsafe already: {x0}")
+        self._T_s, self._steps, self._end = T_s, 0, None
+        self._t, self._x, self._u = 0.0, x0, self.task.u0
+        self._episode = Trajectory(x0, self.task.u0)
+        return self._observation(), self._info()
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Apply `action`, shape (n_u,), inputs scaled to [-1, 1], for one sampling period.
+
+        Raises:
+            PlantError: an action of the wrong shape or not finite.
+            ProtocolError: no episode is under way.
+        """
+        a = _vector(action, len(self._low), "action")
+        step = self.apply(self._low + (a + 1) / 2 * (self._high - self._low))
+        reward = -self.task.stage_cost(step) * step.duration
+        terminated = self._end is End.UNSAFE
+        if terminated:
+            reward -= self.task.unsafe_cost * max(self.task.horizon - self._t, 0.0)
+        truncated = self._end is not None and not terminated
+        return self._observation(), float(reward), terminated, truncated, self._info()
+
+    def apply(self, u: Float[np.ndarray, " n_u"]) -> Step:
+        """Hold the inputs `u`, shape (n_u,), in the plant's units, for one sampling period.
+
+        They saturate at the plant's limits (and at the task's largest move, if it has one).
+
+        Raises:
+            PlantError: inputs of the wrong shape or NaN.
+            ProtocolError: no episode is under way.
+        """
+        if self._episode is None or self._end is not None:
+            raise ProtocolError("no episode is under way: call reset() first")
+        u = self._saturated(_vector(u, len(self._low), "input u", finite=False))
+        y_ref, d = self.task.reference(self._t), self.task.disturbance(self._t)
+        self._steps += 1
+        t, after = instants(self._t, self._steps * self._T_s, self.task.dense_step)
+        x = self.plant.hold(self._x, u, d, after)
+        kept, stopped = self._survived(x)
+        t, x = t[:kept], x[:kept]
+        self._episode.add(t, x, u, y_ref)
+        step = Step(
+            t=np.append(self._t, t),
+            x=np.concatenate([self._x[None], x]),
+            u_before=self._u, u=u, y_ref=y_ref, T_s=self._T_s,
+        )  # fmt: skip
+        self._t, self._x, self._u = float(step.t[-1]), step.x[-1], u
+        if stopped:
+            self._end = End.UNSAFE
+        elif self.task.settled(step):
+            self._end = End.SETTLED
+        elif self._t >= self.task.horizon * (1 - 1e-12):
+            self._end = End.TIME_UP
+        return step
+
+    def measurement(self) -> Measurement:
+        """What a controller knows now."""
+        if self.task.preview:
+            ahead = self._t + self._T_s * np.arange(self.task.preview + 1)
+            y_ref = np.array([self.task.reference(t) for t in ahead[1:]])
+            d = np.array([self.task.disturbance(t) for t in ahead[:-1]])
+        else:
+            y_ref, d = self.task.reference(self._t), self.task.disturbance(self._t)
+        return Measurement(self._t, self._x, self._u, d, y_ref)
+
+    def record(self) -> Record:
+        """The episode so far, or the last one once it has ended. Raises ProtocolError if none."""
+        if self._episode is None:
+            raise ProtocolError("no episode to record: call reset() first")
+        return self._episode.record(self.channels, self._end)
+
+    def render(self) -> Array | None:  # type: ignore[override]
+        """The episode so far as an image, (height, width, 3) uint8; None without render mode."""
+        return None if self.render_mode is None else self._canvas.frame(self._traces())
+
+    def close(self) -> None:
+        """Let go of the figure."""
+        self._canvas.close()
+
+    def _saturated(self, u: Array) -> Array:
+        u = np.clip(u, self._low, self._high)
+        if self.task.max_move is None:
+            return u
+        return np.clip(u, self._u - self.task.max_move, self._u + self.task.max_move)
+
+    def _survived(self, x: Float[np.ndarray, "M n_x"]) -> tuple[int, bool]:
+        """How many rows to keep, and whether it went wrong there: none that is not finite."""
+        broken = np.flatnonzero(~np.isfinite(x).all(axis=1))
+        n_finite = int(broken[0]) if len(broken) else len(x)
+        for i in range(n_finite):
+            if self.task.unsafe(x[i]):
+                return i + 1, True
+        return n_finite, n_finite < len(x)
+
+    def _observation(self) -> Array:
+        tracked, t = self.task.reference(self._t)[list(self.task.tracked)], self._t
+        raw = np.concatenate([self._x, self._u, tracked, self.task.disturbance(t)])
+        low, high = self.task.observed.T
+        return np.clip(2 * (raw - low) / (high - low) - 1, -1, 1).astype(np.float32)
+
+    def _info(self) -> dict[str, Any]:
+        info: dict[str, Any] = {"t": self._t, "x": self._x.copy(), "u": self._u.copy()}
+        return info if self._end is None else info | {"end": self._end.value}
+
+    def _traces(self) -> list[Trace]:
+        if self._episode is None:
+            return []
+        record, task = self.record(), self.task
+        d = [task.disturbance(t) for t in record.t]
+        rows = zip(record.x, record.u, d, strict=True)
+        y = np.array([self.plant.g(*row) for row in rows])
+        span = (0.0, task.horizon)
+        outputs = [Trace(record.channels.y[i], record.t, y[:, i], span=span) for i in task.tracked]
+        inputs = [
+            Trace(channel, record.t, record.u[:, i], held=True, span=span)
+            for i, channel in enumerate(record.channels.u)
+        ]
+        return outputs + inputs
+
+
+def _vector(value: Any, n: int, what: str, *, finite: bool = True) -> Array:
+    try:
+        vector = np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise PlantError(f"{what} must be {n} numbers, got {value!r}") from error
+    if vector.shape != (n,):
+        raise PlantError(f"{what} must have shape ({n},), got {vector.shape}")
+    if np.any(np.isnan(vector)) or (finite and not np.all(np.isfinite(vector))):
+        raise PlantError(f"{what} must be finite, got {vector}")
+    return vector
+
+
+def _channels(plant: Plant, task: Task) -> Channels:
+    """The plant's channels; a constant reference becomes the target of its output."""
+    outputs = list(plant.outputs)
+    if not callable(task.y_ref):
+        for i in task.tracked:
+            band = (task.bands or {}).get(i)
+            outputs[i] = replace(outputs[i], target=float(task.reference(0.0)[i]), band=band)
+    return Channels(plant.states, plant.inputs, tuple(outputs), plant.time_unit)
+
+
+def _check(plant: Plant, task: Task) -> None:
+    for i, channel in enumerate(plant.inputs):
+        if not np.isfinite([channel.low, channel.high]).all():
+            raise SettingsError(
+                f"input {i} ({channel.name!r}) needs finite limits to scale actions by, "
+                f"got [{channel.low}, {channel.high}] {channel.unit}".rstrip()
+            )
+    n_x, n_u, n_y, n_d = map(len, (plant.states, plant.inputs, plant.outputs, plant.disturbances))
+    n_o = n_x + n_u + len(task.tracked) + n_d
+    values = {
+        "x0": (task.x0, (n_x,)),
+        "u0": (task.u0, (n_u,)),
+        "y_ref": (task.reference(0.0), (n_y,)),
+        "d": (task.disturbance(0.0), (n_d,)),
+        "observed": (task.observed, (n_o, 2)),
+    }
+    for name, (value, shape) in values.items():
+        if value.shape != shape:
+            raise SettingsError(
+                f"task: {name} must have shape {shape} for plant {plant.name!r}, got {value.shape}"
+            )
+    if any(not 0 <= i < n_y for i in task.tracked):
+        raise SettingsError(f"task: tracked must be outputs 0 to {n_y - 1}, got {task.tracked}")
+    if task.max_move is not None and (task.max_move.shape != (n_u,) or np.any(task.max_move <= 0)):
+        raise SettingsError(f"task: max_move must be {n_u} positive numbers, got {task.max_move}")

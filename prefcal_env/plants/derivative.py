@@ -1,0 +1,73 @@
+"""Derivatives of a function that is given as code."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+_TINY = 1e-30
+"""Complex step: so small that its square vanishes beside anything."""
+_STEP = 1e-3
+"""Step of the differences, relative to the point: (machine precision)^(1/5), their optimum."""
+_AGREE = 1e-4
+"""A complex-step derivative that is further off from the differences is not believed."""
+
+Vector = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
+
+
+def derivative(
+    function: Callable[[Vector], Any], point: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "m n"]:
+    """Jacobian of `function`, from (n,) to (m,), at `point`, shape (m, n).
+
+    By the complex step, Im f(p + ih)/h, which has no cancellation and is exact to rounding for
+    analytic functions. It fails, sometimes silently, for those that are not analytic (abs, max,
+    float()): where it raises or does not agree with central differences, these are returned
+    (extrapolated to order 4, to some 1e-12 of the scale of the function).
+    """
+    rough = _differences(function, point)
+    exact = _complex_step(function, point)
+    if exact is None:
+        return rough
+    scale = np.abs(rough).max(axis=1, keepdims=True)
+    believed = np.all(np.abs(exact - rough) <= _AGREE * scale + 1e-12)
+    return exact if believed else rough
+
+
+def _complex_step(
+    function: Callable[[Vector], Any], point: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "m n"] | None:
+    columns = []
+    for i in range(len(point)):
+        p = point.astype(complex)
+        p[i] += 1j * _TINY
+        try:
+            value = np.asarray(function(p))
+        except (TypeError, ValueError, ArithmeticError):
+            return None
+        columns.append(np.imag(value) / _TINY)
+    return np.array(columns, dtype=float).T
+
+
+def _differences(
+    function: Callable[[Vector], Any], point: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "m n"]:
+    columns = []
+    for i in range(len(point)):
+        h = _STEP * max(abs(point[i]), 1.0)
+        coarse, fine = (_central(function, point, i, step) for step in (h, h / 2))
+        columns.append((4 * fine - coarse) / 3)  # Richardson: the h² terms cancel
+    return np.array(columns, dtype=float).T
+
+
+def _central(
+    function: Callable[[Vector], Any], point: Float[np.ndarray, " n"], i: int, h: float
+) -> Float[np.ndarray, " m"]:
+    ahead, behind = point.copy(), point.copy()
+    ahead[i] += h
+    behind[i] -= h
+    values = [np.asarray(function(p), dtype=float) for p in (ahead, behind)]
+    # Over the distance of the rounded points, not of the wanted ones.
+    difference: Float[np.ndarray, " m"] = (values[0] - values[1]) / (ahead[i] - behind[i])
+    return difference
