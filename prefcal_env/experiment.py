@@ -135,11 +135,10 @@ class Experiment:
 
     def __post_init__(self) -> None:
         for name, dtype in _ARRAYS.items():
-            array = np.array(getattr(self, name), dtype=dtype)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, _frozen(getattr(self, name), dtype))
         object.__setattr__(self, "kpis", FrozenMapping(self.kpis))
-        object.__setattr__(self, "signals", FrozenMapping(self.signals))
+        signals = {k: _frozen(v, float) for k, v in self.signals.items()}
+        object.__setattr__(self, "signals", FrozenMapping(signals))
         self._check()
 
     def _check(self) -> None:
@@ -188,7 +187,13 @@ _ARRAYS: dict[str, Any] = {
 }  # fmt: skip
 
 
+def _frozen(values: Any, dtype: Any) -> np.ndarray:
+    array = np.array(values, dtype=dtype)
+    array.setflags(write=False)
+    return array
+
+
 def _same(a: Any, b: Any) -> bool:
-    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
-        return np.array_equal(a, b)
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f")
     return bool(a == b)

@@ -79,6 +79,7 @@ class LinearMPC:
         Yields:
             The QP in its variables (then the slack), and U, shape (N_u, n_u, n_v + 1): the inputs
             relative to the last one as affine functions of them, the last column constant.
+            Nothing where limited outputs have grown beyond what can be trusted.
         """
         s, limits = self.settings, self._limits
         model = self._predict(m)
@@ -88,8 +89,11 @@ class LinearMPC:
             *dynamics, model.C, model.D, model.e - self._references(m.y_ref),
             self._roots, self._u_ref, s.N_u, N_y, m.u, limits.hard,
         )  # fmt: skip
-        yield self._cost.under(*limits.rows(rows, model, U, X, unit)), U
+        if limits.trusted(X):
+            yield self._cost.under(*limits.rows(rows, model, U, X, unit)), U
         U, X, T = _plan.open_loop(*dynamics, R, N_y)
+        if not limits.trusted(X):
+            return
         unit = float(np.abs(T).max())
         T = T / unit
         P, q = self._cost.P.copy(), self._cost.q.copy()

@@ -76,8 +76,7 @@ class Limits:
         y_min - ε <= y_k <= y_max + ε for k = 1 ... N_p, and ε >= 0. The slack variable is
         √Q_ε ε / `unit`, so that its weight is 1 like that of a deviation.
 
-        Rows that have grown beyond what their rounding leaves (an unstable model, held for long)
-        are made infeasible on purpose, so that the step reports itself unsolved.
+        Trust them only as far as `trusted` says.
         """
         if not self.soft:
             return of_inputs
@@ -103,9 +102,16 @@ class Limits:
         slack[0, n_v] = 1.0
         matrix = np.vstack([*blocks, slack])
         low, high = np.concatenate([*lows, [0.0]]), np.concatenate([*highs, [np.inf]])
-        if np.abs(X).max() > _LARGEST_TRUSTED_GROWTH * max(1.0, float(np.abs(X[1]).max())):
-            matrix, low, high = slack, np.array([-np.inf]), np.array([-1.0])
         return matrix, low, high
+
+    def trusted(self, X: Float[np.ndarray, "N n_x n_v1"]) -> bool:
+        """Whether the soft rows hold more than rounding.
+
+        Held for long, an unstable model grows until nothing of an output's row is left but the
+        growing mode. Rows of the inputs do not suffer so: their feedback is stable.
+        """
+        growth = float(np.abs(X).max()) / max(1.0, float(np.abs(X[1]).max()))
+        return not self.soft or growth < _LARGEST_TRUSTED_GROWTH
 
 
 def _vector(name: str, value: object, n: int, default: float) -> Float[np.ndarray, " n"]:

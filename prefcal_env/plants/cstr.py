@@ -72,6 +72,12 @@ class CSTR:
     def _packed(self) -> Float[np.ndarray, " p"]:
         return np.array(astuple(self.params))
 
+    @cached_property
+    def _constant_jacobians(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """B, C and D."""
+        cooling = self.params.US_V / self.params.rho_Cp
+        return np.array([[cooling], [0.0]]), np.eye(2), np.zeros((2, 1))
+
     def f(
         self,
         x: Float[np.ndarray, " 2"],
@@ -79,11 +85,12 @@ class CSTR:
         d: Float[np.ndarray, " 2"],
     ) -> Float[np.ndarray, " 2"]:
         """Eq. cstr_system_eqn, (K/h, kgmol/(m³ h))."""
-        (T, C_A), p = x, self.params
+        (T, C_A), (T_c,), (T_f, C_Af) = x.tolist(), u.tolist(), d.tolist()
+        p = self.params
         r = self._rate(T) * C_A
         return np.array([
-            p.F_V * (d[0] - T) + p.H / p.rho_Cp * r - p.US_V / p.rho_Cp * (T - u[0]),
-            p.F_V * (d[1] - C_A) - r,
+            p.F_V * (T_f - T) + p.H / p.rho_Cp * r - p.US_V / p.rho_Cp * (T - T_c),
+            p.F_V * (C_Af - C_A) - r,
         ])  # fmt: skip
 
     def g(
@@ -102,12 +109,13 @@ class CSTR:
         d: Float[np.ndarray, " 2"],
     ) -> Jacobians:
         """Derivatives of eq. cstr_system_eqn by hand."""
-        (T, C_A), p = (float(x[0]), float(x[1])), self.params
+        T, C_A = x.tolist()
+        p = self.params
         k = self._rate(T)
         dr_dT = k * C_A * p.E / (p.R * T**2)
         heat, cooling = p.H / p.rho_Cp, p.US_V / p.rho_Cp
         A = np.array([[-p.F_V + heat * dr_dT - cooling, heat * k], [-dr_dT, -p.F_V - k]])
-        return Jacobians(A, np.array([[cooling], [0.0]]), np.eye(2), np.zeros((2, 1)))
+        return Jacobians(A, *self._constant_jacobians)
 
     def hold(
         self,

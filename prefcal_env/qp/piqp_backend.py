@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import piqp
-from jaxtyping import Bool
 
 from prefcal_env.qp.problem import QP, Solution, Status, Tolerances, failed, verified
 
@@ -36,10 +35,9 @@ class PIQPBackend:
 
     def solve(self, qp: QP) -> Solution:
         """Solve once; see `Backend`."""
-        bounded = np.isfinite(qp.lower) | np.isfinite(qp.upper)
-        if not bounded.all():
-            return self._without_free_rows(qp, bounded)
-        P, G = np.asfortranarray(qp.P), np.asfortranarray(qp.G)
+        if qp.has_free_rows:
+            return self._without_free_rows(qp)
+        P, G = np.asfortranarray(qp.P.T), np.asfortranarray(qp.G)  # P is symmetric
         solver = self._solver
         if len(qp.lower):
             solver.setup(P, qp.q, None, None, G, qp.lower, qp.upper)
@@ -53,8 +51,9 @@ class PIQPBackend:
         y = result.z_u - result.z_l if len(qp.lower) else np.zeros(0)
         return verified(qp, result.x, y, iterations)
 
-    def _without_free_rows(self, qp: QP, bounded: Bool[np.ndarray, " m"]) -> Solution:
+    def _without_free_rows(self, qp: QP) -> Solution:
         """PIQP prints about rows without any bound: leave them out."""
+        bounded = np.isfinite(qp.lower) | np.isfinite(qp.upper)
         solution = self.solve(qp.under(qp.G[bounded], qp.lower[bounded], qp.upper[bounded]))
         multipliers = np.zeros(len(qp.lower))
         multipliers[bounded] = solution.multipliers

@@ -1,9 +1,10 @@
 """A dense quadratic program, its solution, and the protocol of what solves it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
+from functools import cache
 from math import isfinite
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -68,6 +69,7 @@ class QP:
     G: Float[np.ndarray, "m n"]
     lower: Float[np.ndarray, " m"]
     upper: Float[np.ndarray, " m"]
+    has_free_rows: bool = field(init=False, default=False, compare=False)
 
     def __post_init__(self) -> None:
         n = len(self.q)
@@ -89,8 +91,9 @@ class QP:
     ) -> "QP":
         """The same cost under other rows; the cost, checked already, is not checked again."""
         qp = object.__new__(QP)
-        for name, value in zip(self.__slots__, (self.P, self.q, G, lower, upper), strict=True):
-            object.__setattr__(qp, name, value)
+        put = object.__setattr__
+        put(qp, "P", self.P), put(qp, "q", self.q)
+        put(qp, "G", G), put(qp, "lower", lower), put(qp, "upper", upper)
         qp._check_rows()
         return qp
 
@@ -101,14 +104,22 @@ class QP:
                 f"the rows of a QP need G (m, {len(self.q)}), lower (m,) and upper (m,), got "
                 f"{self.G.shape}, {self.lower.shape}, {self.upper.shape}"
             )
-        if not isfinite(self.G.sum()):
+        finite, crossed, free = _kernels().check_rows(self.G, self.lower, self.upper)
+        if not finite:
             raise QPError("G of a QP must be finite")
-        if not (self.lower <= self.upper).all():  # also where either is NaN
-            row = int(np.argmin(self.lower <= self.upper))
+        if crossed >= 0:
             raise QPError(
-                f"lower must not be above upper: row {row} has "
-                f"[{self.lower[row]}, {self.upper[row]}]"
+                f"lower must not be above upper: row {crossed} has "
+                f"[{self.lower[crossed]}, {self.upper[crossed]}]"
             )
+        object.__setattr__(self, "has_free_rows", free)
+
+
+@cache
+def _kernels() -> Any:
+    from prefcal_env.qp import _kernels  # the compiler is not loaded before it is needed
+
+    return _kernels
 
 
 def _check_convex(P: Float[np.ndarray, "n n"]) -> None:
@@ -174,10 +185,10 @@ def verified(
     Feasibility, stationarity and the duality gap, each relative to the size of its terms.
     Copies `z` and `multipliers`.
     """
-    from prefcal_env.qp._kernels import residuals  # compiled: not loaded before it is needed
-
     z, y = z.copy(), multipliers.copy()
-    primal, reach, dual, force, gap, value = residuals(qp.P, qp.q, qp.G, qp.lower, qp.upper, z, y)
+    primal, reach, dual, force, gap, value = _kernels().residuals(
+        qp.P, qp.q, qp.G, qp.lower, qp.upper, z, y
+    )
     good = primal <= tolerance * reach and dual <= tolerance * force and gap <= tolerance * value
     return Solution(z, y, Status.SOLVED if good else Status.INACCURATE, iterations, primal, dual)
 

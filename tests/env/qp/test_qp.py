@@ -1,0 +1,155 @@
+"""Both backends solve what can be solved, and say so where nothing can be."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from prefcal_env.errors import QPError, SettingsError
+from prefcal_env.qp import BACKENDS, QP, Status, Tolerances, make_backend
+
+INF = np.inf
+
+
+@pytest.fixture(params=BACKENDS)
+def backend(request):
+    return make_backend(request.param)
+
+
+def qp(P, q, G=None, lower=None, upper=None):
+    n = len(q)
+    G = np.zeros((0, n)) if G is None else np.array(G, float)
+    m = len(G)
+    return QP(
+        np.array(P, float),
+        np.array(q, float),
+        G,
+        np.full(m, -INF) if lower is None else np.array(lower, float),
+        np.full(m, INF) if upper is None else np.array(upper, float),
+    )
+
+
+def test_unconstrained_minimum_is_minus_inverse_p_q(backend):
+    solution = backend.solve(qp([[2, 0], [0, 4]], [-2, -4]))
+    assert solution.solved
+    np.testing.assert_allclose(solution.z, [1, 1], atol=1e-7)
+
+
+def test_active_bound_and_its_multiplier(backend):
+    solution = backend.solve(qp(np.eye(2), [-1, -1], np.eye(2), [-INF, -INF], [0.3, 5]))
+    np.testing.assert_allclose(solution.z, [0.3, 1], atol=1e-6)
+    np.testing.assert_allclose(solution.multipliers, [0.7, 0], atol=1e-6)
+
+
+def test_multiplier_of_a_lower_bound_is_negative(backend):
+    solution = backend.solve(qp([[1.0]], [0], [[1.0]], [2], [INF]))
+    np.testing.assert_allclose(solution.multipliers, [-2], atol=1e-6)
+
+
+def test_equal_bounds_are_an_equality(backend):
+    solution = backend.solve(qp(np.eye(2), [0, 0], [[1, 1]], [1], [1]))
+    np.testing.assert_allclose(solution.z, [0.5, 0.5], atol=1e-6)
+
+
+def test_a_linear_program_is_solved(backend):
+    solution = backend.solve(qp(np.zeros((2, 2)), [-1, -2], np.eye(2), [0, 0], [1, 1]))
+    np.testing.assert_allclose(solution.z, [1, 1], atol=1e-6)
+
+
+def test_a_row_without_any_bound_is_no_row(backend, capfd):
+    solution = backend.solve(qp(np.eye(2), [-1, -1], np.eye(2), [-INF, -INF], [0.3, INF]))
+    np.testing.assert_allclose(solution.z, [0.3, 1], atol=1e-6)
+    assert solution.multipliers[1] == 0
+    assert capfd.readouterr().out == ""
+
+
+def test_infeasible_is_data_and_no_exception(backend):
+    solution = backend.solve(qp([[1.0]], [0], [[1.0], [1.0]], [1, -INF], [INF, 0]))
+    assert not solution.solved
+    assert solution.status in (Status.INFEASIBLE, Status.ITERATION_LIMIT)
+    assert np.isnan(solution.z).all()
+
+
+def test_unbounded_is_data(backend):
+    solution = backend.solve(qp([[0.0]], [-1], [[1.0]], [0], [INF]))
+    assert solution.status is Status.UNBOUNDED
+
+
+def test_a_later_solve_leaves_an_earlier_solution_alone(backend):
+    first = backend.solve(qp([[1.0]], [-1]))
+    kept = first.z.copy()
+    backend.solve(qp([[1.0]], [-7]))
+    np.testing.assert_array_equal(first.z, kept)
+
+
+def test_iteration_limit_is_reported():
+    box = qp(np.eye(3), [-1, 2, -3], np.eye(3), [-0.1] * 3, [0.1] * 3)
+    solution = make_backend("piqp", Tolerances(max_iterations=1)).solve(box)
+    assert solution.status is Status.ITERATION_LIMIT
+
+
+def test_looser_tolerances_take_fewer_iterations():
+    rng = np.random.default_rng(0)
+    L = rng.normal(size=(8, 8))
+    problem = qp(L @ L.T, rng.normal(size=8), np.eye(8), [-0.1] * 8, [0.1] * 8)
+    loose = make_backend("piqp", Tolerances(absolute=1e-3, relative=1e-3)).solve(problem)
+    tight = make_backend("piqp", Tolerances(absolute=1e-10, relative=1e-10)).solve(problem)
+    assert loose.iterations < tight.iterations
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"P": np.eye(3)}, "needs P"),
+        ({"q": np.array([np.nan, 0])}, "finite"),
+        ({"P": np.array([[np.inf, 0], [0, 1]])}, "finite"),
+        ({"P": np.array([[1.0, 2], [0, 1]])}, "symmetric"),
+        ({"P": np.array([[1.0, 0], [0, -1]])}, "semidefinite.*-1"),
+        ({"G": np.eye(3)}, "rows of a QP"),
+        ({"G": np.array([[np.nan, 0], [0, 1]])}, "G of a QP must be finite"),
+        ({"lower": np.array([2.0, 0])}, r"row 0 has \[2.0, 1.0\]"),
+        ({"upper": np.array([np.nan, 1])}, "row 0"),
+    ],
+)
+def test_a_malformed_qp_is_refused_with_the_reason(change, message):
+    good = {"P": np.eye(2), "q": np.zeros(2), "G": np.eye(2), "lower": np.zeros(2)}
+    with pytest.raises(QPError, match=message):
+        QP(**{**good, "upper": np.ones(2), **change})
+
+
+def test_rows_are_checked_also_when_the_cost_is_reused():
+    problem = qp(np.eye(2), [0, 0])
+    with pytest.raises(QPError, match="row 0"):
+        problem.under(np.eye(2), np.ones(2), np.zeros(2))
+
+
+def test_unknown_backend_and_impossible_tolerances_are_refused():
+    with pytest.raises(SettingsError, match=r"piqp.*daqp.*'osqp'"):
+        make_backend("osqp")
+    with pytest.raises(SettingsError, match="absolute QP tolerance"):
+        Tolerances(absolute=-1)
+    with pytest.raises(SettingsError, match="max_iterations"):
+        Tolerances(max_iterations=0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), n=st.integers(1, 8), m=st.integers(0, 8))
+def test_what_is_called_solved_is_optimal(seed, n, m):
+    rng = np.random.default_rng(seed)
+    L = rng.normal(size=(n, n))
+    inside, G = rng.normal(size=n), rng.normal(size=(m, n))
+    around = G @ inside
+    problem = QP(
+        L @ L.T + 0.1 * np.eye(n),
+        rng.normal(size=n),
+        G,
+        around - rng.random(m),
+        around + rng.random(m),
+    )
+    results = [make_backend(name).solve(problem) for name in BACKENDS]
+    assert all(r.solved for r in results)
+    np.testing.assert_allclose(results[0].z, results[1].z, atol=1e-5)
+    z, y = results[0].z, results[0].multipliers
+    np.testing.assert_allclose(problem.P @ z + problem.q + G.T @ y, 0, atol=1e-5)
+    assert np.all(G @ z <= problem.upper + 1e-6)
+    assert np.all(G @ z >= problem.lower - 1e-6)

@@ -1,0 +1,59 @@
+"""Answers and queries: values that refuse what they are not."""
+
+import numpy as np
+import pytest
+
+from prefcal_env.errors import PreferenceError
+from prefcal_env.preference import Answer, Mark, Preference, Query, Suggestion
+
+
+def test_preferences_are_those_of_the_paper():
+    assert (Preference.CHALLENGER, Preference.TIE, Preference.INCUMBENT) == (-1, 0, 1)
+
+
+@pytest.mark.parametrize("value", [-1, 0, 1, np.int64(-1), Preference.TIE])
+def test_bare_numbers_are_answers(value):
+    assert Answer.of(value).preference == value
+
+
+def test_none_abstains():
+    assert Answer.of(None).preference is None
+
+
+def test_an_answer_is_itself():
+    answer = Answer(Preference.TIE, strength=2.0)
+    assert Answer.of(answer) is answer
+
+
+@pytest.mark.parametrize("value", [2, -2, 0.5, 1.0, True, "left", np.nan, [1]])
+def test_anything_else_is_refused_with_what_was_expected(value):
+    with pytest.raises(PreferenceError, match=r"must be -1 .*None"):
+        Answer.of(value)
+
+
+@pytest.mark.parametrize("strength", [0, -1, np.inf, np.nan])
+def test_strength_is_positive_and_finite(strength):
+    with pytest.raises(PreferenceError, match="strength"):
+        Answer(Preference.TIE, strength=strength)
+
+
+def test_marks_are_marks():
+    assert Answer(None, marks=[Mark.CHALLENGER_UNSAFE]).marks == (Mark.CHALLENGER_UNSAFE,)
+    with pytest.raises(PreferenceError, match="a mark must be"):
+        Answer(None, marks=("unsafe",))
+
+
+def test_queries_are_equal_by_value():
+    one = Query(Suggestion(1, np.array([1.0, 2.0])), Suggestion(0, np.array([0.0, 0.0])))
+    same = Query(Suggestion(1, np.array([1.0, 2.0])), Suggestion(0, np.array([0.0, 0.0])))
+    other = Query(Suggestion(1, np.array([1.0, 2.5])), Suggestion(0, np.array([0.0, 0.0])))
+    assert one == same
+    assert hash(one) == hash(same)
+    assert one != other
+    assert one != Query(one.challenger)
+
+
+def test_a_suggestions_theta_cannot_be_changed():
+    suggestion = Suggestion(0, np.array([1.0]))
+    with pytest.raises(ValueError, match="read-only"):
+        suggestion.theta[0] = 2.0
