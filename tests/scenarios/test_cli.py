@@ -2,8 +2,10 @@
 
 import json
 import sys
+from pathlib import Path
 
 import pytest
+from prefcal_scenarios import load_controller
 from prefcal_scenarios.cli import main
 from toy_study import TOY_FILE
 
@@ -62,8 +64,19 @@ def test_the_same_seed_gives_the_same_folder_byte_by_byte(prefcal, tmp_path):
 
 def test_glisp_is_the_default_and_takes_delta(prefcal):
     code, out, _ = prefcal("calibrate", TOY, "--n-max", "6", "--delta", "0.5", "--json")
+    result = json.loads(out)
     assert code == 0
-    assert json.loads(out)["agent"] == "glisp"
+    assert result["agent"] == "glisp"
+    page = Path(result["report"]).read_text("utf-8")
+    assert '<th scope="row">GLISp delta</th><td class="words">0.5</td>' in page
+
+
+def test_a_calibrator_with_a_cost_in_mind_takes_a_tie_band_and_noise(prefcal):
+    words = ["calibrate", TOY, *QUICK, "--calibrator", "latent", "--json"]
+    code, out, _ = prefcal(*words, "--tie-band", "1e9", "--answer-noise", "0.5")
+    assert code == 0
+    assert json.loads(out)["verdicts"]["as good"] == 4
+    assert prefcal(*words, "--answer-noise", "0")[0] == 0
 
 
 def test_the_command_in_the_report_repeats_the_study(prefcal, tmp_path):
@@ -88,7 +101,9 @@ def test_the_command_in_the_report_repeats_the_study(prefcal, tmp_path):
         ([TOY, "--delta", "nan"], "delta must be 0 or above"),
         ([TOY, "--agent", "random", "--delta", "1"], "only the agent glisp takes a delta"),
         ([TOY, "--seed", "-1"], "seed must be 0 or above"),
-        ([TOY, "--answer-noise", "1"], "takes no answer_noise"),
+        ([TOY, "--answer-noise", "1"], "takes no tie band and no answer noise"),
+        ([TOY, "--calibrator", "latent", "--answer-noise", "-1"], "sigma must be positive"),
+        ([TOY, "--calibrator", "latent", "--tie-band", "-1"], "tie_band must be 0 or more"),
         ([TOY, "--out", str(TOY_FILE)], "out must be a folder"),
     ],
 )
@@ -113,6 +128,23 @@ def test_help_teaches_with_examples(prefcal):
     assert code == 0
     for words in ("SCENARIO", "--seed", "--tie-band", "prefcal calibrate cstr", "own.py:plant"):
         assert words in out
+
+
+def test_the_scenarios_are_listed(prefcal):
+    code, out, _ = prefcal("scenarios")
+    assert code == 0
+    assert "cstr" in out
+    assert "T_s, N_p, log Q_Δu" in out
+    assert "own.py:name" in out
+
+
+def test_the_reactor_is_calibrated_exported_and_rebuilt(prefcal, tmp_path):
+    words = ["--n-max", "5", "--agent", "lhs", "--out", "out", "--json"]
+    code, out, _ = prefcal("calibrate", "cstr", *words)
+    best = json.loads(out)["best"]
+    assert code == 0
+    assert list(best) == ["T_s", "N_p", "log Q_Δu"]
+    assert load_controller(tmp_path / "out" / "best.json").T_s == best["T_s"]
 
 
 def test_the_version_is_printed(prefcal):

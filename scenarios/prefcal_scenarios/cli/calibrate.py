@@ -48,11 +48,16 @@ def calibrate(
     ] = None,
     tie_band: Annotated[
         float | None,
-        typer.Option(help="Costs closer than this are a tie.", show_default="the scenario's"),
+        typer.Option(
+            help="Costs this close are a tie to the synthetic calibrator.",
+            show_default="the scenario's",
+        ),
     ] = None,
     answer_noise: Annotated[
         float | None,
-        typer.Option(help="How much the answers err.", show_default="the scenario's"),
+        typer.Option(
+            help="Standard deviation of his error in each cost.", show_default="the scenario's"
+        ),
     ] = None,
     out: Annotated[
         Path | None,

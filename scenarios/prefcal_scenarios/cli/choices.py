@@ -1,6 +1,6 @@
 """From the words of the command line to agents and calibrators."""
 
-import inspect
+from dataclasses import replace
 from typing import Any
 
 from prefcal_env.errors import SettingsError
@@ -44,12 +44,19 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
             f"calibrator must be one of {sorted(scenario.calibrators)} for scenario "
             f"{scenario.name!r}, got {options.calibrator!r}"
         )
-    make = scenario.calibrators[options.calibrator]
-    wanted = {"tie_band": options.tie_band, "answer_noise": options.answer_noise}
-    extra = {name: value for name, value in wanted.items() if value is not None}
-    refused = sorted(extra.keys() - inspect.signature(make).parameters.keys())
-    if refused:
+    calibrator = scenario.calibrators[options.calibrator](options.seed)
+    if options.tie_band is None and options.answer_noise is None:
+        return calibrator
+    from prefcal_env.calibrators import LatentCost, Thurstone
+
+    if not isinstance(calibrator, LatentCost):
         raise SettingsError(
-            f"calibrator {options.calibrator!r} takes no {' and no '.join(refused)}"
+            f"calibrator {options.calibrator!r} takes no tie band and no answer noise: "
+            "it has no cost in mind"
         )
-    return make(options.seed, **extra)
+    if options.tie_band is not None:
+        calibrator = replace(calibrator, tie_band=options.tie_band)
+    if options.answer_noise is not None:
+        sure = options.answer_noise == 0
+        calibrator = replace(calibrator, noise=None if sure else Thurstone(options.answer_noise))
+    return calibrator

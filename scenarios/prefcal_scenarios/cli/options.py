@@ -46,7 +46,7 @@ class Options:
         every: dict[str, str | int | float | None] = {
             "scenario": self.scenario, "calibrator": self.calibrator, "agent": self.agent,
             "seed": self.seed, "initial experiments": self.n_init, "experiments": self.n_max,
-            "delta": self.delta, "tie band": self.tie_band, "answer noise": self.answer_noise,
+            "tie band": self.tie_band, "answer noise": self.answer_noise,
         }  # fmt: skip
         return {name: value for name, value in every.items() if value is not None}
 

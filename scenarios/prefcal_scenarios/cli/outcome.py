@@ -59,7 +59,7 @@ def _table(record: Record, best: Experiment) -> Table:
     table.add_section()
     if scenario.cost is not None:
         table.add_row("performance index", *(number(record.cost(e)) for e in columns.values()))
-    for kpi in scenario.kpis:
+    for kpi in record.kpis:
         cells = [_judged(kpi, e) for e in columns.values()]  # type: ignore[misc]
         table.add_row(escape(labelled(kpi.title, kpi.unit)), *cells)
     return table

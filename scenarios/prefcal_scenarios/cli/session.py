@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -97,12 +98,20 @@ def _record(
         source=options.scenario,
         comparisons=tuple(comparisons),
         references=references,
-        settings=options.settings(),
+        settings=dict(options.settings()) | _agent_settings(agent),
         n_init=options.n_init,
         n_max=options.n_max,
         command=options.command(),
         surrogate=getattr(agent, "surrogate", None) if learned else None,
     )
+
+
+def _agent_settings(agent: Agent) -> dict[str, str]:
+    """The agent's own settings, defaults too, where it tells them."""
+    state: Any = getattr(agent, "state", None)
+    if state is None:
+        return {}
+    return {f"{state.agent} {name}": str(value) for name, value in state.settings}
 
 
 def _write(record: Record, folder: Path) -> Path:

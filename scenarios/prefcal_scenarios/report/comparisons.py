@@ -26,7 +26,7 @@ def _headings(record: Record) -> Iterator[str]:
     for side in ("challenger", "incumbent"):
         yield f"{side} experiment"
         yield from (f"{side} {labelled(k.name, k.unit)}" for k in scenario.space)
-        yield from (f"{side} {labelled(k.title, k.unit)}" for k in scenario.kpis)
+        yield from (f"{side} {labelled(k.title, k.unit)}" for k in record.kpis)
         yield from (f"{side} cost", f"{side} ended")
 
 
@@ -47,7 +47,7 @@ def _cells(record: Record, comparison: Comparison) -> Iterator[object]:
 def _side(record: Record, experiment: Experiment) -> Iterator[object]:
     scenario = record.scenario
     yield from scenario.space.named(experiment.theta).values()
-    yield from (experiment.kpis.get(k.name, "") for k in scenario.kpis)
+    yield from (experiment.kpis.get(k.name, "") for k in record.kpis)
     cost = record.cost(experiment)
     yield "" if cost is None else cost
     yield experiment.end.value

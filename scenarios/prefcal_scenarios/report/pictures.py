@@ -76,7 +76,7 @@ def _best_alt(record: Record) -> str:
     theta = theta_text(record.scenario.space, record.best.experiment.theta)
     kpis = [
         f"{k.title} {number(record.best.experiment.kpis[k.name])} {k.unit}".rstrip()
-        for k in record.scenario.kpis
+        for k in record.kpis
         if k.name in record.best.experiment.kpis
     ]
     against = ", ".join(["the first experiment", *record.references])

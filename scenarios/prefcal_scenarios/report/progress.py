@@ -18,7 +18,7 @@ def best_so_far(record: Record) -> Figure:
     held = np.array([np.nan if t.cost is None else t.cost for t in record.incumbents])
     figure = canvas(3.3)
     axes = figure.subplots()
-    top = _ceiling(costs, [*record.reference_costs.values(), *held[-1:]])
+    top = _ceiling(record, held)
     shaded = min(record.n_init, record.n_max)
     axes.plot(
         answered, np.minimum(held, top), color=BEST, linewidth=2.2, drawstyle="steps-post",
@@ -56,10 +56,12 @@ def _dots(
     axes.set_ylim(low - 0.06 * (top - low), top)
 
 
-def _ceiling(costs: Float[np.ndarray, " N"], shown: list[float]) -> float:
-    """Upper end of the axis: the bulk is readable, and what must be shown is inside."""
-    finite = costs[np.isfinite(costs)]
-    low, middle, high = np.quantile(finite, [0, 0.5, 1])
-    bulk = min(high, middle + 3 * max(middle - low, 1e-3))
-    top = max([bulk, *shown])
-    return float(top + 0.05 * (top - low if top > low else 1.0))
+def _ceiling(record: Record, held: Float[np.ndarray, " N"]) -> float:
+    """Upper end of the axis: where the search was half through its initial samples.
+
+    Costs before and elsewhere may be a hundred times the best one, and would flatten the rest.
+    """
+    settled = held[min(record.n_init // 2, len(held) - 1) :]
+    shown = np.array([*record.reference_costs.values(), *settled])
+    low, high = np.nanmin(shown), np.nanmax(shown[np.isfinite(shown)])
+    return float(high + 0.08 * (high - low if high > low else 1.0))

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Preference
 from prefcal_env.study import Comparison
-from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.scenario import KPI, Scenario
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 """Learned latent cost of m physical θ; lower is better, only the order has a meaning."""
@@ -107,6 +107,13 @@ class Record:
         """Cost of each reference, where the scenario has one."""
         costs = {name: self.cost(e) for name, e in self.references.items()}
         return {name: cost for name, cost in costs.items() if cost is not None}
+
+    @property
+    def kpis(self) -> tuple[KPI, ...]:
+        """The scenario's KPIs, without the index itself: it is shown as the cost."""
+        if self.scenario.cost is None:
+            return self.scenario.kpis
+        return tuple(k for k in self.scenario.kpis if k.name != "index")
 
     def cost(self, experiment: Experiment) -> float | None:
         """Latent cost of an experiment; None where the scenario has none."""

@@ -10,6 +10,9 @@ from prefcal_scenarios.report.record import VERDICTS, Record
 from prefcal_scenarios.report.wording import html, number
 from prefcal_scenarios.scenario import KPI
 
+_MOST = 4
+"""KPIs of one side of a comparison that are shown on the page."""
+
 
 def result_table(record: Record) -> str:
     """Best, first and reference θ side by side: a row for each knob, KPI and the cost."""
@@ -57,7 +60,7 @@ def _result_rows(record: Record, experiments: list[Experiment]) -> Iterator[tupl
             "performance index",
             [_cell(number(record.cost(e)), column=c) for c, e in enumerate(experiments)],
         )
-    for kpi in record.scenario.kpis:
+    for kpi in record.kpis:
         aim = objective(kpi)
         heading = _with_unit(html(kpi.title), kpi.unit)
         yield (
@@ -89,7 +92,7 @@ def _judged(kpi: KPI, experiment: Experiment) -> str:
 def comparison_table(record: Record) -> str:
     """Every question and its answer; the preferred side is tinted."""
     scenario = record.scenario
-    width = 1 + len(scenario.space) + len(scenario.kpis)
+    width = 1 + len(scenario.space) + len(_columns(record))
     sides = "".join(
         f'<th class="edge" scope="colgroup" colspan="{width}">{side}</th>'
         for side in ("new (challenger)", "best so far (incumbent)")
@@ -98,17 +101,22 @@ def comparison_table(record: Record) -> str:
     rows = "\n".join(_comparison_row(record, i + 1, c) for i, c in enumerate(record.asked))
     return (
         '<div class="scroll tall" tabindex="0" role="region" aria-label="Comparisons">\n'
-        '<table class="tight">\n<caption>The tinted side was preferred. Full precision is in '
-        "comparisons.csv.</caption>\n<thead>\n"
+        '<table class="tight">\n<caption>The tinted side was preferred. All KPIs, the index '
+        "and full precision are in comparisons.csv.</caption>\n<thead>\n"
         '<tr><th scope="col" rowspan="2">no.</th>'
         '<th class="words" scope="col" rowspan="2">verdict</th>'
         f"{sides}</tr>\n<tr>{names}</tr>\n</thead>\n<tbody>\n{rows}\n</tbody>\n</table>\n</div>"
     )
 
 
+def _columns(record: Record) -> tuple[KPI, ...]:
+    """The KPIs that a row has room for: the most important ones."""
+    return record.kpis[:_MOST]
+
+
 def _side_headings(record: Record) -> list[str]:
     named = [(k.name, k.unit) for k in record.scenario.space]
-    named += [(k.title, k.unit) for k in record.scenario.kpis]
+    named += [(k.title, k.unit) for k in _columns(record)]
     cells = [
         f'<th scope="col">{html(name)}<br><span class="note">{escape(unit)}&nbsp;</span></th>'
         for name, unit in named
@@ -137,7 +145,7 @@ def _comparison_row(record: Record, row: int, comparison: Comparison) -> str:
 def _side_cells(record: Record, exp: int, experiment: Experiment, preferred: bool) -> str:
     tint = " best" if preferred else ""
     values = [number(v) for v in experiment.theta]
-    values += [_judged(k, experiment) for k in record.scenario.kpis]
+    values += [_judged(k, experiment) for k in _columns(record)]
     rest = "".join(
         f'<td class="{tint.strip()}">{v}</td>' if tint else f"<td>{v}</td>" for v in values
     )

@@ -150,5 +150,7 @@ def panel_title(channel: Channel, *, zoomed: bool = False) -> str:
             share = channel.band / abs(channel.target) if channel.target else np.inf
             band = f"{number(100 * share)} %" if share < 1 else number(channel.band)
             text += f" ± {band}"
-    limits = [number(v) if np.isfinite(v) else "…" for v in (channel.low, channel.high)]
-    return text if limits == ["…", "…"] else f"{text} · limits {limits[0]} to {limits[1]}"
+    limits = [number(v) for v in (channel.low, channel.high) if np.isfinite(v)]
+    if not limits:
+        return text
+    return f"{text} · limit{'s' * (len(limits) - 1)} {' to '.join(limits)}"

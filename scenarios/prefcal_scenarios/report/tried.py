@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 
 from prefcal_env.knobs import Knob
@@ -19,7 +19,7 @@ def tried(record: Record) -> Figure:
     space = record.scenario.space
     cube = np.array([space.encode(theta) for theta in record.thetas])
     values, label, reverse = _colouring(record)
-    norm = Normalize(*_range(values))
+    norm = PowerNorm(0.5, *_range(values))
     figure = canvas(3.6)
     axes = figure.subplots()
     places = np.arange(len(space))
@@ -53,10 +53,9 @@ def _colouring(record: Record) -> tuple[Float[np.ndarray, " N"], str, bool]:
 
 
 def _range(values: Float[np.ndarray, " N"]) -> tuple[float, float]:
-    """Colours are spread over the better half and a little: bad θ are all alike."""
-    finite = values[np.isfinite(values)]
-    low, middle, high = np.quantile(finite, [0, 0.5, 1])
-    return float(low), float(min(high, middle + (middle - low)) if middle > low else high + 1)
+    """Colours end at the better three quarters: whatever is worse is merely bad."""
+    low, high = np.quantile(values[np.isfinite(values)], [0, 0.75])
+    return float(low), float(high if high > low else low + 1)
 
 
 def _axis_lines(axes: Axes, knobs: list[Knob], best: Float[np.ndarray, " n"]) -> None:
