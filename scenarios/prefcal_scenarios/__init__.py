@@ -1,7 +1,32 @@
-"""Case studies, the report of a study, and the command line `prefcal`."""
+"""Case studies, the report of a study, and the command line `prefcal`.
 
-from .export import load_controller as load_controller
-from .scenario import KPI as KPI
-from .scenario import Panel as Panel
-from .scenario import Scenario as Scenario
-from .scenario import load as load
+The names below are loaded when first used: `prefcal --help` must not wait for plants and solvers.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .export import load_controller as load_controller
+    from .scenario import KPI as KPI
+    from .scenario import Panel as Panel
+    from .scenario import Scenario as Scenario
+    from .scenario import load as load
+
+_HOMES = {
+    "load_controller": "export",
+    "KPI": "scenario",
+    "Panel": "scenario",
+    "Scenario": "scenario",
+    "load": "scenario",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

@@ -83,7 +83,10 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
         raise ScenarioError(
             f"theta in {str(path)!r} must name the knobs {list(scenario.space.names)}, got {theta}"
         )
-    values = scenario.space.check(list(theta.values()))  # type: ignore[arg-type]
+    try:
+        values = scenario.space.check(np.array(list(theta.values()), dtype=float))
+    except (TypeError, ValueError) as error:
+        raise ScenarioError(f"theta in {str(path)!r} does not fit: {error}") from error
     if check and scenario.settings is not None:
         _same_settings(content["settings"], jsonable(scenario.settings(values)), path)
     return scenario.controller(values)

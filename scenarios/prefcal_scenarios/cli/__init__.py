@@ -5,7 +5,6 @@ from typing import Annotated
 
 import typer
 
-from prefcal_env.errors import PrefcalError
 from prefcal_scenarios.cli.calibrate import EPILOG, calibrate
 
 app = typer.Typer(
@@ -52,9 +51,14 @@ def main() -> None:
     """Run the command line; our own errors become one line and exit code 2."""
     try:
         app()
-    except PrefcalError as error:
-        print(f"prefcal: {error}", file=sys.stderr)
-        sys.exit(2)
     except KeyboardInterrupt:
         print("prefcal: interrupted", file=sys.stderr)
         sys.exit(130)
+    except Exception as error:
+        # Here, not above: --help must not wait for it.
+        from prefcal_env.errors import PrefcalError
+
+        if not isinstance(error, PrefcalError):
+            raise
+        print(f"prefcal: {error}", file=sys.stderr)
+        sys.exit(2)

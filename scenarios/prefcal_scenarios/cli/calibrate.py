@@ -5,8 +5,6 @@ from typing import Annotated
 
 import typer
 
-from prefcal_scenarios.cli.options import Options
-
 EPILOG = """\
 [bold]Examples[/bold]
 
@@ -76,6 +74,7 @@ def calibrate(
     answer. Ctrl-C stops and leaves a report of the comparisons so far.
     """
     # Here, not above: --help must not wait for it.
+    from prefcal_scenarios.cli.options import Options
     from prefcal_scenarios.cli.session import run
 
     options = Options(

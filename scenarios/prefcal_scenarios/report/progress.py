@@ -1,7 +1,7 @@
 """Figure: the index of every experiment, and the best so far."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -40,7 +40,7 @@ def best_so_far(record: Record) -> Figure:
 
 
 def _dots(
-    axes: Axes, numbers: Float[np.ndarray, " N"], costs: Float[np.ndarray, " N"], top: float
+    axes: Axes, numbers: Int[np.ndarray, " N"], costs: Float[np.ndarray, " N"], top: float
 ) -> None:
     inside = costs <= top
     axes.plot(
