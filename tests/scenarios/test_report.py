@@ -4,6 +4,7 @@ import base64
 import csv
 import io
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -12,6 +13,7 @@ from prefcal_scenarios.report.comparisons import comparisons_as_csv
 from prefcal_scenarios.report.folder import folder_for
 from prefcal_scenarios.report.pictures import PICTURES, Picture
 from prefcal_scenarios.report.style import canvas
+from prefcal_scenarios.report.wording import measured
 from prefcal_scenarios.report.write import write_report
 from toy_study import toy_record
 
@@ -148,6 +150,13 @@ def test_a_scenario_may_bring_its_own_figures(tmp_path):
     own = Picture("own.png", "Own", "An own one.", lambda r: "own " * 20, lambda r: canvas(1.0))
     write_report(toy_record(stop_after=2), tmp_path, extra=[own])
     assert (tmp_path / "own.png").read_bytes().startswith(PNG)
+
+
+def test_an_infinite_time_reads_as_never_and_other_values_as_they_are():
+    experiment = toy_record().trials[0].experiment
+    endless = replace(experiment, kpis={"t_f": np.inf, "largest": np.inf, "final": 2.00004})
+    words = [measured(kpi, endless) for kpi in toy_record().kpis]
+    assert words == ["never", "2", "∞"]
 
 
 def test_the_callers_plot_settings_survive(tmp_path):

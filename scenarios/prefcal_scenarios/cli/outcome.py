@@ -12,7 +12,7 @@ from prefcal_env.experiment import Experiment
 from prefcal_scenarios.cli.options import Options
 from prefcal_scenarios.export import jsonable
 from prefcal_scenarios.report.record import Record
-from prefcal_scenarios.report.wording import labelled, number
+from prefcal_scenarios.report.wording import labelled, measured, number
 from prefcal_scenarios.scenario import KPI
 
 
@@ -69,4 +69,4 @@ def _judged(kpi: KPI, experiment: Experiment) -> Text:
     value = experiment.kpis.get(kpi.name)
     met = None if value is None else kpi.met(value)
     mark = {None: ("  ", ""), True: (" ✓", "green"), False: (" ✗", "red")}[met]
-    return Text.assemble(number(value), mark)
+    return Text.assemble(measured(kpi, experiment), mark)

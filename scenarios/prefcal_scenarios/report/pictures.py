@@ -12,7 +12,7 @@ from prefcal_scenarios.report.slices import slices
 from prefcal_scenarios.report.style import save, style
 from prefcal_scenarios.report.trajectories import best_against, side_by_side
 from prefcal_scenarios.report.tried import tried
-from prefcal_scenarios.report.wording import number, theta_text
+from prefcal_scenarios.report.wording import measured, number, theta_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ def _best_alt(record: Record) -> str:
     assert record.best is not None
     theta = theta_text(record.scenario.space, record.best.experiment.theta)
     kpis = [
-        f"{k.title} {number(record.best.experiment.kpis[k.name])} {k.unit}".rstrip()
+        f"{k.title} {measured(k, record.best.experiment)} {k.unit}".rstrip()
         for k in record.kpis
         if k.name in record.best.experiment.kpis
     ]

@@ -7,10 +7,10 @@ from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Preference
 from prefcal_env.study import Comparison
 from prefcal_scenarios.report.record import VERDICTS, Record
-from prefcal_scenarios.report.wording import html, number
+from prefcal_scenarios.report.wording import html, measured, number
 from prefcal_scenarios.scenario import KPI
 
-_MOST = 4
+_MOST = 3
 """KPIs of one side of a comparison that are shown on the page."""
 
 
@@ -86,7 +86,7 @@ def _judged(kpi: KPI, experiment: Experiment) -> str:
         True: ' <span class="yes" title="met">✓</span>',
         False: ' <span class="no" title="not met">✗</span>',
     }[met]
-    return number(value) + mark
+    return measured(kpi, experiment) + mark
 
 
 def comparison_table(record: Record) -> str:

@@ -2,9 +2,11 @@
 
 import re
 from html import escape
-from math import isfinite
+from math import inf, isfinite
 
+from prefcal_env.experiment import Experiment
 from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_scenarios.scenario import KPI
 
 _SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
 
@@ -14,9 +16,17 @@ def number(value: float | None) -> str:
     if value is None or value != value:
         return "–"
     if not isfinite(value):
-        return "never" if value > 0 else "−∞"
+        return "∞" if value > 0 else "−∞"
     text = f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
     return "0" if text == "-0" else text
+
+
+def measured(kpi: KPI, experiment: Experiment) -> str:
+    """The value of a KPI; an infinite time is "never"."""
+    value = experiment.kpis.get(kpi.name)
+    if value == inf and kpi.unit == experiment.channels.time_unit:
+        return "never"
+    return number(value)
 
 
 def quantity(value: float | None, unit: str) -> str:
