@@ -18,12 +18,11 @@ from functools import partial
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one thread
 
 import numpy as np
+from prefcal_agents import GLISp, LatinHypercube, RandomSearch
+from prefcal_scenarios.functions import FUNCTIONS, TestFunction
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
-
-from prefcal_agents import GLISp, LatinHypercube, RandomSearch
-from prefcal_scenarios.functions import FUNCTIONS, TestFunction
 
 N_INIT, N_MAX = 10, 50
 Result = tuple[float, float]  # gap, seconds of a proposal at the end

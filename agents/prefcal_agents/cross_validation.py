@@ -15,6 +15,8 @@ from .fitting import Constraints, Learning, fit, margins
 from .ledger import Preferences
 from .surrogate import Shape
 
+_GAIN = 2  # comparisons that a change of scale must win: one more is often chance
+
 
 @dataclass(frozen=True, slots=True)
 class Validation:
@@ -86,7 +88,7 @@ def rescale_knob(
     knob: int,
     widest: float = 16.0,
 ) -> Shape:
-    """`shape`, or one in which `knob` counts twice or half as much, if that reproduces more.
+    """`shape`, or one in which `knob` counts twice or half as much, if that is clearly better.
 
     Source: none.
     Deviation: the paper has one ε for all knobs.
@@ -108,7 +110,7 @@ def rescale_knob(
             continue
         rescaled = replace(best, scales=tuple(map(float, scales)))
         challenger, reproduced = choose_epsilon(validation, rescaled, around)
-        if reproduced > score:
+        if reproduced >= score + _GAIN:
             best, score = challenger, reproduced
     return best
 

@@ -94,7 +94,9 @@ class Ledger:
         return winner
 
     def cube(self) -> Float[np.ndarray, "N n"]:
-        """Samples whose queries are closed, shape (N, n)."""
+        """Samples whose queries are closed, shape (N, n); (0, 0) before the first one."""
+        if not self.answered:
+            return np.zeros((0, 0))
         return np.array(self.samples[: self.answered], dtype=float)
 
     def preferences(self) -> Preferences:

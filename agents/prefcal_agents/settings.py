@@ -1,6 +1,7 @@
 """The settings of GLISp, checked at birth; the paper's are one call away."""
 
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import Any, Literal
 
 from prefcal_env.errors import SettingsError
@@ -68,12 +69,9 @@ class GLISpSettings:
         number("margin_power", self.margin_power)
         integer("perturb_every", self.perturb_every, low=0)
         choice("minimiser", self.minimiser, MINIMISERS)
-        integer("the number of epsilons", len(self.epsilons), low=1)
-        for value in self.epsilons:
-            number("each of epsilons", value, strict=True)
+        _increasing("epsilons", self.epsilons)
         if self.validate_at != EVERY_STEP:
-            for count in self.validate_at:
-                integer("each of validate_at", count, low=1)
+            _counts("validate_at", self.validate_at)
 
     @classmethod
     def paper(cls) -> "GLISpSettings":
@@ -110,3 +108,21 @@ class GLISpSettings:
         if unknown:
             raise SettingsError(f"GLISp has no settings called {sorted(unknown)}")
         return cls(**dict(pairs))
+
+
+def _increasing(name: str, values: Any) -> None:
+    if not isinstance(values, tuple) or not values:
+        raise SettingsError(f"{name} must be a tuple of one or more numbers, got {values!r}")
+    for value in values:
+        number(f"each of {name}", value, strict=True)
+    if any(a >= b for a, b in pairwise(values)):
+        raise SettingsError(f"{name} must increase, got {values!r}")
+
+
+def _counts(name: str, values: Any) -> None:
+    if not isinstance(values, tuple):
+        raise SettingsError(
+            f"{name} must be {EVERY_STEP!r} or a tuple of numbers of experiments, got {values!r}"
+        )
+    for value in values:
+        integer(f"each of {name}", value, low=1)

@@ -51,9 +51,7 @@ class TestFunction:
 
 def box(*bounds: tuple[float, float]) -> KnobSpace:
     """A space of linear knobs x1, x2, ..."""
-    return KnobSpace(
-        [Knob(f"x{k}", low, high) for k, (low, high) in enumerate(bounds, start=1)]
-    )
+    return KnobSpace([Knob(f"x{k}", low, high) for k, (low, high) in enumerate(bounds, start=1)])
 
 
 def camel(x: Float[np.ndarray, " 2"]) -> float:
@@ -87,16 +85,12 @@ _HARTMAN6_P = 1e-4 * np.array(
 
 def hartman3(x: Float[np.ndarray, " 3"]) -> float:
     """Hartman 3-d: four Gaussian wells."""
-    return float(
-        -_HARTMAN_ALPHA @ np.exp(-np.sum(_HARTMAN3_A * (x - _HARTMAN3_P) ** 2, axis=1))
-    )
+    return float(-_HARTMAN_ALPHA @ np.exp(-np.sum(_HARTMAN3_A * (x - _HARTMAN3_P) ** 2, axis=1)))
 
 
 def hartman6(x: Float[np.ndarray, " 6"]) -> float:
     """Hartman 6-d: four Gaussian wells, six local minima."""
-    return float(
-        -_HARTMAN_ALPHA @ np.exp(-np.sum(_HARTMAN6_A * (x - _HARTMAN6_P) ** 2, axis=1))
-    )
+    return float(-_HARTMAN_ALPHA @ np.exp(-np.sum(_HARTMAN6_A * (x - _HARTMAN6_P) ** 2, axis=1)))
 
 
 def branin(x: Float[np.ndarray, " 2"]) -> float:

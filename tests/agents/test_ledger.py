@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 from prefcal_agents.ledger import Ledger
 
@@ -8,7 +9,7 @@ from prefcal_env.preference import Answer
 def ledger(*answers):
     book = Ledger()
     for h, answer in enumerate(answers):
-        book = book.with_pending([float(h), 0.5]).told(Answer.of(answer))
+        book = book.with_pending(np.array([float(h), 0.5])).told(Answer.of(answer))
     return book
 
 
@@ -36,7 +37,7 @@ def test_the_first_answer_teaches_nothing():
 
 
 def test_undo_drops_a_sample_that_was_proposed_after_the_answer():
-    book = ledger(None, 1).with_pending([9.0, 9.0])
+    book = ledger(None, 1).with_pending(np.array([9.0, 9.0]))
     assert book.undone().samples == ((0.0, 0.5), (1.0, 0.5))
     assert book.undone().pending == (1.0, 0.5)
 

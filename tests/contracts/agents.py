@@ -294,9 +294,9 @@ def test_a_state_that_does_not_fit_is_refused(make_agent):
 
 @pytest.mark.parametrize("space", [MIXED, SMALL])
 def test_theta_stays_in_the_box_integers_are_whole_and_none_runs_twice(make_agent, space):
-    agent = make_agent(space, n_init=5, n_max=25, seed=2)
+    agent = make_agent(space, n_init=5, n_max=16, seed=2)
     thetas = [space.check(q.challenger.theta) for q in run(agent)]
-    assert len({theta.tobytes() for theta in thetas}) == 25
+    assert len({theta.tobytes() for theta in thetas}) == 16
 
 
 def test_a_space_with_fewer_theta_than_experiments_is_tried_in_full(make_agent):
@@ -335,7 +335,7 @@ def test_something_that_is_no_space_is_refused(make_agent):
 
 
 @settings(
-    max_examples=15,
+    max_examples=8,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
