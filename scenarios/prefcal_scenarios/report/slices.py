@@ -23,7 +23,7 @@ def slices(record: Record) -> Figure:
     n = len(space)
     figure = canvas(min(2.45, 9.0 / n) * n, WIDTH)
     grid = figure.subplots(n, n, squeeze=False)
-    seen = np.asarray(record.surrogate(record.thetas))
+    seen = _stretched(record.surrogate(record.thetas))
     for i in range(n):
         for j in range(n):
             axes = grid[i, j]
@@ -37,7 +37,7 @@ def slices(record: Record) -> Figure:
             axes.set_xlabel(knob_axis(space.knobs[j]) if i == n - 1 else "")
             if j == 0 and i > 0:
                 axes.set_ylabel(knob_axis(space.knobs[i]))
-    grid[0, 0].set_ylabel("learned cost")
+    grid[0, 0].set_ylabel("learned cost, square root")
     _explain(figure, n)
     return figure
 
@@ -67,8 +67,8 @@ def _line(
     points = np.repeat(best[None, :], len(values), axis=0)
     points[:, i] = values
     axes.plot(record.thetas[:, i], seen, "o", color=FAINT, alpha=0.45, ms=3.6, mew=0, clip_on=False)
-    axes.plot(values, record.surrogate(points), color=BEST, linewidth=2)
-    axes.plot(best[i], float(record.surrogate(best[None, :])[0]), "o", color=BEST, ms=7,
+    axes.plot(values, _stretched(record.surrogate(points)), color=BEST, linewidth=2)
+    axes.plot(best[i], float(_stretched(record.surrogate(best[None, :]))[0]), "o", color=BEST, ms=7,
               mec="white", mew=1.2, zorder=5, clip_on=False)  # fmt: skip
     _scale(axes, space, i, "x")
 
@@ -112,7 +112,12 @@ def _over_plane(
     across, up = np.meshgrid(*along)
     points = np.repeat(best[None, :], across.size, axis=0)
     points[:, pair[0]], points[:, pair[1]] = across.ravel(), up.ravel()
-    return np.asarray(surrogate(points)).reshape(across.shape)
+    return _stretched(surrogate(points)).reshape(across.shape)
+
+
+def _stretched(cost: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    """Signed square root: only the order has a meaning, and the good end is what matters."""
+    return np.asarray(np.sign(cost) * np.sqrt(np.abs(cost)))
 
 
 def _along(space: KnobSpace, i: int, count: int) -> Float[np.ndarray, " c"]:
