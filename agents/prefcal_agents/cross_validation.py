@@ -85,6 +85,7 @@ def rescale_knob(
     shape: Shape,
     score: int,
     candidates: Sequence[float],
+    *,
     knob: int,
     widest: float = 16.0,
 ) -> Shape:

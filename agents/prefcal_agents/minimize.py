@@ -63,7 +63,7 @@ def minimize_by_preference(
         space: Where θ is sought.
         agent: Class of the agent.
         n_init: Space-filling experiments before learning starts; None: min(10, n_max // 2).
-        n_max: Experiments in all, 4 or more unless `n_init` is given.
+        n_max: Experiments in all.
         seed: Of all randomness.
 
     Raises:
@@ -75,8 +75,7 @@ def minimize_by_preference(
     integer("n_max", n_max, low=2)
     if n_init is None:
         n_init = max(2, min(10, n_max // 2))
-    study = agent(space, n_init=n_init, n_max=n_max, seed=seed)
-    samples, answers = [], []
+    study, samples, answers = agent(space, n_init=n_init, n_max=n_max, seed=seed), [], []
     while not study.done:
         query = study.ask()
         samples.append(query.challenger.theta)

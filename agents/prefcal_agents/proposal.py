@@ -111,7 +111,7 @@ class Strategy:
         shape, score = choose_epsilon(validation, shape, candidates)
         if settings.rescale and len(self.space) > 1:
             knob = ledger.answered % len(self.space)
-            shape = rescale_knob(validation, shape, score, candidates, knob)
+            shape = rescale_knob(validation, shape, score, candidates, knob=knob)
         return shape
 
     def _validates(self, answered: int) -> bool:

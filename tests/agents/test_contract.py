@@ -2,6 +2,7 @@
 
 import pytest
 from contracts.agents import *  # noqa: F403
+from contracts.agents_memory import *  # noqa: F403
 from prefcal_agents import GLISp, LatinHypercube, RandomSearch
 
 

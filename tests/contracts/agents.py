@@ -1,16 +1,11 @@
 """What every preference-based agent must satisfy.
 
 A test file that imports everything from here and has a fixture `make_agent(space, **options)`
-puts its agent through all of it; `restore(space, state)` must wake it up again.
+puts its agent through all of it. What an agent must remember stands in `agents_memory`.
 """
-
-import json
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
-from prefcal_agents import AgentState, restore
 
 from prefcal_env.errors import PreferenceError, ProtocolError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
@@ -140,158 +135,6 @@ def test_abstaining_moves_on_and_keeps_the_incumbent(make_agent):
     assert len({q.challenger for q in queries}) == 12
 
 
-def test_undo_reopens_the_identical_query(make_agent):
-    agent = make_agent(MIXED, n_init=3, n_max=7)
-    states, queries = [], []
-    while not agent.done:
-        states.append(agent.state)
-        queries.append(agent.ask())
-        agent.tell(queries[-1], judge(queries[-1]))
-    for state, query in zip(reversed(states), reversed(queries), strict=True):
-        agent.undo()
-        assert agent.ask() == query
-        assert agent.state == state
-    with pytest.raises(ProtocolError, match="no answer to undo"):
-        agent.undo()
-
-
-def test_after_undo_another_answer_may_be_given(make_agent):
-    agent = make_agent(MIXED, n_init=3, n_max=6)
-    run(agent, [None, -1])
-    agent.undo()
-    run(agent, [1])
-    assert agent.ask().incumbent.index == 0
-
-
-def test_retracting_keeps_all_samples_and_recomputes_the_incumbent(make_agent):
-    agent = make_agent(MIXED, n_init=3, n_max=8)
-    run(agent, [None, -1, -1, 1, 0])
-    before, query = agent.state, agent.ask()
-    assert query.incumbent.index == 2
-    agent.retract(2)
-    assert agent.state.ledger.samples == before.ledger.samples
-    assert agent.ask().challenger == query.challenger
-    assert agent.ask().incumbent.index == 1
-    with pytest.raises(ProtocolError, match="open query is"):
-        agent.tell(query, 0)
-    run(agent)
-    assert agent.done
-
-
-def test_retracting_does_not_depend_on_whether_was_asked(make_agent):
-    asked, silent = make_agent(MIXED, n_init=2, n_max=8), make_agent(MIXED, n_init=2, n_max=8)
-    for agent in (asked, silent):
-        run(agent, [None, -1, -1, 1])
-    asked.ask()
-    for agent in (asked, silent):
-        agent.retract(1)
-    assert asked.state == silent.state
-
-
-@pytest.mark.parametrize("index", [-1, 4, 1.0, "1", None, True])
-def test_retracting_what_does_not_exist_is_refused(make_agent, index):
-    agent = make_agent(MIXED, n_init=3, n_max=8)
-    run(agent, [None, -1, -1, 1])
-    with pytest.raises(ProtocolError):
-        agent.retract(index)
-
-
-def test_retracting_twice_is_refused(make_agent):
-    agent = make_agent(MIXED, n_init=3, n_max=8)
-    run(agent, [None, -1])
-    agent.retract(1)
-    with pytest.raises(ProtocolError, match="already"):
-        agent.retract(1)
-
-
-def test_undo_after_a_retraction_reopens_the_last_query(make_agent):
-    agent = make_agent(MIXED, n_init=3, n_max=8)
-    queries = run(agent, [None, -1, 1, 1])
-    agent.retract(1)
-    agent.undo()
-    assert agent.ask().challenger == queries[3].challenger
-    assert agent.ask().incumbent.index == 0
-
-
-def test_a_copy_is_independent(make_agent):
-    agent = make_agent(MIXED, n_init=3, n_max=9)
-    run(agent, [None, -1, 1, -1])
-    query, state = agent.ask(), agent.state
-    twins = {answer: agent.copy() for answer in (-1, 0, 1)}
-    for answer, twin in twins.items():
-        twin.tell(twin.ask(), answer)
-        twin.ask()
-    assert agent.ask() == query
-    assert agent.state == state
-    agent.tell(query, -1)
-    assert agent.ask() == twins[-1].ask()
-    assert twins[-1].ask().incumbent != twins[1].ask().incumbent
-
-
-@pytest.mark.parametrize("answered", [0, 1, 3, 5, 8])
-def test_restoring_from_json_gives_the_identical_next_query(make_agent, answered):
-    agent = make_agent(MIXED, n_init=3, n_max=9, seed=5)
-    run(agent, [None, -1, Answer(1, strength=2.5), None, 0, -1, 1, 1][:answered])
-    if answered > 4:
-        agent.retract(2)
-    text = json.dumps(agent.state.to_dict())
-    twin = restore(MIXED, AgentState.from_dict(json.loads(text)))
-    assert type(twin) is type(agent)
-    assert twin.state == agent.state
-    while not agent.done:
-        query = agent.ask()
-        assert twin.ask() == query
-        for a in (agent, twin):
-            a.tell(query, judge(query))
-    assert np.array_equal(twin.best, agent.best)
-
-
-def test_a_state_keeps_marks_strengths_and_outcomes(make_agent):
-    from prefcal_env.experiment import End
-
-    agent = make_agent(MIXED, n_init=3, n_max=9)
-    told = Answer(1, 0.5, (Mark.CHALLENGER_UNSAFE,), (End.UNSAFE, End.TIME_UP))
-    run(agent, [Answer(None, outcomes=(End.SETTLED, None)), told])
-    state = AgentState.from_dict(json.loads(json.dumps(agent.state.to_dict())))
-    assert state.ledger.comparisons[1].answer == told
-    assert state == agent.state
-
-
-def test_an_older_algorithms_samples_are_kept(make_agent):
-    from dataclasses import replace
-
-    agent = make_agent(MIXED, n_init=3, n_max=9)
-    run(agent, [None, -1, 1])
-    moved = tuple((*z[:-1], 0.125) for z in agent.state.ledger.samples)
-    old = replace(agent.state, version=0, ledger=replace(agent.state.ledger, samples=moved))
-    twin = restore(MIXED, old)
-    assert twin.state.ledger.samples == moved
-    assert twin.ask().challenger.theta[2] == pytest.approx(-4.0)
-    run(twin)
-    assert twin.done
-
-
-def test_a_state_that_does_not_fit_is_refused(make_agent):
-    agent = make_agent(MIXED, n_init=3, n_max=9)
-    run(agent, [None, -1, 1])
-    with pytest.raises(SettingsError, match="sample 0"):
-        restore(SMALL, agent.state)
-    good = agent.state.to_dict()
-    for bad in (
-        {},
-        {**good, "agent": "Nobody"},
-        {**good, "samples": good["samples"][:1]},
-        {**good, "answers": [{**good["answers"][1], "incumbent": 2}] * 2},
-        {**good, "answers": [{**good["answers"][1], "preference": 7}]},
-        {**good, "n_max": 2},
-        {**good, "seed": -1},
-        {**good, "samples": [[0.5, 0.5, 1.5]] * 4},
-        {**good, "samples": [[0.5, 0.5, "x"]] * 4},
-    ):
-        with pytest.raises(SettingsError):
-            restore(MIXED, AgentState.from_dict(bad))
-
-
 @pytest.mark.parametrize("space", [MIXED, SMALL])
 def test_theta_stays_in_the_box_integers_are_whole_and_none_runs_twice(make_agent, space):
     agent = make_agent(space, n_init=5, n_max=16, seed=2)
@@ -332,37 +175,3 @@ def test_impossible_counts_and_seeds_are_refused(make_agent, options):
 def test_something_that_is_no_space_is_refused(make_agent):
     with pytest.raises(SettingsError, match="KnobSpace"):
         make_agent([(0, 1)])
-
-
-@settings(
-    max_examples=8,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-@given(
-    actions=st.lists(
-        st.sampled_from([-1, 0, 1, None, "undo", "retract", "copy", "save"]), max_size=25
-    ),
-    seed=st.integers(0, 2**40),
-)
-def test_any_order_of_calls_keeps_the_promises(make_agent, actions, seed):
-    agent = make_agent(MIXED, n_init=3, n_max=8, seed=seed)
-    for action in actions:
-        answered = agent.state.ledger.answered
-        if action == "undo":
-            if answered:
-                agent.undo()
-        elif action == "retract":
-            if answered and not agent.state.ledger.comparisons[-1].retracted:
-                agent.retract(answered - 1)
-        elif action == "copy":
-            agent = agent.copy()
-        elif action == "save":
-            agent = restore(MIXED, AgentState.from_dict(agent.state.to_dict()))
-        elif not agent.done:
-            agent.tell(agent.ask(), action)
-        samples = agent.state.ledger.samples
-        assert len(set(samples)) == len(samples)
-        assert agent.state == agent.copy().state
-        if not agent.done:
-            assert agent.ask().challenger.index == agent.state.ledger.answered
