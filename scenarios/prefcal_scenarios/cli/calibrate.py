@@ -1,5 +1,6 @@
 """`prefcal calibrate`: one study from start to report."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -73,7 +74,8 @@ def calibrate(
     Proposes θ, runs the experiment, has it compared with the best so far, and learns from the
     answer. Ctrl-C stops and leaves a report of the comparisons so far.
     """
-    # Here, not above: --help must not wait for it.
+    _one_thread()
+    # Here, not above: --help must not wait for it, and numpy reads the environment once.
     from prefcal_scenarios.cli.options import Options
     from prefcal_scenarios.cli.session import run
 
@@ -82,6 +84,15 @@ def calibrate(
         answer_noise,
     )  # fmt: skip
     raise typer.Exit(run(options, out, json=json))
+
+
+def _one_thread() -> None:
+    """Keep linear algebra on one thread, unless the user has said otherwise.
+
+    Our matrices are small: threads spend twice the time, most of it waiting for each other.
+    """
+    for library in ("OPENBLAS", "OMP", "MKL"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 
 def _initial(n_init: int | None, n_max: int) -> int:
