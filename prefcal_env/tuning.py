@@ -1,7 +1,7 @@
 """Tuning as an environment: one step is one whole closed-loop experiment."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol
 
 import gymnasium as gym
 import numpy as np
@@ -64,7 +64,7 @@ class TuningEnv(gym.Env[Array, Array]):
         SettingsError: an unknown render mode, or something that is no knob space or function.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 1}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012
 
     def __init__(
         self,
@@ -121,7 +121,8 @@ class TuningEnv(gym.Env[Array, Array]):
             raise ExperimentError(f"a score must be finite, got {score} at θ = {theta}")
         observation = (2 * self.space.encode(theta) - 1).astype(np.float32)
         info = {"experiment": experiment, "theta": theta}
-        return observation, -score, True, False, info
+        reward = 0.0 - score  # not -score: without a score 0, rather than -0
+        return observation, reward, True, False, info
 
     def theta(self, action: Array) -> Float[np.ndarray, " n"]:
         """The physical θ of an action, both shape (n,). Raises KnobError as `step`."""
@@ -136,7 +137,7 @@ class TuningEnv(gym.Env[Array, Array]):
             )
         return self.space.decode((a + 1) / 2)
 
-    def render(self) -> Array | None:  # type: ignore[override]
+    def render(self) -> Array | None:
         """The last experiment as an image, (height, width, 3) uint8; None without render mode."""
         if self.render_mode is None:
             return None

@@ -1,7 +1,7 @@
 """A plant and a task as a Gymnasium environment: one step is one sampling period."""
 
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -42,7 +42,7 @@ class PlantEnv(gym.Env[Array, Array]):
         SettingsError: a task that does not fit the plant, an unknown render mode.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 10}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
 
     def __init__(self, plant: Plant, task: Task, render_mode: str | None = None) -> None:
         _check(plant, task)
@@ -159,19 +159,25 @@ class PlantEnv(gym.Env[Array, Array]):
             raise ProtocolError("no episode to record: call reset() first")
         return self._episode.record(self.channels, self._end)
 
-    def render(self) -> Array | None:  # type: ignore[override]
+    def render(self) -> Array | None:
         """The episode so far as an image, (height, width, 3) uint8; None without render mode."""
-        return None if self.render_mode is None else self._canvas.frame(self._traces())
+        if self.render_mode is None:
+            return None
+        state = "" if self._end is None else f", {self._end.value}"
+        note = f"{self._t:.4g} {self.plant.time_unit}{state}"
+        return self._canvas.frame(self._traces(), note)
 
     def close(self) -> None:
         """Let go of the figure."""
         self._canvas.close()
 
     def _saturated(self, u: Array) -> Array:
-        u = np.clip(u, self._low, self._high)
-        if self.task.max_move is None:
-            return u
-        return np.clip(u, self._u - self.task.max_move, self._u + self.task.max_move)
+        low, high = self._low, self._high
+        if self.task.max_move is not None:
+            low = np.maximum(low, self._u - self.task.max_move)
+            high = np.minimum(high, self._u + self.task.max_move)
+        saturated: Array = np.clip(u, low, high)
+        return saturated
 
     def _survived(self, x: Float[np.ndarray, "M n_x"]) -> tuple[int, bool]:
         """How many rows to keep, and whether it went wrong there: none that is not finite."""
@@ -186,7 +192,8 @@ class PlantEnv(gym.Env[Array, Array]):
         tracked, t = self.task.reference(self._t)[list(self.task.tracked)], self._t
         raw = np.concatenate([self._x, self._u, tracked, self.task.disturbance(t)])
         low, high = self.task.observed.T
-        return np.clip(2 * (raw - low) / (high - low) - 1, -1, 1).astype(np.float32)
+        scaled: Array = np.clip(2 * (raw - low) / (high - low) - 1, -1, 1)
+        return scaled.astype(np.float32)
 
     def _info(self) -> dict[str, Any]:
         info: dict[str, Any] = {"t": self._t, "x": self._x.copy(), "u": self._u.copy()}

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 
-Vector = Float[np.ndarray, " n"]
+Vector = Float[np.ndarray, " _"]
 Signal = Vector | Callable[[float], Vector]
 """A constant, shape (n,), or a function of time that returns one."""
 
@@ -60,7 +60,7 @@ class Task:
         x0: State at the start, shape (n_x,).
         u0: Input before the start, shape (n_u,).
         y_ref: Output references, shape (n_y,), or a function of time.
-        d: Measured disturbances, shape (n_d,), or a function of time.
+        d: Measured disturbances, shape (n_d,), or a function of time; None: there are none.
         horizon: The first sample at or after this time is the last one.
         T_s: Sampling time, unless `reset` is told another one.
         T_s_range: Lowest and highest sampling time that `reset` accepts.
@@ -83,25 +83,27 @@ class Task:
             finite, an `observed` that is not rows of low below high.
     """
 
-    x0: Vector
-    u0: Vector
+    x0: Float[np.ndarray, " n_x"]
+    u0: Float[np.ndarray, " n_u"]
     y_ref: Signal
     horizon: float
     T_s: float
     T_s_range: tuple[float, float]
     dense_step: float
     observed: Float[np.ndarray, "n 2"]
-    d: Signal = ()  # type: ignore[assignment]
+    d: Signal | None = None
     tracked: tuple[int, ...] = (0,)
     bands: Mapping[int, float] | None = None
     unsafe: Callable[[Vector], bool] = never
     settled: Callable[[Step], bool] = never
     stage_cost: Callable[[Step], float] = free
     unsafe_cost: float = 0.0
-    max_move: Vector | None = None
+    max_move: Float[np.ndarray, " n_u"] | None = None
     preview: int = 0
 
     def __post_init__(self) -> None:
+        if self.d is None:
+            object.__setattr__(self, "d", np.zeros(0))
         for name in ("x0", "u0", "y_ref", "d", "observed", "max_move"):
             value = getattr(self, name)
             if value is None or callable(value):
@@ -135,6 +137,7 @@ class Task:
 
     def disturbance(self, t: float) -> Vector:
         """Measured disturbances at time `t`, shape (n_d,)."""
+        assert self.d is not None
         return _at(self.d, t)
 
 

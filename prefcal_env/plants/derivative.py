@@ -1,5 +1,6 @@
 """Derivatives of a function that is given as code."""
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -43,8 +44,10 @@ def _complex_step(
         p = point.astype(complex)
         p[i] += 1j * _TINY
         try:
-            value = np.asarray(function(p))
-        except (TypeError, ValueError, ArithmeticError):
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", np.exceptions.ComplexWarning)
+                value = np.asarray(function(p))
+        except (TypeError, ValueError, ArithmeticError, np.exceptions.ComplexWarning):
             return None
         columns.append(np.imag(value) / _TINY)
     return np.array(columns, dtype=float).T

@@ -91,10 +91,8 @@ class FunctionPlant:
         """Derivatives of f and g at one point."""
         n_x = len(self.states)
         point = np.concatenate([x, u])
-        AB, CD = (
-            derivative(lambda p, n=name: self._values(n, p[:n_x], p[n_x:], d), point)
-            for name in ("f", "g")
-        )
+        AB = derivative(lambda p: self._values("f", p[:n_x], p[n_x:], d), point)
+        CD = derivative(lambda p: self._values("g", p[:n_x], p[n_x:], d), point)
         return Jacobians(AB[:, :n_x], AB[:, n_x:], CD[:, :n_x], CD[:, n_x:])
 
     def hold(

@@ -1,0 +1,55 @@
+"""Every annotated shape and type of ours is checked while the tests run.
+
+A wrong shape stops the test where it first appears. Compiled modules, and what they compile, stay
+as they are: a wrapped function does not compile. Tests with "refused" in their names, and those
+marked `unchecked`, hand over wrong shapes on purpose.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import jaxtyping
+import matplotlib as mpl
+import pytest
+import support.type_checker  # noqa: F401
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = {
+    "prefcal_env": ROOT,
+    "prefcal_agents": ROOT / "agents",
+    "prefcal_scenarios": ROOT / "scenarios",
+}
+COMPILED_ELSEWHERE = {"prefcal_env.plants.integrate"}
+
+mpl.use("Agg")
+
+
+def checked_modules() -> list[str]:
+    """Names of our modules that hold plain Python; no packages, whose names would cover all."""
+    names = []
+    for package, folder in PACKAGES.items():
+        for path in sorted((folder / package).rglob("*.py")):
+            name = ".".join(path.relative_to(folder).with_suffix("").parts)
+            compiled = "import numba" in path.read_text(encoding="utf-8")
+            if path.stem != "__init__" and not compiled and name not in COMPILED_ELSEWHERE:
+                names.append(name)
+    return names
+
+
+jaxtyping.install_import_hook(checked_modules(), "support.type_checker.check")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Announce the marker."""
+    config.addinivalue_line("markers", "unchecked: hands over wrong shapes on purpose")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Check shapes, unless the test wants to see how wrong ones are refused."""
+    wanted = item.get_closest_marker("unchecked") or "refused" in item.name
+    jaxtyping.config.update("jaxtyping_disable", bool(wanted))
+    try:
+        return (yield)
+    finally:
+        jaxtyping.config.update("jaxtyping_disable", False)

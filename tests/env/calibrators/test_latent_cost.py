@@ -1,0 +1,98 @@
+"""A latent cost with a tie band and noise."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.short_runs import final_level, short_run
+
+from prefcal_env.calibrators import BradleyTerry, LatentCost, Thurstone
+from prefcal_env.errors import SettingsError
+from prefcal_env.preference import Preference
+
+LOW, HIGH = short_run([1.0], value=1.0), short_run([2.0], value=1.3)
+
+
+def test_the_lower_cost_is_preferred():
+    assert LatentCost(final_level).prefer(LOW, HIGH) is Preference.CHALLENGER
+    assert LatentCost(final_level).prefer(HIGH, LOW) is Preference.INCUMBENT
+
+
+def test_costs_within_the_tie_band_are_a_tie():
+    assert LatentCost(final_level, tie_band=0.31).prefer(LOW, HIGH) is Preference.TIE
+    assert LatentCost(final_level, tie_band=0.29).prefer(LOW, HIGH) is Preference.CHALLENGER
+
+
+def test_infinite_costs_are_compared():
+    cost = LatentCost(lambda e: np.inf if e.theta[0] > 1 else 0.0)
+    other = short_run([3.0])
+    assert cost.prefer(HIGH, LOW) is Preference.INCUMBENT
+    assert cost.prefer(HIGH, other) is Preference.TIE
+
+
+def share_right(noise, difference: float, n: int = 4000) -> float:
+    judge = LatentCost(final_level, noise=noise)
+    right = 0
+    for i in range(n):
+        better = short_run([float(i)], value=0.0)
+        worse = short_run([i + 0.5], value=difference)
+        right += judge.prefer(better, worse) is Preference.CHALLENGER
+    return right / n
+
+
+def test_thurstone_errs_as_often_as_case_v_says():
+    # P = Phi(1/(sqrt(2) 1)) = 0.760
+    assert share_right(Thurstone(1.0), 1.0) == pytest.approx(0.760, abs=0.025)
+
+
+def test_bradley_terry_errs_as_often_as_its_formula_says():
+    # P = 1/(1 + exp(-1)) = 0.731
+    assert share_right(BradleyTerry(1.0), 1.0) == pytest.approx(0.731, abs=0.025)
+
+
+def test_another_seed_errs_elsewhere():
+    def verdicts(seed: int) -> list[Preference]:
+        judge = LatentCost(final_level, noise=Thurstone(1.0), seed=seed)
+        pairs = [(short_run([i]), short_run([i + 0.5])) for i in range(20)]
+        return [judge.prefer(a, b) for a, b in pairs]
+
+    assert verdicts(0) == verdicts(0) != verdicts(1)
+
+
+@given(
+    theta=st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=2, unique=True),
+    seed=st.integers(0, 2**70),
+)
+def test_verdicts_depend_on_the_two_thetas_alone(theta, seed):
+    judge = LatentCost(final_level, noise=Thurstone(1.0), seed=seed)
+    a, b = short_run(theta[:1]), short_run(theta[1:])
+    assert judge.prefer(a, b) == judge.prefer(a, b) == -judge.prefer(b, a)
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"tie_band": -0.1}, "tie_band must be 0 or more, got -0.1"),
+        ({"tie_band": np.nan}, "tie_band"),
+        ({"noise": 0.3}, "Thurstone, BradleyTerry or None, got 0.3"),
+        ({"seed": -1}, "seed must be an integer of 0 or more, got -1"),
+        ({"seed": 1.5}, "seed"),
+        ({"cost": 3}, "cost must be a function"),
+    ],
+)
+def test_impossible_options_are_refused(options, reason):
+    with pytest.raises(SettingsError, match=reason):
+        LatentCost(**{"cost": final_level} | options)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_noise_without_a_positive_scale_is_refused(value):
+    with pytest.raises(SettingsError, match="sigma must be positive"):
+        Thurstone(value)
+    with pytest.raises(SettingsError, match="scale must be positive"):
+        BradleyTerry(value)
+
+
+def test_a_cost_that_is_nan_is_refused():
+    with pytest.raises(SettingsError, match="NaN at θ"):
+        LatentCost(lambda e: np.nan).prefer(LOW, HIGH)

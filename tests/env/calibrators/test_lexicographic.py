@@ -1,0 +1,63 @@
+"""Criteria in order of importance."""
+
+import numpy as np
+import pytest
+from support.short_runs import final_level, short_run
+
+from prefcal_env.calibrators import Criterion, Lexicographic
+from prefcal_env.errors import SettingsError
+from prefcal_env.experiment import End
+from prefcal_env.preference import Preference
+
+LEVEL = Criterion("level", final_level, just_noticeable=0.5)
+LONGER = Criterion("duration", lambda e: e.duration, lower_is_better=False)
+
+
+def test_the_first_criterion_that_tells_them_apart_decides():
+    rules = Lexicographic([LEVEL, LONGER])
+    low_short = short_run([0.0], value=1.0, duration=1.0)
+    high_long = short_run([0.1], value=2.0, duration=2.0)
+    high_short = short_run([0.2], value=2.2, duration=1.0)
+    assert rules.prefer(low_short, high_long) is Preference.CHALLENGER
+    assert rules.prefer(high_short, high_long) is Preference.INCUMBENT
+
+
+def test_nothing_to_tell_apart_is_a_tie():
+    pair = short_run([0.0], value=1.0), short_run([0.1], value=1.4)
+    assert Lexicographic([LEVEL, LONGER]).prefer(*pair) is Preference.TIE
+
+
+def test_an_interrupted_experiment_loses_whatever_the_criteria():
+    stopped = short_run([0.0], value=0.0, end=End.UNSAFE)
+    assert Lexicographic([LEVEL]).prefer(stopped, short_run([0.1])) is Preference.INCUMBENT
+
+
+def test_of_two_interrupted_experiments_the_longer_is_better():
+    longer = short_run([0.0], value=9.0, duration=2.0, end=End.FAILED)
+    shorter = short_run([0.1], value=0.0, duration=1.0, end=End.UNSAFE)
+    assert Lexicographic([LEVEL]).prefer(longer, shorter) is Preference.CHALLENGER
+
+
+def test_infinite_values_are_compared():
+    never = Criterion("settled", lambda e: np.inf)
+    pair = short_run([0.0]), short_run([0.1])
+    assert Lexicographic([never]).prefer(*pair) is Preference.TIE
+
+
+@pytest.mark.parametrize("criteria", [[], [final_level]])
+def test_no_criterion_and_something_else_are_refused(criteria):
+    with pytest.raises(SettingsError, match="one or more Criterion"):
+        Lexicographic(criteria)
+
+
+@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
+def test_an_impossible_threshold_is_refused(value):
+    with pytest.raises(SettingsError, match="'level': just_noticeable must be 0 or more"):
+        Criterion("level", final_level, just_noticeable=value)
+
+
+def test_a_value_that_is_nan_is_refused():
+    with pytest.raises(SettingsError, match="'broken' must be a number"):
+        Lexicographic([Criterion("broken", lambda e: np.nan)]).prefer(
+            short_run([0.0]), short_run([0.1])
+        )

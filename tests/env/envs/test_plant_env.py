@@ -1,0 +1,262 @@
+"""A plant and a task as an environment."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.tank import INFLOW, LEVEL, RAIN, TANK, tank_env, tank_task
+
+from prefcal_env.envs import PlantEnv
+from prefcal_env.errors import PlantError, ProtocolError, SettingsError
+from prefcal_env.experiment import Channel, End
+from prefcal_env.plants import FunctionPlant
+
+
+def level_after(u: float, t: np.ndarray | float, d: float = 0.0) -> np.ndarray | float:
+    return 2 * (u + d) * (1 - np.exp(-np.asarray(t) / 2))
+
+
+def test_one_step_holds_the_input_for_one_sampling_period():
+    env = tank_env()
+    env.reset()
+    observation, reward, terminated, truncated, info = env.step(np.array([-0.5]))
+    assert info["t"] == 0.5
+    assert info["u"] == pytest.approx([1.0])  # -0.5 of [0, 4]
+    assert info["x"] == pytest.approx([level_after(1.0, 0.5)], abs=1e-9)
+    assert observation == pytest.approx([info["x"][0] / 4 - 1, -0.5, 0.0, 0.0], abs=1e-6)
+    assert reward == pytest.approx(-0.5 * (2.0 - info["x"][0]))
+    assert (terminated, truncated) == (False, False)
+
+
+def test_inputs_saturate_at_the_limits():
+    env = tank_env()
+    env.reset()
+    assert env.step(np.array([7.0]))[4]["u"] == [4.0]
+    assert env.apply(np.array([-np.inf])).u == [0.0]
+
+
+def test_a_task_may_limit_the_moves():
+    env = tank_env(max_move=np.array([0.75]))
+    env.reset()
+    inputs = [float(env.apply(np.array([u])).u[0]) for u in (4.0, 4.0, 1.4, -5.0)]
+    assert inputs == [0.75, 1.5, 1.4, pytest.approx(0.65)]
+
+
+def test_observations_saturate_at_the_box():
+    env = tank_env(unsafe=lambda x: False)
+    env.reset(options={"x0": [100.0]})
+    assert env.step(np.array([0.0], np.float32))[0][0] == 1.0
+    assert env.observation_space.contains(env.step(np.zeros(1))[0])
+
+
+def test_the_dense_trajectory_is_on_a_grid_whatever_the_sampling_time():
+    records = []
+    for T_s in (0.3, 0.25, 3.0):
+        env = tank_env(settled=lambda s: False)
+        env.reset(options={"T_s": T_s})
+        while env.end is None:
+            env.apply(np.array([0.9]))
+        records.append(env.record())
+        on_grid = np.isin(np.round(records[-1].t, 9), np.round(np.arange(101) * 0.1, 9))
+        assert np.sum(on_grid & (records[-1].t <= 10.0 + 1e-9)) == 101
+        assert records[-1].x[:, 0] == pytest.approx(level_after(0.9, records[-1].t), abs=1e-9)
+
+
+def test_time_is_up_at_the_first_sample_at_or_after_the_horizon():
+    for T_s, end in ((0.5, 10.0), (0.3, 10.2), (0.1, 10.0), (3.0, 12.0)):
+        env = tank_env(settled=lambda s: False)
+        env.reset(options={"T_s": T_s})
+        steps = 0
+        truncated = False
+        while not truncated:
+            *_, terminated, truncated, info = env.step(np.zeros(1) - 1)
+            steps += 1
+            assert not terminated
+        assert info["t"] == pytest.approx(end)
+        assert steps == round(end / T_s)
+        assert info["end"] == "time is up"
+
+
+def test_a_settled_plant_truncates():
+    env = tank_env()
+    env.reset(options={"x0": [2.0]})
+    *_, terminated, truncated, info = env.step(np.array([-0.5]))
+    assert (terminated, truncated, info["end"]) == (False, True, "settled")
+    assert env.end is End.SETTLED
+
+
+def test_an_unsafe_state_ends_the_episode_where_it_appears_and_costs_the_rest():
+    env = tank_env()
+    env.reset(options={"T_s": 3.0, "x0": [4.0]})
+    *_, reward, terminated, truncated, info = env.step(np.array([1.0]))
+    # 8 - 4 exp(-t/2) = 6 at t = 1.386; the first instant of the grid after it is 1.4.
+    assert (terminated, truncated, info["end"]) == (True, False, "unsafe")
+    assert info["t"] == pytest.approx(1.4)
+    assert reward == pytest.approx(-1.4 * (info["x"][0] - 2) - 5.0 * 8.6)
+    assert env.record().x[-1, 0] > 6.0 >= env.record().x[-2, 0]
+
+
+@pytest.mark.parametrize("T_s", [0.5, 3.0])
+def test_a_state_that_is_not_finite_is_unsafe_and_not_recorded(T_s):
+    bomb = FunctionPlant(
+        lambda x, u, d: [1 + x[0] ** 4], states=[LEVEL], inputs=[INFLOW], disturbances=[RAIN]
+    )
+    env = PlantEnv(bomb, tank_task(unsafe=lambda x: False))
+    env.reset(options={"T_s": T_s})
+    terminated = False
+    while not terminated:
+        observation, reward, terminated, _, info = env.step(np.zeros(1))
+        assert np.isfinite(reward)
+        assert env.observation_space.contains(observation)
+        assert np.isfinite(info["x"]).all()
+    record = env.record()
+    assert record.end is End.UNSAFE
+    assert np.isfinite(record.x).all()
+    assert np.all(np.diff(record.t) > 0)
+
+
+def test_a_first_step_that_fails_at_once_leaves_one_instant():
+    env = PlantEnv(
+        FunctionPlant(
+            lambda x, u, d: [np.nan], states=[LEVEL], inputs=[INFLOW], disturbances=[RAIN]
+        ),
+        tank_task(),
+    )
+    env.reset()
+    assert env.step(np.zeros(1))[2] is True
+    assert env.record().t.tolist() == [0.0]
+    assert env.record().t_control.tolist() == [0.0]
+
+
+def test_inputs_in_the_record_change_at_their_instants():
+    env = tank_env(dense_step=0.25)
+    env.reset(options={"T_s": 0.5})
+    for u in (1.0, 3.0):
+        env.apply(np.array([u]))
+    record = env.record()
+    assert record.t.tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
+    assert record.u[:, 0].tolist() == [1.0, 1.0, 3.0, 3.0, 3.0]
+    assert record.t_control.tolist() == [0.0, 0.5]
+    assert record.end is None
+
+
+def test_references_and_disturbances_may_vary_and_are_held_over_a_period():
+    env = tank_env(
+        y_ref=lambda t: np.array([2.0 + t]), d=lambda t: np.array([t]), settled=lambda s: False
+    )
+    env.reset()
+    env.apply(np.zeros(1))
+    env.apply(np.zeros(1))
+    assert env.record().y_ref[:, 0].tolist() == [2.0, 2.5]
+    assert env.record().x[-1, 0] == pytest.approx(level_after(0.0, 0.5, d=0.5), abs=1e-9)
+    assert env.measurement().y_ref.tolist() == [3.0]
+    assert env.measurement().d.tolist() == [1.0]
+
+
+def test_a_preview_starts_at_the_next_sample_for_outputs_and_now_for_disturbances():
+    env = tank_env(y_ref=lambda t: np.array([2.0 + t]), d=lambda t: np.array([t]), preview=3)
+    env.reset()
+    env.apply(np.zeros(1))
+    assert env.measurement().y_ref[:, 0].tolist() == [3.0, 3.5, 4.0]
+    assert env.measurement().d[:, 0].tolist() == [0.5, 1.0, 1.5]
+
+
+def test_a_constant_reference_becomes_the_target_of_its_output():
+    (output,) = tank_env().channels.y
+    assert (output.target, output.band) == (2.0, 0.1)
+    assert tank_env(y_ref=lambda t: np.array([2.0])).channels.y[0].target is None
+
+
+@settings(max_examples=25)
+@given(st.lists(st.floats(-1, 1), min_size=1, max_size=5))
+def test_float64_actions_are_not_rounded(actions):
+    env = tank_env()
+    env.reset()
+    for a in actions:
+        if env.end is None:
+            assert env.step(np.array([a]))[4]["u"][0] == 2 * (a + 1)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "reason"),
+    [
+        ({"T_s": 0.05}, SettingsError, r"T_s must be a number in \[0.1, 3.0\].*got 0.05"),
+        ({"T_s": np.nan}, SettingsError, "got nan"),
+        ({"T_s": "fast"}, SettingsError, "got 'fast'"),
+        ({"T_s": True}, SettingsError, "got True"),
+        ({"dt": 0.5}, SettingsError, r"must be among .*got \['dt'\]"),
+        ({"x0": [1.0, 2.0]}, PlantError, r"x0 must have shape \(1,\), got \(2,\)"),
+        ({"x0": [np.inf]}, PlantError, "x0 must be finite"),
+        ({"x0": "empty"}, PlantError, "x0 must be 1 numbers, got 'empty'"),
+        ({"x0": [7.0]}, PlantError, "unsafe already"),
+    ],
+)
+def test_bad_reset_options_are_refused(options, error, reason):
+    with pytest.raises(error, match=reason):
+        tank_env().reset(options=options)
+
+
+@pytest.mark.parametrize("action", [[np.nan], [0.0, 0.0], 0.0, None, ["x"]])
+def test_bad_actions_are_refused(action):
+    env = tank_env()
+    env.reset()
+    with pytest.raises(PlantError, match="action must"):
+        env.step(action)
+
+
+def test_a_step_without_an_episode_is_refused():
+    env = tank_env()
+    with pytest.raises(ProtocolError, match=r"call reset\(\)"):
+        env.step(np.zeros(1))
+    with pytest.raises(ProtocolError, match=r"call reset\(\)"):
+        env.record()
+    env.reset(options={"x0": [2.0]})
+    env.step(np.array([-0.5]))
+    with pytest.raises(ProtocolError, match="no episode is under way"):
+        env.step(np.zeros(1))
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"x0": np.zeros(2)}, r"x0 must have shape \(1,\) for plant 'tank', got \(2,\)"),
+        ({"y_ref": lambda t: np.zeros(2)}, "y_ref must have shape"),
+        ({"d": np.zeros(0)}, "d must have shape"),
+        ({"observed": np.array([(0, 1)])}, r"observed must have shape \(4, 2\)"),
+        ({"tracked": (1,), "bands": None}, "tracked must be outputs 0 to 0"),
+        ({"max_move": np.array([0.0])}, "max_move must be 1 positive"),
+    ],
+)
+def test_a_task_that_does_not_fit_the_plant_is_refused(change, reason):
+    with pytest.raises(SettingsError, match=reason):
+        tank_env(**change)
+
+
+def test_inputs_without_limits_are_refused():
+    plant = FunctionPlant(
+        lambda x, u, d: u, states=[LEVEL], inputs=[Channel("inflow", "m/s")], disturbances=[RAIN]
+    )
+    with pytest.raises(SettingsError, match="'inflow'.*finite limits"):
+        PlantEnv(plant, tank_task())
+
+
+def test_an_unknown_render_mode_is_refused():
+    with pytest.raises(SettingsError, match="got 'human'"):
+        PlantEnv(TANK, tank_task(), render_mode="human")
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"horizon": 0.0}, "horizon must be positive"),
+        ({"dense_step": np.inf}, "dense_step must be positive"),
+        ({"T_s": 5.0}, "got 5.0"),
+        ({"T_s_range": (0.0, 3.0)}, "T_s must be"),
+        ({"x0": [np.nan]}, "x0 must be finite"),
+        ({"observed": np.ones((4, 2))}, "low below high"),
+        ({"preview": -1}, "preview must be 0 or more"),
+    ],
+)
+def test_an_impossible_task_is_refused(change, reason):
+    with pytest.raises(SettingsError, match=reason):
+        tank_task(**change)

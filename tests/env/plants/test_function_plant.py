@@ -1,0 +1,109 @@
+"""A plant from its equations alone."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from prefcal_env.errors import PlantError
+from prefcal_env.experiment import Channel
+from prefcal_env.plants import CSTR, FunctionPlant
+
+X = (Channel("angle", "rad"), Channel("speed", "rad/s"))
+U = (Channel("torque", "Nm", low=-2.0, high=2.0),)
+
+
+def pendulum(x, u, d):
+    return [x[1], -9.81 * np.sin(x[0]) - 0.1 * x[1] + u[0]]
+
+
+PENDULUM = FunctionPlant(pendulum, states=X, inputs=U)
+NONE = np.zeros(0)
+
+
+def test_without_g_the_states_are_the_outputs():
+    assert PENDULUM.outputs == X
+    assert np.array_equal(PENDULUM.g(np.array([1.0, 2.0]), np.zeros(1), NONE), [1.0, 2.0])
+
+
+@given(x=st.tuples(st.floats(-3, 3), st.floats(-5, 5)), u=st.floats(-2, 2))
+def test_jacobians_are_those_by_hand(x, u):
+    J = PENDULUM.jacobians(np.array(x), np.array([u]), NONE)
+    assert J.A == pytest.approx(np.array([[0, 1], [-9.81 * np.cos(x[0]), -0.1]]), abs=1e-12)
+    assert J.B == pytest.approx(np.array([[0.0], [1.0]]), abs=1e-12)
+    assert J.C == pytest.approx(np.eye(2), abs=1e-12)
+    assert J.D == pytest.approx(np.zeros((2, 1)), abs=1e-12)
+
+
+def test_jacobians_of_the_reactors_equations_are_those_of_the_reactor():
+    cstr, d = CSTR(), np.array([298.15, 10.0])
+
+    def f(x, u, d):
+        r = 3.49e7 * np.exp(-11843 / (1.987 * x[0])) * x[1]
+        return [
+            d[0] - x[0] + 5960 / 500 * r - 150 / 500 * (x[0] - u[0]),
+            d[1] - x[1] - r,
+        ]
+
+    plant = FunctionPlant(f, states=CSTR.states, inputs=CSTR.inputs, disturbances=CSTR.disturbances)
+    x, u = cstr.steady_state_at_concentration(2.0)
+    ours, exact = plant.jacobians(x, u, d), cstr.jacobians(x, u, d)
+    assert plant.f(x, u, d) == pytest.approx(cstr.f(x, u, d), abs=1e-9)
+    assert ours.A == pytest.approx(exact.A, rel=1e-12)
+    assert ours.B == pytest.approx(exact.B, rel=1e-12)
+
+
+def test_hold_agrees_with_a_precise_integrator():
+    x0, u, times = np.array([0.5, 0.0]), np.array([1.0]), np.array([0.3, 1.0, 2.5])
+    exact = solve_ivp(
+        lambda t, x: pendulum(x, u, NONE), (0, 2.5), x0, "DOP853", times, rtol=1e-12, atol=1e-12
+    ).y.T
+    assert PENDULUM.hold(x0, u, NONE, times) == pytest.approx(exact, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    "f",
+    [
+        lambda x, u, d: [x[0] ** 2],  # overflows
+        lambda x, u, d: [float(x[0]) ** 3],  # raises OverflowError
+        lambda x, u, d: [1 / (2 - float(x[0])) ** 2],  # a singularity on the way
+        lambda x, u, d: [float(x[0]) / int(x[0] < 1.5)],  # raises ZeroDivisionError
+    ],
+)
+def test_a_state_that_blows_up_is_not_an_error(f):
+    plant = FunctionPlant(f, states=X[:1], inputs=U)
+    states = plant.hold(np.ones(1), np.zeros(1), NONE, np.linspace(0.1, 3, 30))
+    assert np.isfinite(states[0]).all()
+
+
+def test_equations_that_return_the_wrong_number_are_refused():
+    plant = FunctionPlant(
+        lambda x, u, d: [0.0],
+        lambda x, u, d: 1.0,
+        states=X,
+        inputs=U,
+        outputs=X[:1],
+        name="pendulum",
+    )
+    x, u = np.zeros(2), np.zeros(1)
+    with pytest.raises(PlantError, match=r"f of plant 'pendulum' must return 2 values.*\(1,\)"):
+        plant.f(x, u, NONE)
+    with pytest.raises(PlantError, match=r"g of plant 'pendulum' must return 1 values.*\(\)"):
+        plant.g(x, u, NONE)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"states": ()}, "at least one state and one input"),
+        ({"inputs": ()}, "at least one state and one input"),
+        ({"outputs": X}, "both g and its outputs"),
+        ({"g": lambda x, u, d: x}, "both g and its outputs"),
+        ({"max_step": 0.0}, "max_step must be positive"),
+        ({"max_step": np.nan}, "max_step must be positive"),
+    ],
+)
+def test_an_incomplete_plant_is_refused(change, reason):
+    with pytest.raises(PlantError, match=reason):
+        FunctionPlant(**{"f": pendulum, "states": X, "inputs": U} | change)
