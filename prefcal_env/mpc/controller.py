@@ -114,7 +114,7 @@ class LinearMPC:
             plan[len(shifted) :] = self._plan[-1]
         return along_trajectory(self.plant, m.x, plan, m.u, d, s.T_s)
 
-    def _references(self, y_ref: Float[np.ndarray, "*y"]) -> Float[np.ndarray, "*y"]:
+    def _references(self, y_ref: Float[np.ndarray, "*y"]) -> Float[np.ndarray, "*rows"]:
         """Rows for y_0 ... y_Np; a preview starts at y_1 and its last row holds on."""
         if y_ref.ndim == 1:
             return y_ref

@@ -19,9 +19,9 @@ class Prediction:
 
     A: Float[np.ndarray, "k n_x n_x"]
     B: Float[np.ndarray, "k n_x n_u"]
-    c: Float[np.ndarray, "k n_x"]
-    C: Float[np.ndarray, "k n_y n_x"]
-    D: Float[np.ndarray, "k n_y n_u"]
+    c: Float[np.ndarray, "k_c n_x"]
+    C: Float[np.ndarray, "k_y n_y n_x"]
+    D: Float[np.ndarray, "k_y n_y n_u"]
     e: Float[np.ndarray, "N_p1 n_y"]
 
 
