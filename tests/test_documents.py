@@ -1,0 +1,74 @@
+"""What the README and the docs show is executed as it stands.
+
+Python blocks of a document share one namespace, in an empty folder. Lines of `console` blocks that
+begin with `$ prefcal` are run too. A block after `<!-- not executed: why -->` is left out.
+"""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"(<!-- not executed:[^>]*-->\s*)?^```(python|console)\n(.*?)^```", re.M | re.S)
+SCRIPTS = [*sorted((ROOT / "agents").glob("run_*.py")), *sorted((ROOT / "docs").glob("*.py"))]
+
+
+def blocks(document, language):
+    found = BLOCK.findall(document.read_text())
+    return [text for skipped, kind, text in found if kind == language and not skipped]
+
+
+def run(arguments, folder):
+    done = subprocess.run(
+        arguments,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        env={**os.environ, "PREFCAL_DOCS": str(ROOT / "docs")},
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda d: d.name)
+def test_python_in_a_document_runs(document, tmp_path):
+    code = "\n".join(blocks(document, "python"))
+    if not code:
+        pytest.skip("no Python in it")
+    run([sys.executable, "-c", code], tmp_path)
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda d: d.name)
+def test_commands_in_a_document_run(document, tmp_path):
+    lines = "".join(blocks(document, "console")).splitlines()
+    commands = [line[2:] for line in lines if line.startswith("$ prefcal ")]
+    if not commands:
+        pytest.skip("no command in it")
+    for command in commands:
+        run([sys.executable, "-m", "prefcal_scenarios", *shlex.split(command)[1:]], tmp_path)
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda s: s.name)
+def test_a_script_to_copy_runs_and_is_short(script, tmp_path):
+    assert "best" in run([sys.executable, str(script)], tmp_path)
+    assert len(script.read_text().splitlines()) <= 80
+
+
+def test_links_between_documents_lead_somewhere():
+    for document in DOCUMENTS:
+        for target in re.findall(r"\]\((?!http|#)([^)#]+)", document.read_text()):
+            assert (document.parent / target).exists(), f"{document.name}: {target}"
+
+
+def test_no_document_names_a_host_to_load_from_or_a_path_of_a_machine():
+    pattern = re.compile(r"cdn\.|/home/|/root/|/tmp/|C:\\\\")
+    for document in DOCUMENTS:
+        assert not pattern.search(document.read_text()), document.name
