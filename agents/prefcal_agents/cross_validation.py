@@ -80,6 +80,12 @@ def choose_epsilon(
     return validation.choose([replace(shape, epsilon=epsilon) for epsilon in candidates])
 
 
+def nearest(candidates: Sequence[float], epsilon: float, reach: int) -> Sequence[float]:
+    """The candidate next to `epsilon`, and up to `reach` of them on either side."""
+    middle = int(np.argmin(np.abs(np.log(np.array(candidates) / epsilon))))
+    return candidates[max(middle - reach, 0) : middle + reach + 1]
+
+
 def rescale_knob(
     validation: Validation,
     shape: Shape,
@@ -102,9 +108,7 @@ def rescale_knob(
         knob: Index of the knob.
         widest: Largest ratio between the scales of two knobs.
     """
-    nearest = int(np.argmin(np.abs(np.log(np.array(candidates) / shape.epsilon))))
-    around = candidates[max(nearest - 1, 0) : nearest + 2]
-    best = shape
+    around, best = nearest(candidates, shape.epsilon, 1), shape
     for factor in (2.0, 0.5):
         scales = _scaled(best.scales, knob, factor)
         if scales.max() > widest * scales.min():
