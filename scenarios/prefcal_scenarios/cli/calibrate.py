@@ -23,51 +23,60 @@ EPILOG = """\
 """
 
 
+_Scenario = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="A name (see `prefcal scenarios`) or own.py:name.")
+]
+_Calibrator = Annotated[
+    str, typer.Option(help="Who compares: one of the scenario's synthetic calibrators.")
+]
+_Agent = Annotated[str, typer.Option(help="Who proposes: glisp, random or lhs.")]
+_Seed = Annotated[int, typer.Option(help="Of the agent and the calibrator.")]
+_Initial = Annotated[
+    int | None,
+    typer.Option(
+        help="Experiments before learning starts.",
+        show_default="10, or half of --n-max if that is less",
+    ),
+]
+_Experiments = Annotated[int, typer.Option(help="Experiments in all.")]
+_Delta = Annotated[
+    float | None,
+    typer.Option(help="How much glisp explores (δ of the paper).", show_default="the agent's"),
+]
+_TieBand = Annotated[
+    float | None,
+    typer.Option(
+        help="Costs this close are a tie to the synthetic calibrator.",
+        show_default="the scenario's",
+    ),
+]
+_Noise = Annotated[
+    float | None,
+    typer.Option(
+        help="Standard deviation of his error in each cost.", show_default="the scenario's"
+    ),
+]
+_Folder = Annotated[
+    Path | None,
+    typer.Option(help="Folder of the report; may exist.", show_default="./prefcal-SCENARIO-SEED"),
+]
+_Json = Annotated[
+    bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
+]
+
+
 def calibrate(
-    scenario: Annotated[
-        str,
-        typer.Argument(metavar="SCENARIO", help="A name (see `prefcal scenarios`) or own.py:name."),
-    ],
-    calibrator: Annotated[
-        str, typer.Option(help="Who compares: one of the scenario's synthetic calibrators.")
-    ] = "synthetic",
-    agent: Annotated[str, typer.Option(help="Who proposes: glisp, random or lhs.")] = "glisp",
-    seed: Annotated[int, typer.Option(help="Of the agent and the calibrator.")] = 0,
-    n_init: Annotated[
-        int | None,
-        typer.Option(
-            help="Experiments before learning starts.",
-            show_default="10, or half of --n-max if that is less",
-        ),
-    ] = None,
-    n_max: Annotated[int, typer.Option(help="Experiments in all.")] = 50,
-    delta: Annotated[
-        float | None,
-        typer.Option(help="How much glisp explores (δ of the paper).", show_default="the agent's"),
-    ] = None,
-    tie_band: Annotated[
-        float | None,
-        typer.Option(
-            help="Costs this close are a tie to the synthetic calibrator.",
-            show_default="the scenario's",
-        ),
-    ] = None,
-    answer_noise: Annotated[
-        float | None,
-        typer.Option(
-            help="Standard deviation of his error in each cost.", show_default="the scenario's"
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of the report; may exist.", show_default="./prefcal-SCENARIO-SEED"
-        ),
-    ] = None,
-    json: Annotated[
-        bool,
-        typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout."),
-    ] = False,
+    scenario: _Scenario,
+    calibrator: _Calibrator = "synthetic",
+    agent: _Agent = "glisp",
+    seed: _Seed = 0,
+    n_init: _Initial = None,
+    n_max: _Experiments = 50,
+    delta: _Delta = None,
+    tie_band: _TieBand = None,
+    answer_noise: _Noise = None,
+    out: _Folder = None,
+    json: _Json = False,
 ) -> None:
     """Calibrate SCENARIO by preferences, and write a report of it.
 

@@ -1,6 +1,6 @@
 """One study of the command line: set up, run, report."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,27 +40,27 @@ def run(options: Options, out: Path | None, *, json: bool) -> int:
         comparisons: list[Comparison] = []
         failure: Exception | None = None
         try:
-            with ctrl_c.allowed(), Display(scenario, options.n_max, messages) as display:
+            with ctrl_c.allowed(), Display(scenario, agent.n_max, messages) as display:
                 for comparison in _study(options, scenario, agent, calibrator, display):
                     comparisons.append(comparison)
                     display.compared(comparison)
                     ctrl_c.check()
         except KeyboardInterrupt:
-            done = f"{len(comparisons)} of {options.n_max} experiments"
-            messages.print(
-                f"Interrupted after {done}; writing the report of these. Ctrl-C again leaves "
-                "at once.",
-                soft_wrap=True,
-            )
+            done = f"{len(comparisons)} of {agent.n_max} experiments"
+            messages.print(f"Interrupted after {done}. Ctrl-C again: no report.", soft_wrap=True)
             agent = _again(options, scenario, comparisons)
         except Exception as error:  # whatever a rig raises: its results so far are kept
             failure = error
             agent = _again(options, scenario, comparisons)
-        record = _record(options, scenario, agent, comparisons)
+        # A rig that has just broken down is not asked for more.
+        references = {} if failure else _references(options, scenario)
+        record = _record(options, scenario, agent, comparisons, references)
         report = _write(record, folder)
     _tell(record, report, options, messages, json=json)
     if failure is not None:
         raise failure
+    if ctrl_c.pressed and not record.stopped:
+        messages.print("Interrupted when the study was over: the report is complete.")
     return INTERRUPTED if ctrl_c.pressed else 0
 
 
@@ -100,7 +100,7 @@ def _record(
         references=references,
         settings=dict(options.settings()) | _agent_settings(agent),
         n_init=options.n_init,
-        n_max=options.n_max,
+        n_max=agent.n_max,
         command=options.command(),
         surrogate=getattr(agent, "surrogate", None) if learned else None,
     )

@@ -17,9 +17,8 @@ _LINE, _PLANE = 121, 41
 
 def slices(record: Record) -> Figure:
     """Every knob's slice on the diagonal, every pair's plane below it, the samples on both."""
-    assert record.best is not None
     assert record.surrogate is not None
-    space, best = record.scenario.space, record.best.experiment.theta
+    space = record.scenario.space
     n = len(space)
     figure = canvas(min(2.45, 9.0 / n) * n, WIDTH)
     grid = figure.subplots(n, n, squeeze=False)
@@ -31,15 +30,20 @@ def slices(record: Record) -> Figure:
                 axes.set_visible(False)
                 continue
             if i == j:
-                _line(axes, space, best, i, record, seen)
+                _line(axes, record, i, seen)
             else:
-                _plane(axes, space, best, (j, i), record)
+                _plane(axes, record, (j, i))
             axes.set_xlabel(knob_axis(space.knobs[j]) if i == n - 1 else "")
             if j == 0 and i > 0:
                 axes.set_ylabel(knob_axis(space.knobs[i]))
     grid[0, 0].set_ylabel("learned cost, square root")
     _explain(figure, n)
     return figure
+
+
+def _best(record: Record) -> Float[np.ndarray, " n"]:
+    assert record.best is not None
+    return record.best.experiment.theta
 
 
 def _explain(figure: Figure, n: int) -> None:
@@ -54,15 +58,9 @@ def _explain(figure: Figure, n: int) -> None:
     )  # fmt: skip
 
 
-def _line(
-    axes: Axes,
-    space: KnobSpace,
-    best: Float[np.ndarray, " n"],
-    i: int,
-    record: Record,
-    seen: Float[np.ndarray, " N"],
-) -> None:
+def _line(axes: Axes, record: Record, i: int, seen: Float[np.ndarray, " N"]) -> None:
     assert record.surrogate is not None
+    space, best = record.scenario.space, _best(record)
     values = _along(space, i, _LINE)
     points = np.repeat(best[None, :], len(values), axis=0)
     points[:, i] = values
@@ -73,14 +71,9 @@ def _line(
     _scale(axes, space, i, "x")
 
 
-def _plane(
-    axes: Axes,
-    space: KnobSpace,
-    best: Float[np.ndarray, " n"],
-    pair: tuple[int, int],
-    record: Record,
-) -> None:
+def _plane(axes: Axes, record: Record, pair: tuple[int, int]) -> None:
     assert record.surrogate is not None
+    space, best = record.scenario.space, _best(record)
     j, i = pair
     across, up = _along(space, j, _PLANE), _along(space, i, _PLANE)
     values = _over_plane(record.surrogate, best, pair, (across, up))
