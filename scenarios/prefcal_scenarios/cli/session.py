@@ -86,12 +86,18 @@ def _again(options: Options, scenario: Scenario, comparisons: Sequence[Compariso
     return agent
 
 
+def _references(options: Options, scenario: Scenario) -> dict[str, Experiment]:
+    named = scenario.references.items()
+    return {name: scenario.run(theta, seed=options.seed) for name, theta in named}
+
+
 def _record(
-    options: Options, scenario: Scenario, agent: Agent, comparisons: Sequence[Comparison]
+    options: Options,
+    scenario: Scenario,
+    agent: Agent,
+    comparisons: Sequence[Comparison],
+    references: Mapping[str, Experiment],
 ) -> Record:
-    references = {
-        name: scenario.run(theta, seed=options.seed) for name, theta in scenario.references.items()
-    }
     learned = any(c.answer.preference is not None for c in comparisons)
     return Record(
         scenario=scenario,
