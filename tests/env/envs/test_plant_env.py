@@ -236,7 +236,7 @@ def test_inputs_without_limits_are_refused():
     plant = FunctionPlant(
         lambda x, u, d: u, states=[LEVEL], inputs=[Channel("inflow", "m/s")], disturbances=[RAIN]
     )
-    with pytest.raises(SettingsError, match="'inflow'.*finite limits"):
+    with pytest.raises(SettingsError, match=r"'inflow'.*finite limits"):
         PlantEnv(plant, tank_task())
 
 

@@ -30,10 +30,10 @@ def test_without_g_the_states_are_the_outputs():
 @given(x=st.tuples(st.floats(-3, 3), st.floats(-5, 5)), u=st.floats(-2, 2))
 def test_jacobians_are_those_by_hand(x, u):
     J = PENDULUM.jacobians(np.array(x), np.array([u]), NONE)
-    assert J.A == pytest.approx(np.array([[0, 1], [-9.81 * np.cos(x[0]), -0.1]]), abs=1e-12)
-    assert J.B == pytest.approx(np.array([[0.0], [1.0]]), abs=1e-12)
-    assert J.C == pytest.approx(np.eye(2), abs=1e-12)
-    assert J.D == pytest.approx(np.zeros((2, 1)), abs=1e-12)
+    np.testing.assert_allclose(J.A, np.array([[0, 1], [-9.81 * np.cos(x[0]), -0.1]]), atol=1e-12)
+    np.testing.assert_allclose(J.B, np.array([[0.0], [1.0]]), atol=1e-12)
+    np.testing.assert_allclose(J.C, np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(J.D, np.zeros((2, 1)), atol=1e-12)
 
 
 def test_jacobians_of_the_reactors_equations_are_those_of_the_reactor():
@@ -50,8 +50,8 @@ def test_jacobians_of_the_reactors_equations_are_those_of_the_reactor():
     x, u = cstr.steady_state_at_concentration(2.0)
     ours, exact = plant.jacobians(x, u, d), cstr.jacobians(x, u, d)
     assert plant.f(x, u, d) == pytest.approx(cstr.f(x, u, d), abs=1e-9)
-    assert ours.A == pytest.approx(exact.A, rel=1e-12)
-    assert ours.B == pytest.approx(exact.B, rel=1e-12)
+    np.testing.assert_allclose(ours.A, exact.A, rtol=1e-12)
+    np.testing.assert_allclose(ours.B, exact.B, rtol=1e-12)
 
 
 def test_hold_agrees_with_a_precise_integrator():
