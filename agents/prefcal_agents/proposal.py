@@ -1,5 +1,6 @@
 """GLISp's next sample, as a function of seed, settings and ledger alone."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -110,7 +111,7 @@ class Strategy:
             preferences, settings.learning, self.backend, settings.folds, rng
         )
         candidates = [settings.epsilon * factor for factor in settings.epsilons]
-        near = candidates
+        near: Sequence[float] = candidates
         if settings.validate_at == EVERY_STEP and ledger.answered % _SEARCH_ALL:
             near = nearest(candidates, shape.epsilon, 2)
         shape, score = choose_epsilon(validation, shape, near)
