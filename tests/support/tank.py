@@ -13,8 +13,13 @@ LEVEL = Channel("level", "m", symbol="h")
 INFLOW = Channel("inflow", "m/s", low=0.0, high=4.0, symbol="q")
 RAIN = Channel("rain", "m/s")
 
+
+def balance(x: Any, u: Any, d: Any) -> list[float]:
+    return [u[0] - x[0] / 2 + d[0]]
+
+
 TANK = FunctionPlant(
-    lambda x, u, d: [u[0] - x[0] / 2 + d[0]],
+    balance,
     states=[LEVEL],
     inputs=[INFLOW],
     disturbances=[RAIN],

@@ -1,0 +1,107 @@
+"""Imports point one way, and importing the package stays cheap."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = {
+    "prefcal_env": ROOT / "prefcal_env",
+    "prefcal_agents": ROOT / "agents" / "prefcal_agents",
+    "prefcal_scenarios": ROOT / "scenarios" / "prefcal_scenarios",
+}
+MAY_IMPORT = {
+    "prefcal_env": {"prefcal_env"},
+    "prefcal_agents": {"prefcal_env", "prefcal_agents"},
+    "prefcal_scenarios": set(FOLDERS),
+}
+AGENTS_MAY_USE = ("errors", "knobs", "preference", "qp", "experiment")
+
+LAYERS = (
+    {"errors"},
+    {"knobs", "preference", "experiment", "qp", "control"},
+    {"plants"},
+    {"mpc", "envs"},
+    {"rollout"},
+    {"tuning", "own_experiment", "preference_reward", "calibrators", "study"},
+)
+"""Of prefcal_env, lowest first. A layer may import itself and whatever is below it."""
+APART = {frozenset({"mpc", "envs"})}
+"""Of one layer, and yet they never import each other."""
+ALONE = {"piqp": "prefcal_env.qp", "daqp": "prefcal_env.qp"}
+"""Foreign packages that one place alone may import."""
+
+FILES = [
+    (".".join(path.relative_to(folder.parent).with_suffix("").parts), path)
+    for folder in FOLDERS.values()
+    for path in sorted(folder.rglob("*.py"))
+]
+
+
+def imported(module: str, path: Path) -> set[str]:
+    """Full names of the modules (or of what is in them) that a file imports, anywhere in it."""
+    names = set()
+    package = module.split(".") if path.stem == "__init__" else module.split(".")[:-1]
+    package = [part for part in package if part != "__init__"]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            origin = ".".join([*base, *([node.module] if node.module else [])])
+            names |= {f"{origin}.{alias.name}" for alias in node.names}
+    return names
+
+
+def place(name: str) -> str:
+    """The part of prefcal_env that a full name is in."""
+    return name.split(".")[1]
+
+
+@pytest.mark.parametrize(("module", "path"), FILES, ids=[name for name, _ in FILES])
+def test_imports_point_down(module, path):
+    package = module.split(".")[0]
+    names = imported(module, path)
+    ours = {name for name in names if name.split(".")[0] in FOLDERS}
+    assert {name.split(".")[0] for name in ours} <= MAY_IMPORT[package]
+    if package == "prefcal_agents":
+        used = {place(name) for name in ours if name.startswith("prefcal_env.")}
+        assert used <= set(AGENTS_MAY_USE)
+    if package == "prefcal_env" and module != "prefcal_env.__init__":
+        for name in ours:
+            here, there = place(module), place(name)
+            assert level(there) <= level(here), f"{module} must not import {name}"
+            assert frozenset({here, there}) not in APART, f"{module} must not import {name}"
+    for foreign, home in ALONE.items():
+        users = {name for name in names if name.split(".")[0] == foreign}
+        assert not users or module.startswith(home), f"only {home} may import {foreign}"
+
+
+def level(part: str) -> int:
+    found = [i for i, layer in enumerate(LAYERS) if part in layer]
+    assert found, f"prefcal_env.{part} is in no layer: see design section 2"
+    return found[0]
+
+
+def test_the_folders_of_agents_and_scenarios_are_no_packages():
+    for folder in ("agents", "scenarios"):
+        assert not (ROOT / folder / "__init__.py").exists()
+
+
+def test_importing_prefcal_env_loads_nothing_heavy():
+    heavy = ("torch", "pygame", "highway_env", "matplotlib", "numba", "stable_baselines3")
+    code = (
+        "import sys, prefcal_env, gymnasium\n"
+        f"print([m for m in {heavy!r} if m in sys.modules],"
+        " sorted(i for i in gymnasium.registry if i.startswith('prefcal/')))"
+    )
+    path = [str(ROOT), *(str(folder.parent) for folder in FOLDERS.values())]
+    program = f"import sys; sys.path[:0] = {path!r}\n{code}"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    ids = ["prefcal/CSTR-v0", "prefcal/CSTRTuning-v0", "prefcal/Experiment-v0"]
+    assert done.stdout.strip() == f"[] {ids}"
