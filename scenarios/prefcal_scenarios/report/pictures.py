@@ -123,8 +123,8 @@ PICTURES: tuple[Picture, ...] = (
     Picture(
         "best_so_far.png",
         "Best so far",
-        "The performance index that the calibrator did not show to the agent: of each "
-        "experiment, and of the best so far by his verdicts.",
+        "The performance index, which the agent never sees: of each experiment, and of the "
+        "best so far by the calibrator's verdicts.",
         _progress_alt,
         best_so_far,
         lambda record: record.scenario.cost is not None,
