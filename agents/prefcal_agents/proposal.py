@@ -1,6 +1,5 @@
 """GLISp's next sample, as a function of seed, settings and ledger alone."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,15 +9,13 @@ from prefcal_env.knobs import KnobSpace
 from prefcal_env.qp import Backend
 
 from .acquisition import Acquisition
-from .cross_validation import Validation, choose_epsilon, nearest, rescale_knob
+from .cross_validation import Validation, choose_epsilon, rescale_knob
 from .cube import Tried, integer_mask, latin_hypercube, snap_all
 from .fitting import Constraints, fit, margins
 from .ledger import Ledger, Preferences
 from .minimise import Domain
 from .settings import EVERY_STEP, MINIMISERS, GLISpSettings
 from .surrogate import Shape, Surrogate
-
-_SEARCH_ALL = 10  # when validating at every step, all ε are tried this often, else the near ones
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,10 +108,7 @@ class Strategy:
             preferences, settings.learning, self.backend, settings.folds, rng
         )
         candidates = [settings.epsilon * factor for factor in settings.epsilons]
-        near: Sequence[float] = candidates
-        if settings.validate_at == EVERY_STEP and ledger.answered % _SEARCH_ALL:
-            near = nearest(candidates, shape.epsilon, 2)
-        shape, score = choose_epsilon(validation, shape, near)
+        shape, score = choose_epsilon(validation, shape, candidates)
         if settings.rescale and len(self.space) > 1:
             knob = ledger.answered % len(self.space)
             shape = rescale_knob(validation, shape, score, candidates, knob=knob)
