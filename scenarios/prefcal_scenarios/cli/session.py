@@ -47,7 +47,7 @@ def run(options: Options, out: Path | None, *, json: bool) -> int:
                     ctrl_c.check()
         except KeyboardInterrupt:
             done = f"{len(comparisons)} of {agent.n_max} experiments"
-            messages.print(f"Interrupted after {done}. Ctrl-C again: no report.", soft_wrap=True)
+            messages.print(f"Interrupted after {done}; writing a report of them.", soft_wrap=True)
             agent = _again(options, scenario, comparisons)
         except Exception as error:  # whatever a rig raises: its results so far are kept
             failure = error
