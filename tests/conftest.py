@@ -8,6 +8,7 @@ marked `unchecked`, hand over wrong shapes on purpose.
 from collections.abc import Iterator
 from pathlib import Path
 
+import hypothesis
 import jaxtyping
 import matplotlib as mpl
 import pytest
@@ -22,6 +23,9 @@ PACKAGES = {
 COMPILED_ELSEWHERE = {"prefcal_env.plants.integrate"}
 
 mpl.use("Agg")
+# A busy machine is no failure.
+hypothesis.settings.register_profile("prefcal", deadline=None)
+hypothesis.settings.load_profile("prefcal")
 
 
 def checked_modules() -> list[str]:

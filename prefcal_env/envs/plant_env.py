@@ -1,6 +1,5 @@
 """A plant and a task as a Gymnasium environment: one step is one sampling period."""
 
-from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -9,10 +8,11 @@ from jaxtyping import Float
 
 from prefcal_env.control import Measurement
 from prefcal_env.envs.canvas import Canvas, Trace
+from prefcal_env.envs.fit import channels_of, check_fit
 from prefcal_env.envs.task import Step, Task
 from prefcal_env.envs.trajectory import Record, Trajectory, instants
 from prefcal_env.errors import PlantError, ProtocolError, SettingsError
-from prefcal_env.experiment import Channels, End
+from prefcal_env.experiment import End
 from prefcal_env.plants.plant import Plant
 
 Array = np.ndarray[Any, Any]
@@ -45,11 +45,11 @@ class PlantEnv(gym.Env[Array, Array]):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
 
     def __init__(self, plant: Plant, task: Task, render_mode: str | None = None) -> None:
-        _check(plant, task)
+        check_fit(plant, task)
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise SettingsError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
         self.plant, self.task, self.render_mode = plant, task, render_mode
-        self.channels = _channels(plant, task)
+        self.channels = channels_of(plant, task)
         self._low = np.array([c.low for c in plant.inputs])
         self._high = np.array([c.high for c in plant.inputs])
         n_u, n_o = len(plant.inputs), len(task.observed)
@@ -225,40 +225,3 @@ def _vector(value: Any, n: int, what: str, *, finite: bool = True) -> Array:
     if np.any(np.isnan(vector)) or (finite and not np.all(np.isfinite(vector))):
         raise PlantError(f"{what} must be finite, got {vector}")
     return vector
-
-
-def _channels(plant: Plant, task: Task) -> Channels:
-    """The plant's channels; a constant reference becomes the target of its output."""
-    outputs = list(plant.outputs)
-    if not callable(task.y_ref):
-        for i in task.tracked:
-            band = (task.bands or {}).get(i)
-            outputs[i] = replace(outputs[i], target=float(task.reference(0.0)[i]), band=band)
-    return Channels(plant.states, plant.inputs, tuple(outputs), plant.time_unit)
-
-
-def _check(plant: Plant, task: Task) -> None:
-    for i, channel in enumerate(plant.inputs):
-        if not np.isfinite([channel.low, channel.high]).all():
-            raise SettingsError(
-                f"input {i} ({channel.name!r}) needs finite limits to scale actions by, "
-                f"got [{channel.low}, {channel.high}] {channel.unit}".rstrip()
-            )
-    n_x, n_u, n_y, n_d = map(len, (plant.states, plant.inputs, plant.outputs, plant.disturbances))
-    n_o = n_x + n_u + len(task.tracked) + n_d
-    values = {
-        "x0": (task.x0, (n_x,)),
-        "u0": (task.u0, (n_u,)),
-        "y_ref": (task.reference(0.0), (n_y,)),
-        "d": (task.disturbance(0.0), (n_d,)),
-        "observed": (task.observed, (n_o, 2)),
-    }
-    for name, (value, shape) in values.items():
-        if value.shape != shape:
-            raise SettingsError(
-                f"task: {name} must have shape {shape} for plant {plant.name!r}, got {value.shape}"
-            )
-    if any(not 0 <= i < n_y for i in task.tracked):
-        raise SettingsError(f"task: tracked must be outputs 0 to {n_y - 1}, got {task.tracked}")
-    if task.max_move is not None and (task.max_move.shape != (n_u,) or np.any(task.max_move <= 0)):
-        raise SettingsError(f"task: max_move must be {n_u} positive numbers, got {task.max_move}")

@@ -41,7 +41,7 @@ def test_without_a_score_the_reward_is_nothing():
     assert str(env.step(np.zeros(2))[1]) == "0.0"
 
 
-@settings(max_examples=50)
+@settings(max_examples=50, deadline=None)
 @given(z=st.tuples(st.floats(0, 1), st.floats(0, 1)))
 def test_the_action_of_a_theta_runs_that_theta(z):
     theta = SPACE.decode(np.array(z))

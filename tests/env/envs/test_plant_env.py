@@ -167,7 +167,7 @@ def test_a_constant_reference_becomes_the_target_of_its_output():
     assert tank_env(y_ref=lambda t: np.array([2.0])).channels.y[0].target is None
 
 
-@settings(max_examples=25)
+@settings(max_examples=25, deadline=None)
 @given(st.lists(st.floats(-1, 1), min_size=1, max_size=5))
 def test_float64_actions_are_not_rounded(actions):
     env = tank_env()
