@@ -1,0 +1,100 @@
+"""The kinematic bicycle of section IV-B, with an exact hold."""
+
+from dataclasses import dataclass
+from math import cos, pi, sin
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import PlantError
+from prefcal_env.experiment import Channel
+from prefcal_env.plants.plant import Jacobians
+
+KMH = 1 / 3.6
+"""One km/h in m/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bicycle:
+    """Eq. nonlin_bicyclemodel: x = (x_f, y_f [m], θ [rad]), u = (v [m/s], δ_s [rad]).
+
+    The front wheel is the point of reference; y to the left, θ counter-clockwise. All states
+    are outputs; there is no disturbance. Time in seconds.
+
+    Args:
+        length: L, distance of the axles [m].
+    """
+
+    length: float = 4.5
+
+    def __post_init__(self) -> None:
+        if not 0 < self.length < np.inf:
+            raise PlantError(f"the length L must be positive and finite, got {self.length} m")
+
+    name = "bicycle"
+    time_unit = "s"
+    states = (
+        Channel("longitudinal position", "m", symbol="x_f"),
+        Channel("lateral position", "m", symbol="y_f"),
+        Channel("yaw angle", "rad", symbol="θ"),
+    )
+    outputs = states
+    inputs = (
+        Channel("speed", "m/s", low=40 * KMH, high=70 * KMH, symbol="v"),
+        Channel("steering angle", "rad", low=-pi / 4, high=pi / 4, symbol="δ_s"),
+    )
+    disturbances: tuple[Channel, ...] = ()
+
+    def f(
+        self,
+        x: Float[np.ndarray, " 3"],
+        u: Float[np.ndarray, " 2"],
+        d: Float[np.ndarray, " 0"],
+    ) -> Float[np.ndarray, " 3"]:
+        """Eq. nonlin_bicyclemodel, (m/s, m/s, rad/s)."""
+        (_, _, yaw), (v, steering) = x.tolist(), u.tolist()
+        heading = yaw + steering
+        return np.array([v * cos(heading), v * sin(heading), v * sin(steering) / self.length])
+
+    def g(
+        self,
+        x: Float[np.ndarray, " 3"],
+        u: Float[np.ndarray, " 2"],
+        d: Float[np.ndarray, " 0"],
+    ) -> Float[np.ndarray, " 3"]:
+        """All states."""
+        return np.array(x, dtype=float)
+
+    def jacobians(
+        self,
+        x: Float[np.ndarray, " 3"],
+        u: Float[np.ndarray, " 2"],
+        d: Float[np.ndarray, " 0"],
+    ) -> Jacobians:
+        """Derivatives of eq. nonlin_bicyclemodel by hand."""
+        (_, _, yaw), (v, steering) = x.tolist(), u.tolist()
+        c, s = cos(yaw + steering), sin(yaw + steering)
+        A = np.array([[0.0, 0.0, -v * s], [0.0, 0.0, v * c], [0.0, 0.0, 0.0]])
+        turn, bend = sin(steering) / self.length, v * cos(steering) / self.length
+        B = np.array([[c, -v * s], [s, v * c], [turn, bend]])
+        return Jacobians(A, B, np.eye(3), np.zeros((3, 2)))
+
+    def hold(
+        self,
+        x: Float[np.ndarray, " 3"],
+        u: Float[np.ndarray, " 2"],
+        d: Float[np.ndarray, " 0"],
+        times: Float[np.ndarray, " K"],
+    ) -> Float[np.ndarray, "K 3"]:
+        """States at `times` [s], exact: with u held the front wheel runs along a circle.
+
+        A chord of it has the length v t sinc(ω t / 2) and the direction half-way through.
+        """
+        v, steering = u.tolist()
+        turned = v * sin(steering) / self.length * times  # rad
+        chord = v * times * np.sinc(turned / (2 * pi))  # numpy's sinc is sin(πa)/(πa)
+        direction = x[2] + steering + turned / 2
+        return np.stack(
+            [x[0] + chord * np.cos(direction), x[1] + chord * np.sin(direction), x[2] + turned],
+            axis=1,
+        )
