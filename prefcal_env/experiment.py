@@ -143,6 +143,10 @@ class Experiment:
         for name in ("theta", "t", "x", "u", "t_control", "u_control"):
             if not np.all(np.isfinite(getattr(self, name))):
                 raise ExperimentError(f"{name} must be finite, also in a run that was stopped")
+        if self.theta.ndim != 1 or not len(self.theta):
+            raise ExperimentError(f"theta must have shape (n,), got {self.theta.shape}")
+        if not isinstance(self.end, End):
+            raise ExperimentError(f"end must be one of {list(End)}, got {self.end!r}")
         if np.any(np.diff(self.t) <= 0):
             raise ExperimentError("t must increase strictly")
 

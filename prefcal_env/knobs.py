@@ -1,6 +1,6 @@
 """Knobs: the tunable numbers θ, and the one place where the unit cube meets physics."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Literal, get_args
@@ -33,7 +33,9 @@ class Knob:
         box = f"got [{self.low}, {self.high}] {self.unit}".rstrip()
         if not (isinstance(self.name, str) and self.name.strip()):
             raise KnobError(f"a knob needs a name, got {self.name!r}")
-        if not (isfinite(self.low) and isfinite(self.high)):
+        if not (_is_number(self.low) and _is_number(self.high)):
+            raise KnobError(f"knob {self.name!r}: low and high must be numbers, {box}")
+        if not (isfinite(self.low) and isfinite(self.high) and isfinite(self.high - self.low)):
             raise KnobError(f"knob {self.name!r}: low and high must be finite, {box}")
         if not self.low < self.high:
             raise KnobError(f"knob {self.name!r}: low must be below high, {box}")
@@ -41,7 +43,7 @@ class Knob:
             raise KnobError(
                 f"knob {self.name!r}: scale must be one of {get_args(Scale)}, got {self.scale!r}"
             )
-        if self.scale == "log10" and self.low <= 0:
+        if self.scale == "log10" and (self.low <= 0 or self.high / 1e300 > self.low):
             raise KnobError(f"knob {self.name!r}: a log10 scale needs low above 0, {box}")
         if self.integer and (self.low != round(self.low) or self.high != round(self.high)):
             raise KnobError(f"knob {self.name!r}: an integer knob needs integer bounds, {box}")
@@ -65,6 +67,10 @@ class Knob:
         return float(min(max(z, 0.0), 1.0))
 
 
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
 @dataclass(frozen=True)
 class KnobSpace:
     """The box Θ in which θ is sought, an ordered collection of knobs.
@@ -76,6 +82,8 @@ class KnobSpace:
     knobs: tuple[Knob, ...]
 
     def __init__(self, knobs: Sequence[Knob]) -> None:
+        if isinstance(knobs, Knob) or not isinstance(knobs, Iterable):
+            raise KnobError(f"a knob space needs a sequence of Knobs, got {knobs!r}")
         object.__setattr__(self, "knobs", tuple(knobs))
         strangers = [k for k in self.knobs if not isinstance(k, Knob)]
         if not self.knobs or strangers:
@@ -158,6 +166,6 @@ class KnobSpace:
             )
         if not np.all(np.isfinite(vector)):
             raise KnobError(
-                f"{what} must be finite, got {dict(zip(self.names, vector, strict=True))}"
+                f"{what} must be finite, got {dict(zip(self.names, vector.tolist(), strict=True))}"
             )
         return vector

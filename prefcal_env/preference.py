@@ -58,7 +58,8 @@ class Answer:
     def __post_init__(self) -> None:
         if self.preference is not None:
             object.__setattr__(self, "preference", _preference(self.preference))
-        if not (np.isreal(self.strength) and 0 < self.strength < np.inf):
+        numeric = isinstance(self.strength, (int, float, np.integer, np.floating))
+        if not (numeric and 0 < self.strength < np.inf):
             raise PreferenceError(f"strength must be positive and finite, got {self.strength!r}")
         object.__setattr__(self, "marks", tuple(self.marks))
         for mark in self.marks:
@@ -76,7 +77,8 @@ class Answer:
 
 
 def _preference(value: Any) -> Preference:
-    if isinstance(value, (int, np.integer)) and not isinstance(value, bool) and value in (-1, 0, 1):
+    numbers = (int, float, np.integer, np.floating)  # np.sign gives a float
+    if isinstance(value, numbers) and not isinstance(value, bool) and value in (-1, 0, 1):
         return Preference(int(value))
     raise PreferenceError(
         "an answer must be -1 (challenger better), 0 (as good as), 1 (incumbent better), "
@@ -102,7 +104,7 @@ class Suggestion:
         return self.index == other.index and np.array_equal(self.theta, other.theta)
 
     def __hash__(self) -> int:
-        return hash((self.index, self.theta.tobytes()))
+        return hash((self.index, (self.theta + 0.0).tobytes()))  # -0.0 is equal to 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,7 @@ class GLISp(TurnTaking):
 
     Args:
         space: The knobs.
-        n_init: Samples of the start, 2 or more.
+        n_init: Samples of the start, 1 or more.
         n_max: Experiments in all, which take n_max - 1 comparisons.
         seed: Of all randomness, 0 or more.
         settings: Everything else.

@@ -63,7 +63,7 @@ def minimize_by_preference(
         space: Where θ is sought.
         agent: Class of the agent.
         n_init: Space-filling experiments before learning starts; None: min(10, n_max // 2).
-        n_max: Experiments in all.
+        n_max: Experiments in all, 2 or more.
         seed: Of all randomness.
 
     Raises:
@@ -74,7 +74,7 @@ def minimize_by_preference(
         raise SettingsError(f"prefer must be a function of two θ, got {prefer!r}")
     integer("n_max", n_max, low=2)
     if n_init is None:
-        n_init = max(2, min(10, n_max // 2))
+        n_init = min(10, n_max // 2)
     study, samples, answers = agent(space, n_init=n_init, n_max=n_max, seed=seed), [], []
     while not study.done:
         query = study.ask()

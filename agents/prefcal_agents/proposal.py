@@ -16,6 +16,7 @@ from .ledger import Ledger, Preferences
 from .minimise import Domain
 from .settings import EVERY_STEP, MINIMISERS, GLISpSettings
 from .surrogate import Shape, Surrogate
+from .threads import one_thread
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +48,10 @@ class Strategy:
         Equal margins are arbitrary: others reproduce the same answers with another minimum,
         and one fixed choice keeps returning to the same place when it is wrong.
         """
+        with one_thread():
+            return self._proposed(ledger)
+
+    def _proposed(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
         index = ledger.answered
         rng = np.random.default_rng([self.seed, index])
         tried = Tried(self.space, ledger)

@@ -24,7 +24,7 @@ class RandomSearch(TurnTaking):
 
     Args:
         space: The knobs.
-        n_init: Kept for the contract of all agents; 2 or more.
+        n_init: Kept for the contract of all agents; 1 or more.
         n_max: Experiments in all, which take n_max - 1 comparisons.
         seed: Of all randomness, 0 or more.
 

@@ -32,7 +32,7 @@ class Turns:
 
     Args:
         space: The knobs.
-        n_init: Samples of the space-filling start, 2 or more.
+        n_init: Samples of the space-filling start, 1 or more.
         n_max: Experiments asked for, not below `n_init`.
         propose: Cube point, shape (n,), of the next sample, from the ledger.
 
@@ -43,7 +43,7 @@ class Turns:
     def __init__(self, space: KnobSpace, n_init: int, n_max: int, propose: Propose) -> None:
         if not isinstance(space, KnobSpace):
             raise SettingsError(f"space must be a KnobSpace, got {space!r}")
-        integer("n_init", n_init, low=2)
+        integer("n_init", n_init, low=1)
         integer("n_max", n_max, low=2)
         if n_max < n_init:
             raise SettingsError(f"n_max must not be below n_init, got {n_max} below {n_init}")

@@ -1,12 +1,13 @@
 """The linear (time-varying) model predictive controller of eq. MPC and eq. MPC_constraints."""
 
 from collections.abc import Iterator
+from math import isfinite
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.control import Measurement, Move
-from prefcal_env.errors import SettingsError
+from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.mpc import _plan
 from prefcal_env.mpc.limits import Limits
 from prefcal_env.mpc.model import Prediction, along_trajectory, at_point
@@ -40,11 +41,14 @@ class LinearMPC:
         Q_u = _weight("Q_u", settings.Q_u, n_u)
         Q_y, Q_du = _weight("Q_y", settings.Q_y, n_y), _weight("Q_du", settings.Q_du, n_u)
         floor = _SMALLEST_MOVE_WEIGHT * max(Q_y.max(), Q_u.max(), Q_du.max())
+        if floor <= 0:
+            raise SettingsError("Q_y, Q_u and Q_du must not all be zero: there is nothing to weigh")
         if np.linalg.eigvalsh(Q_u + Q_du)[0] < floor:
             Q_du = Q_du + floor * np.eye(n_u)
         self._roots = (_root(Q_y), _root(Q_u), _root(Q_du))
         self._u_ref = _rows("u_ref", settings.u_ref, n_u)
         self._limits = Limits.of(plant, settings)
+        self._sizes = len(plant.states), n_u, n_y, len(plant.disturbances)
         self._backend = make_backend(settings.backend, settings.tolerances)
         n = settings.N_u * n_u + (1 if self._limits.soft else 0)
         self._cost = QP(np.eye(n), np.zeros(n), np.zeros((0, n)), np.zeros(0), np.zeros(0))
@@ -58,10 +62,14 @@ class LinearMPC:
     def move(self, measurement: Measurement) -> Move:
         """Decide the next input; hold the last one where the QP is not solved.
 
+        Raises:
+            PlantError: a measurement of the wrong shape or not finite.
+
         Deviations v are the right variables while the limits leave the growing modes of the model
         in hand, the inputs themselves when they do not (no plan stabilises the model, so v is of
         the order of its growth): then the first problem is not solved, and the second is tried.
         """
+        self._check(measurement)
         iterations = 0
         for qp, U in self.problems(measurement):
             solution = self._backend.solve(qp)
@@ -101,6 +109,24 @@ class LinearMPC:
         P[:n_v, :n_v], q[:n_v] = T[:, :-1].T @ T[:, :-1], T[:, :-1].T @ T[:, -1]
         rows = _plan.input_rows(U, m.u, *limits.hard)
         yield QP(P, q, *limits.rows(rows, model, U, X, unit)), U
+
+    def _check(self, m: Measurement) -> None:
+        n_x, n_u, n_y, n_d = self._sizes
+        for name, array, shape, rows in (
+            ("x", m.x, (n_x,), False),
+            ("u", m.u, (n_u,), False),
+            ("d", m.d, (n_d,), True),
+            ("y_ref", m.y_ref, (n_y,), True),
+        ):
+            found = np.shape(array)
+            previewed = rows and len(found) == 2 and found[0] > 0 and found[1:] == shape
+            if not (isinstance(array, np.ndarray) and (found == shape or previewed)):
+                raise PlantError(
+                    f"measurement: {name} must be an array of shape {shape}"
+                    f"{', or one row a step' if rows else ''}, got {array!r}"
+                )
+            if not isfinite(array.sum()):
+                raise PlantError(f"measurement: {name} must be finite, got {array}")
 
     def _predict(self, m: Measurement) -> Prediction:
         s = self.settings

@@ -49,6 +49,11 @@ class Limits:
             softness=_vector("softness", s.softness, n_y, 1.0),
             Q_eps=s.Q_eps,
         )
+        if np.any(limits.u_min > limits.u_max):
+            raise SettingsError(
+                "u_min must not be above u_max (the plant's where none is given), "
+                f"got {limits.u_min}, {limits.u_max}"
+            )
         if np.any(limits.du_min > 0) or np.any(limits.du_max < 0):
             raise SettingsError(
                 "du_min must not be above 0 and du_max not below 0 (an input may always be held), "

@@ -75,32 +75,46 @@ class MPCSettings:
         for f in fields(self):
             object.__setattr__(self, f.name, _tuple(getattr(self, f.name)))
         for name in ("T_s", "Q_eps"):
-            if not 0 < getattr(self, name) < np.inf:
+            if not (_is_number(getattr(self, name)) and 0 < getattr(self, name) < np.inf):
                 raise SettingsError(f"{name} must be positive, got {getattr(self, name)}")
         self._check_horizons()
         for name in ("Q_y", "Q_du", "Q_u"):
-            if getattr(self, name) is not None:
-                _check_weight(name, np.array(getattr(self, name), dtype=float))
+            if name != "Q_u" or self.Q_u is not None:
+                _check_weight(name, _array(name, getattr(self, name)))
         for what in ("u", "du", "y"):
             low, high = getattr(self, f"{what}_min"), getattr(self, f"{what}_max")
-            if low is not None and high is not None and not np.all(np.array(low) <= high):
+            bounds = [_array(f"{what} limits", v) for v in (low, high) if v is not None]
+            if len(bounds) == 2 and not np.all(bounds[0] <= bounds[1]):
                 raise SettingsError(f"{what}_min must not be above {what}_max, got {low}, {high}")
         if self.linearisation not in get_args(Linearisation):
             raise SettingsError(
                 f"linearisation must be one of {get_args(Linearisation)}, "
                 f"got {self.linearisation!r}"
             )
+        if not isinstance(self.tolerances, Tolerances):
+            raise SettingsError(f"tolerances must be Tolerances, got {self.tolerances!r}")
         if self.backend not in BACKENDS:
             raise SettingsError(f"backend must be one of {BACKENDS}, got {self.backend!r}")
 
     def _check_horizons(self) -> None:
         for name in ("N_p", "N_u"):
             value = getattr(self, name)
-            if isinstance(value, bool) or value != int(value) or value < 1:
+            if not (_is_number(value) and 1 <= value < np.inf and value == int(value)):
                 raise SettingsError(f"{name} must be an integer of 1 or more, got {value}")
             object.__setattr__(self, name, int(value))
         if self.N_u > self.N_p:
             raise SettingsError(f"N_u must not be above N_p = {self.N_p}, got {self.N_u}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def _array(name: str, value: Any) -> np.ndarray:
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise SettingsError(f"{name} must be numbers, got {value!r}") from error
 
 
 def _check_weight(name: str, Q: np.ndarray) -> None:

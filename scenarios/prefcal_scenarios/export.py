@@ -127,11 +127,16 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _scenario(source: str, folder: Path) -> Scenario:
-    """Load by name; a file's path may be relative to here or to the folder of best.json."""
+    """Load by name; a file is looked for from here, then from the folder of best.json upwards.
+
+    The folder of a report usually lies below the one that the study was started in.
+    """
     path, _, attribute = source.rpartition(":")
-    beside = folder / path
-    if path.endswith(".py") and not Path(path).is_file() and beside.is_file():
-        return load(f"{beside}:{attribute}")
+    if path.endswith(".py") and not Path(path).is_file():
+        above = folder.resolve()
+        for place in (above, *above.parents):
+            if (place / path).is_file():
+                return load(f"{place / path}:{attribute}")
     return load(source)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.control import Controller
-from prefcal_env.errors import ScenarioError
+from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiment import Channel, Experiment
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preference import Calibrator
@@ -86,6 +86,9 @@ class Scenario:
         calibrators: Synthetic calibrators by name, each made from a seed.
         controller: The tuned controller of a θ.
         settings: The controller's settings at a θ, JSON-able, for the export.
+
+    Raises:
+        ScenarioError: a reference θ that does not fit the space.
     """
 
     name: str
@@ -100,6 +103,13 @@ class Scenario:
     controller: Callable[[Float[np.ndarray, " n"]], Controller] | None = None
     settings: Callable[[Float[np.ndarray, " n"]], dict[str, Any]] | None = None
 
+    def __post_init__(self) -> None:
+        for name, theta in self.references.items():
+            try:
+                self.space.check(theta)
+            except KnobError as error:
+                raise ScenarioError(f"reference {name!r} of {self.name!r}: {error}") from error
+
 
 def load(name: str) -> Scenario:
     """Return the scenario called `name`: "cstr", or "path/to/own.py:attribute".
@@ -107,7 +117,9 @@ def load(name: str) -> Scenario:
     Raises:
         ScenarioError: no scenario of that name, no such file or attribute, or not a Scenario.
     """
-    path, _, attribute = name.rpartition(":")
+    path, _, attribute = str(name).rpartition(":")
+    if attribute.endswith(".py"):
+        raise ScenarioError(f"{name!r} is a file: say which scenario in it, {name}:NAME")
     if path.endswith(".py"):
         found = getattr(_module_at(Path(path)), attribute, None)
     elif name in BUILT_IN:
@@ -131,5 +143,11 @@ def _module_at(path: Path) -> Any:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules.setdefault(path.stem, module)  # dataclasses look their module up
-    spec.loader.exec_module(module)
+    sys.path.insert(0, str(path.resolve().parent))  # for modules beside it, as a script has it
+    try:
+        spec.loader.exec_module(module)
+    except (ImportError, SyntaxError) as error:
+        raise ScenarioError(f"cannot load {str(path)!r}: {error}") from error
+    finally:
+        sys.path.pop(0)
     return module

@@ -59,7 +59,7 @@ def test_abstentions_and_full_answers_are_accepted():
 
 
 @pytest.mark.parametrize(
-    "options", [{"n_max": 1}, {"n_max": 4, "n_init": 5}, {"n_init": 1}, {"seed": "x"}]
+    "options", [{"n_max": 1}, {"n_max": 4, "n_init": 5}, {"n_init": 0}, {"seed": "x"}]
 )
 def test_impossible_options_are_refused(options):
     with pytest.raises(SettingsError):
@@ -71,3 +71,15 @@ def test_a_judge_that_is_no_function_or_gives_no_answer_is_refused():
         minimize_by_preference(3, SPACE)
     with pytest.raises(PreferenceError):
         minimize_by_preference(lambda a, b: "left", SPACE, n_max=4)
+
+
+@pytest.mark.parametrize("n_max", [2, 3, 5])
+def test_even_the_shortest_study_returns_what_won(n_max):
+    space = KnobSpace([Knob("x", -1, 1), Knob("n", 1, 6, integer=True)])
+
+    def prefer(a, b):  # np.sign gives a float, which is an answer too
+        return np.sign(a @ a - b @ b)
+
+    found = minimize_by_preference(prefer, space, n_max=n_max)
+    assert len(found.samples) == n_max
+    assert min(s @ s for s in found.samples) == found.best @ found.best

@@ -156,7 +156,6 @@ def test_a_space_with_fewer_theta_than_experiments_is_tried_in_full(make_agent):
     "options",
     [
         {"n_init": 8, "n_max": 7},
-        {"n_init": 1},
         {"n_init": 0},
         {"n_init": 2.5},
         {"n_max": "many"},

@@ -75,6 +75,9 @@ def test_does_not_share_the_callers_arrays():
         ({"x": np.array([[0.0], [np.nan], [2.0]])}, "x must be finite"),
         ({"t": np.array([0.0, 0.5, 0.5])}, "t must increase"),
         ({"solved": np.array([True])}, "solved must have shape"),
+        ({"theta": np.zeros((2, 2))}, "theta must have shape"),
+        ({"theta": np.zeros(0)}, "theta must have shape"),
+        ({"end": "settled"}, "end must be one of"),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(change, message):

@@ -25,6 +25,9 @@ cube = st.lists(st.floats(0, 1), min_size=3, max_size=3).map(np.array)
         ({"low": 1.0, "high": 1.0}, "low must be below high"),
         ({"low": -np.inf, "high": 1.0}, "must be finite"),
         ({"low": 0.0, "high": np.nan}, "must be finite"),
+        ({"low": "0", "high": 1.0}, "must be numbers"),
+        ({"low": None, "high": 1.0}, "must be numbers"),
+        ({"low": -1.7e308, "high": 1.7e308}, "must be finite"),
         ({"low": 0.0, "high": 1.0, "scale": "log10"}, "log10 scale needs low above 0"),
         ({"low": 0.0, "high": 1.0, "scale": "log"}, "scale must be one of"),
         ({"low": 0.5, "high": 3.0, "integer": True}, "integer bounds"),
@@ -41,7 +44,9 @@ def test_a_knob_without_a_name_is_refused():
         Knob("  ", 0, 1)
 
 
-@pytest.mark.parametrize("knobs", [[], ["T_s"], [Knob("a", 0, 1), Knob("a", 0, 2)]])
+@pytest.mark.parametrize(
+    "knobs", [[], 5, Knob("a", 0, 1), ["T_s"], [Knob("a", 0, 1), Knob("a", 0, 2)]]
+)
 def test_an_impossible_space_is_refused(knobs):
     with pytest.raises(KnobError):
         KnobSpace(knobs)

@@ -11,7 +11,7 @@ def test_preferences_are_those_of_the_paper():
     assert (Preference.CHALLENGER, Preference.TIE, Preference.INCUMBENT) == (-1, 0, 1)
 
 
-@pytest.mark.parametrize("value", [-1, 0, 1, np.int64(-1), Preference.TIE])
+@pytest.mark.parametrize("value", [-1, 0, 1, np.int64(-1), np.sign(-0.3), 1.0, Preference.TIE])
 def test_bare_numbers_are_answers(value):
     assert Answer.of(value).preference == value
 
@@ -25,7 +25,7 @@ def test_an_answer_is_itself():
     assert Answer.of(answer) is answer
 
 
-@pytest.mark.parametrize("value", [2, -2, 0.5, 1.0, True, "left", np.nan, [1]])
+@pytest.mark.parametrize("value", [2, -2, 0.5, True, np.inf, "left", np.nan, [1]])
 def test_anything_else_is_refused_with_what_was_expected(value):
     with pytest.raises(PreferenceError, match=r"must be -1 .*None"):
         Answer.of(value)

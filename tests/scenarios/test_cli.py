@@ -1,35 +1,15 @@
 """`prefcal calibrate`, called as a user calls it, in this process."""
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
 
 from prefcal_scenarios import load_controller
-from prefcal_scenarios.cli import main
 from toy_study import TOY_FILE
 
 TOY = f"{TOY_FILE}:toy"
 QUICK = ["--agent", "random", "--n-max", "5"]
-
-
-@pytest.fixture
-def prefcal(monkeypatch, capsys, tmp_path):
-    """Run a command line in an empty folder; gives exit code, stdout and stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*words):
-        monkeypatch.setattr(sys, "argv", ["prefcal", *words])
-        code = 0
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code or 0
-        out = capsys.readouterr()
-        return code, out.out, out.err
-
-    return run
 
 
 def test_a_study_ends_with_a_table_and_the_place_of_the_report(prefcal, tmp_path):

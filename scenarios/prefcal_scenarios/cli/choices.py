@@ -39,16 +39,20 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
     Raises:
         SettingsError: unknown, or it does not take the tie band or the answer noise.
     """
-    if options.calibrator not in scenario.calibrators:
-        raise SettingsError(
-            f"calibrator must be one of {sorted(scenario.calibrators)} for scenario "
-            f"{scenario.name!r}, got {options.calibrator!r}"
-        )
-    calibrator = scenario.calibrators[options.calibrator](options.seed)
-    if options.tie_band is None and options.answer_noise is None:
-        return calibrator
     from prefcal_env.calibrators import LatentCost, Thurstone
 
+    calibrators = dict(scenario.calibrators)
+    if not calibrators and scenario.cost is not None:
+        cost = scenario.cost
+        calibrators["synthetic"] = lambda seed: LatentCost(cost, seed=seed)
+    if options.calibrator not in calibrators:
+        raise SettingsError(
+            f"calibrator must be one of {sorted(calibrators)} for scenario {scenario.name!r} "
+            f"(give it a cost, or calibrators), got {options.calibrator!r}"
+        )
+    calibrator = calibrators[options.calibrator](options.seed)
+    if options.tie_band is None and options.answer_noise is None:
+        return calibrator
     if not isinstance(calibrator, LatentCost):
         raise SettingsError(
             f"calibrator {options.calibrator!r} takes no tie band and no answer noise: "

@@ -38,22 +38,24 @@ def run(options: Options, out: Path | None, *, json: bool) -> int:
         agent, calibrator = make_agent(options, scenario), make_calibrator(options, scenario)
         folder = folder_for(options.folder(scenario.name) if out is None else out)
         comparisons: list[Comparison] = []
-        failure: Exception | None = None
+        failure: BaseException | None = None
         try:
             with ctrl_c.allowed(), Display(scenario, agent.n_max, messages) as display:
                 for comparison in _study(options, scenario, agent, calibrator, display):
                     comparisons.append(comparison)
                     display.compared(comparison)
                     ctrl_c.check()
-        except KeyboardInterrupt:
-            done = f"{len(comparisons)} of {agent.n_max} experiments"
-            messages.print(f"Interrupted after {done}; writing a report of them.", soft_wrap=True)
-            agent = _again(options, scenario, comparisons)
-        except Exception as error:  # whatever a rig raises: its results so far are kept
-            failure = error
+        except (KeyboardInterrupt, Exception) as error:
+            # Whatever a rig raises, its results so far are kept. Compiled code turns a
+            # KeyboardInterrupt into an error of its own, so the press is what counts.
+            if not (ctrl_c.pressed or isinstance(error, KeyboardInterrupt)):
+                failure = error
+            else:
+                done = f"{len(comparisons)} of {agent.n_max} experiments"
+                messages.print(f"Interrupted after {done}; writing a report.", soft_wrap=True)
             agent = _again(options, scenario, comparisons)
         # A rig that has just broken down is not asked for more.
-        references = {} if failure else _references(options, scenario)
+        references = {} if failure else _references(options, scenario, messages)
         record = _record(options, scenario, agent, comparisons, references)
         report = _write(record, folder)
     _tell(record, report, options, messages, json=json)
@@ -86,9 +88,15 @@ def _again(options: Options, scenario: Scenario, comparisons: Sequence[Compariso
     return agent
 
 
-def _references(options: Options, scenario: Scenario) -> dict[str, Experiment]:
-    named = scenario.references.items()
-    return {name: scenario.run(theta, seed=options.seed) for name, theta in named}
+def _references(options: Options, scenario: Scenario, messages: Console) -> dict[str, Experiment]:
+    """Runs of the reference θ; one that fails is left out, for the study itself is done."""
+    experiments = {}
+    for name, theta in scenario.references.items():
+        try:
+            experiments[name] = scenario.run(theta, seed=options.seed)
+        except Exception as error:  # whatever a rig raises
+            messages.print(f"The reference {name!r} did not run: {error}", soft_wrap=True)
+    return experiments
 
 
 def _record(

@@ -52,7 +52,7 @@ def _dots(
             numbers[~inside], np.full((~inside).sum(), top), "^", color=LIMIT, alpha=0.75,
             markersize=5, markeredgewidth=0, clip_on=False, label="off the scale or unsafe",
         )  # fmt: skip
-    low = np.nanmin(costs)
+    low = min(np.nanmin(costs, initial=np.inf), top - 1e-9)
     axes.set_ylim(low - 0.06 * (top - low), top)
 
 
@@ -63,5 +63,8 @@ def _ceiling(record: Record, held: Float[np.ndarray, " N"]) -> float:
     """
     settled = held[min(record.n_init // 2, len(held) - 1) :]
     shown = np.array([*record.reference_costs.values(), *settled])
-    low, high = np.nanmin(shown), np.nanmax(shown[np.isfinite(shown)])
+    shown = shown[np.isfinite(shown)]
+    if not len(shown):  # every cost is infinite
+        return 1.0
+    low, high = shown.min(), shown.max()
     return float(high + 0.08 * (high - low if high > low else 1.0))

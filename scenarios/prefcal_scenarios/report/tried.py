@@ -54,7 +54,10 @@ def _colouring(record: Record) -> tuple[Float[np.ndarray, " N"], str, bool]:
 
 def _range(values: Float[np.ndarray, " N"]) -> tuple[float, float]:
     """Colours end at the better three quarters: whatever is worse is merely bad."""
-    low, high = np.quantile(values[np.isfinite(values)], [0, 0.75])
+    finite = values[np.isfinite(values)]
+    if not len(finite):  # every cost is infinite
+        return 0.0, 1.0
+    low, high = np.quantile(finite, [0, 0.75])
     return float(low), float(high if high > low else low + 1)
 
 

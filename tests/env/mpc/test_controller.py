@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_env.control import Measurement
-from prefcal_env.errors import SettingsError
+from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.mpc import LinearMPC, MPCSettings
 from prefcal_env.plants.cstr import CSTR, FEED
 from prefcal_env.qp import Tolerances
@@ -57,7 +57,10 @@ def test_first_move_is_that_of_eq_mpc_written_down(option, linearisation, backen
 @given(seed=st.integers(0, 10**6), N_p=st.integers(1, 15), share=st.floats(0.01, 1))
 def test_first_move_is_that_of_eq_mpc_for_any_plant_and_horizon(seed, N_p, share):
     plant, m = random_plant(seed), measurement(seed)
-    mpc = replace(BASE, N_p=N_p, N_u=max(1, int(share * N_p)), du_min=[-0.3] * 2, du_max=[0.3] * 2)
+    mpc = replace(
+        BASE, N_p=N_p, N_u=max(1, int(share * N_p)), du_min=[-0.3] * 2, du_max=[0.3] * 2,
+        tolerances=Tolerances(absolute=1e-11, relative=1e-11),
+    )  # fmt: skip
     move = LinearMPC(plant, mpc).move(m)
     assert move.solved
     np.testing.assert_allclose(move.u, dense_moves(plant, mpc, m)[0], atol=2e-5)
@@ -136,6 +139,12 @@ def test_trajectory_linearisation_follows_the_last_plan():
         ({"Q_du": [[1.0, 2.0], [0.0, 1.0]]}, "Q_du must be symmetric"),
         ({"Q_u": [[np.nan, 0.0], [0.0, 1.0]]}, "Q_u must be a finite square matrix"),
         ({"u_min": [0, 0], "u_max": [-1, 1]}, "u_min must not be above u_max"),
+        ({"N_p": "x"}, "N_p must be an integer"),
+        ({"N_p": np.inf}, "N_p must be an integer"),
+        ({"T_s": None}, "T_s must be positive"),
+        ({"Q_y": None}, "Q_y must be a finite square matrix"),
+        ({"Q_y": [[1.0], [0.0, 1.0]]}, "Q_y must be numbers"),
+        ({"tolerances": 1e-3}, "tolerances must be Tolerances"),
         ({"linearisation": "tangent"}, "linearisation must be one of"),
         ({"backend": "osqp"}, "backend must be one of"),
     ],
@@ -151,6 +160,8 @@ def test_impossible_settings_are_refused(change, message):
         ({"Q_y": np.eye(3)}, r"Q_y must have shape \(2, 2\)"),
         ({"u_ref": [1, 2, 3]}, "u_ref must be finite"),
         ({"y_min": [1]}, "y_min must have shape"),
+        ({"u_min": [2, 0]}, "u_min must not be above u_max .the plant's"),
+        ({"Q_y": np.zeros((2, 2)), "Q_du": np.zeros((2, 2))}, "must not all be zero"),
         ({"du_min": [0.1, -1]}, "an input may always be held"),
         ({"softness": [-1, 1]}, "softness must be 0 or more"),
     ],
@@ -165,3 +176,21 @@ def test_settings_are_equal_by_value_and_frozen():
     assert hash(BASE) == hash(replace(BASE))
     with pytest.raises(AttributeError):
         BASE.N_p = 3
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"x": np.zeros(2)}, r"x must be an array of shape \(3,\)"),
+        ({"x": [0.0, 0.0, 0.0]}, "x must be an array"),
+        ({"u": np.zeros(3)}, "u must be an array"),
+        ({"d": np.zeros((0, 1))}, "d must be an array of shape .* or one row a step"),
+        ({"y_ref": np.zeros(3)}, "y_ref must be an array"),
+        ({"y_ref": np.array([0.0, np.nan])}, "y_ref must be finite"),
+        ({"x": np.array([0.0, np.inf, 0.0])}, "x must be finite"),
+    ],
+)
+def test_a_measurement_that_does_not_fit_is_refused(change, message):
+    controller = LinearMPC(random_plant(0), BASE)
+    with pytest.raises(PlantError, match=message):
+        controller.move(replace(measurement(0), **change))
