@@ -23,7 +23,7 @@ AGENTS_MAY_USE = ("errors", "knobs", "preference", "qp", "experiment")
 LAYERS = (
     {"errors"},
     {"knobs", "preference", "experiment", "qp", "control"},
-    {"plants"},
+    {"plants", "overtaking"},
     {"mpc", "envs"},
     {"rollout"},
     {"tuning", "own_experiment", "preference_reward", "calibrators", "study"},
