@@ -67,14 +67,22 @@ def dynamic_bicycle(params: DynamicParams | None = None) -> FunctionPlant:
     x = (x_f, y_f, θ, v, v_y, r): v and v_y [m/s] the speed of the centre of mass along and
     across the body, r [rad/s] the yaw rate. Lateral tyre forces are proportional to slip angles.
     """
+    params = params or DynamicParams()
     return FunctionPlant(
-        partial(_dynamic, params or DynamicParams()), _front_end,
+        partial(_dynamic, params), _front_end,
         states=(
             *_POSE, _SPEED, Channel("lateral speed", "m/s", symbol="v_y"),
             Channel("yaw rate", "rad/s", symbol="r"),
         ),
-        inputs=Bicycle.inputs, outputs=_POSE, name="dynamic bicycle", max_step=0.02,
+        inputs=Bicycle.inputs, outputs=_POSE, name="dynamic bicycle",
+        max_step=min(0.02, 1 / _fastest(params)),
     )  # fmt: skip
+
+
+def _fastest(p: DynamicParams) -> float:
+    """A bound of how fast yaw and lateral speed settle at the lowest speed [1/s]."""
+    yaw = (p.front_stiffness * p.front**2 + p.rear_stiffness * p.rear**2) / p.inertia
+    return (yaw + (p.front_stiffness + p.rear_stiffness) / p.mass) / Bicycle.inputs[0].low
 
 
 def _slip(

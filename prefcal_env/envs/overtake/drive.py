@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import Enum
+from math import hypot
 
 import numpy as np
 from jaxtyping import Float
@@ -52,13 +53,17 @@ def sub_steps(step: int, T_s: float) -> Times:
 
 @dataclass(frozen=True, slots=True)
 class Period:
-    """One sampling period, before it is driven: from state `x` at time `start` [s], `u` held."""
+    """One sampling period, before it is driven: from state `x` at time `start` [s], `u` held.
+
+    `rows` are (x_o, y_o, v_o) of the obstacles at its start, shape (n, 3).
+    """
 
     plant: Plant
     x: Float[np.ndarray, " n_x"]
     u: Float[np.ndarray, " 2"]
     start: float
     obstacles: tuple[Obstacle, ...]
+    rows: Float[np.ndarray, "n 3"]
 
     def drive(self, t: Times) -> Drive:
         """Drive on to the instants `t`, or to the first mishap."""
@@ -84,11 +89,11 @@ class Period:
         """When the first of the obstacles that come near is touched, if one is."""
         times = np.append(self.start, t)
         moved = float(travel(np.concatenate([self.x[None, :3], x[:, :3]])).sum())
+        own_x, own_y, *_ = self.x.tolist()
         near = []
-        for obstacle in self.obstacles:
-            reach = 2 * REACH + moved + obstacle.speed * (times[-1] - self.start)
-            away = obstacle.poses(times[:1])[0, :2] - self.x[:2]
-            if np.hypot(*away) <= reach:
+        for obstacle, (x_o, y_o, v_o) in zip(self.obstacles, self.rows.tolist(), strict=True):
+            reach = 2 * REACH + moved + v_o * (times[-1] - self.start)
+            if hypot(x_o - own_x, y_o - own_y) <= reach:
                 near.append(obstacle)
         if not near:
             return None

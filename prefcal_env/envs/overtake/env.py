@@ -153,7 +153,8 @@ class OvertakeEnv(gym.Env[Array, Array]):
     def record(self) -> Record:
         """The episode so far, or the last one once it has ended. Raises ProtocolError if none.
 
-        Its signals are those of `signals_of`.
+        Recorded are n sub-steps of T_s/n a period, of 0.02 s at most, and the end; a collision at
+        its very time. Its signals are those of `signals_of`.
         """
         return self._begun().record(self.channels)
 

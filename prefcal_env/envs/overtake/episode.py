@@ -65,7 +65,8 @@ class Episode:
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
         """Drive one period with `u` held, which the actuators can do."""
-        period = Period(self.options.car.plant, self.x, u, self.t, self.options.obstacles)
+        car, others = self.options.car, self.options.obstacles
+        period = Period(car.plant, self.x, u, self.t, others, self.obstacles)
         drive = period.drive(sub_steps(self._steps, self.T_s))
         self._trajectory.add(drive.t, drive.x, u, self.y_ref())
         self._phases.append((self.phase, len(drive.t)))

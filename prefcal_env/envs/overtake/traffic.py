@@ -56,8 +56,9 @@ class Obstacle:
 
     def _braking(self, t: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
         """For how long it has been braking until `t` or until it stood [s], shape (K,)."""
-        stands = self.speed / self.deceleration if self.deceleration > 0 else np.inf
-        return np.clip(t - self.brakes_at, 0.0, stands)
+        if self.deceleration == 0:
+            return np.zeros_like(t)
+        return np.clip(t - self.brakes_at, 0.0, self.speed / self.deceleration)
 
 
 def rows(obstacles: tuple[Obstacle, ...], t: float) -> Float[np.ndarray, "n 3"]:
