@@ -104,5 +104,5 @@ def test_importing_prefcal_env_loads_nothing_heavy():
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     ids = ["prefcal/CSTR-v0", "prefcal/CSTRTuning-v0", "prefcal/Experiment-v0"]
-    ids.append("prefcal/Overtake-v0")
+    ids += ["prefcal/Overtake-v0", "prefcal/OvertakeTuning-v0"]
     assert done.stdout.strip() == f"[] {ids}"

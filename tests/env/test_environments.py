@@ -23,6 +23,7 @@ SUBJECTS = {
     "prefcal/CSTRTuning-v0": {},
     "prefcal/Experiment-v0": OWN,
     "prefcal/Overtake-v0": {},
+    "prefcal/OvertakeTuning-v0": {},
 }
 
 
