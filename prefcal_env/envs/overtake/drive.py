@@ -42,13 +42,13 @@ class Drive:
     mishap: Mishap | None
 
 
-def sub_steps(step: int, T_s: float) -> Times:
-    """Instants after step k to step k + 1, that one included: n sub-steps of T_s/n [s].
+def sub_steps(T_s: float) -> Times:
+    """Shares of a period at which it is recorded, the last one 1: n sub-steps of T_s/n.
 
-    None is the sum of steps before it, so time is exact however many there are.
+    Step k's instants are (k + shares) T_s: none is the sum of others, so time is exact.
     """
     n = max(1, int(np.ceil(T_s / SUB_STEP - 1e-9)))
-    return (step + np.arange(1, n + 1) / n) * T_s
+    return np.arange(1, n + 1) / n
 
 
 @dataclass(frozen=True, slots=True)

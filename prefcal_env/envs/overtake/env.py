@@ -140,7 +140,8 @@ class OvertakeEnv(gym.Env[Array, Array]):
         episode = self._begun()
         if episode.end is not None:
             raise ProtocolError("the episode is over: call reset() first")
-        return episode.apply(np.clip(vector(u, 2, "input u", finite=False), self._low, self._high))
+        u = vector(u, 2, "input u", finite=False)
+        return episode.apply(np.minimum(np.maximum(u, self._low), self._high))
 
     def measurement(self) -> Measurement:
         """What a controller knows now: x the measured pose, d (x_o, y_o, v_o) of each obstacle.

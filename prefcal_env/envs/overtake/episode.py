@@ -61,13 +61,16 @@ class Episode:
         self._trajectory = Trajectory(self.x, self.u)
         self._phases: list[tuple[Phase, int]] = []
         self._steps, self.phase = 0, Phase.LANE_KEEPING
+        self._shares = sub_steps(T_s)
+        samples = np.arange(int(HORIZON / T_s) + 2) * T_s
+        self._rows = rows(options.obstacles, samples)  # all at once: cheaper than one by one
         self._look()
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
         """Drive one period with `u` held, which the actuators can do."""
         car, others = self.options.car, self.options.obstacles
         period = Period(car.plant, self.x, u, self.t, others, self.obstacles)
-        drive = period.drive(sub_steps(self._steps, self.T_s))
+        drive = period.drive((self._steps + self._shares) * self.T_s)
         self._trajectory.add(drive.t, drive.x, u, self.y_ref())
         self._phases.append((self.phase, len(drive.t)))
         t, x = np.append(self.t, drive.t), np.concatenate([self.x[None], drive.x])
@@ -87,7 +90,7 @@ class Episode:
 
     def measurement(self) -> Measurement:
         """What a controller knows at this sampling instant."""
-        return Measurement(self.t, self.measured, self.u, self.obstacles.ravel(), self.y_ref())
+        return Measurement(self.t, self.measured, self.u, self.obstacles.flatten(), self.y_ref())
 
     def record(self, channels: Channels) -> Record:
         """The drive so far, with its signals."""
@@ -100,7 +103,10 @@ class Episode:
 
     def _look(self) -> None:
         """See where everybody is at this sampling instant."""
-        self.obstacles = rows(self.options.obstacles, self.t)
+        if self.mishap is None:
+            self.obstacles = self._rows[self._steps]
+        else:
+            self.obstacles = rows(self.options.obstacles, np.array([self.t]))[0]
         self.phase = next_phase(self.phase, float(self.x[0]), self.obstacles)
         noise = self._noise * self._rng.standard_normal(3) if self._noise.any() else 0.0
         self.measured = self.x[:3] + noise

@@ -61,9 +61,7 @@ class Obstacle:
         return np.clip(t - self.brakes_at, 0.0, self.speed / self.deceleration)
 
 
-def rows(obstacles: tuple[Obstacle, ...], t: float) -> Float[np.ndarray, "n 3"]:
-    """(x_o, y_o [m], v_o [m/s]) of each at time `t` [s], shape (n, 3)."""
-    now = np.array([t])
-    return np.array(
-        [(*o.poses(now)[0, :2].tolist(), float(o.speeds(now)[0])) for o in obstacles]
-    ).reshape(-1, 3)
+def rows(obstacles: tuple[Obstacle, ...], t: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n 3"]:
+    """(x_o, y_o [m], v_o [m/s]) of each at the times `t` [s], shape (K, n, 3)."""
+    each = [np.column_stack([o.poses(t)[:, :2], o.speeds(t)]) for o in obstacles]
+    return np.stack(each, axis=1)

@@ -19,7 +19,7 @@ def test_braking_by_hand():
     t = np.array([1.0, 3.0, 5.0, 9.0])
     assert obstacle.poses(t)[:, 0] == pytest.approx([20, 50, 60, 60])
     assert obstacle.speeds(t) == pytest.approx([20, 10, 0, 0])
-    assert rows((obstacle, Obstacle()), 3.0)[0] == pytest.approx([50, 1, 10])
+    assert rows((obstacle, Obstacle()), t)[1, 0] == pytest.approx([50, 1, 10])
 
 
 @given(speed=st.floats(0, 30), braking=st.floats(0, 10), begin=st.floats(0, 10))
