@@ -88,9 +88,14 @@ def study(job: tuple[int, str, int]) -> Result:
     best = [c.winner for c in calibrate(agent, overtake.run, calibrator)][-1]
     verdict, criterion = calibrator.decide(best, overtake.run(overtake.references[PAPER]))
     return Result(
-        seed, best.theta.tolist(), VERDICTS[verdict], criterion.name if criterion else "",
+        seed, best.theta.tolist(), VERDICTS[verdict], cell(criterion.name) if criterion else "",
         violated(best, calibrator), dict(best.kpis), time.perf_counter() - start,
     )  # fmt: skip
+
+
+def cell(text: str) -> str:
+    """Text for a cell of a Markdown table."""
+    return text.replace("|", r"\|")
 
 
 def violated(e: Experiment, calibrator: Any) -> list[str]:
@@ -119,7 +124,7 @@ def tell_paper(console: Console) -> None:
     overtake.run(overtake.references[PAPER])  # compiles
     e = overtake.run(overtake.references[PAPER])
     text = ["The paper's optimum:", "", "| what | value |", "| --- | --- |"]
-    text += [f"| {k.title} [{k.unit}] | {e.kpis[k.name]:.4g} |" for k in overtake.kpis]
+    text += [f"| {cell(k.title)} [{k.unit}] | {e.kpis[k.name]:.4g} |" for k in overtake.kpis]
     worst, most = (f"{seconds * 1e3:.2f}" for seconds in measured_t_comp(e))
     text += [f"| t_comp measured here, worst and 99th percentile [ms] | {worst}, {most} |"]
     console.print("\n".join(text), soft_wrap=True, markup=False)
