@@ -1,9 +1,10 @@
 """The overtaking: random tunings, and calibrations by preferences against the paper's optimum.
 
     OMP_NUM_THREADS=1 python benchmarks/overtake.py [--samples 500] [--seeds 20] [--jobs 1]
+    ... --samples 0 --agents GLISp RandomSearch LatinHypercube
 
 Part one runs a seeded sample of θ in the box and reports how they ended: interrupted runs,
-unsolved QPs, criterion (i), seconds of an experiment. Part two calibrates with GLISp, 50
+unsolved QPs, criterion (i), seconds of an experiment. Part two calibrates with each agent, 50
 experiments for each seed, and reports how the synthetic calibrator finds the returned θ beside the
 paper's, by which criterion, and whether it violates criterion (i) or safety. Prints Markdown.
 """
@@ -17,10 +18,11 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from prefcal_agents import GLISp
+import prefcal_agents
 from prefcal_scenarios.overtake import overtake
 from prefcal_scenarios.overtake.computing import measured_t_comp
 from prefcal_scenarios.overtake.indicators import SHORTEST_DISTANCE
@@ -32,7 +34,11 @@ from prefcal_env.overtaking import HORIZON
 from prefcal_env.preference import Preference
 from prefcal_env.study import calibrate
 
+AGENTS = ("GLISp", "RandomSearch", "LatinHypercube")
 PAPER = "paper, preferences"
+SHOWN = (
+    "t_comp_ratio", "lateral_distance", "path_peak", "lane_deviation", "lateral_acceleration",
+)  # fmt: skip
 VERDICTS = {Preference.CHALLENGER: "better", Preference.TIE: "a tie", Preference.INCUMBENT: "worse"}
 
 
@@ -54,6 +60,7 @@ class Result(NamedTuple):
     reason: str
     violations: list[str]
     kpis: dict[str, float]
+    ties: int
     seconds: float
 
 
@@ -79,17 +86,19 @@ def exact_in_time(e: Experiment) -> bool:
     return bool(instants and last)
 
 
-def study(job: tuple[int, str, int]) -> Result:
-    """One calibration: seed, calibrator, experiments."""
-    seed, judge, n_max = job
+def study(job: tuple[int, str, str, int]) -> Result:
+    """One calibration: seed, agent, calibrator, experiments."""
+    seed, name, judge, n_max = job
     start = time.perf_counter()
     calibrator: Any = overtake.calibrators[judge](seed)
-    agent = GLISp(overtake.space, n_max=n_max, seed=seed)
-    best = [c.winner for c in calibrate(agent, overtake.run, calibrator)][-1]
+    agent = getattr(prefcal_agents, name)(overtake.space, n_max=n_max, seed=seed)
+    comparisons = list(calibrate(agent, overtake.run, calibrator))
+    best = comparisons[-1].winner
+    ties = sum(c.answer.preference is Preference.TIE for c in comparisons)
     verdict, criterion = calibrator.decide(best, overtake.run(overtake.references[PAPER]))
     return Result(
         seed, best.theta.tolist(), VERDICTS[verdict], cell(criterion.name) if criterion else "",
-        violated(best, calibrator), dict(best.kpis), time.perf_counter() - start,
+        violated(best, calibrator), dict(best.kpis), ties, time.perf_counter() - start,
     )  # fmt: skip
 
 
@@ -154,33 +163,25 @@ def tell_samples(runs: list[Run], console: Console) -> None:
     console.print("\n".join(text), soft_wrap=True, markup=False)
 
 
-def tell_studies(results: list[Result], judge: str, console: Console) -> None:
-    shown = (
-        "t_comp_ratio",
-        "lateral_distance",
-        "path_peak",
-        "lane_deviation",
-        "lateral_acceleration",
-    )
-    text = [f"\n{len(results)} calibrations, calibrator {judge!r}, best θ beside the paper's:\n"]
-    text += [
-        "| seed | "
-        + " | ".join(overtake.space.names)
-        + " | is | by | violates | "
-        + " | ".join(shown)
-        + " |"
-    ]
-    text += ["|" + " --- |" * (len(overtake.space) + 4 + len(shown))]
+def tell_studies(results: list[Result], name: str, judge: str, console: Console) -> None:
+    text = [f"\n{len(results)} calibrations by {name}, calibrator {judge!r}; best against paper:\n"]
+    text += [row("seed", *overtake.space.names, "is", "by", "violates", *SHOWN)]
+    text += [row(*["---"] * (len(overtake.space) + 4 + len(SHOWN)))]
     for r in results:
-        theta = " | ".join(f"{v:.3g}" for v in r.theta)
-        kpis = " | ".join(f"{r.kpis[k]:.3f}" for k in shown)
+        theta, kpis = (f"{v:.3g}" for v in r.theta), (f"{r.kpis[k]:.3f}" for k in SHOWN)
         objections = ", ".join(r.violations) or "nothing"
-        text.append(f"| {r.seed} | {theta} | {r.verdict} | {r.reason} | {objections} | {kpis} |")
+        text.append(row(str(r.seed), *theta, r.verdict, r.reason, objections, *kpis))
     counts = Counter(r.verdict for r in results)
     text += ["", ", ".join(f"{counts[v]} {v}" for v in VERDICTS.values())]
     text += [f"{sum(bool(r.violations) for r in results)} violate criterion (i) or safety"]
+    text += [f"Ties among the answers, median: {np.median([r.ties for r in results]):g}"]
     text += [f"Seconds of a calibration, median: {np.median([r.seconds for r in results]):.1f}"]
     console.print("\n".join(text), soft_wrap=True, markup=False)
+
+
+def row(*cells: str) -> str:
+    """A row of a Markdown table."""
+    return "| " + " | ".join(cells) + " |"
 
 
 def main() -> None:
@@ -192,15 +193,16 @@ def main() -> None:
     parser.add_argument(
         "--calibrator", nargs="+", default=["synthetic"], choices=sorted(overtake.calibrators)
     )
+    parser.add_argument("--agents", nargs="+", default=["GLISp"], choices=AGENTS)
     args = parser.parse_args()
     console = Console()
     if args.samples:
         tell_paper(console)
         runs = list(spread(sample, range(args.samples), "random θ", args.jobs))
         tell_samples(runs, console)
-    for judge in args.calibrator if args.seeds else ():
-        jobs = [(seed, judge, args.n_max) for seed in range(args.seeds)]
-        tell_studies(list(spread(study, jobs, "calibrating", args.jobs)), judge, console)
+    for name, judge in product(args.agents, args.calibrator) if args.seeds else ():
+        jobs = [(seed, name, judge, args.n_max) for seed in range(args.seeds)]
+        tell_studies(list(spread(study, jobs, "calibrating", args.jobs)), name, judge, console)
 
 
 if __name__ == "__main__":
