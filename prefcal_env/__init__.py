@@ -1,7 +1,8 @@
 """prefcal: preference-based calibration of controllers; plants, experiments and environments.
 
-Importing this registers the environments `prefcal/CSTR-v0`, `prefcal/CSTRTuning-v0` and
-`prefcal/Experiment-v0` with Gymnasium, by name: what they need is loaded when they are made.
+Importing this registers the environments `prefcal/CSTR-v0`, `prefcal/CSTRTuning-v0`,
+`prefcal/Overtake-v0`, `prefcal/OvertakeTuning-v0` and `prefcal/Experiment-v0` with Gymnasium, by
+name: what they need is loaded when they are made.
 """
 
 from gymnasium import register as _register
@@ -41,6 +42,12 @@ _register(
     "prefcal/CSTRTuning-v0",
     "prefcal_scenarios.cstr:make_tuning_env",
     vector_entry_point="prefcal_scenarios.cstr:make_tuning_vector",
+)
+_register("prefcal/Overtake-v0", "prefcal_env.envs.overtake:OvertakeEnv")
+_register(
+    "prefcal/OvertakeTuning-v0",
+    "prefcal_scenarios.overtake:make_tuning_env",
+    vector_entry_point="prefcal_scenarios.overtake:make_tuning_vector",
 )
 _register(
     "prefcal/Experiment-v0",

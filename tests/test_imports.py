@@ -23,7 +23,7 @@ AGENTS_MAY_USE = ("errors", "end", "knobs", "preference", "qp")
 LAYERS = (
     {"errors", "end"},
     {"knobs", "preference", "experiment", "qp", "control"},
-    {"plants"},
+    {"plants", "overtaking"},
     {"mpc", "envs"},
     {"rollout"},
     {"tuning", "own_experiment", "preference_reward", "calibrators", "study"},
@@ -104,4 +104,5 @@ def test_importing_prefcal_env_loads_nothing_heavy():
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     ids = ["prefcal/CSTR-v0", "prefcal/CSTRTuning-v0", "prefcal/Experiment-v0"]
+    ids += ["prefcal/Overtake-v0", "prefcal/OvertakeTuning-v0"]
     assert done.stdout.strip() == f"[] {ids}"

@@ -53,20 +53,27 @@ class Lexicographic:
     """Compares by `criteria` in order of importance. A `Calibrator`.
 
     An experiment that was interrupted loses against one that was not, whatever the criteria; of
-    two interrupted ones the longer is better (end of section III).
+    two interrupted ones the longer is better (end of section III). Only what is in `first` matters
+    even more: whether the controller can run at all, say.
 
     With just noticeable differences this is not transitive: a and b, b and c may be ties, and a
-    be better than c. People are so, too.
+    be better than c; or a better than b, b than c and c than a. People are so, too.
+
+    Args:
+        criteria: In order of importance, one or more.
+        first: Criteria that come before survival, in order of importance.
 
     Raises:
         SettingsError: no criterion, or something that is none.
     """
 
     criteria: tuple[Criterion, ...]
+    first: tuple[Criterion, ...] = ()
 
-    def __init__(self, criteria: Sequence[Criterion]) -> None:
+    def __init__(self, criteria: Sequence[Criterion], first: Sequence[Criterion] = ()) -> None:
         object.__setattr__(self, "criteria", tuple(criteria))
-        strangers = [c for c in self.criteria if not isinstance(c, Criterion)]
+        object.__setattr__(self, "first", tuple(first))
+        strangers = [c for c in (*self.first, *self.criteria) if not isinstance(c, Criterion)]
         if not self.criteria or strangers:
             raise SettingsError(
                 f"criteria must be one or more Criterion, got {strangers or 'none'}"
@@ -74,16 +81,23 @@ class Lexicographic:
 
     def prefer(self, challenger: Experiment, incumbent: Experiment) -> Preference:
         """Say which is better, as in eq. pref_fun."""
-        stopped = [e.end.interrupted for e in (challenger, incumbent)]
-        if any(stopped):
-            survived = Criterion("survival", _survival, lower_is_better=False)
-            return survived.compare(challenger, incumbent)
-        for criterion in self.criteria:
+        return self.decide(challenger, incumbent)[0]
+
+    def decide(
+        self, challenger: Experiment, incumbent: Experiment
+    ) -> tuple[Preference, Criterion | None]:
+        """Say which is better, and by which criterion; None where nothing tells them apart."""
+        for criterion in (*self.first, _SURVIVAL, *self.criteria):
             verdict = criterion.compare(challenger, incumbent)
             if verdict is not Preference.TIE:
-                return verdict
-        return Preference.TIE
+                return verdict, criterion
+            if criterion is _SURVIVAL and challenger.end.interrupted:
+                break  # both stopped at the same time: the rest says nothing
+        return Preference.TIE, None
 
 
 def _survival(experiment: Experiment) -> float:
     return experiment.duration if experiment.end.interrupted else np.inf
+
+
+_SURVIVAL = Criterion("survival", _survival, lower_is_better=False)

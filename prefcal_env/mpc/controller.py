@@ -59,6 +59,10 @@ class LinearMPC:
         """Sampling time, in the plant's unit of time."""
         return self.settings.T_s
 
+    def forget(self) -> None:
+        """Drop the last plan, which "trajectory" linearises along: the task has changed."""
+        self._plan = None
+
     def move(self, measurement: Measurement) -> Move:
         """Decide the next input; hold the last one where the QP is not solved.
 

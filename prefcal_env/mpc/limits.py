@@ -88,26 +88,26 @@ class Limits:
         G, low, high = of_inputs
         n_v = G.shape[1]
         steps = len(X) - 1
-        Y = np.empty((steps, len(self.y_min), n_v + 1))
-        for k in range(1, steps + 1):
-            C, D = model.C[min(k, len(model.C) - 1)], model.D[min(k, len(model.D) - 1)]
-            Y[k - 1] = C @ X[k] + D @ U[min(k, len(U) - 1)]
-            Y[k - 1, :, n_v] += model.e[k]
-        give = np.broadcast_to(self.softness * unit / np.sqrt(self.Q_eps), Y.shape[:2])
-        blocks = [np.hstack([G, np.zeros((len(G), 1))])]
-        lows, highs = [low], [high]
+        C, D = (M if len(M) == 1 else M[1 : steps + 1] for M in (model.C, model.D))
+        Y = C @ X[1:]  # (steps, n_y, n_v + 1)
+        if D.any():
+            Y += D @ U[np.minimum(np.arange(1, steps + 1), len(U) - 1)]
+        Y[:, :, n_v] += model.e[1 : steps + 1]
+        give = self.softness * unit / np.sqrt(self.Q_eps)
+        n_rows = len(G) + steps * int(np.isfinite([self.y_max, self.y_min]).sum()) + 1
+        matrix = np.zeros((n_rows, n_v + 1))
+        lows, highs = np.full(n_rows, -np.inf), np.full(n_rows, np.inf)
+        r = len(G)
+        matrix[:r, :n_v], lows[:r], highs[:r] = G, low, high
         for bound, sign in ((self.y_max, 1.0), (self.y_min, -1.0)):
-            kept = np.broadcast_to(np.isfinite(bound), Y.shape[:2])
-            rows = sign * Y[kept]
-            limit = sign * np.broadcast_to(bound, Y.shape[:2])[kept]
-            blocks.append(np.hstack([rows[:, :n_v], -give[kept][:, None]]))
-            lows.append(np.full(len(rows), -np.inf))
-            highs.append(limit - rows[:, n_v])
-        slack = np.zeros((1, n_v + 1))
-        slack[0, n_v] = 1.0
-        matrix = np.vstack([*blocks, slack])
-        low, high = np.concatenate([*lows, [0.0]]), np.concatenate([*highs, [np.inf]])
-        return matrix, low, high
+            limited = np.flatnonzero(np.isfinite(bound))
+            rows = sign * Y[:, limited].reshape(-1, n_v + 1)
+            end = r + len(rows)
+            matrix[r:end, :n_v], matrix[r:end, n_v] = rows[:, :n_v], np.tile(-give[limited], steps)
+            highs[r:end] = np.tile(sign * bound[limited], steps) - rows[:, n_v]
+            r = end
+        matrix[r, n_v], lows[r] = 1.0, 0.0  # ε >= 0
+        return matrix, lows, highs
 
     def trusted(self, X: Float[np.ndarray, "N n_x n_v1"]) -> bool:
         """Whether the soft rows hold more than rounding.

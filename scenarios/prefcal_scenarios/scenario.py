@@ -17,7 +17,10 @@ from prefcal_env.experiment import Channel, Experiment
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preference import Calibrator
 
-BUILT_IN: Mapping[str, str] = {"cstr": "prefcal_scenarios.cstr:cstr"}
+BUILT_IN: Mapping[str, str] = {
+    "cstr": "prefcal_scenarios.cstr:cstr",
+    "overtake": "prefcal_scenarios.overtake:overtake",
+}
 """Name to "module:attribute"; loaded when asked for."""
 
 
@@ -55,19 +58,21 @@ class Panel:
     Args:
         kind: "x" or "u" with `index` into that array, or "signal" with `key`.
         channel: Name, unit, limits, target and band to draw.
+        scale: What turns the experiment's unit into that of `channel`.
     """
 
     kind: str
     channel: Channel
     index: int = 0
     key: str = ""
+    scale: float = 1.0
 
     def values(self, experiment: Experiment) -> Float[np.ndarray, " K"]:
         """The curve, on `experiment.t`."""
         if self.kind == "signal":
-            return experiment.signals[self.key]
+            return self.scale * experiment.signals[self.key]
         array = experiment.x if self.kind == "x" else experiment.u
-        return array[:, self.index]
+        return self.scale * array[:, self.index]
 
 
 @dataclass(frozen=True)
@@ -112,7 +117,7 @@ class Scenario:
 
 
 def load(name: str) -> Scenario:
-    """Return the scenario called `name`: "cstr", or "path/to/own.py:attribute".
+    """Return the scenario called `name`: "cstr", "overtake", or "path/to/own.py:attribute".
 
     Raises:
         ScenarioError: no scenario of that name, no such file or attribute, or not a Scenario.

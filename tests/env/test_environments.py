@@ -22,6 +22,8 @@ SUBJECTS = {
     "prefcal/CSTR-v0": {},
     "prefcal/CSTRTuning-v0": {},
     "prefcal/Experiment-v0": OWN,
+    "prefcal/Overtake-v0": {},
+    "prefcal/OvertakeTuning-v0": {},
 }
 
 

@@ -38,6 +38,37 @@ def test_of_two_interrupted_experiments_the_longer_is_better():
     assert Lexicographic([LEVEL]).prefer(longer, shorter) is Preference.CHALLENGER
 
 
+def test_what_comes_first_comes_before_survival():
+    rules = Lexicographic([LONGER], first=[LEVEL])
+    stopped = short_run([0.0], value=0.0, end=End.UNSAFE)
+    high = short_run([0.1], value=1.0)
+    low = short_run([0.2], value=0.3)
+    assert rules.decide(stopped, high) == (Preference.CHALLENGER, LEVEL)
+    verdict, criterion = rules.decide(stopped, low)
+    assert verdict is Preference.INCUMBENT
+    assert criterion.name == "survival"
+
+
+def test_two_that_were_stopped_together_are_a_tie_whatever_comes_after():
+    a, b = (short_run([v], value=v, end=End.UNSAFE) for v in (0.0, 9.0))
+    assert Lexicographic([LEVEL]).decide(a, b) == (Preference.TIE, None)
+
+
+def test_it_says_which_criterion_decided():
+    rules = Lexicographic([LEVEL, LONGER])
+    one, longer = short_run([0.0], duration=1.0), short_run([0.1], duration=2.0)
+    assert rules.decide(longer, one) == (Preference.CHALLENGER, LONGER)
+    assert rules.decide(one, one) == (Preference.TIE, None)
+
+
+def test_thresholds_let_preferences_go_round_in_a_circle():
+    rules = Lexicographic([LEVEL, LONGER])
+    a = short_run([0.0], value=0.0, duration=1.0)
+    b = short_run([0.1], value=0.4, duration=2.0)
+    c = short_run([0.2], value=0.8, duration=3.0)
+    assert rules.prefer(c, b) is rules.prefer(b, a) is rules.prefer(a, c) is Preference.CHALLENGER
+
+
 def test_infinite_values_are_compared():
     never = Criterion("settled", lambda e: np.inf)
     pair = short_run([0.0]), short_run([0.1])
@@ -48,6 +79,11 @@ def test_infinite_values_are_compared():
 def test_no_criterion_and_something_else_are_refused(criteria):
     with pytest.raises(SettingsError, match="one or more Criterion"):
         Lexicographic(criteria)
+
+
+def test_a_stranger_among_the_first_is_refused():
+    with pytest.raises(SettingsError, match="one or more Criterion"):
+        Lexicographic([LEVEL], first=[final_level])
 
 
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])

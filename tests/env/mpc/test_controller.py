@@ -126,6 +126,15 @@ def test_trajectory_linearisation_follows_the_last_plan():
     assert abs(third.u - second.u) < abs(second.u - first.u)  # and the repetition settles
 
 
+def test_after_forgetting_it_linearises_as_a_fresh_one():
+    plant, m = random_plant(2), measurement(2)
+    mpc = replace(BASE, linearisation="trajectory")
+    used, fresh = LinearMPC(plant, mpc), LinearMPC(plant, mpc)
+    used.move(replace(m, x=m.x + 1.0))
+    used.forget()
+    np.testing.assert_array_equal(used.move(m).u, fresh.move(m).u)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -1,0 +1,209 @@
+"""The overtaking: random tunings, and calibrations by preferences against the paper's optimum.
+
+    OMP_NUM_THREADS=1 python benchmarks/overtake.py [--samples 500] [--seeds 20] [--jobs 1]
+    ... --samples 0 --agents GLISp RandomSearch LatinHypercube
+
+Part one runs a seeded sample of θ in the box and reports how they ended: interrupted runs,
+unsolved QPs, criterion (i), seconds of an experiment. Part two calibrates with each agent, 50
+experiments for each seed, and reports how the synthetic calibrator finds the returned θ beside the
+paper's, by which criterion, and whether it violates criterion (i) or safety. Prints Markdown.
+"""
+
+import argparse
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one thread
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+import prefcal_agents
+from prefcal_scenarios.overtake import overtake
+from prefcal_scenarios.overtake.computing import measured_t_comp
+from prefcal_scenarios.overtake.indicators import SHORTEST_DISTANCE
+from rich.console import Console
+from rich.progress import track
+
+from prefcal_env.experiment import Experiment
+from prefcal_env.overtaking import HORIZON
+from prefcal_env.preference import Preference
+from prefcal_env.study import calibrate
+
+AGENTS = ("GLISp", "RandomSearch", "LatinHypercube")
+PAPER = "paper, preferences"
+SHOWN = (
+    "t_comp_ratio", "lateral_distance", "path_peak", "lane_deviation", "lateral_acceleration",
+)  # fmt: skip
+VERDICTS = {Preference.CHALLENGER: "better", Preference.TIE: "a tie", Preference.INCUMBENT: "worse"}
+
+
+class Run(NamedTuple):
+    """What is kept of one random θ."""
+
+    end: str
+    kpis: dict[str, float]
+    exact: bool
+    seconds: float
+
+
+class Result(NamedTuple):
+    """What is kept of one calibration."""
+
+    seed: int
+    theta: list[float]
+    verdict: str
+    reason: str
+    violations: list[str]
+    kpis: dict[str, float]
+    ties: int
+    seconds: float
+
+
+def sample(i: int) -> Run:
+    """θ number i of the sample, run once."""
+    theta = overtake.space.decode(np.random.default_rng([0, i]).random(len(overtake.space)))
+    start = time.perf_counter()
+    e = overtake.run(theta)
+    seconds = time.perf_counter() - start
+    finite = (
+        all(np.isfinite(a).all() for a in (e.x, e.u)) and not np.isnan(list(e.kpis.values())).any()
+    )
+    if not finite:
+        raise SystemExit(f"θ = {theta} left a number that is not finite")
+    return Run(e.end.name, dict(e.kpis), exact_in_time(e), seconds)
+
+
+def exact_in_time(e: Experiment) -> bool:
+    """Whether every sampling instant is k T_s to 1e-9 s and the run ended where it should."""
+    T_s, n = e.theta[0], len(e.t_control)
+    instants = np.abs(e.t_control - T_s * np.arange(n)).max() < 1e-9
+    last = e.end.interrupted or abs(e.t[-1] - T_s * np.ceil(HORIZON / T_s - 1e-9)) < 1e-9
+    return bool(instants and last)
+
+
+def study(job: tuple[int, str, str, int]) -> Result:
+    """One calibration: seed, agent, calibrator, experiments."""
+    seed, name, judge, n_max = job
+    start = time.perf_counter()
+    calibrator: Any = overtake.calibrators[judge](seed)
+    agent = getattr(prefcal_agents, name)(overtake.space, n_max=n_max, seed=seed)
+    comparisons = list(calibrate(agent, overtake.run, calibrator))
+    best = comparisons[-1].winner
+    ties = sum(c.answer.preference is Preference.TIE for c in comparisons)
+    verdict, criterion = calibrator.decide(best, overtake.run(overtake.references[PAPER]))
+    return Result(
+        seed, best.theta.tolist(), VERDICTS[verdict], cell(criterion.name) if criterion else "",
+        violated(best, calibrator), dict(best.kpis), ties, time.perf_counter() - start,
+    )  # fmt: skip
+
+
+def cell(text: str) -> str:
+    """Text for a cell of a Markdown table."""
+    return text.replace("|", r"\|")
+
+
+def violated(e: Experiment, calibrator: Any) -> list[str]:
+    """What criterion (i) and safety have to object."""
+    objections = {
+        "real time": calibrator.first[0].key(e) > 0,
+        "interrupted": e.end.interrupted,
+        "too near": e.kpis["lateral_distance"] < SHORTEST_DISTANCE,
+        "off the road": e.kpis["off_road"] > 0,
+        "unsolved QP": e.kpis["unsolved"] > 0,
+    }
+    return [name for name, holds in objections.items() if holds]
+
+
+def spread(function: Any, jobs: Sequence[Any], label: str, processes: int) -> Iterator[Any]:
+    """The results in the order of `jobs`, with a progress bar."""
+    console = Console(stderr=True)
+    if processes == 1:
+        yield from track(map(function, jobs), label, total=len(jobs), console=console)
+        return
+    with ProcessPoolExecutor(processes) as pool:
+        yield from track(pool.map(function, jobs), label, total=len(jobs), console=console)
+
+
+def tell_paper(console: Console) -> None:
+    overtake.run(overtake.references[PAPER])  # compiles
+    e = overtake.run(overtake.references[PAPER])
+    text = ["The paper's optimum:", "", "| what | value |", "| --- | --- |"]
+    text += [f"| {cell(k.title)} [{k.unit}] | {e.kpis[k.name]:.4g} |" for k in overtake.kpis]
+    worst, most = (f"{seconds * 1e3:.2f}" for seconds in measured_t_comp(e))
+    text += [f"| t_comp measured here, worst and 99th percentile [ms] | {worst}, {most} |"]
+    console.print("\n".join(text), soft_wrap=True, markup=False)
+
+
+def tell_samples(runs: list[Run], console: Console) -> None:
+    n = len(runs)
+    shares = {
+        "collisions": sum(r.kpis["collision"] > 0 for r in runs),
+        "other interruptions": sum(r.end == "UNSAFE" and not r.kpis["collision"] for r in runs),
+        "runs with an unsolved QP": sum(r.kpis["unsolved"] > 0 for r in runs),
+        "criterion (i) violated on the paper's processor": sum(
+            r.kpis["t_comp_ratio"] >= 1 for r in runs
+        ),
+        f"below {SHORTEST_DISTANCE:g} m beside the obstacle": sum(
+            r.kpis["lateral_distance"] < SHORTEST_DISTANCE for r in runs
+        ),
+        "time not exact to 1e-9 s": sum(not r.exact for r in runs),
+    }
+    seconds = np.quantile([r.seconds for r in runs], [0.5, 0.95, 1.0])
+    text = [f"\n{n} random θ:", "", "| what | runs | share |", "| --- | --- | --- |"]
+    text += [f"| {what} | {k} | {k / n:.1%} |" for what, k in shares.items()]
+    text += ["", "Ended: " + ", ".join(f"{k} {v}" for k, v in Counter(r.end for r in runs).items())]
+    text += [
+        "Seconds of an experiment, median, 95 %, worst: " + " ".join(f"{s:.3f}" for s in seconds)
+    ]
+    console.print("\n".join(text), soft_wrap=True, markup=False)
+
+
+def tell_studies(results: list[Result], name: str, judge: str, console: Console) -> None:
+    text = [f"\n{len(results)} calibrations by {name}, calibrator {judge!r}; best against paper:\n"]
+    text += [row("seed", *overtake.space.names, "is", "by", "violates", *SHOWN)]
+    text += [row(*["---"] * (len(overtake.space) + 4 + len(SHOWN)))]
+    for r in results:
+        theta, kpis = (f"{v:.3g}" for v in r.theta), (f"{r.kpis[k]:.3f}" for k in SHOWN)
+        objections = ", ".join(r.violations) or "nothing"
+        text.append(row(str(r.seed), *theta, r.verdict, r.reason, objections, *kpis))
+    counts = Counter(r.verdict for r in results)
+    text += ["", ", ".join(f"{counts[v]} {v}" for v in VERDICTS.values())]
+    text += [f"{sum(bool(r.violations) for r in results)} violate criterion (i) or safety"]
+    text += [f"Ties among the answers, median: {np.median([r.ties for r in results]):g}"]
+    text += [f"Seconds of a calibration, median: {np.median([r.seconds for r in results]):.1f}"]
+    console.print("\n".join(text), soft_wrap=True, markup=False)
+
+
+def row(*cells: str) -> str:
+    """A row of a Markdown table."""
+    return "| " + " | ".join(cells) + " |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--samples", type=int, default=500, help="random θ")
+    parser.add_argument("--seeds", type=int, default=20, help="calibrations")
+    parser.add_argument("--n-max", type=int, default=50, help="experiments of a calibration")
+    parser.add_argument("--jobs", type=int, default=1, help="processes at a time")
+    parser.add_argument(
+        "--calibrator", nargs="+", default=["synthetic"], choices=sorted(overtake.calibrators)
+    )
+    parser.add_argument("--agents", nargs="+", default=["GLISp"], choices=AGENTS)
+    args = parser.parse_args()
+    console = Console()
+    if args.samples:
+        tell_paper(console)
+        runs = list(spread(sample, range(args.samples), "random θ", args.jobs))
+        tell_samples(runs, console)
+    for name, judge in product(args.agents, args.calibrator) if args.seeds else ():
+        jobs = [(seed, name, judge, args.n_max) for seed in range(args.seeds)]
+        tell_studies(list(spread(study, jobs, "calibrating", args.jobs)), name, judge, console)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,108 @@
+"""One sampling period of driving: where the bodies are, and what ends it before its time."""
+
+from dataclasses import dataclass
+from enum import Enum
+from math import hypot
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.envs.overtake.contact import Times, first_contact, travel
+from prefcal_env.envs.overtake.geometry import REACH, Poses, outside
+from prefcal_env.envs.overtake.traffic import Obstacle
+from prefcal_env.plants.plant import Plant
+
+SUB_STEP = 0.02
+"""Longest step between recorded instants [s]."""
+ROAD_MARGIN = 1.0
+"""A body that is farther than this off the road has left it [m]."""
+_NONE = np.zeros(0)
+
+
+class Mishap(Enum):
+    """What ended an episode before its time."""
+
+    COLLISION = "collision"
+    OFF_ROAD = "off the road"
+    NOT_FINITE = "not finite"
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A period as it was driven: M instants after its start, the last one where it ended.
+
+    Args:
+        t: Instants [s], shape (M,).
+        x: States there, shape (M, n_x).
+        mishap: Why it ended before its time, if it did.
+    """
+
+    t: Times
+    x: Float[np.ndarray, "M n_x"]
+    mishap: Mishap | None
+
+
+def sub_steps(T_s: float) -> Times:
+    """Shares of a period at which it is recorded, the last one 1: n sub-steps of T_s/n.
+
+    Step k's instants are (k + shares) T_s: none is the sum of others, so time is exact.
+    """
+    n = max(1, int(np.ceil(T_s / SUB_STEP - 1e-9)))
+    return np.arange(1, n + 1) / n
+
+
+@dataclass(frozen=True, slots=True)
+class Period:
+    """One sampling period, before it is driven: from state `x` at time `start` [s], `u` held.
+
+    `rows` are (x_o, y_o, v_o) of the obstacles at its start, shape (n, 3).
+    """
+
+    plant: Plant
+    x: Float[np.ndarray, " n_x"]
+    u: Float[np.ndarray, " 2"]
+    start: float
+    obstacles: tuple[Obstacle, ...]
+    rows: Float[np.ndarray, "n 3"]
+
+    def drive(self, t: Times) -> Drive:
+        """Drive on to the instants `t`, or to the first mishap."""
+        x = self.plant.hold(self.x, self.u, _NONE, t - self.start)
+        mishap: Mishap | None = None
+        finite = np.isfinite(x).all(axis=1)
+        if not finite.all():
+            n = int(np.argmin(finite))
+            t, x, mishap = t[:n], x[:n], Mishap.NOT_FINITE
+        left = np.flatnonzero(outside(x[:, :3]) > ROAD_MARGIN)
+        if len(left):
+            n = int(left[0]) + 1
+            t, x, mishap = t[:n], x[:n], Mishap.OFF_ROAD
+        touched = self._contact(t, x) if len(t) else None
+        if touched is not None:
+            n = int(np.searchsorted(t, touched))
+            t = np.append(t[:n], touched)
+            x = np.concatenate([x[:n], self._states(np.array([touched]))])
+            mishap = Mishap.COLLISION
+        return Drive(t, x, mishap)
+
+    def _contact(self, t: Times, x: Float[np.ndarray, "M n_x"]) -> float | None:
+        """When the first of the obstacles that come near is touched, if one is."""
+        times = np.append(self.start, t)
+        moved = float(travel(np.concatenate([self.x[None, :3], x[:, :3]])).sum())
+        own_x, own_y, *_ = self.x.tolist()
+        near = []
+        for obstacle, (x_o, y_o, v_o) in zip(self.obstacles, self.rows.tolist(), strict=True):
+            reach = 2 * REACH + moved + v_o * (times[-1] - self.start)
+            if hypot(x_o - own_x, y_o - own_y) <= reach:
+                near.append(obstacle)
+        if not near:
+            return None
+        return first_contact(lambda at: (self._poses(at), [o.poses(at) for o in near]), times)
+
+    def _poses(self, t: Times) -> Poses:
+        return self._states(t)[:, :3]
+
+    def _states(self, t: Times) -> Float[np.ndarray, "K n_x"]:
+        later = t[t > self.start]
+        x = self.plant.hold(self.x, self.u, _NONE, later - self.start)
+        return x if len(later) == len(t) else np.concatenate([self.x[None], x])

@@ -1,0 +1,112 @@
+"""One drive of 15 s, sampling period by sampling period."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.control import Measurement
+from prefcal_env.envs.overtake.contact import Times
+from prefcal_env.envs.overtake.drive import Mishap, Period, sub_steps
+from prefcal_env.envs.overtake.geometry import Poses
+from prefcal_env.envs.overtake.options import OvertakeOptions
+from prefcal_env.envs.overtake.signals import signals_of
+from prefcal_env.envs.overtake.traffic import rows
+from prefcal_env.envs.trajectory import Record, Trajectory
+from prefcal_env.experiment import Channels, End
+from prefcal_env.overtaking import HORIZON, KEEPING_SPEED, Phase, next_phase
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """A period that is over: its instants, start included, the poses there, what was held.
+
+    Args:
+        t: Instants [s], shape (M,).
+        poses: There, shape (M, 3).
+        u: (v [m/s], δ_s [rad]), shape (2,).
+        phase: At its start.
+    """
+
+    t: Times
+    poses: Poses
+    u: Float[np.ndarray, " 2"]
+    phase: Phase
+
+
+class Episode:
+    """The state of a drive, and what it leaves behind.
+
+    Args:
+        options: The scene.
+        pose: (x_f, y_f [m], θ [rad]) at the start, shape (3,).
+        T_s: Sampling time [s].
+        rng: Of the measurement noise.
+    """
+
+    def __init__(
+        self,
+        options: OvertakeOptions,
+        pose: Float[np.ndarray, " 3"],
+        T_s: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self.options, self.T_s = options, T_s
+        self.t = 0.0
+        self.end: End | None = None
+        self.mishap: Mishap | None = None
+        self.x = np.concatenate([pose, options.car.others])
+        self.u = np.array([KEEPING_SPEED, 0.0])
+        self._rng, self._noise = rng, np.array(options.noise)
+        self._trajectory = Trajectory(self.x, self.u)
+        self._phases: list[tuple[Phase, int]] = []
+        self._steps, self.phase = 0, Phase.LANE_KEEPING
+        self._shares = sub_steps(T_s)
+        samples = np.arange(int(HORIZON / T_s) + 2) * T_s
+        self._rows = rows(options.obstacles, samples)  # all at once: cheaper than one by one
+        self._look()
+
+    def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
+        """Drive one period with `u` held, which the actuators can do."""
+        car, others = self.options.car, self.options.obstacles
+        period = Period(car.plant, self.x, u, self.t, others, self.obstacles)
+        drive = period.drive((self._steps + self._shares) * self.T_s)
+        self._trajectory.add(drive.t, drive.x, u, self.y_ref())
+        self._phases.append((self.phase, len(drive.t)))
+        t, x = np.append(self.t, drive.t), np.concatenate([self.x[None], drive.x])
+        driven = Driven(t, x[:, :3], u, self.phase)
+        self._steps += 1
+        self.t, self.x, self.u, self.mishap = float(t[-1]), x[-1], u, drive.mishap
+        self._look()
+        if drive.mishap is not None:
+            self.end = End.UNSAFE
+        elif self.t >= HORIZON * (1 - 1e-12):
+            self.end = End.TIME_UP
+        return driven
+
+    def y_ref(self) -> Float[np.ndarray, " 3"]:
+        """What lane keeping aims at: straight ahead from here, shape (3,)."""
+        return np.array([self.measured[0], 0.0, 0.0])
+
+    def measurement(self) -> Measurement:
+        """What a controller knows at this sampling instant."""
+        return Measurement(self.t, self.measured, self.u, self.obstacles.flatten(), self.y_ref())
+
+    def record(self, channels: Channels) -> Record:
+        """The drive so far, with its signals."""
+        record = self._trajectory.record(channels, self.end)
+        held = [np.full(length, phase, float) for phase, length in self._phases]
+        last = float(self._phases[-1][0] if self._phases else self.phase)
+        phases = np.append(np.concatenate([np.zeros(0), *held]), last)
+        signals = signals_of(record.t, record.x[:, :3], phases, self.options.obstacles)
+        return replace(record, signals=signals)
+
+    def _look(self) -> None:
+        """See where everybody is at this sampling instant."""
+        if self.mishap is None:
+            self.obstacles = self._rows[self._steps]
+        else:
+            self.obstacles = rows(self.options.obstacles, np.array([self.t]))[0]
+        self.phase = next_phase(self.phase, float(self.x[0]), self.obstacles)
+        noise = self._noise * self._rng.standard_normal(3) if self._noise.any() else 0.0
+        self.measured = self.x[:3] + noise

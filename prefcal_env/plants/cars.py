@@ -1,0 +1,129 @@
+"""Cars that differ from the kinematic bicycle that the MPC knows.
+
+Both take the inputs of `Bicycle`, and their first three states are its (x_f, y_f, θ); what
+follows is what it neglects: the speed v [m/s] needs time to reach its reference, tyres slip.
+"""
+
+from dataclasses import dataclass, fields
+from functools import partial
+from math import atan, atan2, cos, sin, tan
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import PlantError
+from prefcal_env.experiment import Channel
+from prefcal_env.plants.bicycle import Bicycle
+from prefcal_env.plants.function_plant import FunctionPlant
+
+_SPEED = Channel("speed", "m/s", symbol="v")
+_POSE = Bicycle.states
+
+
+@dataclass(frozen=True, slots=True)
+class SlipParams:
+    """Of `slip_bicycle`. Raises PlantError for what is not positive and finite."""
+
+    length: float = 4.5  # m, distance of the axles
+    lag: float = 0.6  # s, of the speed
+
+    def __post_init__(self) -> None:
+        _check_positive(self)
+
+
+@dataclass(frozen=True, slots=True)
+class DynamicParams:
+    """Of `dynamic_bicycle`, a medium-sized car. Raises PlantError as `SlipParams`."""
+
+    front: float = 2.25  # m, from the centre of mass to the front axle, where x_f and y_f are
+    rear: float = 2.25  # m, to the rear axle
+    mass: float = 1500.0  # kg
+    inertia: float = 2500.0  # kg m², about the vertical
+    front_stiffness: float = 80e3  # N/rad, of both tyres together, lateral
+    rear_stiffness: float = 80e3  # N/rad
+    lag: float = 0.3  # s, of the speed
+
+    def __post_init__(self) -> None:
+        _check_positive(self)
+
+
+def slip_bicycle(params: SlipParams | None = None) -> FunctionPlant:
+    """The bicycle of highway-env: v is the speed of the body's centre, which slips by β.
+
+    x = (x_f, y_f, θ, v). β = atan(tan(δ_s)/2), θ̇ = v sin(β)/(L/2), the centre moves along θ + β;
+    v follows its reference with the lag that highway-env's speed controller has. The paths are
+    those of the kinematic bicycle, driven faster: the front wheel at v cos(β)/cos(δ_s).
+    """
+    return FunctionPlant(
+        partial(_slip, params or SlipParams()), _front_end,
+        states=(*_POSE, _SPEED), inputs=Bicycle.inputs, outputs=_POSE,
+        name="slip bicycle", max_step=0.02,
+    )  # fmt: skip
+
+
+def dynamic_bicycle(params: DynamicParams | None = None) -> FunctionPlant:
+    """A single-track model with linear tyres.
+
+    x = (x_f, y_f, θ, v, v_y, r): v and v_y [m/s] the speed of the centre of mass along and
+    across the body, r [rad/s] the yaw rate. Lateral tyre forces are proportional to slip angles.
+    """
+    params = params or DynamicParams()
+    return FunctionPlant(
+        partial(_dynamic, params), _front_end,
+        states=(
+            *_POSE, _SPEED, Channel("lateral speed", "m/s", symbol="v_y"),
+            Channel("yaw rate", "rad/s", symbol="r"),
+        ),
+        inputs=Bicycle.inputs, outputs=_POSE, name="dynamic bicycle",
+        max_step=min(0.02, 1 / _fastest(params)),
+    )  # fmt: skip
+
+
+def _fastest(p: DynamicParams) -> float:
+    """A bound of how fast yaw and lateral speed settle at the lowest speed [1/s]."""
+    yaw = (p.front_stiffness * p.front**2 + p.rear_stiffness * p.rear**2) / p.inertia
+    return (yaw + (p.front_stiffness + p.rear_stiffness) / p.mass) / Bicycle.inputs[0].low
+
+
+def _slip(
+    p: SlipParams, x: Float[np.ndarray, " 4"], u: Float[np.ndarray, " 2"], d: object
+) -> list[float]:
+    (_, _, yaw, v), (v_ref, steering) = x.tolist(), u.tolist()
+    slip = atan(tan(steering) / 2)
+    rate = v * sin(slip) / (p.length / 2)
+    swing = rate * p.length / 2  # of the front end about the centre, to the left
+    return [
+        v * cos(yaw + slip) - swing * sin(yaw),
+        v * sin(yaw + slip) + swing * cos(yaw),
+        rate,
+        (v_ref - v) / p.lag,
+    ]
+
+
+def _dynamic(
+    p: DynamicParams, x: Float[np.ndarray, " 6"], u: Float[np.ndarray, " 2"], d: object
+) -> list[float]:
+    (_, _, yaw, v, v_y, rate), (v_ref, steering) = x.tolist(), u.tolist()
+    front_force = -p.front_stiffness * (atan2(v_y + p.front * rate, v) - steering)
+    rear_force = -p.rear_stiffness * atan2(v_y - p.rear * rate, v)
+    lateral = front_force * cos(steering)
+    front_speed = v_y + p.front * rate
+    return [
+        v * cos(yaw) - front_speed * sin(yaw),
+        v * sin(yaw) + front_speed * cos(yaw),
+        rate,
+        (v_ref - v) / p.lag,
+        (lateral + rear_force) / p.mass - v * rate,
+        (p.front * lateral - p.rear * rear_force) / p.inertia,
+    ]
+
+
+def _front_end(x: Float[np.ndarray, " n"], u: object, d: object) -> Float[np.ndarray, " 3"]:
+    return np.asarray(x[:3])
+
+
+def _check_positive(params: SlipParams | DynamicParams) -> None:
+    for field in fields(params):
+        value = getattr(params, field.name)
+        if not 0 < value < np.inf:
+            raise PlantError(f"{field.name} must be positive and finite, got {value}")

@@ -1,0 +1,97 @@
+"""The knobs of the car's MPC, and the controller of a θ (section IV-B)."""
+
+from dataclasses import asdict, dataclass
+from math import inf, pi
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.mpc import MPCSettings, control_horizon
+from prefcal_env.mpc.settings import Linearisation
+from prefcal_env.overtaking import (
+    KEEPING_SPEEDS,
+    MIN_LATERAL_DISTANCE,
+    OVERTAKING_SPEEDS,
+    T_S_RANGE,
+    Phase,
+)
+from prefcal_env.plants.bicycle import Bicycle
+from prefcal_scenarios.overtake.supervisor import Supervisor
+
+SPACE = KnobSpace(
+    [
+        Knob("T_s", *T_S_RANGE, "s"),
+        Knob("ε_c", 0.1, 1.0),
+        Knob("N_p", 10, 30, integer=True),
+        Knob("log q_u11", -5.0, 3.0),
+        Knob("log q_u22", -5.0, 3.0),
+    ]
+)
+"""The logarithms themselves are the knobs, to base 10 (the paper states none)."""
+
+_ANGLE = pi / 4
+
+
+@dataclass(frozen=True, slots=True)
+class Fixed:
+    """What the tuning leaves alone.
+
+    Deviation: the paper states ±π/4 and 0.0873 rad/s for θ. Here ±π/4 holds for θ (soft) and for
+    δ_s (hard), 0.0873 rad for the move of δ_s from one control step to the next (hard): a yaw rate
+    is no input.
+
+    Args:
+        steering_move: Largest move of δ_s in one step [rad].
+        speed_move: Largest move of v in one step [m/s]; the paper has none.
+        Q_eps: Weight of the slack. Deviation: the paper has no value. With 1e5, a toolbox's
+            default, the one slack makes the car swerve to 5.9 m at the paper's optimum.
+        softness: Share of ε by which the limits of (x_f, y_f, θ) give way.
+        linearisation: Of the model, "point" or "trajectory".
+    """
+
+    steering_move: float = 0.0873
+    speed_move: float = inf
+    Q_eps: float = 10.0
+    softness: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    linearisation: Linearisation = "point"
+
+
+PAPER = Fixed()
+"""As the case study has it."""
+
+
+def mpc_settings(theta: Float[np.ndarray, " 5"], phase: Phase, fixed: Fixed = PAPER) -> MPCSettings:
+    """Settings of the MPC of one phase, θ = (T_s [s], ε_c, N_p, log10 q_u11, log10 q_u22).
+
+    Outputs (x_f, y_f [m], θ [rad]), y_f from the obstacle's centre line on while overtaking;
+    inputs (v [m/s], δ_s [rad]). Q_y = diag(1, 1, 0), Q_u = 0, Q_Δu = diag(q_u11, q_u22).
+
+    Raises:
+        KnobError: θ of the wrong shape, NaN or outside the box.
+    """
+    T_s, share, N_p, log_q11, log_q22 = (float(v) for v in SPACE.check(theta))
+    overtaking = phase is Phase.OVERTAKING
+    low, high = OVERTAKING_SPEEDS if overtaking else KEEPING_SPEEDS
+    beside = MIN_LATERAL_DISTANCE if overtaking else -inf
+    return MPCSettings(
+        T_s=T_s, N_p=int(N_p), N_u=control_horizon(share, int(N_p)),
+        Q_y=np.diag([1.0, 1.0, 0.0]), Q_u=np.zeros((2, 2)),
+        Q_du=np.diag([10.0**log_q11, 10.0**log_q22]),
+        u_min=[low, -_ANGLE], u_max=[high, _ANGLE],
+        du_min=[-fixed.speed_move, -fixed.steering_move],
+        du_max=[fixed.speed_move, fixed.steering_move],
+        y_min=[-inf, beside, -_ANGLE], y_max=[inf, inf, _ANGLE],
+        Q_eps=fixed.Q_eps, softness=fixed.softness, linearisation=fixed.linearisation,
+    )  # fmt: skip
+
+
+def controller(theta: Float[np.ndarray, " 5"], fixed: Fixed = PAPER) -> Supervisor:
+    """A fresh supervised MPC tuned by θ, shape (5,), physical. Raises as `mpc_settings`."""
+    return Supervisor(Bicycle(), {phase: mpc_settings(theta, phase, fixed) for phase in Phase})
+
+
+def settings(theta: Float[np.ndarray, " 5"]) -> dict[str, Any]:
+    """The same settings as plain data, those of each phase under its name."""
+    return {p.name.lower().replace("_", " "): asdict(mpc_settings(theta, p)) for p in Phase}

@@ -1,0 +1,94 @@
+"""Pictures are highway-env's, not black, right side up and in the right colours."""
+
+import numpy as np
+import pygame
+import pytest
+
+from prefcal_env.envs.overtake import Obstacle, OvertakeEnv, OvertakeOptions
+from prefcal_env.envs.overtake.scene import CRASHED, OTHER, OWN, SIZE, Scene
+from prefcal_env.errors import ProtocolError
+from prefcal_env.plants.bicycle import KMH
+
+
+def where(frame: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
+    """Rows and columns of the pixels of one colour, shape (n, 2)."""
+    return np.argwhere(np.all(frame == color, axis=2))
+
+
+def picture(x0, T_s=0.3, options=None) -> np.ndarray:
+    env = OvertakeEnv(options, render_mode="rgb_array")
+    env.reset(options={"T_s": T_s, "x0": x0})
+    frame = env.render()
+    env.close()
+    return frame
+
+
+@pytest.fixture(params=["dummy", "offscreen", "nonsense", None])
+def driver(request, monkeypatch):
+    if request.param is None:
+        monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
+    else:
+        monkeypatch.setenv("SDL_VIDEODRIVER", request.param)
+
+
+@pytest.mark.usefixtures("driver")
+def test_a_picture_needs_no_display():
+    frame = picture((0.0, 0.0, 0.0))
+    assert frame.shape == (SIZE[1], SIZE[0], 3)
+    assert frame.dtype == np.uint8
+    assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 10
+    assert frame.mean() > 50
+    assert len(where(frame, OWN)) > 300
+    assert len(where(frame, OTHER)) > 300
+    assert not pygame.display.get_init()
+
+
+@pytest.mark.parametrize("T_s", [0.085, 0.123456, 0.5])
+def test_the_own_car_goes_ahead_and_left_is_up(T_s):
+    env = OvertakeEnv(render_mode="rgb_array")
+    env.reset(options={"T_s": T_s, "x0": (0.0, 3.0, 0.0)})
+    ahead = []
+    while env.end is None:
+        env.apply(np.array([70 * KMH, 0.0]))
+        frame = env.render()
+        own, other = where(frame, OWN), where(frame, OTHER)
+        if len(other):
+            assert own[:, 0].max() < other[:, 0].min()
+            ahead.append(other[:, 1].mean() - own[:, 1].mean())
+    assert ahead[0] > 300
+    assert ahead[-1] < 0
+    assert np.all(np.diff(ahead) < 0)
+
+
+def test_the_picture_is_to_scale():
+    frame = picture((0.0, 0.0, 0.0))
+    own, other = (where(frame, color)[:, 1].min() for color in (OWN, OTHER))
+    assert other - own == pytest.approx(30 * 12, abs=2)
+    assert own == pytest.approx(0.3 * SIZE[0] - 2.25 * 12, abs=3)  # the left third
+
+
+def test_turning_left_turns_left():
+    yaw = 0.3
+    own = where(picture((0.0, 3.0, yaw)), OWN)
+    front, rear = own[own[:, 1] > own[:, 1].mean()], own[own[:, 1] < own[:, 1].mean()]
+    assert front[:, 0].mean() < rear[:, 0].mean()
+
+
+def test_a_collision_is_seen():
+    env = OvertakeEnv(render_mode="rgb_array")
+    env.reset(options={"T_s": 0.5})
+    while env.end is None:
+        env.apply(np.array([70 * KMH, 0.0]))
+    assert len(where(env.render(), CRASHED)) > 300
+
+
+def test_every_obstacle_is_drawn():
+    two = OvertakeOptions(obstacles=(Obstacle(), Obstacle(20.0, 4.0)))
+    one = picture((0.0, 0.0, 0.0))
+    both = picture((0.0, 0.0, 0.0), options=two)
+    assert len(where(both, OTHER)) == pytest.approx(2 * len(where(one, OTHER)), rel=0.05)
+
+
+def test_a_scene_does_not_step():
+    with pytest.raises(ProtocolError, match="OvertakeEnv"):
+        Scene(1).step(np.zeros(2))
