@@ -98,7 +98,7 @@ def _along(axes: Sequence[Axes] | np.ndarray, shown: Shown, pair: Sequence[Shown
     _steering(steering, shown)
     last = max(float(s.experiment.x[:, 0].max()) for s in pair)
     for axis in (path, speed, steering):
-        axis.set_xlim(-LENGTH, last + 2)
+        axis.set_xlim(-LENGTH, last + 5)
     for axis in (path, steering):
         axis.set_xlabel("longitudinal position [m]")
 

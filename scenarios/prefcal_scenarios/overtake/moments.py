@@ -25,20 +25,19 @@ class Moment:
 def moments(experiment: Experiment) -> tuple[Moment, ...]:
     """Begin, changing lane, beside the obstacle, end of overtaking, back in the lane.
 
-    Where it does not come to all of them, five at equal distances in time, from the begin of
-    overtaking (else of the run) to the end of the run.
+    A run that ends on its way back shows its end instead. Where it does not come to the others,
+    five at equal distances in time, from the begin of overtaking (else of the run) to its end.
     """
     t = experiment.t
-    known = _instants(experiment)
-    begin, beside, end, home = known
-    if begin is not None and beside is not None and end is not None and home is not None:
+    begin, beside, end, home = _instants(experiment)
+    if begin is not None and beside is not None and end is not None:
         changing = _nearest(t, (t[begin] + t[beside]) / 2)
-        indices = [begin, changing, beside, end, home]
+        indices = [begin, changing, beside, end, len(t) - 1 if home is None else home]
         if all(a < b for a, b in pairwise(indices)):
-            names = ["begins", "changes lane", "beside", "turns back", "back in lane"]
+            last = "ends on its way" if home is None else "back in lane"
+            names = ["begins", "changes lane", "beside", "turns back", last]
             return tuple(Moment(i, n) for i, n in zip(indices, names, strict=True))
-    instants = np.linspace(t[begin or 0], t[-1], 5)
-    return tuple(Moment(_nearest(t, s)) for s in instants)
+    return tuple(Moment(_nearest(t, s)) for s in np.linspace(t[begin or 0], t[-1], 5))
 
 
 def _instants(experiment: Experiment) -> tuple[int | None, int | None, int | None, int | None]:

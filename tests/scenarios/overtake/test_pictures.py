@@ -46,6 +46,16 @@ def record(first=SLUGGISH, second=PAPER, preference=Preference.CHALLENGER):
     return Record(overtake, "overtake", tuple(comparisons), n_max=2)
 
 
+def until(experiment, k):
+    """`experiment`, stopped at its instant k."""
+    n = int(np.sum(experiment.t_control < experiment.t[k - 1]))
+    dense = {f: getattr(experiment, f)[:k] for f in ("t", "x", "u")}
+    names = ("t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")
+    decided = {f: getattr(experiment, f)[:n] for f in names}
+    signals = {name: values[:k] for name, values in experiment.signals.items()}
+    return replace(experiment, **dense, **decided, signals=signals, end=End.UNSAFE)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("overtaking")
@@ -129,15 +139,7 @@ def test_a_best_run_that_is_the_first_is_shown_once_and_its_comparison_is_remove
 def test_a_run_without_an_obstacle_and_one_that_was_stopped_are_drawn_as_well(tmp_path):
     others = {k: v for k, v in PAPER.signals.items() if not k.startswith("obstacle")}
     alone = replace(PAPER, signals=others)
-    k = len(PAPER.t) // 2
-    n = int(np.sum(PAPER.t_control < PAPER.t[k - 1]))
-    cut = {f: getattr(PAPER, f)[:k] for f in ("t", "x", "u")}
-    cut |= {
-        f: getattr(PAPER, f)[:n]
-        for f in ("t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")
-    }
-    signals = {name: values[:k] for name, values in PAPER.signals.items()}
-    stopped = replace(PAPER, **cut, signals=signals, end=End.UNSAFE)
+    stopped = until(PAPER, len(PAPER.t) // 2)
     write_report(record(stopped, alone), tmp_path, PICTURES)
     assert {*FILES} <= {p.name for p in tmp_path.iterdir()}
 
@@ -150,6 +152,15 @@ def test_the_five_moments_are_in_order_from_the_begin_until_back_in_the_lane():
     assert PAPER.x[found[2].index, 0] == pytest.approx(x_o, abs=0.5)
     assert abs(PAPER.x[found[4].index, 1]) <= 0.1
     assert begin < beside < home
+
+
+def test_a_run_that_is_stopped_shows_its_end_as_the_last_moment():
+    whole = moments(PAPER)
+    beside, back = whole[2].index, (whole[3].index + whole[4].index) // 2
+    for k, names in ((beside, {""}), (back, {m.name for m in whole[:4]} | {"ends on its way"})):
+        found = moments(until(PAPER, k))
+        assert found[-1].index == k - 1
+        assert {m.name for m in found} == names
 
 
 def test_after_its_end_a_run_stays_where_it_was():
