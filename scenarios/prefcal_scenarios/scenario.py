@@ -2,11 +2,11 @@
 
 import importlib.util
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -16,6 +16,9 @@ from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiment import Channel, Experiment
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preference import Calibrator
+
+if TYPE_CHECKING:
+    from prefcal_scenarios.report.pictures import Picture
 
 BUILT_IN: Mapping[str, str] = {
     "cstr": "prefcal_scenarios.cstr:cstr",
@@ -91,6 +94,8 @@ class Scenario:
         calibrators: Synthetic calibrators by name, each made from a seed.
         controller: The tuned controller of a θ.
         settings: The controller's settings at a θ, JSON-able, for the export.
+        pictures: The scenario's own figures for the report, above those that every report has;
+            a function, so that plots are loaded for reports only.
 
     Raises:
         ScenarioError: a reference θ that does not fit the space.
@@ -107,6 +112,7 @@ class Scenario:
     calibrators: Mapping[str, Callable[..., Calibrator[Experiment]]] = field(default_factory=dict)
     controller: Callable[[Float[np.ndarray, " n"]], Controller] | None = None
     settings: Callable[[Float[np.ndarray, " n"]], dict[str, Any]] | None = None
+    pictures: "Callable[[], Sequence[Picture]] | None" = None
 
     def __post_init__(self) -> None:
         for name, theta in self.references.items():

@@ -132,7 +132,8 @@ def _write(record: Record, folder: Path) -> Path:
     # Here, not above: plots take half a second to load, and a refused option must not wait.
     from prefcal_scenarios.report.write import write_report
 
-    return write_report(record, folder)
+    own = record.scenario.pictures
+    return write_report(record, folder, () if own is None else own())
 
 
 def _tell(record: Record, report: Path, options: Options, messages: Console, *, json: bool) -> None:

@@ -1,5 +1,8 @@
 """The overtaking as a scenario: section IV-B."""
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +17,9 @@ from prefcal_scenarios.overtake.criteria import fast, synthetic
 from prefcal_scenarios.overtake.indicators import KPIS, indicators
 from prefcal_scenarios.overtake.tuning import SPACE, controller, settings
 from prefcal_scenarios.scenario import Panel, Scenario
+
+if TYPE_CHECKING:
+    from prefcal_scenarios.report.pictures import Picture
 
 _Y = Bicycle.states[1]
 PANELS = (
@@ -40,6 +46,12 @@ def run(theta: Float[np.ndarray, " 5"], seed: int = 0) -> Experiment:
     return rollout(OvertakeEnv(), controller(theta), theta, seed=seed, kpis=indicators)
 
 
+def _pictures() -> "Sequence[Picture]":
+    from prefcal_scenarios.overtake.pictures import PICTURES  # loads the plots
+
+    return PICTURES
+
+
 overtake = Scenario(
     name="overtake",
     title="Lane keeping and overtaking",
@@ -51,6 +63,7 @@ overtake = Scenario(
     calibrators={"synthetic": synthetic, "fast-processor": fast},
     controller=controller,
     settings=settings,
+    pictures=_pictures,
 )
 """No single score exists: there is no cost."""
 

@@ -31,17 +31,22 @@ def _body(record: Record, drawn: Sequence[Drawn]) -> Iterator[str]:
         yield from _best(record)
         yield from _section("Result", result_table(record))
     for d in drawn:
-        image = b64encode(d.png).decode("ascii")
-        yield from _section(
-            d.picture.title,
-            '<figure>\n<div class="scroll" tabindex="0" role="region" '
-            f'aria-label="Figure: {escape(d.picture.title)}">'
-            f'<img src="data:image/png;base64,{image}" alt="{escape(d.alt)}"></div>\n'
-            f"<figcaption>{escape(d.picture.caption)}</figcaption>\n</figure>",
-        )
+        caption = f"<figcaption>{escape(d.picture.caption)}</figcaption>"
+        shown = _image(d) if d.markup is None else d.markup
+        yield from _section(d.picture.title, f"<figure>\n{shown}\n{caption}\n</figure>")
     if record.asked:
         yield from _section("Comparisons", comparison_table(record))
     yield from _section("How to repeat it", "\n".join(_repeat(record)))
+
+
+def _image(d: Drawn) -> str:
+    kind = d.picture.file.rpartition(".")[2]
+    data = b64encode(d.content).decode("ascii")
+    return (
+        '<div class="scroll" tabindex="0" role="region" '
+        f'aria-label="Figure: {escape(d.picture.title)}">'
+        f'<img src="data:image/{kind};base64,{data}" alt="{escape(d.alt)}"></div>'
+    )
 
 
 def _section(heading: str, content: str) -> Iterator[str]:

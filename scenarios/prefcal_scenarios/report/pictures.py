@@ -20,43 +20,55 @@ class Picture:
     """One figure of a report.
 
     Args:
-        file: Name of its PNG.
+        file: Name of its file, .png or .gif.
         title: Heading.
         caption: What it shows, in a sentence or two.
         alt: What it says, for those who cannot see it; made from the study.
-        draw: Makes it.
+        draw: Makes it: a figure, or what is in the file.
         applies: Whether the study has what it needs; drawn anyway where not stated.
+        markup: HTML that stands for the picture in report.html, trusted as it is: it must need
+            nothing from elsewhere. None: the picture itself.
     """
 
     file: str
     title: str
     caption: str
     alt: Callable[[Record], str]
-    draw: Callable[[Record], Figure]
+    draw: Callable[[Record], Figure | bytes]
     applies: Callable[[Record], bool] = lambda record: True
+    markup: Callable[[Record], str] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """A picture and its PNG."""
+    """A picture, what is in its file, and the HTML that stands for it, if not itself."""
 
     picture: Picture
     alt: str
-    png: bytes
+    content: bytes
+    markup: str | None = None
 
 
 def draw(record: Record, extra: Sequence[Picture] = ()) -> list[Drawn]:
-    """Draw every picture that applies, and those that a scenario brings in `extra`."""
+    """Draw every picture that applies, first those that a scenario brings in `extra`."""
     if record.best is None:
         return []
     drawn = []
     with style():
-        for picture in (*PICTURES, *extra):
+        for picture in (*extra, *PICTURES):
             if picture.applies(record):
-                buffer = BytesIO()
-                save(picture.draw(record), buffer)
-                drawn.append(Drawn(picture, picture.alt(record), buffer.getvalue()))
+                markup = None if picture.markup is None else picture.markup(record)
+                content = _content(picture.draw(record))
+                drawn.append(Drawn(picture, picture.alt(record), content, markup))
     return drawn
+
+
+def _content(made: Figure | bytes) -> bytes:
+    if isinstance(made, bytes):
+        return made
+    buffer = BytesIO()
+    save(made, buffer)
+    return buffer.getvalue()
 
 
 def automated(record: Record) -> str | None:
@@ -152,6 +164,10 @@ PICTURES: tuple[Picture, ...] = (
         "index reaches.",
         _pair_alt,
         _side_by_side,
-        lambda record: bool(record.scenario.panels) and automated(record) is not None,
+        lambda record: (
+            bool(record.scenario.panels)
+            and record.scenario.cost is not None  # else nothing can be automated
+            and automated(record) is not None
+        ),
     ),
 )

@@ -27,10 +27,10 @@ def write_report(record: Record, folder: Path, extra: Sequence[Picture] = ()) ->
         (folder / "best.json").unlink(missing_ok=True)
     _put(folder / "comparisons.csv", comparisons_as_csv(record).encode())
     drawn = draw(record, extra)
-    for stale in {p.file for p in PICTURES} - {d.picture.file for d in drawn}:
+    for stale in {p.file for p in (*PICTURES, *extra)} - {d.picture.file for d in drawn}:
         (folder / stale).unlink(missing_ok=True)
     for d in drawn:
-        _put(folder / d.picture.file, d.png)
+        _put(folder / d.picture.file, d.content)
     report = folder / "report.html"
     _put(report, page(record, drawn).encode())
     return report
