@@ -2,6 +2,7 @@
 
 import gymnasium as gym
 import numpy as np
+
 from prefcal_agents import GLISp
 
 env = gym.make("prefcal_env:prefcal/CSTRTuning-v0")

@@ -2,6 +2,7 @@
 
 import gymnasium as gym
 import numpy as np
+
 from prefcal_agents import RandomSearch
 
 env = gym.make("prefcal_env:prefcal/CSTRTuning-v0")

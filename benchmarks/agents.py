@@ -18,11 +18,12 @@ from functools import partial
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one thread
 
 import numpy as np
-from prefcal_agents import GLISp, LatinHypercube, RandomSearch
-from prefcal_scenarios.functions import FUNCTIONS, TestFunction
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
+
+from prefcal_agents import GLISp, LatinHypercube, RandomSearch
+from prefcal_scenarios.functions import FUNCTIONS, TestFunction
 
 N_INIT, N_MAX = 10, 50
 Result = tuple[float, float]  # gap, seconds of a proposal at the end
@@ -70,9 +71,7 @@ def run(job: tuple[str, str, int]) -> tuple[tuple[str, str, int], Result]:
 
 
 def show(results: dict[tuple[str, str, int], Result]) -> None:
-    table = Table(
-        "function", "knobs", "agent", "median gap", "quartiles", "ms/proposal", "seeds"
-    )
+    table = Table("function", "knobs", "agent", "median gap", "quartiles", "ms/proposal", "seeds")
     for column in table.columns[3:]:
         column.justify = "right"
     for function, agent in dict.fromkeys((f, a) for f, a, _ in sorted(results)):

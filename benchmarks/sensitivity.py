@@ -16,13 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from prefcal_agents import GLISp
-from prefcal_scenarios import load
-from prefcal_scenarios.report.style import BEST, FAINT, OTHERS, canvas, legend, save, style
 from rich.console import Console
 from rich.progress import track
 
+from prefcal_agents import GLISp
 from prefcal_env.study import calibrate
+from prefcal_scenarios import load
+from prefcal_scenarios.report.style import BEST, FAINT, OTHERS, canvas, legend, save, style
 
 DELTAS = (0.0, 0.1, 0.3, 1.0, 3.0)
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "sensitivity.png"

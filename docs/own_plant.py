@@ -2,8 +2,8 @@
 
 import gymnasium as gym
 import numpy as np
-from prefcal_agents import minimize_by_preference
 
+from prefcal_agents import minimize_by_preference
 from prefcal_env import Channel, Knob, KnobSpace, Move, PlantEnv, Task
 from prefcal_env.plants import FunctionPlant
 

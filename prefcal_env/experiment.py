@@ -2,27 +2,13 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
-from enum import Enum
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from prefcal_env.end import End as End
 from prefcal_env.errors import ExperimentError
-
-
-class End(Enum):
-    """Why an experiment ended."""
-
-    TIME_UP = "time is up"
-    SETTLED = "settled"
-    UNSAFE = "unsafe"
-    FAILED = "failed"
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether it was stopped before its natural end."""
-        return self in (End.UNSAFE, End.FAILED)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.end import End
 from prefcal_env.errors import PreferenceError
-from prefcal_env.experiment import End
 from prefcal_env.knobs import KnobSpace
 
 ExperimentT = TypeVar("ExperimentT", contravariant=True)

@@ -12,6 +12,7 @@ import hypothesis
 import jaxtyping
 import matplotlib as mpl
 import pytest
+
 import support.type_checker  # noqa: F401
 
 ROOT = Path(__file__).parents[1]

@@ -1,7 +1,7 @@
 """What the README and the docs show is executed as it stands.
 
-Python blocks of a document share one namespace, in an empty folder. Lines of `console` blocks that
-begin with `$ prefcal` are run too. A block after `<!-- not executed: why -->` is left out.
+In an empty folder: first the lines of `console` blocks that begin with `$ prefcal`, then the Python
+blocks, which share one namespace. A block after `<!-- not executed: why -->` is left out.
 """
 
 import os
@@ -39,21 +39,15 @@ def run(arguments, folder):
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda d: d.name)
-def test_python_in_a_document_runs(document, tmp_path):
-    code = "\n".join(blocks(document, "python"))
-    if not code:
-        pytest.skip("no Python in it")
-    run([sys.executable, "-c", code], tmp_path)
-
-
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda d: d.name)
-def test_commands_in_a_document_run(document, tmp_path):
+def test_what_a_document_shows_runs(document, tmp_path):
     lines = "".join(blocks(document, "console")).splitlines()
     commands = [line[2:] for line in lines if line.startswith("$ prefcal ")]
-    if not commands:
-        pytest.skip("no command in it")
+    code = "\n".join(blocks(document, "python"))
+    if not commands and not code:
+        pytest.skip("nothing to run in it")
     for command in commands:
         run([sys.executable, "-m", "prefcal_scenarios", *shlex.split(command)[1:]], tmp_path)
+    run([sys.executable, "-c", code], tmp_path)
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda s: s.name)

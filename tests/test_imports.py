@@ -18,10 +18,10 @@ MAY_IMPORT = {
     "prefcal_agents": {"prefcal_env", "prefcal_agents"},
     "prefcal_scenarios": set(FOLDERS),
 }
-AGENTS_MAY_USE = ("errors", "knobs", "preference", "qp", "experiment")
+AGENTS_MAY_USE = ("errors", "end", "knobs", "preference", "qp")
 
 LAYERS = (
-    {"errors"},
+    {"errors", "end"},
     {"knobs", "preference", "experiment", "qp", "control"},
     {"plants", "overtaking"},
     {"mpc", "envs"},

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from prefcal_agents import GLISp, RandomSearch
+from prefcal_env.study import calibrate
 from prefcal_scenarios.report import Record
 from prefcal_scenarios.scenario import Scenario, load
-
-from prefcal_env.study import calibrate
 
 TOY_FILE = Path(__file__).parent / "scenarios" / "toy_scenario.py"
 

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from prefcal_env.end import End
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiment import End
 from prefcal_env.preference import Answer, Mark
 
 from .ledger import Comparison, Ledger

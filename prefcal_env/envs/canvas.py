@@ -72,10 +72,13 @@ class Canvas:
         from matplotlib.figure import Figure
 
         width, height = _INCHES
-        self._figure = Figure(
-            (width, height * max(len(traces), 1) + 0.4), dpi=_DPI, layout="constrained"
-        )
+        height = height * max(len(traces), 1) + 0.4
+        self._figure = Figure((width, height), dpi=_DPI)
         FigureCanvasAgg(self._figure)
+        # Fixed margins: an automatic layout moves the panels from frame to frame.
+        self._figure.subplots_adjust(
+            left=0.09, right=0.97, top=1 - 0.65 / height, bottom=0.5 / height, hspace=0.45
+        )
         self._figure.suptitle(" ", fontsize=11, x=0.01, ha="left")
         self._lines = []
         if not traces:

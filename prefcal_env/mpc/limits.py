@@ -1,6 +1,6 @@
 """The limits of eq. MPC_constraints: inputs and moves hard, outputs soft with one slack."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +18,7 @@ _LARGEST_TRUSTED_GROWTH = 1e9
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits in the plant's units; infinite where there is none."""
+    """Limits in the plant's units; infinite where there is none. `soft`: any output is limited."""
 
     u_min: Float[np.ndarray, " n_u"]
     u_max: Float[np.ndarray, " n_u"]
@@ -28,6 +28,11 @@ class Limits:
     y_max: Float[np.ndarray, " n_y"]
     softness: Float[np.ndarray, " n_y"]
     Q_eps: float
+    soft: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        soft = np.isfinite(self.y_min).any() or np.isfinite(self.y_max).any()
+        object.__setattr__(self, "soft", bool(soft))
 
     @classmethod
     def of(cls, plant: Plant, settings: MPCSettings) -> "Limits":
@@ -52,11 +57,6 @@ class Limits:
         if np.any(limits.softness < 0):
             raise SettingsError(f"softness must be 0 or more, got {limits.softness}")
         return limits
-
-    @property
-    def soft(self) -> bool:
-        """Whether any output is limited."""
-        return bool(np.isfinite(self.y_min).any() or np.isfinite(self.y_max).any())
 
     @property
     def hard(self) -> tuple[Float[np.ndarray, " n_u"], ...]:
@@ -110,8 +110,10 @@ class Limits:
         Held for long, an unstable model grows until nothing of an output's row is left but the
         growing mode. Rows of the inputs do not suffer so: their feedback is stable.
         """
+        if not self.soft:
+            return True
         growth = float(np.abs(X).max()) / max(1.0, float(np.abs(X[1]).max()))
-        return not self.soft or growth < _LARGEST_TRUSTED_GROWTH
+        return growth < _LARGEST_TRUSTED_GROWTH
 
 
 def _vector(name: str, value: object, n: int, default: float) -> Float[np.ndarray, " n"]:

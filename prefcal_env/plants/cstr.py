@@ -6,7 +6,6 @@ from math import exp
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import brentq
 
 from prefcal_env.errors import PlantError
 from prefcal_env.experiment import Channel
@@ -165,6 +164,8 @@ class CSTR:
         """
         if not 0 < T_c < np.inf:
             raise PlantError(f"T_c must be positive and finite, got {T_c} K")
+        from scipy.optimize import brentq  # half a second to import, for this alone
+
         p, u = self.params, np.array([T_c])
 
         def concentration(T: float) -> float:

@@ -37,18 +37,21 @@ class PIQPBackend:
         """Solve once; see `Backend`."""
         if qp.has_free_rows:
             return self._without_free_rows(qp)
-        P, G = np.asfortranarray(qp.P.T), np.asfortranarray(qp.G)  # P is symmetric
-        solver = self._solver
-        if len(qp.lower):
-            solver.setup(P, qp.q, None, None, G, qp.lower, qp.upper)
-        else:
+        P = np.asfortranarray(qp.P.T)  # symmetric, and so without a copy
+        solver, m, n = self._solver, len(qp.lower), len(qp.q)
+        box = m == n and n > 1 and np.array_equal(qp.G, np.eye(n))
+        if not m:
             solver.setup(P, qp.q)
+        elif box:  # as bounds, its rows cost nothing to factorise
+            solver.setup(P, qp.q, x_l=qp.lower, x_u=qp.upper)
+        else:
+            solver.setup(P, qp.q, None, None, np.asfortranarray(qp.G), qp.lower, qp.upper)
         status = solver.solve()
         result = solver.result
         iterations = int(result.info.iter)
         if status != piqp.PIQP_SOLVED:
             return failed(qp, _STATUS.get(status, Status.FAILED), iterations)
-        y = result.z_u - result.z_l if len(qp.lower) else np.zeros(0)
+        y = result.z_bu - result.z_bl if box else result.z_u - result.z_l
         return verified(qp, result.x, y, iterations)
 
     def _without_free_rows(self, qp: QP) -> Solution:

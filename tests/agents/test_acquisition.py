@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from prefcal_agents.acquisition import Acquisition, exploration, exploration_gradient
 from prefcal_agents.rbf import RADIAL_FUNCTIONS, squared_distances
 from prefcal_agents.surrogate import Shape, Surrogate

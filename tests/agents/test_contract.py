@@ -1,6 +1,7 @@
 """Every agent goes through the contract suite."""
 
 import pytest
+
 from contracts.agents import *  # noqa: F403
 from contracts.agents_memory import *  # noqa: F403
 from prefcal_agents import GLISp, LatinHypercube, RandomSearch

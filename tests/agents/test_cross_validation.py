@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
+
 from prefcal_agents.cross_validation import Validation, choose_epsilon, rescale_knob
 from prefcal_agents.fitting import Learning
 from prefcal_agents.ledger import Preferences
 from prefcal_agents.surrogate import Shape
-
 from prefcal_env.qp import make_backend
 
 LEARNING, BACKEND = Learning(), make_backend("piqp")

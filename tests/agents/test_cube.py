@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from prefcal_agents.cube import Tried, latin_hypercube, snap_all
 from prefcal_agents.ledger import Ledger
 from prefcal_agents.turns import capacity
-
 from prefcal_env.errors import ProtocolError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Answer

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import minimize
+
 from prefcal_agents.fitting import Constraints, Learning, fit, margins
 from prefcal_agents.ledger import Preferences
 from prefcal_agents.surrogate import Shape, Surrogate
-from scipy.optimize import minimize
-
 from prefcal_env.qp import make_backend
 
 BACKEND = make_backend("piqp")

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
-from prefcal_scenarios.functions import FUNCTIONS
 
+from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_scenarios.functions import FUNCTIONS
 
 SQUARE = KnobSpace([Knob("a", -2.0, 2.0), Knob("b", -1.0, 1.0)])
 CAMEL = FUNCTIONS["camel"]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from prefcal_agents.ledger import Ledger
 
+from prefcal_agents.ledger import Ledger
 from prefcal_env.errors import ProtocolError
 from prefcal_env.preference import Answer
 

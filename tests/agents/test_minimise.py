@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+
 from prefcal_agents.cube import integer_mask, snap_all
 from prefcal_agents.minimise import Domain, multistart, particle_swarm
-
 from prefcal_env.knobs import Knob, KnobSpace
 
 MINIMISERS = pytest.mark.parametrize("minimise", [multistart, particle_swarm])

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from prefcal_agents import GLISp, LatinHypercube, RandomSearch, minimize_by_preference
 
+from prefcal_agents import GLISp, LatinHypercube, RandomSearch, minimize_by_preference
 from prefcal_env.errors import PreferenceError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Answer, Preference

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from prefcal_agents.surrogate import Shape, Surrogate
 
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from contracts.agents import MIXED, SMALL, judge, run
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from prefcal_agents import AgentState, restore
 
+from contracts.agents import MIXED, SMALL, judge, run
+from prefcal_agents import AgentState, restore
 from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.experiment import End
 from prefcal_env.preference import Answer, Mark

@@ -4,10 +4,10 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from support.short_runs import short_run
 
 from prefcal_env.experiment import End, Experiment
 from prefcal_env.preference import Answer, Calibrator, Preference
+from support.short_runs import short_run
 
 Make = Callable[[], Any]
 

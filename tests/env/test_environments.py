@@ -5,12 +5,12 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
-from contracts.environments import environment_contract
-from support.short_runs import final_level
-from support.tank import pi_of, tank_env
 
 import prefcal_env
+from contracts.environments import environment_contract
 from prefcal_env import Knob, KnobSpace, LatentCost, PreferenceReward
+from support.short_runs import final_level
+from support.tank import pi_of, tank_env
 
 OWN = {
     "space": KnobSpace([Knob("K_p", 0.1, 2.0), Knob("K_i", 0.0, 1.0)]),

@@ -3,8 +3,6 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from support.short_runs import short_run
-from support.tank import TANK, pi_of, tank_env, tank_task
 
 import prefcal_env
 from prefcal_env.envs import PlantEnv
@@ -12,6 +10,8 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.experiment import End
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.rollout import rollout
+from support.short_runs import short_run
+from support.tank import TANK, pi_of, tank_env, tank_task
 
 SPACE = KnobSpace([Knob("K_p", 0.1, 2.0), Knob("K_i", 0.0, 1.0)])
 ID = "prefcal/Experiment-v0"

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from support.short_runs import final_level, short_run
 
 from prefcal_env.calibrators import LatentCost
 from prefcal_env.errors import PreferenceError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference_reward import PreferenceReward
 from prefcal_env.tuning import TuningEnv
+from support.short_runs import final_level, short_run
 
 SPACE = KnobSpace([Knob("level", 0.0, 2.0)])
 

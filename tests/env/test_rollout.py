@@ -5,13 +5,13 @@ from itertools import count
 import gymnasium as gym
 import numpy as np
 import pytest
-from support.tank import PI, TANK, tank_env, tank_task
 
 from prefcal_env.control import Move
 from prefcal_env.envs import PlantEnv
 from prefcal_env.errors import ExperimentError, PlantError, SettingsError
 from prefcal_env.experiment import End
 from prefcal_env.rollout import rollout
+from support.tank import PI, TANK, tank_env, tank_task
 
 THETA = np.array([1.0, 0.5])
 

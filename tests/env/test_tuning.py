@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.short_runs import final_level, short_run
 
 from prefcal_env.errors import ExperimentError, KnobError, ProtocolError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.tuning import TuningEnv
+from support.short_runs import final_level, short_run
 
 SPACE = KnobSpace([Knob("gain", 0.01, 100.0, scale="log10"), Knob("steps", 1, 9, integer=True)])
 

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+
 from prefcal_scenarios import load_controller
 from prefcal_scenarios.cli import main
 from toy_study import TOY_FILE

@@ -5,6 +5,7 @@ import signal
 import threading
 
 import pytest
+
 from prefcal_scenarios.cli.interrupt import interruption
 
 

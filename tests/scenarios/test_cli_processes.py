@@ -8,6 +8,7 @@ import sys
 import time
 
 import pytest
+
 from toy_study import TOY_FILE
 
 MAIN = "from prefcal_scenarios.cli import main; main()"

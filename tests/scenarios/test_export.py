@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from prefcal_scenarios.export import REBUILD, best_as_json, jsonable, load_controller
-from toy_study import TOY_FILE, toy_record
 
 from prefcal_env.control import Measurement
 from prefcal_env.errors import ScenarioError
+from prefcal_scenarios.export import REBUILD, best_as_json, jsonable, load_controller
+from toy_study import TOY_FILE, toy_record
 
 
 @pytest.fixture

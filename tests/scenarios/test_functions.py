@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from prefcal_scenarios.functions import FUNCTIONS
 
 EACH = pytest.mark.parametrize("function", FUNCTIONS.values(), ids=list(FUNCTIONS))

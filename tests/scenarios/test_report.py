@@ -9,6 +9,8 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+
+from prefcal_env.errors import SettingsError
 from prefcal_scenarios.report.comparisons import comparisons_as_csv
 from prefcal_scenarios.report.folder import folder_for
 from prefcal_scenarios.report.pictures import PICTURES, Picture
@@ -16,8 +18,6 @@ from prefcal_scenarios.report.style import canvas
 from prefcal_scenarios.report.wording import measured
 from prefcal_scenarios.report.write import write_report
 from toy_study import toy_record
-
-from prefcal_env.errors import SettingsError
 
 PNG = b"\x89PNG\r\n\x1a\n"
 VOID = {"meta", "img", "br", "link"}

@@ -29,7 +29,8 @@ class Display:
     def __init__(self, scenario: Scenario, n_max: int, console: Console) -> None:
         self._scenario, self._console = scenario, console
         self._counts = dict.fromkeys(VERDICTS, 0)
-        self._current = self._best = "none yet"
+        self._current = "none yet"
+        self._best = "none yet (the very first run on a machine compiles for half a minute)"
         self._bar = Progress(
             TextColumn("[bold]{task.description}"), BarColumn(bar_width=None),
             MofNCompleteColumn(), TimeRemainingColumn(compact=True), console=console,

@@ -3,11 +3,11 @@
 from typing import Any
 
 import pytest
+
 from contracts.calibrators import calibrator_contract
+from prefcal_env.calibrators import BradleyTerry, Criterion, LatentCost, Lexicographic, Thurstone
 from prefcal_scenarios.cstr import cstr
 from support.short_runs import final_level
-
-from prefcal_env.calibrators import BradleyTerry, Criterion, LatentCost, Lexicographic, Thurstone
 
 SUBJECTS: dict[str, Any] = {
     "latent cost": lambda: LatentCost(final_level),

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.short_runs import final_level, short_run
 
 from prefcal_env.calibrators import BradleyTerry, LatentCost, Thurstone
 from prefcal_env.errors import SettingsError
 from prefcal_env.preference import Preference
+from support.short_runs import final_level, short_run
 
 LOW, HIGH = short_run([1.0], value=1.0), short_run([2.0], value=1.3)
 

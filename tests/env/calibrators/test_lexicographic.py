@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from support.short_runs import final_level, short_run
 
 from prefcal_env.calibrators import Criterion, Lexicographic
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiment import End
 from prefcal_env.preference import Preference
+from support.short_runs import final_level, short_run
 
 LEVEL = Criterion("level", final_level, just_noticeable=0.5)
 LONGER = Criterion("duration", lambda e: e.duration, lower_is_better=False)

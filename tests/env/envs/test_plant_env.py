@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.tank import INFLOW, LEVEL, RAIN, TANK, tank_env, tank_task
 
 from prefcal_env.envs import PlantEnv
 from prefcal_env.errors import PlantError, ProtocolError, SettingsError
 from prefcal_env.experiment import Channel, End
 from prefcal_env.plants import FunctionPlant
+from support.tank import INFLOW, LEVEL, RAIN, TANK, tank_env, tank_task
 
 
 def level_after(u: float, t: np.ndarray | float, d: float = 0.0) -> np.ndarray | float:

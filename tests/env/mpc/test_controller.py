@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.linear_plant import dense_moves, random_plant
 
 from prefcal_env.control import Measurement
 from prefcal_env.errors import SettingsError
 from prefcal_env.mpc import LinearMPC, MPCSettings
 from prefcal_env.plants.cstr import CSTR, FEED
 from prefcal_env.qp import Tolerances
+from support.linear_plant import dense_moves, random_plant
 
 BASE = MPCSettings(T_s=0.3, N_p=9, N_u=4, Q_y=np.eye(2), Q_du=0.1 * np.eye(2))
 OPTIONS = {

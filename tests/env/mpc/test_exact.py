@@ -7,12 +7,12 @@ import itertools
 
 import numpy as np
 import pytest
-from support.exact_mpc import minimise, single_input_problem, with_precision
 
 from prefcal_env.control import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings, control_horizon
 from prefcal_env.plants.cstr import CSTR, FEED
 from prefcal_env.qp import BACKENDS
+from support.exact_mpc import minimise, single_input_problem, with_precision
 
 PLANT, TARGET = CSTR(), np.array([0.0, 2.0])
 T_S, N_P = (0.25, 0.31, 0.5, 0.8, 1.1, 1.25, 1.5), (4, 9, 15, 22, 26, 33, 40)

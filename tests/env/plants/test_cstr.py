@@ -36,6 +36,7 @@ def test_a_steady_state_stands_still(C_A):
     np.testing.assert_allclose(PLANT.f(x, u, FEED), 0, atol=1e-9)
 
 
+@settings(max_examples=15)
 @given(T_c=st.floats(270, 330))
 def test_steady_states_at_an_input_stand_still(T_c):
     found = PLANT.steady_states_at_input(T_c)
@@ -82,7 +83,7 @@ def test_every_interval_agrees_with_dop853(x, u, T_s):
     ).y[:, -1]
     ours = PLANT.hold(x, u, FEED, np.array([T_s]))[0]
     np.testing.assert_allclose(ours[1], precise[1], atol=1e-6)
-    np.testing.assert_allclose(ours[0], precise[0], atol=1e-4)
+    np.testing.assert_allclose(ours[0], precise[0], rtol=1e-6)  # K, also in an explosion
 
 
 def test_compiled_and_plain_simulation_are_one():

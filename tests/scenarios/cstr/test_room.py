@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from prefcal_scenarios import load
-from prefcal_scenarios.cstr import cstr, indicators, performance_index
-from support.short_runs import short_run
 
 from prefcal_env.envs.cstr import START
 from prefcal_env.errors import KnobError
 from prefcal_env.experiment import End
 from prefcal_env.plants import CSTR
 from prefcal_env.preference import Preference
+from prefcal_scenarios import load
+from prefcal_scenarios.cstr import cstr, indicators, performance_index
+from support.short_runs import short_run
 
 PREFERRED, AUTOMATED = (
     cstr.run(cstr.references[k]) for k in ("paper, preferences", "paper, automated")

@@ -1,0 +1,72 @@
+"""The public face of an agent that takes turns: `Agent` of prefcal_env, told to its `Turns`."""
+
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.preference import Answer, Preference, Query
+
+from .turns import Turns
+
+
+class TurnTaking(Protocol):
+    """What every agent here offers; it brings a `Turns`, and overrides nothing."""
+
+    _turns: Turns
+
+    @property
+    def space(self) -> KnobSpace:
+        """The knobs that θ is made of."""
+        return self._turns.space
+
+    @property
+    def n_init(self) -> int:
+        """Samples of the space-filling start."""
+        return self._turns.n_init
+
+    @property
+    def n_max(self) -> int:
+        """Experiments until the end; fewer than asked for if the space holds fewer θ."""
+        return self._turns.n_max
+
+    @property
+    def done(self) -> bool:
+        """Whether all experiments are answered."""
+        return self._turns.done
+
+    @property
+    def best(self) -> Float[np.ndarray, " n"]:
+        """θ of the incumbent, physical, shape (n,). Raises ProtocolError before any answer."""
+        return self._turns.best
+
+    @property
+    def samples(self) -> Float[np.ndarray, "N n"]:
+        """θ of all answered queries, physical, in the order tried, shape (N, n)."""
+        return self._turns.samples()
+
+    def ask(self) -> Query:
+        """Return the open query, the same until told. Raises ProtocolError when done."""
+        return self._turns.ask()
+
+    def tell(self, query: Query, answer: Answer | Preference | int | None) -> None:
+        """Close `query`.
+
+        Raises:
+            ProtocolError: it is not the open one.
+            PreferenceError: `answer` is none of -1, 0, 1, None (can't tell) and an Answer.
+        """
+        self._turns.tell(query, answer)
+
+    def undo(self) -> None:
+        """Take the last answer back and open its query again. Raises ProtocolError if none."""
+        self._turns.undo()
+
+    def retract(self, index: int) -> None:
+        """Forget what answer `index` (from 0) taught; all samples stay, the open one too.
+
+        Raises:
+            ProtocolError: there is no such answer, or it is retracted already.
+        """
+        self._turns.retract(index)

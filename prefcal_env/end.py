@@ -1,0 +1,17 @@
+"""How an experiment ended: all that an agent may know of it."""
+
+from enum import Enum
+
+
+class End(Enum):
+    """Why an experiment ended."""
+
+    TIME_UP = "time is up"
+    SETTLED = "settled"
+    UNSAFE = "unsafe"
+    FAILED = "failed"
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether it was stopped before its natural end."""
+        return self in (End.UNSAFE, End.FAILED)
