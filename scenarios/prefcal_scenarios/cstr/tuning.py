@@ -47,7 +47,7 @@ def mpc_settings(theta: Float[np.ndarray, " 3"]) -> MPCSettings:
 
 
 ESTIMATOR = EstimatorSettings(
-    noise=(0.3, 0.03), process=(1.0, 0.1), drift=(1.0, 0.1), on_outputs=(0, 1)
+    noise=(0.3, 0.03), process=(0.1, 0.01), drift=(0.1, 0.01), on_outputs=(0, 1)
 )
 """Beyond the paper: for T and C_A measured with 0.3 K and 0.03 kgmol/m³ of noise, offset-free."""
 

@@ -28,10 +28,10 @@ VARIANTS: Mapping[str, OvertakeOptions] = {
     "measurement noise": OvertakeOptions(noise=(0.1, 0.05, 0.01)),
     "braking obstacle": OvertakeOptions(obstacles=(Obstacle(deceleration=1.0, brakes_at=4.0),)),
     "slipping car": OvertakeOptions(car=slipping_car()),
-    "two obstacles": OvertakeOptions(obstacles=(Obstacle(), Obstacle(x=48.0))),
+    "two obstacles": OvertakeOptions(obstacles=(Obstacle(x=22.0), Obstacle(x=36.0))),
 }
 """By name, the paper's first. Noise in m, m and rad; the obstacle brakes with 1 m/s² after 4 s; the
-car is highway-env's, its speed needs time; the second obstacle drives 18 m ahead of the first."""
+car is highway-env's, its speed needs time; two obstacles are nearer, to be passed within 15 s."""
 
 
 def overtake_variants(
