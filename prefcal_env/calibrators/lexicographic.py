@@ -97,7 +97,9 @@ class Lexicographic:
 
 
 def _survival(experiment: Experiment) -> float:
-    return experiment.duration if experiment.end.interrupted else np.inf
+    """Until when it survived; of several runs, the one that was stopped first."""
+    runs = experiment.runs or (experiment,)
+    return min(e.duration if e.end.interrupted else np.inf for e in runs)
 
 
 _SURVIVAL = Criterion("survival", _survival, lower_is_better=False)

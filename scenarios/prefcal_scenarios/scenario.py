@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 BUILT_IN: Mapping[str, str] = {
     "cstr": "prefcal_scenarios.cstr:cstr",
     "overtake": "prefcal_scenarios.overtake:overtake",
+    "overtake-robust": "prefcal_scenarios.overtake:overtake_robust",
 }
 """Name to "module:attribute"; loaded when asked for."""
 
@@ -123,7 +124,7 @@ class Scenario:
 
 
 def load(name: str) -> Scenario:
-    """Return the scenario called `name`: "cstr", "overtake", or "path/to/own.py:attribute".
+    """Return the scenario called `name`: one of `BUILT_IN`, or "path/to/own.py:attribute".
 
     Raises:
         ScenarioError: no scenario of that name, no such file or attribute, or not a Scenario.

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from prefcal_env.control import Measurement, Move
 from prefcal_env.errors import PlantError
-from prefcal_env.mpc import LinearMPC, MPCSettings
+from prefcal_env.mpc import DisturbanceEstimator, EstimatorSettings, LinearMPC, MPCSettings
 from prefcal_env.overtaking import (
     KEEPING_SPEED,
     MIN_LATERAL_DISTANCE,
@@ -18,6 +18,7 @@ from prefcal_env.overtaking import (
     next_phase,
 )
 from prefcal_env.plants.bicycle import Bicycle
+from prefcal_env.plants.plant import Plant
 
 
 class Supervisor:
@@ -43,13 +44,24 @@ class Supervisor:
         plant: The model.
         settings: Of the MPC in each phase, of one sampling time; y_min of y_f is relative to the
             obstacle's centre line while overtaking.
+        estimator: Then `Measurement.x` is noisy, and phases and MPCs go by the estimated pose and
+            disturbances. None, as in the paper: by what is measured.
 
     Raises:
         SettingsError: settings that do not fit the plant.
     """
 
-    def __init__(self, plant: Bicycle, settings: Mapping[Phase, MPCSettings]) -> None:
-        self._mpc = {phase: LinearMPC(plant, settings[phase]) for phase in Phase}
+    def __init__(
+        self,
+        plant: Bicycle,
+        settings: Mapping[Phase, MPCSettings],
+        estimator: EstimatorSettings | None = None,
+    ) -> None:
+        T_s = settings[Phase.LANE_KEEPING].T_s
+        seeing = None if estimator is None else DisturbanceEstimator(plant, estimator, T_s)
+        model: Plant = plant if seeing is None else seeing.model
+        self._estimator = seeing
+        self._mpc = {phase: LinearMPC(model, settings[phase]) for phase in Phase}
         self._ahead = {
             Phase.LANE_KEEPING: _ahead(settings[Phase.LANE_KEEPING], KEEPING_SPEED, 0.0),
             Phase.OVERTAKING: _ahead(
@@ -80,6 +92,9 @@ class Supervisor:
                 f"d must hold x_o, y_o and v_o of each obstacle, shape (3 n,), got {m.d.shape}"
             )
         obstacles = m.d.reshape(-1, 3)
+        m = replace(m, d=np.zeros(0))
+        if self._estimator is not None:
+            m = self._estimator.see(replace(m, x=m.x[:3]))
         phase = next_phase(self._phase, float(m.x[0]), obstacles)
         if phase is not self._phase:
             self._mpc[phase].forget()
@@ -92,7 +107,7 @@ class Supervisor:
             line = self._y_o
         x = np.array([0.0, m.x[1] - line, m.x[2]])  # a richer plant has its pose first
         y_ref = self._ahead[self._phase]
-        return self._mpc[self._phase].move(replace(m, x=x, d=np.zeros(0), y_ref=y_ref))
+        return self._mpc[self._phase].move(replace(m, x=x, y_ref=y_ref))
 
 
 def _ahead(settings: MPCSettings, speed: float, y: float) -> Float[np.ndarray, "N_p 3"]:

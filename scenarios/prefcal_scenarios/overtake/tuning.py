@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.knobs import Knob, KnobSpace
-from prefcal_env.mpc import MPCSettings, control_horizon
+from prefcal_env.mpc import EstimatorSettings, MPCSettings, control_horizon
 from prefcal_env.mpc.settings import Linearisation
 from prefcal_env.overtaking import (
     KEEPING_SPEEDS,
@@ -61,6 +61,13 @@ class Fixed:
 PAPER = Fixed()
 """As the case study has it."""
 
+ESTIMATOR = EstimatorSettings(
+    noise=(0.1, 0.05, 0.01), process=(0.1, 0.05, 0.02), drift=(0.01,), on_inputs=(1,)
+)
+"""Beyond the paper: for a pose measured with 0.1 m, 0.05 m and 0.01 rad of noise. What integrates
+is a disturbance of δ_s: one of a position cannot be told from the position, and v needs none, since
+the reference of x_f runs ahead of the car."""
+
 
 def mpc_settings(theta: Float[np.ndarray, " 5"], phase: Phase, fixed: Fixed = PAPER) -> MPCSettings:
     """Settings of the MPC of one phase, θ = (T_s [s], ε_c, N_p, log10 q_u11, log10 q_u22).
@@ -87,9 +94,17 @@ def mpc_settings(theta: Float[np.ndarray, " 5"], phase: Phase, fixed: Fixed = PA
     )  # fmt: skip
 
 
-def controller(theta: Float[np.ndarray, " 5"], fixed: Fixed = PAPER) -> Supervisor:
-    """A fresh supervised MPC tuned by θ, shape (5,), physical. Raises as `mpc_settings`."""
-    return Supervisor(Bicycle(), {phase: mpc_settings(theta, phase, fixed) for phase in Phase})
+def controller(
+    theta: Float[np.ndarray, " 5"],
+    fixed: Fixed = PAPER,
+    estimator: EstimatorSettings | None = None,
+) -> Supervisor:
+    """A fresh supervised MPC tuned by θ, shape (5,), physical. Raises as `mpc_settings`.
+
+    The paper's has no estimator; `ESTIMATOR` is one.
+    """
+    tuned = {phase: mpc_settings(theta, phase, fixed) for phase in Phase}
+    return Supervisor(Bicycle(), tuned, estimator)
 
 
 def settings(theta: Float[np.ndarray, " 5"]) -> dict[str, Any]:

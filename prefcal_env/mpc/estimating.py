@@ -1,0 +1,183 @@
+"""Offset-free MPC: an estimator of state and disturbances in front of a `LinearMPC`."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.control import Measurement, Move
+from prefcal_env.errors import SettingsError
+from prefcal_env.mpc._hold import discretise
+from prefcal_env.mpc.controller import LinearMPC
+from prefcal_env.mpc.disturbed import Augmented, Disturbed
+from prefcal_env.mpc.estimator import Estimate, ExtendedKalmanFilter
+from prefcal_env.mpc.settings import MPCSettings
+from prefcal_env.plants.plant import Plant
+
+_LEAST_RANK = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorSettings:
+    """Settings of a `DisturbanceEstimator`, in standard deviations. Sequences become tuples.
+
+    Args:
+        noise: Of the measured outputs, in their units, above 0, shape (n_y,).
+        process: Of what the model misses in one unit of time, in the states' units, shape (n_x,).
+            It grows with the square root of time: tunings of different T_s share it.
+        drift: The same of the disturbances, first those of outputs and then those of inputs, in
+            their units, above 0, shape (n_p + n_w,). Small is slow and calm.
+        start: Of the first measured state, in the states' units, shape (n_x,); None: `process`.
+        on_outputs: Indices of the outputs with an integrating disturbance.
+        on_inputs: Indices of the inputs with one; see `DisturbanceEstimator`.
+
+    Raises:
+        SettingsError: a deviation that is negative or not finite, or 0 where it must not be.
+    """
+
+    noise: tuple[float, ...]
+    process: tuple[float, ...]
+    drift: tuple[float, ...] = ()
+    start: tuple[float, ...] | None = None
+    on_outputs: tuple[int, ...] = ()
+    on_inputs: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None:
+                object.__setattr__(self, field.name, tuple(value))
+        for name in ("noise", "process", "drift", "start"):
+            values = np.array(getattr(self, name) or (), dtype=float)
+            above = name in ("noise", "drift")
+            if not np.isfinite(values).all() or np.any(values < 0) or (above and 0 in values):
+                raise SettingsError(
+                    f"estimator: {name} must be finite and {'above' if above else 'at least'} 0, "
+                    f"got {getattr(self, name)}"
+                )
+
+
+class DisturbanceEstimator:
+    """Estimates state and integrating disturbances from one measurement after the other.
+
+    An extended Kalman filter of the plant augmented by p⁺ = p and w⁺ = w. At rest it finds no
+    difference between measured and predicted outputs when there are as many disturbances as
+    outputs, so the outputs that an MPC then predicts are the measured ones: no offset.
+
+    Which disturbances can be told from the state is up to the plant: an output's p not where the
+    plant integrates by itself (a car's position); there, w of the inputs.
+
+    Source: Pannocchia, Rawlings (2003), Disturbance models for offset-free MPC, AIChE J. 49,
+    equation (1) and the rank condition of Lemma 1, checked at the first measurement.
+    Deviation: nonlinear, by an extended Kalman filter.
+
+    Args:
+        plant: Its model of the plant.
+        settings: What to trust how far.
+        T_s: Sampling time, in the plant's unit of time.
+
+    Raises:
+        SettingsError: settings that do not fit the plant, or more disturbances than outputs.
+    """
+
+    def __init__(self, plant: Plant, settings: EstimatorSettings, T_s: float) -> None:
+        s = settings
+        self.model = Disturbed(plant, s.on_outputs, s.on_inputs)
+        self._augmented = Augmented(self.model)
+        n_x, n_y, n_o = len(plant.states), len(plant.outputs), len(self.model.offsets)
+        if n_o > n_y:
+            raise SettingsError(f"estimator: {n_o} disturbances are too many for {n_y} outputs")
+        process, drift = _vector("process", s.process, n_x), _vector("drift", s.drift, n_o)
+        noise = _vector("noise", s.noise, n_y)
+        start = process if s.start is None else _vector("start", s.start, n_x)
+        self._filter = ExtendedKalmanFilter(
+            self._augmented, T_s,
+            Q=np.diag(np.concatenate([process, drift]) ** 2) * T_s, R=np.diag(noise**2),
+        )  # fmt: skip
+        self._P0 = np.diag(np.concatenate([start, drift]) ** 2)
+        self._estimate: Estimate | None = None
+        self._d = np.zeros(0)
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """Of (x, p, w) at the last measurement; None before the first."""
+        return self._estimate
+
+    def see(self, measurement: Measurement) -> Measurement:
+        """The measurement as the model understands it: x estimated, (p, w) among d.
+
+        What is believed to have been measured are the outputs of `measurement.x`, and that
+        `measurement.u` was held since the last one. An estimate that is not finite is given up
+        for what is measured.
+
+        Raises:
+            SettingsError: at the first measurement, where the plant's disturbances cannot be told
+                from its state.
+        """
+        m = measurement
+        d = m.d if m.d.ndim == 2 else m.d[None]
+        y = self.model.plant.g(m.x, m.u, d[0])
+        if self._estimate is None:
+            self._check_rank(m, d[0])
+        predicted = self._predicted(m)
+        self._estimate, self._d = self._filter.update(predicted, y, m.u, d[0]), d[0]
+        x, offsets = self._augmented.split(self._estimate.mean)
+        extended = np.concatenate([d, np.tile(offsets, (len(d), 1))], axis=1)
+        return replace(m, x=x, d=extended if m.d.ndim == 2 else extended[0])
+
+    def _predicted(self, m: Measurement) -> Estimate:
+        """What is expected now; the first time, or if that makes no sense, what is measured."""
+        if self._estimate is not None:
+            predicted = self._filter.predict(self._estimate, m.u, self._d)
+            if predicted.finite:
+                return predicted
+        offsets = np.zeros(len(self.model.offsets))
+        return Estimate(np.concatenate([m.x, offsets]), self._P0)
+
+    def _check_rank(self, m: Measurement, d: Float[np.ndarray, " n_d"]) -> None:
+        """[A - 1, B_d; C, C_d] of full column rank, columns scaled to 1."""
+        n = len(self._P0)
+        J = self._augmented.jacobians(np.concatenate([m.x, np.zeros(n - len(m.x))]), m.u, d)
+        A = discretise(J.A, J.B, np.zeros(n), self._filter.T_s)[0]
+        matrix = np.concatenate([A - np.eye(n), J.C])
+        norms = np.linalg.norm(matrix, axis=0)
+        if np.any(norms == 0) or np.linalg.svd(matrix / norms)[1][-1] < _LEAST_RANK:
+            raise SettingsError(
+                f"estimator: disturbances of {[c.name for c in self.model.offsets]} cannot be "
+                f"told from the state of {self.model.plant.name!r}; choose others"
+            )
+
+
+class EstimatingMPC:
+    """A `Controller`: a `LinearMPC` that predicts from estimates, without offset.
+
+    `Measurement.x` is a noisy measurement.
+
+    Args:
+        plant: Its model of the plant.
+        settings: Of the MPC.
+        estimator: Of the estimator.
+
+    Raises:
+        SettingsError: settings that do not fit the plant.
+    """
+
+    def __init__(self, plant: Plant, settings: MPCSettings, estimator: EstimatorSettings) -> None:
+        self.estimator = DisturbanceEstimator(plant, estimator, settings.T_s)
+        self._mpc = LinearMPC(self.estimator.model, settings)
+
+    @property
+    def T_s(self) -> float:
+        """Sampling time, in the plant's unit of time."""
+        return self._mpc.T_s
+
+    def move(self, measurement: Measurement) -> Move:
+        """Estimate, then decide the next input. Raises as `DisturbanceEstimator.see`."""
+        return self._mpc.move(self.estimator.see(measurement))
+
+
+def _vector(name: str, values: Any, n: int) -> Float[np.ndarray, " n"]:
+    if len(values) != n:
+        raise SettingsError(f"estimator: {name} must hold {n} numbers, got {values}")
+    return np.array(values, dtype=float)

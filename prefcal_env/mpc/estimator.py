@@ -1,0 +1,130 @@
+"""An extended Kalman filter of a plant: what its state is, by what has been measured."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import SettingsError
+from prefcal_env.mpc._hold import discretise
+from prefcal_env.plants.plant import Plant
+
+_PIECES = 4
+"""Pieces of a sampling period, each linearised in its middle: the reactor's bends a lot."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """A state as far as it is known, in the plant's units.
+
+    Args:
+        mean: Shape (n_x,).
+        covariance: Shape (n_x, n_x), symmetric positive semidefinite.
+
+    Raises:
+        SettingsError: shapes that do not fit each other.
+    """
+
+    mean: Float[np.ndarray, " n_x"]
+    covariance: Float[np.ndarray, "n_x n_x"]
+
+    def __post_init__(self) -> None:
+        mean, P = np.array(self.mean, dtype=float), np.array(self.covariance, dtype=float)
+        if mean.ndim != 1 or P.shape != (len(mean), len(mean)):
+            raise SettingsError(
+                "an estimate has a mean of shape (n,) and a covariance of shape (n, n), "
+                f"got {mean.shape} and {P.shape}"
+            )
+        for name, array in (("mean", mean), ("covariance", P)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def finite(self) -> bool:
+        """Whether it can be used: a model that escapes takes the estimate along."""
+        return bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
+
+
+class ExtendedKalmanFilter:
+    """x⁺ = hold(x, u, d) + w, y = g(x, u, d) + v, w and v white with covariances Q and R.
+
+    It has no memory: an `Estimate` goes in, the next one comes out. The first one, x0 with P0, is
+    the caller's.
+
+    Source: Anderson, Moore (1979), Optimal Filtering, section 8.2.
+    Deviation: the mean follows the nonlinear hold exactly; the covariance its Jacobian, a product
+    over pieces of the period. The update is in the form of Joseph, which keeps it symmetric and
+    positive semidefinite.
+
+    Args:
+        plant: Its model of the plant.
+        T_s: Sampling time, in the plant's unit of time.
+        Q: Covariance of what the model misses in one period, shape (n_x, n_x).
+        R: Covariance of the measurement noise, shape (n_y, n_y), positive definite.
+
+    Raises:
+        SettingsError: a sampling time that is not positive, or covariances that are none.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        T_s: float,
+        *,
+        Q: Float[np.ndarray, "n_x n_x"],
+        R: Float[np.ndarray, "n_y n_y"],
+    ) -> None:
+        if not 0 < T_s < np.inf:
+            raise SettingsError(f"T_s must be positive and finite, got {T_s}")
+        self.plant, self.T_s = plant, T_s
+        self._Q = _covariance("Q", Q, len(plant.states))
+        self._R = _covariance("R", R, len(plant.outputs))
+        if np.linalg.eigvalsh(self._R)[0] <= 0:
+            raise SettingsError("R must be positive definite: every output has some noise")
+        # Middle and end of every piece.
+        self._instants = np.arange(1, 2 * _PIECES + 1) * (T_s / (2 * _PIECES))
+
+    def predict(
+        self, estimate: Estimate, u: Float[np.ndarray, " n_u"], d: Float[np.ndarray, " n_d"]
+    ) -> Estimate:
+        """The state one period on, u and d held, before anything is measured there.
+
+        Not `finite` where the model escapes.
+        """
+        states = self.plant.hold(estimate.mean, u, d, self._instants)
+        n = len(estimate.mean)
+        if not np.isfinite(states).all():
+            return Estimate(states[-1], np.full((n, n), np.inf))
+        F, no_drift = np.eye(n), np.zeros(n)
+        for middle in states[::2]:
+            J = self.plant.jacobians(middle, u, d)
+            F = discretise(J.A, J.B, no_drift, self.T_s / _PIECES)[0] @ F
+        return Estimate(states[-1], F @ estimate.covariance @ F.T + self._Q)
+
+    def update(
+        self,
+        estimate: Estimate,
+        y: Float[np.ndarray, " n_y"],
+        u: Float[np.ndarray, " n_u"],
+        d: Float[np.ndarray, " n_d"],
+    ) -> Estimate:
+        """The estimate that also knows the measured outputs `y`, shape (n_y,)."""
+        x, P = estimate.mean, estimate.covariance
+        C = self.plant.jacobians(x, u, d).C
+        S = C @ P @ C.T + self._R
+        K = np.linalg.solve(S, C @ P).T
+        kept = np.eye(len(x)) - K @ C
+        P = kept @ P @ kept.T + K @ self._R @ K.T
+        return Estimate(x + K @ (y - self.plant.g(x, u, d)), (P + P.T) / 2)
+
+
+def _covariance(name: str, value: object, n: int) -> Float[np.ndarray, "n n"]:
+    matrix = np.array(value, dtype=float)
+    if matrix.shape != (n, n) or not np.isfinite(matrix).all():
+        raise SettingsError(f"{name} must be finite, shape ({n}, {n}), got {matrix.shape}")
+    scale = max(float(np.abs(matrix).max()), 1e-300)
+    if np.abs(matrix - matrix.T).max() > 1e-12 * scale:
+        raise SettingsError(f"{name} must be symmetric, got {matrix.tolist()}")
+    if np.linalg.eigvalsh(matrix)[0] < -1e-12 * scale:
+        raise SettingsError(f"{name} must be positive semidefinite, got {matrix.tolist()}")
+    return matrix
