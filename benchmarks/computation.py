@@ -16,10 +16,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy
 import time
 
 import numpy as np
-from prefcal_scenarios.overtake import overtake
-from prefcal_scenarios.overtake.computing import PAPER_T_COMP, t_comp
-from prefcal_scenarios.overtake.scene import phase_at_control
-from prefcal_scenarios.overtake.tuning import mpc_settings
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -31,6 +27,10 @@ from prefcal_env.mpc.computation import Processor, StepSize
 from prefcal_env.overtaking import Phase
 from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.rollout import rollout
+from prefcal_scenarios.overtake import overtake
+from prefcal_scenarios.overtake.computing import PAPER_T_COMP, t_comp
+from prefcal_scenarios.overtake.scene import phase_at_control
+from prefcal_scenarios.overtake.tuning import mpc_settings
 
 THETAS = [
     (T_s, share, N_p, 0.261, 0.918)

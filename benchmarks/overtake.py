@@ -22,17 +22,17 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-import prefcal_agents
-from prefcal_scenarios.overtake import overtake
-from prefcal_scenarios.overtake.computing import measured_t_comp
-from prefcal_scenarios.overtake.indicators import SHORTEST_DISTANCE
 from rich.console import Console
 from rich.progress import track
 
+import prefcal_agents
 from prefcal_env.experiment import Experiment
 from prefcal_env.overtaking import HORIZON
 from prefcal_env.preference import Preference
 from prefcal_env.study import calibrate
+from prefcal_scenarios.overtake import overtake
+from prefcal_scenarios.overtake.computing import measured_t_comp
+from prefcal_scenarios.overtake.indicators import SHORTEST_DISTANCE
 
 AGENTS = ("GLISp", "RandomSearch", "LatinHypercube")
 PAPER = "paper, preferences"

@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from prefcal_agents import GLISp
-from prefcal_scenarios.overtake import overtake
-from prefcal_scenarios.overtake.criteria import calibrator
-from prefcal_scenarios.overtake.indicators import SHORTEST_DISTANCE
-from support.drives import drive
 
+from prefcal_agents import GLISp
 from prefcal_env.experiment import End, Experiment
 from prefcal_env.mpc.computation import Processor
 from prefcal_env.preference import Preference
 from prefcal_env.study import calibrate
+from prefcal_scenarios.overtake import overtake
+from prefcal_scenarios.overtake.criteria import calibrator
+from prefcal_scenarios.overtake.indicators import SHORTEST_DISTANCE
+from support.drives import drive
 
 INSTANT = Processor("instant", step=0.0, iteration=0.0, building=1e12, solving=1e12)
 JUDGE = calibrator(INSTANT)

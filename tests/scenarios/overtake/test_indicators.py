@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+
+from prefcal_env.experiment import End
 from prefcal_scenarios.overtake import overtake
 from prefcal_scenarios.overtake.computing import (
     PAPER_PROCESSOR,
@@ -13,8 +15,6 @@ from prefcal_scenarios.overtake.computing import (
 )
 from prefcal_scenarios.overtake.indicators import KPIS, indicators
 from support.drives import drive
-
-from prefcal_env.experiment import End
 
 PAPERS = overtake.run(overtake.references["paper, preferences"])
 

@@ -6,15 +6,15 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
-from prefcal_scenarios import load
-from prefcal_scenarios.export import jsonable
-from prefcal_scenarios.overtake import indicators, overtake
-from prefcal_scenarios.overtake.tuning import PAPER, controller
 
 from prefcal_env.envs.overtake import OvertakeEnv
 from prefcal_env.errors import KnobError
 from prefcal_env.experiment import End
 from prefcal_env.rollout import rollout
+from prefcal_scenarios import load
+from prefcal_scenarios.export import jsonable
+from prefcal_scenarios.overtake import indicators, overtake
+from prefcal_scenarios.overtake.tuning import PAPER, controller
 
 OPTIMUM = overtake.references["paper, preferences"]
 PAPERS = overtake.run(OPTIMUM)

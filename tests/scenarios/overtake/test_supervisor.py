@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from prefcal_scenarios.overtake.tuning import PAPER, controller, mpc_settings
 
 from prefcal_env.control import Measurement
 from prefcal_env.errors import PlantError
 from prefcal_env.mpc import LinearMPC
 from prefcal_env.overtaking import Phase
 from prefcal_env.plants.bicycle import KMH, Bicycle
+from prefcal_scenarios.overtake.tuning import PAPER, controller, mpc_settings
 
 OPTIMUM = np.array([0.085, 0.31, 16.0, 0.261, 0.918])
 FAR, NEAR = 90.0, 12.0
