@@ -83,8 +83,8 @@ class Experiment:
 
     Args:
         theta: Controller parameters, physical, shape (n,).
-        t: Dense instants: a grid that does not depend on T_s, the sampling instants and the
-            end, shape (K,), increasing.
+        t: Dense instants, with the sampling instants and the end among them, shape (K,),
+            increasing; how dense does not depend on T_s.
         x: States at `t`, shape (K, n_x), finite also when the run was stopped.
         u: Inputs held from `t` on, shape (K, n_u).
         t_control: Sampling instants at which an input was decided, shape (N,).

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from prefcal_env.control import Measurement
 from prefcal_env.envs.canvas import Canvas, Trace
+from prefcal_env.envs.checks import vector
 from prefcal_env.envs.fit import channels_of, check_fit
 from prefcal_env.envs.task import Step, Task
 from prefcal_env.envs.trajectory import Record, Trajectory, instants
@@ -86,7 +87,7 @@ class PlantEnv(gym.Env[Array, Array]):
         if unknown:
             raise SettingsError(f"reset options must be among {_RESET_OPTIONS}, got {unknown}")
         T_s = self.task.sampling_time(options.get("T_s", self.task.T_s))
-        x0 = _vector(options.get("x0", self.task.x0), len(self.plant.states), "initial state x0")
+        x0 = vector(options.get("x0", self.task.x0), len(self.plant.states), "initial state x0")
         if self.task.unsafe(x0):
             raise PlantError(f"the initial state x0 is unsafe already: {x0}")
         self._T_s, self._steps, self._end = T_s, 0, None
@@ -101,7 +102,7 @@ class PlantEnv(gym.Env[Array, Array]):
             PlantError: an action of the wrong shape or not finite.
             ProtocolError: no episode is under way.
         """
-        a = _vector(action, len(self._low), "action")
+        a = vector(action, len(self._low), "action")
         step = self.apply(self._low + (a + 1) / 2 * (self._high - self._low))
         reward = -self.task.stage_cost(step) * step.duration
         terminated = self._end is End.UNSAFE
@@ -121,7 +122,7 @@ class PlantEnv(gym.Env[Array, Array]):
         """
         if self._episode is None or self._end is not None:
             raise ProtocolError("no episode is under way: call reset() first")
-        u = self._saturated(_vector(u, len(self._low), "input u", finite=False))
+        u = self._saturated(vector(u, len(self._low), "input u", finite=False))
         y_ref, d = self.task.reference(self._t), self.task.disturbance(self._t)
         self._steps += 1
         t, after = instants(self._t, self._steps * self._T_s, self.task.dense_step)
@@ -213,15 +214,3 @@ class PlantEnv(gym.Env[Array, Array]):
             for i, channel in enumerate(record.channels.u)
         ]
         return outputs + inputs
-
-
-def _vector(value: Any, n: int, what: str, *, finite: bool = True) -> Array:
-    try:
-        vector = np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise PlantError(f"{what} must be {n} numbers, got {value!r}") from error
-    if vector.shape != (n,):
-        raise PlantError(f"{what} must have shape ({n},), got {vector.shape}")
-    if np.any(np.isnan(vector)) or (finite and not np.all(np.isfinite(vector))):
-        raise PlantError(f"{what} must be finite, got {vector}")
-    return vector
