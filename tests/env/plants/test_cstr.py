@@ -115,3 +115,15 @@ def test_an_impossible_coolant_is_refused(T_c):
 def test_impossible_parameters_are_refused():
     with pytest.raises(PlantError, match="k_0 must be positive"):
         CSTRParams(k_0=-1)
+
+
+def test_even_a_runaway_agrees_with_dop853():
+    for T, C_A, T_s in ((356.0, 9.0, 0.25), (400.0, 9.95, 0.05), (385.0, 9.95, 0.1)):
+        x, u = np.array([T, C_A]), np.array([310.0])
+        precise = solve_ivp(
+            lambda t, y, u=u: PLANT.f(y, u, FEED),
+            (0, T_s), x, method="DOP853", rtol=1e-13, atol=1e-13,
+        ).y[:, -1]  # fmt: skip
+        np.testing.assert_allclose(
+            PLANT.hold(x, u, FEED, np.array([T_s]))[0][1], precise[1], atol=1e-6
+        )
