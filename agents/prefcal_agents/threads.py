@@ -1,4 +1,4 @@
-"""Linear algebra on one thread: at 50 samples, several of them take five times as long."""
+"""Linear algebra on one thread: at 50 samples, two of them took three to four times as long."""
 
 from contextlib import AbstractContextManager
 from functools import cache

@@ -1,7 +1,7 @@
 """The unconstrained optimal feedback of eq. MPC, compiled: a square-root Riccati recursion.
 
 Why not powers of A: the frozen CSTR grows by e^60 and more over the horizon. Powers of A lose, in
-each row, all that is not along the growing mode, and a Hessian of condition 1e47 follows. Here the
+each row, all that is not along the growing mode, and a Hessian of condition 1e24 follows. Here the
 cost-to-go is carried backward as a square-root factor S, V(x, w) = |S (x, w, 1)|², so each row
 keeps its own relative accuracy however far the rows are apart; the plan is then written as the
 optimal feedback plus deviations v, whose Hessian is the identity (`_plan`). This is pre-stabilised

@@ -1,6 +1,6 @@
 """The CSTR's right-hand side and its simulation, compiled.
 
-In Python one experiment of 48 h takes about a hundred times as long. numba keeps what it has
+In Python one experiment of 48 h takes some 25 times as long. numba keeps what it has
 compiled beside this file and looks at this file alone to see whether it is stale: after a change
 of `integrate.py`, touch this one.
 """
