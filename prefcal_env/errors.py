@@ -40,5 +40,17 @@ class ScenarioError(PrefcalError, ValueError):
     """A scenario or one of its options does not exist."""
 
 
+class StudyError(PrefcalError, RuntimeError):
+    """A study file cannot be read or written, or does not fit; nothing was recorded."""
+
+
+class StaleError(ProtocolError):
+    """Somebody was late: the question, the answer or the wait is over; nothing was recorded."""
+
+
+class RecordError(PrefcalError, ValueError):
+    """The record of a run on a rig is refused; the message lists what is wrong with it."""
+
+
 class MissingExtraError(PrefcalError, ImportError):
     """An optional dependency is not installed; the message says how to get it."""

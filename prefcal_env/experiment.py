@@ -79,7 +79,8 @@ class FrozenMapping(Mapping[str, Any]):
 class Experiment:
     """One closed-loop run of one θ. Times in `channels.time_unit`.
 
-    K dense instants, N control steps (the last sampling interval may end early).
+    K dense instants, N control steps (the last sampling interval may end early). K and N are 0
+    where a run failed and left no record.
 
     Args:
         theta: Controller parameters, physical, shape (n,).
@@ -152,11 +153,16 @@ class Experiment:
 
     @property
     def duration(self) -> float:
-        """Time of the last instant, in `channels.time_unit`."""
-        return float(self.t[-1])
+        """Time of the last instant, in `channels.time_unit`; 0 without a record."""
+        return float(self.t[-1]) if len(self.t) else 0.0
 
     def at_control(self) -> Float[np.ndarray, "N1 n_x"]:
-        """States at the N sampling instants and at the end, shape (N + 1, n_x)."""
+        """States at the N sampling instants and at the end, shape (N + 1, n_x).
+
+        Without a record, of shape (0, n_x).
+        """
+        if not len(self.t):
+            return self.x
         instants = np.append(self.t_control, self.t[-1])
         nearest = np.searchsorted(self.t, instants - 1e-9 * max(1.0, self.duration))
         return np.asarray(self.x[nearest])

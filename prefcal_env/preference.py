@@ -3,6 +3,7 @@
 Source: the preference function is eq. pref_fun, its vector of answers eq. pref-vector.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import Any, Protocol, Self, TypeVar, runtime_checkable
@@ -74,6 +75,36 @@ class Answer:
             PreferenceError: anything else.
         """
         return answer if isinstance(answer, cls) else cls(answer)  # type: ignore[arg-type]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON; `from_dict` reads it back."""
+        ends = self.outcomes
+        return {
+            "preference": None if self.preference is None else int(self.preference),
+            "strength": float(self.strength),
+            "marks": [mark.value for mark in self.marks],
+            "outcomes": None if ends is None else [e.value if e else None for e in ends],
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "Answer":
+        """Read what `to_dict` gave; other keys beside are left alone.
+
+        Raises:
+            PreferenceError: something is missing or malformed.
+        """
+        try:
+            ends = data["outcomes"]
+            outcomes = None
+            if ends is not None:
+                challenger, incumbent = ends
+                outcomes = (End(challenger), None if incumbent is None else End(incumbent))
+            marks = tuple(Mark(value) for value in data["marks"])
+            return cls(data["preference"], data["strength"], marks, outcomes)
+        except (KeyError, TypeError, ValueError) as error:
+            raise PreferenceError(
+                f"an answer cannot be read: {type(error).__name__} {error}"
+            ) from error
 
 
 def _preference(value: Any) -> Preference:

@@ -25,8 +25,8 @@ LAYERS = (
     {"knobs", "preference", "experiment", "qp", "control", "variants"},
     {"plants", "overtaking"},
     {"mpc", "envs"},
-    {"rollout"},
-    {"tuning", "own_experiment", "preference_reward", "calibrators", "study"},
+    {"rollout", "rig"},
+    {"tuning", "own_experiment", "preference_reward", "calibrators", "study", "studies"},
 )
 """Of prefcal_env, lowest first. A layer may import itself and whatever is below it."""
 APART = {frozenset({"mpc", "envs"})}

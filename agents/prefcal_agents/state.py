@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from prefcal_env.end import End
 from prefcal_env.errors import SettingsError
-from prefcal_env.preference import Answer, Mark
+from prefcal_env.preference import Answer
 
 from .ledger import Comparison, Ledger
 
@@ -87,26 +86,13 @@ def _frozen(value: Any) -> Any:
 
 
 def _comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
-    answer = comparison.answer
-    outcomes = answer.outcomes
     return {
         "incumbent": comparison.incumbent,
-        "preference": None if answer.preference is None else int(answer.preference),
-        "strength": float(answer.strength),
-        "marks": [mark.value for mark in answer.marks],
-        "outcomes": None if outcomes is None else [e.value if e else None for e in outcomes],
+        **comparison.answer.to_dict(),
         "retracted": comparison.retracted,
     }
 
 
 def _comparison_from_dict(challenger: int, data: Mapping[str, Any]) -> Comparison:
-    outcomes = data["outcomes"]
-    answer = Answer(
-        data["preference"],
-        strength=data["strength"],
-        marks=tuple(Mark(value) for value in data["marks"]),
-        outcomes=None
-        if outcomes is None
-        else (End(outcomes[0]), None if outcomes[1] is None else End(outcomes[1])),
-    )
+    answer = Answer.from_dict(data)
     return Comparison(challenger, data["incumbent"], answer, retracted=data["retracted"])

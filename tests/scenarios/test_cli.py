@@ -9,7 +9,8 @@ from prefcal_scenarios import load_controller
 from toy_study import TOY_FILE
 
 TOY = f"{TOY_FILE}:toy"
-QUICK = ["--agent", "random", "--n-max", "5"]
+SYNTHETIC = ["--calibrator", "synthetic"]
+QUICK = [*SYNTHETIC, "--agent", "random", "--n-max", "5"]
 
 
 def test_a_study_ends_with_a_table_and_the_place_of_the_report(prefcal, tmp_path):
@@ -44,7 +45,7 @@ def test_the_same_seed_gives_the_same_folder_byte_by_byte(prefcal, tmp_path):
 
 
 def test_glisp_is_the_default_and_takes_delta(prefcal):
-    code, out, _ = prefcal("calibrate", TOY, "--n-max", "6", "--delta", "0.5", "--json")
+    code, out, _ = prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "6", "--delta", "0.5", "--json")
     result = json.loads(out)
     assert code == 0
     assert result["agent"] == "glisp"
@@ -53,7 +54,7 @@ def test_glisp_is_the_default_and_takes_delta(prefcal):
 
 
 def test_a_calibrator_with_a_cost_in_mind_takes_a_tie_band_and_noise(prefcal):
-    words = ["calibrate", TOY, *QUICK, "--calibrator", "latent", "--json"]
+    words = ["calibrate", TOY, *QUICK[2:], "--calibrator", "latent", "--json"]
     code, out, _ = prefcal(*words, "--tie-band", "1e9", "--answer-noise", "0.5")
     assert code == 0
     assert json.loads(out)["verdicts"]["as good"] == 4
@@ -82,10 +83,10 @@ def test_the_command_in_the_report_repeats_the_study(prefcal, tmp_path):
         ([TOY, "--delta", "nan"], "delta must be 0 or above"),
         ([TOY, "--agent", "random", "--delta", "1"], "only the agent glisp takes a delta"),
         ([TOY, "--seed", "-1"], "seed must be 0 or above"),
-        ([TOY, "--answer-noise", "1"], "takes no tie band and no answer noise"),
+        ([TOY, *SYNTHETIC, "--answer-noise", "1"], "takes no tie band and no answer noise"),
         ([TOY, "--calibrator", "latent", "--answer-noise", "-1"], "sigma must be positive"),
         ([TOY, "--calibrator", "latent", "--tie-band", "-1"], "tie_band must be 0 or more"),
-        ([TOY, "--out", str(TOY_FILE)], "out must be a folder"),
+        ([TOY, *SYNTHETIC, "--out", str(TOY_FILE)], "out must be a folder"),
     ],
 )
 def test_bad_input_is_one_clear_line_and_exit_code_2(prefcal, tmp_path, words, message):
@@ -120,7 +121,7 @@ def test_the_scenarios_are_listed(prefcal):
 
 
 def test_the_reactor_is_calibrated_exported_and_rebuilt(prefcal, tmp_path):
-    words = ["--n-max", "5", "--agent", "lhs", "--out", "out", "--json"]
+    words = [*SYNTHETIC, "--n-max", "5", "--agent", "lhs", "--out", "out", "--json"]
     code, out, _ = prefcal("calibrate", "cstr", *words)
     best = json.loads(out)["best"]
     assert code == 0

@@ -22,7 +22,8 @@ CASES = {
     "only_a_cost": "own = replace(t.toy, calibrators={})",
     "beside": "import neighbour\nown = neighbour.own",
 }
-QUICK = ["--agent", "random", "--n-max", "4", "--out", "res"]
+SYNTHETIC = ["--calibrator", "synthetic"]
+QUICK = [*SYNTHETIC, "--agent", "random", "--n-max", "4", "--out", "res"]
 
 
 @pytest.fixture
@@ -46,7 +47,7 @@ def test_an_own_scenario_is_calibrated(prefcal, own, tmp_path, case):
 
 @pytest.mark.parametrize("n_max", ["2", "3"])
 def test_the_shortest_studies_run(prefcal, own, n_max):
-    code, out, err = prefcal("calibrate", own("own = t.toy"), "--n-max", n_max, "--json")
+    code, out, err = prefcal("calibrate", own("own = t.toy"), *SYNTHETIC, "--n-max", n_max, "--json")
     assert code == 0, err
     assert json.loads(out)["experiments"] == int(n_max)
 
@@ -85,7 +86,7 @@ def run(theta, seed=0):
     return t.run(theta, seed)
 own = replace(t.toy, run=run, references={})
 """
-    code, _, err = prefcal("calibrate", own(text), "--agent", "random", "--n-max", "40")
+    code, _, err = prefcal("calibrate", own(text), *SYNTHETIC, "--agent", "random", "--n-max", "40")
     assert code == 130
     assert "Interrupted after" in err
 

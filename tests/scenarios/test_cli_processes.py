@@ -32,7 +32,7 @@ def wait_for(path, seconds=30.0):
 @pytest.mark.parametrize("delay", [0.0, 1.0])
 def test_ctrl_c_leaves_a_readable_partial_report(tmp_path, delay):
     process = start(
-        tmp_path, "calibrate", f"{TOY_FILE}:slow", "--agent", "random", "--n-max", "500",
+        tmp_path, "calibrate", f"{TOY_FILE}:slow", "--calibrator", "synthetic", "--agent", "random", "--n-max", "500",
         "--json", "--out", "out",
     )  # fmt: skip
     wait_for(tmp_path / "out")
@@ -64,7 +64,8 @@ def test_a_rig_that_breaks_down_leaves_a_report_and_its_own_error(tmp_path):
         "    return toy.run(theta)\n"
         "rig = replace(toy, run=run)\n"
     )
-    process = start(tmp_path, "calibrate", "rig.py:rig", "--agent", "random", "--out", "out")
+    words = ["--calibrator", "synthetic", "--agent", "random", "--out", "out"]
+    process = start(tmp_path, "calibrate", "rig.py:rig", *words)
     _, err = process.communicate(timeout=60)
     assert process.returncode not in (0, 2, 130)
     assert "the pump does not answer" in err

@@ -6,6 +6,8 @@ from typing import Annotated
 import typer
 
 from prefcal_scenarios.cli.calibrate import EPILOG, calibrate
+from prefcal_scenarios.cli.report import report
+from prefcal_scenarios.cli.studies import app as studies
 
 app = typer.Typer(
     name="prefcal",
@@ -16,6 +18,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command(no_args_is_help=True, epilog=EPILOG)(calibrate)
+app.command(no_args_is_help=True)(report)
+app.add_typer(studies)
 
 
 def _version(asked: bool) -> None:

@@ -10,16 +10,22 @@ EPILOG = """\
 [bold]Examples[/bold]
 
 [cyan]prefcal calibrate cstr[/cyan]
-  The paper's reactor: 50 experiments, 49 answers by its synthetic calibrator.
+  The paper's reactor: a page opens and asks you 49 times which of two experiments is better.
 
-[cyan]prefcal calibrate cstr --seed 7 --out reactor[/cyan]
-  Another start of the search; the report goes to the folder reactor.
+[cyan]prefcal calibrate cstr --study mine[/cyan]
+  The same under a name of your own; the same line again goes on where you stopped.
+
+[cyan]prefcal calibrate cstr --terminal[/cyan]
+  Asked in this terminal, on a machine without a browser.
+
+[cyan]prefcal calibrate cstr --calibrator synthetic --seed 7 --out reactor[/cyan]
+  Unattended: the scenario's own calibrator answers; the report goes to the folder reactor.
 
 [cyan]prefcal calibrate cstr --calibrator synthetic --tie-band 0.02 --answer-noise 0.05[/cyan]
   A calibrator who sees small differences as ties and errs now and then.
 
-[cyan]prefcal calibrate own.py:plant --agent random --n-max 20 --json[/cyan]
-  Your own scenario, random search, result as JSON for a program.
+[cyan]prefcal calibrate own.py:plant --agent random --n-max 20[/cyan]
+  Your own scenario, simulated or a rig that you run yourself; random search.
 """
 
 
@@ -27,10 +33,28 @@ _Scenario = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A name (see `prefcal scenarios`) or own.py:name.")
 ]
 _Calibrator = Annotated[
-    str, typer.Option(help="Who compares: one of the scenario's synthetic calibrators.")
+    str | None,
+    typer.Option(
+        help="Who compares: human, or one of the scenario's synthetic calibrators.",
+        show_default="human",
+    ),
 ]
-_Agent = Annotated[str, typer.Option(help="Who proposes: glisp, random or lhs.")]
-_Seed = Annotated[int, typer.Option(help="Of the agent and the calibrator.")]
+_Agent = Annotated[
+    str | None, typer.Option(help="Who proposes: glisp, random or lhs.", show_default="glisp")
+]
+_Study = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME_OR_PATH",
+        help="Study to begin or to go on with: a name in your data folder, or a file "
+        "(with a / or a suffix).",
+        show_default="a new one, SCENARIO-1; unattended: none",
+    ),
+]
+_Seed = Annotated[
+    int | None,
+    typer.Option(help="Of the agent, the calibrator and the sides.", show_default="0"),
+]
 _Initial = Annotated[
     int | None,
     typer.Option(
@@ -38,7 +62,10 @@ _Initial = Annotated[
         show_default="10, or half of --n-max if that is less",
     ),
 ]
-_Experiments = Annotated[int, typer.Option(help="Experiments in all.")]
+_Experiments = Annotated[
+    int | None,
+    typer.Option(help="Experiments in all; a study can be given more later.", show_default="50"),
+]
 _Delta = Annotated[
     float | None,
     typer.Option(help="How much glisp explores (δ of the paper).", show_default="the agent's"),
@@ -65,34 +92,55 @@ _Json = Annotated[
 ]
 
 
+_Terminal = Annotated[bool, typer.Option("--terminal", help="Ask here, not on a page.")]
+_NoBrowser = Annotated[
+    bool, typer.Option("--no-browser", help="Only print the page's link; open no browser.")
+]
+_Host = Annotated[
+    str,
+    typer.Option(help="Address to serve the page on. Other than loopback: others can reach it."),
+]
+_Port = Annotated[
+    int, typer.Option(min=0, max=65535, help="Port of the page.", show_default="a free one")
+]
+
+
 def calibrate(
     scenario: _Scenario,
-    calibrator: _Calibrator = "synthetic",
-    agent: _Agent = "glisp",
-    seed: _Seed = 0,
+    calibrator: _Calibrator = None,
+    agent: _Agent = None,
+    study: _Study = None,
+    seed: _Seed = None,
     n_init: _Initial = None,
-    n_max: _Experiments = 50,
+    n_max: _Experiments = None,
     delta: _Delta = None,
     tie_band: _TieBand = None,
     answer_noise: _Noise = None,
     out: _Folder = None,
+    terminal: _Terminal = False,
+    no_browser: _NoBrowser = False,
+    host: _Host = "127.0.0.1",
+    port: _Port = 0,
     json: _Json = False,
 ) -> None:
     """Calibrate SCENARIO by preferences, and write a report of it.
 
-    Proposes θ, runs the experiment, has it compared with the best so far, and learns from the
-    answer. Ctrl-C stops and leaves a report of the comparisons so far.
+    Proposes θ, runs the experiment, shows it beside the best so far, and learns from the answer:
+    yours on a local page, or a synthetic calibrator's. Every answer is saved before the next
+    question; Ctrl-C stops and leaves a report of the comparisons so far.
     """
     _one_thread()
     # Here, not above: --help must not wait for it, and numpy reads the environment once.
-    from prefcal_scenarios.cli.options import Options
+    from prefcal_scenarios.cli.fronts import Front
     from prefcal_scenarios.cli.session import run
 
-    options = Options(
-        scenario, calibrator, agent, seed, _initial(n_init, n_max), n_max, delta, tie_band,
-        answer_noise,
-    )  # fmt: skip
-    raise typer.Exit(run(options, out, json=json))
+    given = {
+        "scenario": scenario, "calibrator": calibrator, "agent": agent, "seed": seed,
+        "n_init": n_init, "n_max": n_max, "delta": delta, "tie_band": tie_band,
+        "answer_noise": answer_noise,
+    }  # fmt: skip
+    front = Front(terminal, not no_browser, host, port)
+    raise typer.Exit(run(given, study, out, front, json=json))
 
 
 def _one_thread() -> None:
@@ -103,6 +151,3 @@ def _one_thread() -> None:
     for library in ("OPENBLAS", "OMP", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
-
-def _initial(n_init: int | None, n_max: int) -> int:
-    return min(10, max(1, n_max // 2)) if n_init is None else n_init

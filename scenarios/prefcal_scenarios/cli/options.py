@@ -2,10 +2,14 @@
 
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from prefcal_env.errors import SettingsError
+
+HUMAN = "human"
+"""The calibrator that is a person."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +21,7 @@ class Options:
     """
 
     scenario: str
-    calibrator: str = "synthetic"
+    calibrator: str = HUMAN
     agent: str = "glisp"
     seed: int = 0
     n_init: int = 10
@@ -36,6 +40,47 @@ class Options:
             )
         if self.delta is not None and not 0 <= self.delta < float("inf"):
             raise SettingsError(f"delta must be 0 or above and finite, got {self.delta}")
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> "Options":
+        """From what the user has given, None where he has not."""
+        said = {name: value for name, value in given.items() if value is not None}
+        n_max = said.get("n_max", cls.__dataclass_fields__["n_max"].default)
+        said.setdefault("n_init", min(10, max(1, n_max // 2)))
+        return cls(**said)
+
+    @classmethod
+    def resumed(cls, stored: Mapping[str, Any], given: Mapping[str, Any]) -> "Options":
+        """The options that a study was begun with; n_max may be given anew.
+
+        Raises:
+            SettingsError: any other option is given with another value.
+        """
+        known = {f.name for f in fields(cls)}
+        options = {name: value for name, value in stored.items() if name in known}
+        for name, value in given.items():
+            if name in ("n_max", "scenario") or value is None or value == options.get(name):
+                continue
+            raise SettingsError(
+                f"the study was begun with {name} {options.get(name)}, got {value}: leave it out, "
+                "or begin another study"
+            )
+        wanted = given.get("n_max") or options["n_max"]
+        if wanted < options["n_max"]:
+            raise SettingsError(
+                f"n_max must not fall below the {options['n_max']} that the study was begun with, "
+                f"got {wanted}"
+            )
+        return cls(**{**options, "n_max": wanted, "scenario": given["scenario"]})
+
+    @property
+    def by_a_person(self) -> bool:
+        """Whether a person compares."""
+        return self.calibrator == HUMAN
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, for the study file."""
+        return asdict(self)
 
     def folder(self, scenario_name: str) -> Path:
         """Where the report goes unless the user says otherwise: prefcal-<scenario>-<seed>."""

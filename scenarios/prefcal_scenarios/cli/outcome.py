@@ -16,7 +16,7 @@ from prefcal_scenarios.report.wording import labelled, measured, number
 from prefcal_scenarios.scenario import KPI
 
 
-def as_json(record: Record, options: Options, report: Path) -> str:
+def as_json(record: Record, options: Options, report: Path, study: str | None) -> str:
     """One JSON object on several lines; strict, so null where there is no number."""
     best = record.best
     theta = None if best is None else record.scenario.space.named(best.experiment.theta)
@@ -32,6 +32,7 @@ def as_json(record: Record, options: Options, report: Path) -> str:
         "agent": options.agent,
         "calibrator": options.calibrator,
         "seed": options.seed,
+        "study": study,
         "stopped": record.stopped,
     }
     return json.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)

@@ -62,7 +62,12 @@ def _header(record: Record) -> Iterator[str]:
         f'<p class="lead">Calibrated by preferences: {len(record.trials)} experiments, '
         f"{len(record.asked)} comparisons ({escape(verdicts)}).</p>"
     )
-    if record.stopped:
+    if record.stopped and record.good_enough:
+        yield (
+            f"<p>Ended after {len(record.trials)} of {record.n_max} experiments: "
+            "the best is good enough.</p>"
+        )
+    elif record.stopped:
         yield (
             f'<p class="warning"><strong>Partial report.</strong> The study was stopped after '
             f"{len(record.trials)} of {record.n_max} experiments.</p>"

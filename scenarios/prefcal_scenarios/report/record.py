@@ -52,6 +52,7 @@ class Record:
         n_max: Number of experiments that were planned.
         command: One command line that repeats the study.
         surrogate: What the agent has learned; None if it learns nothing.
+        good_enough: Whether it was ended early because the best is good enough.
     """
 
     scenario: Scenario
@@ -63,6 +64,7 @@ class Record:
     n_max: int = 50
     command: str = ""
     surrogate: Surrogate | None = None
+    good_enough: bool = False
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:
@@ -100,7 +102,14 @@ class Record:
     def incumbents(self) -> tuple[Trial, ...]:
         """The best trial after each comparison."""
         by_index = {t.index: t for t in self.trials}
-        return tuple(by_index[c.winner_index] for c in self.comparisons)
+        winner, winners = 0, []
+        for c in self.comparisons:
+            # Along the answers that stand: a retracted one is an abstention here, and whoever
+            # had won by it may be the incumbent of later questions.
+            if c.incumbent is None or c.answer.preference is Preference.CHALLENGER:
+                winner = c.query.challenger.index
+            winners.append(by_index[winner])
+        return tuple(winners)
 
     @cached_property
     def reference_costs(self) -> dict[str, float]:

@@ -1,0 +1,33 @@
+"""The study file: everything that happened in a study, appended and never changed.
+
+`StudyFile` is one SQLite file; its `State` is the fold of its events. docs/study-file.md
+describes the format.
+"""
+
+from .archive import export_json as export_json
+from .archive import import_json as import_json
+from .codec import decode as decode
+from .codec import encode as encode
+from .events import Answered as Answered
+from .events import Created as Created
+from .events import Ended as Ended
+from .events import Event as Event
+from .events import Extended as Extended
+from .events import Failed as Failed
+from .events import Finished as Finished
+from .events import Marked as Marked
+from .events import Noted as Noted
+from .events import Reopened as Reopened
+from .events import Retracted as Retracted
+from .events import Shown as Shown
+from .events import Suggested as Suggested
+from .events import Undone as Undone
+from .file import Recorded as Recorded
+from .file import StudyFile as StudyFile
+from .fold import Closed as Closed
+from .fold import State as State
+from .locations import make_data_folder as make_data_folder
+from .locations import studies_in_data_folder as studies_in_data_folder
+from .locations import study_path as study_path
+from .tables import export_csv as export_csv
+from .verify import verify as verify

@@ -1,0 +1,201 @@
+"""The events of a study: everything that happened, in plain frozen data, and to and from JSON."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from math import isfinite
+from typing import Any
+
+from prefcal_env.errors import PrefcalError, StudyError
+from prefcal_env.preference import Answer
+
+
+@dataclass(frozen=True, slots=True)
+class Created:
+    """The study was begun; `configuration` is nested plain data that goes through JSON."""
+
+    configuration: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Suggested:
+    """Sample `index`, from 0, was proposed: `z` in the unit cube, `theta` physical, each (n,).
+
+    After an undo, another one of the same index takes its place.
+    """
+
+    index: int
+    z: tuple[float, ...]
+    theta: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """The experiment of sample `index` is there: this event's payload, or that of `same_as`."""
+
+    index: int
+    same_as: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """The run of sample `index` raised; it stays open and may be tried again."""
+
+    index: int
+    error: str
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A question is on show; its id is the number of this event.
+
+    `repeats` is the id of the earlier question that it asks again.
+    """
+
+    challenger: int
+    incumbent: int
+    challenger_left: bool
+    repeats: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """The open question is closed; `question` and `incumbent` are None for the first experiment."""
+
+    question: int | None
+    challenger: int
+    incumbent: int | None
+    answer: Answer
+    comment: str = ""
+    blind: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Marked:
+    """Experiment `index` bears `mark` from now on, or no longer."""
+
+    index: int
+    mark: str
+    on: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Retracted:
+    """Closed query number `answer` teaches nothing from now on; all samples stay."""
+
+    answer: int
+
+
+@dataclass(frozen=True, slots=True)
+class Undone:
+    """The last answer is taken back: its query is open again, samples after it are dropped."""
+
+
+@dataclass(frozen=True, slots=True)
+class Noted:
+    """A remark on the study."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Extended:
+    """So many experiments are wanted in all."""
+
+    n_max: int
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The study is over: all is compared, the best is good enough, or the person stopped."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Reopened:
+    """The study goes on after an end."""
+
+
+Event = (
+    Created | Suggested | Finished | Failed | Shown | Answered | Marked | Retracted | Undone
+    | Noted | Extended | Ended | Reopened
+)  # fmt: skip
+
+KINDS: Mapping[str, type[Event]] = {
+    kind.__name__.lower(): kind
+    for kind in (
+        Created, Suggested, Finished, Failed, Shown, Answered, Marked, Retracted, Undone, Noted,
+        Extended, Ended, Reopened,
+    )
+}  # fmt: skip
+"""The kinds of events by the name that they bear in a study file."""
+
+_TYPES: Mapping[str, tuple[type, ...]] = {
+    "configuration": (dict,), "z": (list,), "theta": (list,), "error": (str,), "comment": (str,),
+    "mark": (str,), "text": (str,), "reason": (str,), "answer": (int, dict), "on": (bool,),
+    "blind": (bool,), "challenger_left": (bool,), "same_as": (int, type(None)),
+    "repeats": (int, type(None)), "question": (int, type(None)), "incumbent": (int, type(None)),
+}  # fmt: skip
+"""What a field is in JSON; integers where nothing else is said."""
+
+
+def to_text(event: Event) -> tuple[str, str]:
+    """Kind and body of an event; equal events give equal text.
+
+    Raises:
+        StudyError: it holds something that is no plain data, or a number that is not finite.
+    """
+    body = {f.name: getattr(event, f.name) for f in fields(event)}
+    if isinstance(event, Answered):
+        body["answer"] = event.answer.to_dict()
+    if isinstance(event, Created):
+        body["configuration"] = dict(event.configuration)
+    try:
+        return type(event).__name__.lower(), canonical(body)
+    except (TypeError, ValueError) as error:
+        raise StudyError(f"{type(event).__name__} is no plain data: {error}") from error
+
+
+def canonical(content: Any) -> str:
+    """The one JSON text of plain data: sorted keys, no spaces, finite numbers only."""
+    return json.dumps(
+        content, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
+    )
+
+
+def from_text(kind: str, body: str) -> Event:
+    """Read what `to_text` gave; whatever else stands there is refused.
+
+    Raises:
+        StudyError: an unknown kind, not JSON, or other fields than the kind has.
+    """
+    if kind not in KINDS:
+        raise StudyError(f"an event cannot be a {kind!r}: expected one of {sorted(KINDS)}")
+    try:
+        content = json.loads(body)
+        event = KINDS[kind]
+        names = {f.name for f in fields(event)}
+        if not isinstance(content, dict) or set(content) != names:
+            raise ValueError(f"expected the fields {sorted(names)}")
+        return event(**{name: _value(kind, name, value) for name, value in content.items()})
+    except (ValueError, TypeError, KeyError, RecursionError, PrefcalError) as error:
+        raise StudyError(f"event {kind!r} cannot be read: {error}") from error
+
+
+def _value(kind: str, name: str, value: Any) -> Any:
+    expected = _TYPES.get(name, (int,))
+    if name == "answer":
+        expected = (dict,) if kind == "answered" else (int,)
+    if not isinstance(value, expected) or (isinstance(value, bool) and bool not in expected):
+        raise ValueError(f"{name} must be {' or '.join(t.__name__ for t in expected)}")
+    if isinstance(value, list):
+        return _numbers(name, value)
+    return Answer.from_dict(value) if name == "answer" and isinstance(value, dict) else value
+
+
+def _numbers(name: str, values: list[Any]) -> tuple[float, ...]:
+    numbers = tuple(float(v) for v in values if isinstance(v, (int, float)))
+    if len(numbers) != len(values) or not all(map(isfinite, numbers)):
+        raise ValueError(f"{name} must hold finite numbers")
+    return numbers

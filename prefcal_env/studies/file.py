@@ -1,0 +1,259 @@
+"""A study file: one SQLite database to which events are appended, durably, and never changed."""
+
+import os
+import sqlite3
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import StudyError
+from prefcal_env.experiment import Experiment
+
+from . import schema
+from .chain import START, link
+from .codec import decode, encode, pack, unpack
+from .events import Created, Event, Finished, from_text, to_text
+from .fold import State, begin, step
+from .trouble import told
+
+Entry = Event | tuple[Finished, Experiment]
+Clock = Callable[[], str]
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """An event with its number, from 1, and when it was recorded, as the clock said."""
+
+    seq: int
+    at: str
+    event: Event
+
+
+class StudyFile:
+    """An open study. Methods may be called from any thread.
+
+    Made by `create` or `open`. Whatever `append` has returned from is on the disk. If another
+    process writes to the same file, the next `append` here is refused: nothing is ever recorded
+    twice.
+    """
+
+    def __init__(self, connection: sqlite3.Connection, path: str, clock: Clock) -> None:
+        self._connection, self.path, self._clock = connection, path, clock
+        self._lock = threading.RLock()
+        self._head: tuple[int, str] = (0, START)
+        self._state: State | None = None
+        self._experiments: dict[bytes, int] = {}
+
+    @classmethod
+    def create(cls, path: Path | str, configuration: Mapping[str, Any], *, clock: Clock) -> Self:
+        """Begin a study at `path`, or in memory at ":memory:".
+
+        Args:
+            path: Where no file is yet, in a folder that is there.
+            configuration: Nested plain data, with an integer `n_max`.
+            clock: Gives the time of an event, as text.
+
+        Raises:
+            StudyError: there is a file already, or it cannot be written.
+        """
+        created = Created(configuration)
+        if str(path) == ":memory:":
+            file = cls(_connect(":memory:"), ":memory:", clock)
+            file._begin(created)
+            return file
+        target = Path(path)
+        if target.exists():
+            raise StudyError(f"there is a file {target} already: a study never overwrites one")
+        # Beside, then linked: a file of this name is a whole study or is not there.
+        beside = target.with_name(f".{target.name}.{os.getpid()}.part")
+        with told(target, "begin", "Nothing was recorded"):
+            try:
+                with closing(_connect(beside)) as connection:
+                    cls(connection, str(beside), clock)._begin(created)
+                _link(beside, target)
+            finally:
+                beside.unlink(missing_ok=True)
+        return cls.open(target, clock=clock)
+
+    @classmethod
+    def open(cls, path: Path | str, *, clock: Clock) -> Self:
+        """Open the study at `path`; an older version of the file is upgraded.
+
+        Raises:
+            StudyError: there is none, it is damaged, something else, or a newer version's.
+        """
+        if not Path(path).is_file():
+            raise StudyError(f"there is no study file {path}")
+        with told(path, "open"):
+            connection = _connect(path)
+            try:
+                schema.upgrade(connection, schema.check(connection, str(path)))
+                connection.execute("PRAGMA journal_mode = WAL")
+                connection.execute("PRAGMA synchronous = FULL")
+                file = cls(connection, str(path), clock)
+                file._load()
+            except BaseException:
+                connection.close()
+                raise
+        return file
+
+    def _begin(self, created: Created) -> None:
+        schema.create(self._connection, START)
+        self._insert([(created, None)], [self._clock()])
+        self._connection.execute("COMMIT")
+
+    def _load(self) -> None:
+        for recorded in self.events():
+            self._take(recorded)
+        count, head = self._connection.execute("SELECT count, hash FROM head").fetchone()
+        self._head = (int(count), str(head))
+        if self._state is None:
+            raise StudyError(f"{self.path} holds no event: it is damaged")
+
+    def _take(self, recorded: Recorded) -> None:
+        """Fold one event into the state."""
+        seq, at, event = recorded.seq, recorded.at, recorded.event
+        if self._state is None:
+            self._state = begin(seq, at, event)
+        else:
+            self._state = step(self._state, seq, at, event)
+        if isinstance(event, Finished):
+            theta = self._state.samples[event.index].theta
+            self._experiments[_key(theta)] = self._state.finished[event.index]
+
+    @property
+    def state(self) -> State:
+        """What all events amount to."""
+        assert self._state is not None
+        return self._state
+
+    def events(self) -> Iterator[Recorded]:
+        """All events in their order, without payloads."""
+        with self._lock, told(self.path, "read"):
+            rows = self._connection.execute("SELECT seq, at, kind, body FROM event ORDER BY seq")
+            found = rows.fetchall()
+        for seq, at, kind, body in found:
+            yield Recorded(int(seq), str(at), from_text(str(kind), str(body)))
+
+    def experiment(self, seq: int) -> Experiment:
+        """The experiment that event `seq` brought. Raises StudyError if it brought none."""
+        with self._lock, told(self.path, "read"):
+            found = self._connection.execute("SELECT payload FROM event WHERE seq = ?", (seq,))
+            row = found.fetchone()
+        if row is None or row[0] is None:
+            raise StudyError(f"event {seq} of {self.path} brought no experiment")
+        return decode(unpack(bytes(row[0])))
+
+    def find_experiment(self, theta: Float[np.ndarray, " n"]) -> int | None:
+        """Number of an event that brought an experiment of θ, (n,), one taken back too."""
+        return self._experiments.get(_key(tuple(map(float, theta))))
+
+    def append(self, *entries: Entry) -> tuple[int, ...]:
+        """Record events, all or none; durable when this returns.
+
+        Args:
+            entries: Events; a Finished with its experiment as a pair.
+
+        Returns:
+            Their numbers.
+
+        Raises:
+            StudyError: an event that is impossible now, a full disk, a file that may not be
+                written, or another process has written to it. Nothing was recorded then, and
+                the study can be used on.
+        """
+        pairs = [e if isinstance(e, tuple) else (e, None) for e in entries]
+        with self._lock:
+            times = [self._clock() for _ in pairs]
+            first = self._head[0] + 1
+            recorded = [
+                Recorded(first + i, at, event)
+                for i, ((event, _), at) in enumerate(zip(pairs, times, strict=True))
+            ]
+            state = self.state
+            for r in recorded:
+                state = step(state, r.seq, r.at, r.event)
+            with told(self.path, "write to", "Nothing was recorded"):
+                self._write(pairs, times)
+            for r in recorded:
+                self._take(r)
+        return tuple(r.seq for r in recorded)
+
+    def _write(self, pairs: Sequence[Any], times: Sequence[str]) -> None:
+        connection, before = self._connection, self._head
+        connection.execute("BEGIN IMMEDIATE")
+        try:
+            head = connection.execute("SELECT count, hash FROM head").fetchone()
+            if tuple(head) != before:
+                raise StudyError(
+                    f"another process has written to {self.path}: nothing was recorded here. "
+                    "Close one of the two, and open the study again"
+                )
+            self._insert(pairs, times)
+            connection.execute("COMMIT")
+        except BaseException:
+            self._head = before
+            if connection.in_transaction:
+                connection.execute("ROLLBACK")
+            raise
+
+    def _insert(self, pairs: Sequence[Any], times: Sequence[str]) -> None:
+        """Insert rows and move the head, inside a transaction."""
+        seq, before = self._head
+        for (event, experiment), at in zip(pairs, times, strict=True):
+            seq += 1
+            kind, body = to_text(event)
+            payload = None if experiment is None else encode(experiment)
+            before = link(before, seq, at, kind, body, payload)
+            row = (seq, at, kind, body, None if payload is None else pack(payload), before)
+            self._connection.execute("INSERT INTO event VALUES (?, ?, ?, ?, ?, ?)", row)
+        self._connection.execute("UPDATE head SET count = ?, hash = ?", (seq, before))
+        self._head = (seq, before)
+        if self._state is None:
+            self._state = begin(1, times[0], pairs[0][0])
+
+    def close(self) -> None:
+        """Close it; the file then stands alone, without its write-ahead log."""
+        with self._lock:
+            self._connection.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _connect(path: Path | str) -> sqlite3.Connection:
+    connection = sqlite3.connect(path, timeout=5.0, isolation_level=None, check_same_thread=False)
+    connection.execute("PRAGMA trusted_schema = OFF")
+    connection.execute("PRAGMA synchronous = FULL")
+    return connection
+
+
+def _link(source: Path, target: Path) -> None:
+    """Give `source` the name `target`, never in place of a file that is there."""
+    try:
+        os.link(source, target)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links
+        if target.exists():
+            raise
+        os.rename(source, target)
+
+
+def _key(theta: tuple[float, ...]) -> bytes:
+    return (np.array(theta) + 0.0).tobytes()  # -0.0 is 0.0

@@ -1,0 +1,219 @@
+"""The state of a study: what its events amount to, one after the other. Pure."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+from prefcal_env.errors import StudyError
+from prefcal_env.preference import Answer
+
+from .events import (
+    Answered,
+    Created,
+    Ended,
+    Event,
+    Extended,
+    Failed,
+    Finished,
+    Marked,
+    Noted,
+    Reopened,
+    Retracted,
+    Shown,
+    Suggested,
+    Undone,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Closed:
+    """One closed query: when and how it was answered.
+
+    Args:
+        seq: Number of its Answered event.
+        at: When, as the study's clock said.
+        question: Id of the question; None for the first experiment, compared with nothing.
+        challenger: Index of the experiment that was proposed.
+        incumbent: Index of the best one at the time.
+        challenger_left: Where the challenger stood.
+        answer: The verdict, as challenger and incumbent.
+        comment: The person's remark.
+        blind: Whether θ and the roles were hidden.
+        repeats: Id of the earlier question that it asked again.
+        retracted: Whether it teaches nothing any more.
+    """
+
+    seq: int
+    at: str
+    question: int | None
+    challenger: int
+    incumbent: int | None
+    challenger_left: bool | None
+    answer: Answer
+    comment: str
+    blind: bool
+    repeats: int | None = None
+    retracted: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """What a study amounts to. Indices count samples from 0.
+
+    Args:
+        configuration: As it was created.
+        created: When.
+        n_max: Experiments wanted in all.
+        samples: By index; the last may have no answer yet.
+        finished: Index to the event whose payload is its experiment.
+        failures: Index to the error of a run that raised, while there is no experiment.
+        closed: Closed queries that stand; number i has challenger i.
+        repeats: Answers to repeated questions.
+        marks: Index to the marks that the experiment bears.
+        notes: When and what.
+        open: Id and event of the question on show.
+        ended: Why it is over; None while it goes on.
+    """
+
+    configuration: Mapping[str, Any]
+    created: str
+    n_max: int
+    samples: tuple[Suggested, ...] = ()
+    finished: Mapping[int, int] = field(default_factory=dict)
+    failures: Mapping[int, str] = field(default_factory=dict)
+    closed: tuple[Closed, ...] = ()
+    repeats: tuple[Closed, ...] = ()
+    marks: Mapping[int, frozenset[str]] = field(default_factory=dict)
+    notes: tuple[tuple[str, str], ...] = ()
+    open: tuple[int, Shown] | None = None
+    ended: str | None = None
+
+
+def begin(seq: int, at: str, event: Event) -> State:
+    """The state after the first event.
+
+    Raises:
+        StudyError: it is no Created with an integer `n_max`.
+    """
+    n_max = event.configuration.get("n_max") if isinstance(event, Created) else None
+    if not isinstance(event, Created) or not isinstance(n_max, int) or n_max < 1:
+        raise StudyError(f"event {seq}: a study begins with its configuration and its n_max")
+    return State(MappingProxyType(dict(event.configuration)), at, n_max)
+
+
+def step(state: State, seq: int, at: str, event: Event) -> State:
+    """The state after one more event.
+
+    Raises:
+        StudyError: the event is impossible in `state`; it names the number of the event.
+    """
+    match event:
+        case Suggested():
+            return _suggested(state, seq, event)
+        case Finished(index):
+            _sample(state, seq, index)
+            failures = {i: e for i, e in state.failures.items() if i != index}
+            source = seq if event.same_as is None else event.same_as
+            return replace(state, finished={**state.finished, index: source}, failures=failures)
+        case Failed(index, error):
+            _sample(state, seq, index)
+            return replace(state, failures={**state.failures, index: error})
+        case Shown(challenger, incumbent):
+            _shown(state, seq, challenger, incumbent)
+            return replace(state, open=(seq, event))
+        case Answered():
+            return _answered(state, seq, at, event)
+        case Marked(index, mark, on):
+            _sample(state, seq, index)
+            now = state.marks.get(index, frozenset())
+            return replace(
+                state, marks={**state.marks, index: now | {mark} if on else now - {mark}}
+            )
+        case Retracted(answer):
+            return _retracted(state, seq, answer)
+        case Undone():
+            return _undone(state, seq)
+        case Noted(text):
+            return replace(state, notes=(*state.notes, (at, text)))
+        case Extended(n_max):
+            _require(n_max >= len(state.closed), seq, f"n_max {n_max} is below what is answered")
+            return replace(state, n_max=n_max)
+        case Ended(reason):
+            return replace(state, ended=reason, open=None)
+        case Reopened():
+            return replace(state, ended=None)
+        case Created():
+            raise StudyError(f"event {seq}: a study is created once")
+
+
+def _require(holds: bool, seq: int, otherwise: str) -> None:
+    if not holds:
+        raise StudyError(f"event {seq} is impossible: {otherwise}")
+
+
+def _sample(state: State, seq: int, index: int) -> None:
+    _require(0 <= index < len(state.samples), seq, f"sample {index} was never proposed")
+
+
+def _suggested(state: State, seq: int, event: Suggested) -> State:
+    due = len(state.closed)
+    _require(event.index == due == len(state.samples), seq, f"sample {event.index} is not due")
+    _require(len(event.z) == len(event.theta) > 0, seq, "z and theta differ in length")
+    return replace(state, samples=(*state.samples, event))
+
+
+def _shown(state: State, seq: int, challenger: int, incumbent: int) -> None:
+    for index in (challenger, incumbent):
+        _require(index in state.finished, seq, f"there is no experiment of sample {index}")
+    _require(challenger != incumbent, seq, "an experiment is not compared with itself")
+
+
+def _answered(state: State, seq: int, at: str, event: Answered) -> State:
+    first = event.question is None
+    shown = None if state.open is None or state.open[0] != event.question else state.open[1]
+    pair = None if shown is None else (shown.challenger, shown.incumbent)
+    if first:
+        _require(
+            event.challenger == 0 == len(state.closed) and event.incumbent is None, seq,
+            "only the first experiment is compared with nothing",
+        )  # fmt: skip
+        _require(0 in state.finished, seq, "there is no experiment of sample 0")
+    else:
+        _require(
+            pair == (event.challenger, event.incumbent), seq,
+            f"question {event.question} is not on show",
+        )  # fmt: skip
+    closed = Closed(
+        seq, at, event.question, event.challenger, event.incumbent,
+        None if shown is None else shown.challenger_left, event.answer, event.comment,
+        event.blind, None if shown is None else shown.repeats,
+    )  # fmt: skip
+    if closed.repeats is not None:
+        return replace(state, repeats=(*state.repeats, closed), open=None)
+    due = len(state.closed)
+    _require(event.challenger == due, seq, f"sample {due} is due, not {event.challenger}")
+    return replace(state, closed=(*state.closed, closed), open=None)
+
+
+def _retracted(state: State, seq: int, answer: int) -> State:
+    _require(0 <= answer < len(state.closed), seq, f"there is no answer {answer}")
+    _require(not state.closed[answer].retracted, seq, f"answer {answer} is retracted already")
+    changed = replace(state.closed[answer], retracted=True)
+    closed = (*state.closed[:answer], changed, *state.closed[answer + 1 :])
+    return replace(state, closed=closed)
+
+
+def _undone(state: State, seq: int) -> State:
+    _require(len(state.closed) > 0, seq, "there is no answer to take back")
+    kept = len(state.closed)
+    return replace(
+        state,
+        closed=state.closed[:-1],
+        samples=state.samples[:kept],
+        finished={i: s for i, s in state.finished.items() if i < kept},
+        failures={i: e for i, e in state.failures.items() if i < kept},
+        marks={i: m for i, m in state.marks.items() if i < kept},
+        open=None,
+        ended=None,
+    )

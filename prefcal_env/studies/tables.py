@@ -1,0 +1,96 @@
+"""A study as CSV: comparisons, experiments, and a table of each trajectory."""
+
+import csv
+import io
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from prefcal_env.experiment import Channel, Experiment
+
+from .file import StudyFile
+from .fold import Closed, State
+from .trouble import told
+
+
+def export_csv(study: StudyFile, folder: Path | str) -> Path:
+    """Write comparisons.csv, experiments.csv and trajectories/experiment-001.csv ... to `folder`.
+
+    Full precision; units in the headings. The folder may exist. Raises StudyError if it cannot
+    be written.
+    """
+    target, state = Path(folder), study.state
+    with told(target, "export into"):
+        (target / "trajectories").mkdir(parents=True, exist_ok=True)
+        _write(target / "comparisons.csv", _comparisons(state))
+        experiments = {i: study.experiment(seq) for i, seq in sorted(state.finished.items())}
+        _write(target / "experiments.csv", _experiments(state, experiments))
+        for index, experiment in experiments.items():
+            name = f"experiment-{index + 1:03d}.csv"
+            _write(target / "trajectories" / name, _trajectory(experiment))
+    return target
+
+
+def _write(path: Path, rows: Iterable[Iterable[Any]]) -> None:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    path.write_text(text.getvalue(), encoding="utf-8")
+
+
+def _comparisons(state: State) -> Iterable[list[Any]]:
+    yield ["answer", "at", "challenger", "incumbent", "preference", "strength", "marks",
+           "challenger on the left", "blind", "comment", "retracted", "repeats question",
+           "question"]  # fmt: skip
+    for closed in sorted((*state.closed[1:], *state.repeats), key=lambda c: c.seq):
+        yield _comparison(closed)
+
+
+def _comparison(closed: Closed) -> list[Any]:
+    answer, rival = closed.answer, closed.incumbent
+    return [
+        closed.challenger if closed.repeats is None else "",
+        closed.at,
+        closed.challenger + 1,
+        "" if rival is None else rival + 1,
+        "" if answer.preference is None else int(answer.preference),
+        answer.strength,
+        "; ".join(mark.value for mark in answer.marks),
+        closed.challenger_left,
+        closed.blind,
+        _safe(closed.comment),
+        closed.retracted,
+        "" if closed.repeats is None else closed.repeats,
+        closed.question,
+    ]
+
+
+def _experiments(state: State, experiments: dict[int, Experiment]) -> Iterable[list[Any]]:
+    knobs = [_with_unit(k["name"], k["unit"]) for k in state.configuration["knobs"]]
+    units = {k["name"]: k["unit"] for k in state.configuration.get("kpis", [])}
+    kpis = sorted({name for e in experiments.values() for name in e.kpis})
+    yield ["experiment", *knobs, *(_with_unit(k, units.get(k, "")) for k in kpis), "ended", "marks"]
+    for index, e in experiments.items():
+        marks = "; ".join(sorted(state.marks.get(index, ())))
+        values = [e.kpis.get(k, "") for k in kpis]
+        yield [index + 1, *e.theta.tolist(), *values, e.end.value, marks]
+
+
+def _trajectory(e: Experiment) -> Iterable[list[Any]]:
+    names = [_heading(c) for c in (*e.channels.x, *e.channels.u)]
+    yield [_with_unit("time", e.channels.time_unit), *names, *e.signals]
+    for k in range(len(e.t)):
+        signals = [float(values[k]) for values in e.signals.values()]
+        yield [float(e.t[k]), *e.x[k].tolist(), *e.u[k].tolist(), *signals]
+
+
+def _heading(channel: Channel) -> str:
+    return _with_unit(channel.name, channel.unit)
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return _safe(f"{name} [{unit}]" if unit else name)
+
+
+def _safe(text: str) -> str:
+    """A spreadsheet would take these for formulas, and a study may come from anybody."""
+    return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text

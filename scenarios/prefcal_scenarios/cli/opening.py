@@ -1,0 +1,116 @@
+"""Which study a command works on: begun anew, or taken up where it stands."""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from prefcal_env.errors import StudyError
+from prefcal_env.studies import Extended, Reopened, StudyFile, make_data_folder, study_path
+from prefcal_scenarios.cli.choices import make_agent, make_calibrator
+from prefcal_scenarios.cli.options import Options
+from prefcal_scenarios.export import jsonable, versions
+from prefcal_scenarios.interview.memory import agent_as_dict, knobs_as_dicts
+from prefcal_scenarios.scenario import Scenario
+
+IN_MEMORY = ":memory:"
+
+
+def wall_clock() -> str:
+    """Now, in UTC, for the record; no result depends on it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """An open study.
+
+    Args:
+        file: The study file.
+        options: What it was begun with, and what was asked for on top of it.
+        name: How `--study` calls it; None where it is kept in memory only.
+        resumed: Whether it was there before.
+    """
+
+    file: StudyFile
+    options: Options
+    name: str | None
+    resumed: bool
+
+
+def open_study(given: Mapping[str, Any], scenario: Scenario, name: str | None) -> Opened:
+    """Open the study called `name`, a new one if there is none.
+
+    Without a name, a person's study gets the next free one of his data folder, and a synthetic
+    calibrator's is kept in memory: it can be run again any time.
+
+    Raises:
+        StudyError: it cannot be opened, is another scenario's, or cannot be written.
+        SettingsError: an option contradicts what the study was begun with.
+    """
+    options = Options.of(given)
+    if name is None and not options.by_a_person:
+        return Opened(_create(IN_MEMORY, options, scenario), options, None, False)
+    name = _free(scenario.name) if name is None else name
+    path = study_path(name)
+    if path.exists():
+        return _resume(path, name, given, scenario)
+    return Opened(_create(path, options, scenario), options, name, False)
+
+
+def _create(path: Path | str, options: Options, scenario: Scenario) -> StudyFile:
+    # Everything is refused before there is a file.
+    configuration = _configuration(options, scenario)
+    if not options.by_a_person:
+        make_calibrator(options, scenario)
+    if path != IN_MEMORY:
+        make_data_folder(Path(path))
+    return StudyFile.create(path, configuration, clock=wall_clock)
+
+
+def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
+    configuration = {
+        "scenario": options.scenario,
+        "name": scenario.name,
+        "title": scenario.title,
+        "knobs": knobs_as_dicts(scenario.space),
+        "kpis": [{"name": k.name, "title": k.title, "unit": k.unit} for k in scenario.kpis],
+        "agent": agent_as_dict(make_agent(options, scenario)),
+        "n_max": options.n_max,
+        "seed": options.seed,
+        "options": options.as_dict(),
+        "versions": versions(),
+    }
+    plain: dict[str, Any] = jsonable(configuration)
+    return plain
+
+
+def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario) -> Opened:
+    file = StudyFile.open(path, clock=wall_clock)
+    try:
+        state = file.state
+        if state.configuration["name"] != scenario.name:
+            raise StudyError(
+                f"study {name!r} calibrates {state.configuration['name']!r}, "
+                f"not {scenario.name!r}: name that scenario, or another study"
+            )
+        stored = {**state.configuration["options"], "n_max": state.n_max}
+        options = Options.resumed(stored, given)
+        if options.n_max > state.n_max:
+            file.append(Extended(options.n_max), *([Reopened()] if state.ended else []))
+    except BaseException:
+        file.close()
+        raise
+    return Opened(file, options, name, True)
+
+
+def _free(scenario: str, taken: Callable[[str], bool] | None = None) -> str:
+    """The first of scenario-1, scenario-2, ... that no study bears."""
+    base = re.sub(r"[^A-Za-z0-9_-]+", "-", scenario).strip("-") or "study"
+    used = taken or (lambda name: study_path(name).exists())
+    number = 1
+    while used(f"{base}-{number}"):
+        number += 1
+    return f"{base}-{number}"

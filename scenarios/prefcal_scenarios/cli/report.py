@@ -1,0 +1,29 @@
+"""`prefcal report`: the report of a study, at any time."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def report(
+    study: Annotated[str, typer.Argument(metavar="STUDY", help="A name, or the path of a file.")],
+    scenario: Annotated[
+        str | None,
+        typer.Option(
+            help="Your own scenario, own.py:name: a study file never makes us run a program.",
+            show_default="the built-in one that the study names",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder; may exist.", show_default="./prefcal-SCENARIO-SEED"),
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
+    ] = False,
+) -> None:
+    """Write the report of a study as it stands, complete or not."""
+    from prefcal_scenarios.cli.reporting import report_of
+
+    report_of(study, scenario, out, json=json)

@@ -1,0 +1,40 @@
+"""What `prefcal report` does."""
+
+from pathlib import Path
+
+from rich.console import Console
+
+from prefcal_env.errors import StudyError
+from prefcal_env.studies import StudyFile
+from prefcal_scenarios.cli.opening import Opened, wall_clock
+from prefcal_scenarios.cli.options import Options
+from prefcal_scenarios.cli.shelf import existing
+from prefcal_scenarios.cli.sitting import Sitting
+from prefcal_scenarios.interview import Interview
+from prefcal_scenarios.report.folder import folder_for
+from prefcal_scenarios.scenario import BUILT_IN, load
+
+
+def report_of(name: str, source: str | None, out: Path | None, *, json: bool) -> None:
+    """Write the report of the study called `name`.
+
+    Raises:
+        StudyError: no such study, or of a scenario that has to be named.
+    """
+    with StudyFile.open(existing(name), clock=wall_clock) as file:
+        stored = file.state.configuration["options"]
+        if source is None and stored["scenario"] not in BUILT_IN:
+            # Whoever sent the study must not choose which program is run here.
+            raise StudyError(
+                f"study {name!r} calibrates {stored['scenario']!r}, which is a program: "
+                f"say so if you trust it, --scenario {stored['scenario']}"
+            )
+        scenario = load(source or stored["scenario"])
+        options = Options.resumed(
+            {**stored, "n_max": file.state.n_max}, {"scenario": source or stored["scenario"]}
+        )
+        folder = folder_for(options.folder(scenario.name) if out is None else out)
+        interview = Interview(scenario, file, ahead=False)
+        opened = Opened(file, options, name, resumed=True)
+        sitting = Sitting(interview, opened, folder, Console(stderr=True), json)
+        sitting.tell(sitting.write())

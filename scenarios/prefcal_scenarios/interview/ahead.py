@@ -1,0 +1,73 @@
+"""Running ahead: what each likely answer would lead to, ready before it is given."""
+
+from collections import OrderedDict
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.restore import PreferenceAgent
+from prefcal_env.experiment import Experiment
+from prefcal_env.preference import Answer, Mark, Preference, Query
+
+LIKELY = (Preference.CHALLENGER, Preference.INCUMBENT, Preference.TIE, None)
+"""Answers, the likely ones first."""
+_KEPT = 24
+"""Experiments in memory: those of a few questions, so that an undo finds them too."""
+
+
+@dataclass(slots=True)
+class Ahead:
+    """Twins of the agent that were told an answer already, and experiments run on suspicion.
+
+    Nothing here is saved: it can be lost at any time, and changes no result.
+    """
+
+    _twins: dict[Answer, PreferenceAgent] = field(default_factory=dict)
+    _tried: set[Answer] = field(default_factory=set)
+    _experiments: OrderedDict[bytes, Experiment] = field(default_factory=OrderedDict)
+
+    def missing(self, marks: tuple[Mark, ...]) -> Answer | None:
+        """The next answer that nothing is known about; None if all are."""
+        for preference in LIKELY:
+            answer = Answer(preference, marks=marks)
+            if answer not in self._tried:
+                self._tried.add(answer)
+                return answer
+        return None
+
+    def foresee(
+        self, agent: PreferenceAgent, query: Query, answer: Answer
+    ) -> Float[np.ndarray, " n"] | None:
+        """Tell a twin of `agent` the answer: θ of its next sample, None if it would be done."""
+        agent.tell(query, answer)
+        return None if agent.done else agent.ask().challenger.theta
+
+    def keep_twin(self, answer: Answer, twin: PreferenceAgent) -> None:
+        """Have `twin` at hand for `answer`."""
+        self._twins[answer] = twin
+
+    def take(self, answer: Answer) -> PreferenceAgent | None:
+        """The twin that was told `answer`; all are forgotten, since the question is closed."""
+        twin = self._twins.get(answer)
+        self.forget()
+        return twin
+
+    def forget(self) -> None:
+        """Drop the twins: the question has changed."""
+        self._twins.clear()
+        self._tried.clear()
+
+    def keep(self, experiment: Experiment) -> None:
+        """Have an experiment at hand."""
+        self._experiments[_key(experiment.theta)] = experiment
+        while len(self._experiments) > _KEPT:
+            self._experiments.popitem(last=False)
+
+    def experiment(self, theta: Float[np.ndarray, " n"]) -> Experiment | None:
+        """The experiment of θ, if it was run."""
+        return self._experiments.get(_key(theta))
+
+
+def _key(theta: Float[np.ndarray, " n"]) -> bytes:
+    return bytes((np.asarray(theta, dtype=float) + 0.0).tobytes())  # -0.0 is 0.0

@@ -1,0 +1,85 @@
+"""The experiments of a study by index, as questions show them."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from prefcal_env.errors import StudyError
+from prefcal_env.experiment import Channels, End, Experiment
+from prefcal_env.preference import Answer, Query, Suggestion
+from prefcal_env.rig import Rig
+from prefcal_env.studies import Closed, Shown, State, StudyFile
+from prefcal_env.study import Comparison
+from prefcal_scenarios.scenario import Scenario
+
+from .moment import Question, Side
+
+
+@dataclass(frozen=True, slots=True)
+class Album:
+    """Reads experiments out of the study file, once each."""
+
+    scenario: Scenario
+    study: StudyFile
+    _read: dict[int, Experiment] = field(default_factory=dict)
+
+    def experiment(self, index: int) -> Experiment:
+        """Experiment number `index`, from 0. Raises StudyError if there is none."""
+        state = self.study.state
+        if index not in state.finished:
+            raise StudyError(f"the study has no experiment {index + 1}")
+        seq = state.finished[index]
+        if seq not in self._read:
+            self._read[seq] = self.study.experiment(seq)
+        return self._read[seq]
+
+    def failed(self, index: int) -> Experiment:
+        """An experiment without a record, for sample `index`, whose run failed."""
+        theta = np.array(self.study.state.samples[index].theta)
+        if isinstance(self.scenario.run, Rig):
+            return self.scenario.run.failed(theta)
+        known = self.study.state.finished
+        channels = self.experiment(min(known)).channels if known else Channels((), (), ())
+        n_x, n_u, n_y = len(channels.x), len(channels.u), len(channels.y)
+        none = np.zeros(0)
+        return Experiment(
+            theta=theta, t=none, x=np.zeros((0, n_x)), u=np.zeros((0, n_u)), t_control=none,
+            u_control=np.zeros((0, n_u)), y_ref=np.zeros((0, n_y)),
+            iterations=np.zeros(0, dtype=np.int64), solve_time=none,
+            solved=np.zeros(0, dtype=bool), channels=channels, end=End.FAILED,
+        )  # fmt: skip
+
+    def question(self, id_: int, number: int, shown: Shown) -> Question:
+        """The question that `shown` put on show, with the marks of now."""
+        pair, left = (shown.challenger, shown.incumbent), shown.challenger_left
+        marks = self.study.state.marks
+        new, old = (
+            Side(index, self.experiment(index), index == pair[0], marks.get(index, frozenset()))
+            for index in pair
+        )
+        sides = (new, old) if left else (old, new)
+        return Question(id_, number, *sides, shown.repeats)
+
+    def asked(self, closed: Closed) -> Question:
+        """A closed question, as it was shown."""
+        if closed.incumbent is None or closed.question is None:
+            raise StudyError("the first experiment was not compared with anything")
+        left = closed.challenger_left is not False
+        shown = Shown(closed.challenger, closed.incumbent, left, None)
+        return self.question(closed.question, closed.challenger, shown)
+
+    def comparison(self, index: int) -> Comparison:
+        """Closed query number `index`, from 0; a retracted answer is an abstention."""
+        state = self.study.state
+        closed = state.closed[index]
+        rival = closed.incumbent
+        return Comparison(
+            Query(_suggestion(state, index), None if rival is None else _suggestion(state, rival)),
+            Answer(None, marks=closed.answer.marks) if closed.retracted else closed.answer,
+            self.experiment(index),
+            None if rival is None else self.experiment(rival),
+        )
+
+
+def _suggestion(state: State, index: int) -> Suggestion:
+    return Suggestion(index, np.array(state.samples[index].theta))

@@ -1,0 +1,175 @@
+"""The flow of an interview: from an answer to the next question, as far as it goes at once."""
+
+from dataclasses import dataclass, field
+
+from prefcal_agents.restore import PreferenceAgent
+from prefcal_env.errors import PrefcalError, StudyError
+from prefcal_env.experiment import Experiment
+from prefcal_env.preference import Answer, Query
+from prefcal_env.rig import Rig
+from prefcal_env.studies import (
+    Answered,
+    Ended,
+    Event,
+    Failed,
+    Finished,
+    Shown,
+    State,
+    StudyFile,
+    Suggested,
+)
+
+from .ahead import Ahead
+from .album import Album
+from .moment import Phase, Question
+from .order import challenger_left
+
+
+@dataclass(slots=True)
+class Flow:
+    """The mutable part of an interview. Whoever calls it holds the interview's lock."""
+
+    study: StudyFile
+    album: Album
+    agent: PreferenceAgent
+    ahead: Ahead = field(default_factory=Ahead)
+    phase: Phase = Phase.RUNNING
+    question: Question | None = None
+    problem: Exception | None = None
+    version: int = 0
+    answered_at: int = 0
+    """Version since which no answer was given or taken back."""
+
+    @property
+    def state(self) -> State:
+        """What the study file says."""
+        return self.study.state
+
+    @property
+    def seed(self) -> int:
+        """Of the study."""
+        return int(self.state.configuration["seed"])
+
+    @property
+    def pending(self) -> Suggested | None:
+        """The sample that has no answer yet, once it is proposed."""
+        state = self.state
+        return state.samples[-1] if len(state.samples) > len(state.closed) else None
+
+    def move(self, phase: Phase, problem: Exception | None = None) -> None:
+        """Enter `phase`, without a question."""
+        self.phase, self.problem, self.question = phase, problem, None
+        self.version += 1
+
+    def resume(self) -> None:
+        """Take the interview up where the study file stands; an open question stays open."""
+        shown = self.state.open
+        if self.state.ended or shown is None:
+            self.proceed()
+        else:
+            self._put(*shown)
+
+    def proceed(self) -> None:
+        """Go on until something has to be run, or answered, or all is over.
+
+        What led here is durable, so a full disk from here on is a problem to be shown and tried
+        again, no error of whoever answered.
+        """
+        self.ahead.forget()
+        try:
+            self._proceed()
+        except StudyError as error:
+            self.move(Phase.FAILED, error)
+
+    def _proceed(self) -> None:
+        if not self.state.ended and self.agent.done:
+            self.study.append(Ended("all compared"))
+        if self.state.ended:
+            return self.move(Phase.OVER)
+        query = self.agent.ask()
+        self._suggest(query)
+        index = query.challenger.index
+        if index not in self.state.finished:
+            return self._wait_for(index)
+        if query.incumbent is None:
+            self.study.append(Answered(None, index, None, Answer(None)))
+            self.agent.tell(query, None)
+            return self._proceed()
+        return self._show(query)
+
+    def _suggest(self, query: Query) -> None:
+        """Store the sample, and its experiment if that is known already, in one step."""
+        index, theta = query.challenger.index, query.challenger.theta
+        if len(self.state.samples) > index:
+            return
+        z = self.agent.state.ledger.samples[index]
+        suggested = Suggested(index, z, tuple(map(float, theta)))
+        earlier = self.study.find_experiment(theta)
+        foreseen = self.ahead.experiment(theta)
+        finished: list[Event | tuple[Finished, Experiment]] = []
+        if earlier is not None:
+            finished = [Finished(index, same_as=earlier)]
+        elif foreseen is not None:
+            finished = [(Finished(index), foreseen)]
+        self.study.append(suggested, *finished)
+
+    def _wait_for(self, index: int) -> None:
+        if isinstance(self.album.scenario.run, Rig):
+            self.move(Phase.RECORD)
+        else:
+            # Also where its run failed before: whoever starts again has mended the plant.
+            self.move(Phase.RUNNING)
+
+    def _show(self, query: Query) -> None:
+        assert query.incumbent is not None
+        new, old = query.challenger.index, query.incumbent.index
+        shown = Shown(new, old, challenger_left(self.seed, new))
+        self._put(self.study.append(shown)[0], shown)
+
+    def show_again(self, shown: Shown) -> None:
+        """Put an earlier question on show again."""
+        self.ahead.forget()
+        self._put(self.study.append(shown)[0], shown)
+
+    def refresh(self) -> None:
+        """Show the open question with the marks of now."""
+        assert self.state.open is not None
+        self.ahead.forget()
+        self._put(*self.state.open)
+
+    def _put(self, id_: int, shown: Shown) -> None:
+        question = self.album.question(id_, len(self.state.closed), shown)
+        self.move(Phase.QUESTION)
+        self.question = question
+
+    def tell(self, answer: Answer) -> None:
+        """Teach the agent `answer`, which is durable already, and go on if that is quick."""
+        twin = self.ahead.take(answer)
+        if twin is None:
+            self.agent.tell(self.agent.ask(), answer)
+            # The proposal takes its time: `work` computes it.
+            return self.move(Phase.RUNNING)
+        self.agent = twin
+        return self.proceed()
+
+    def ran(self, sample: Suggested, result: Experiment | Exception) -> None:
+        """Take the result of running `sample`, if it is still the one that is waited for."""
+        if isinstance(result, Experiment):
+            self.ahead.keep(result)
+        if self.phase is not Phase.RUNNING or self.pending != sample:
+            return
+        try:
+            if isinstance(result, Experiment):
+                self.study.append((Finished(sample.index), result))
+            else:
+                self.study.append(Failed(sample.index, in_words(result)))
+        except StudyError as error:
+            return self.move(Phase.FAILED, error)
+        if isinstance(result, Experiment):
+            return self.proceed()
+        return self.move(Phase.FAILED, result)
+
+
+def in_words(error: Exception) -> str:
+    """An error for people: ours speak for themselves, others need their name."""
+    return str(error) if isinstance(error, PrefcalError) else f"{type(error).__name__}: {error}"

@@ -1,0 +1,247 @@
+"""The interview: an agent, a study file, and the question that is open between them."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.experiment import Experiment
+from prefcal_env.preference import Answer
+from prefcal_env.studies import Noted, StudyFile
+from prefcal_env.study import Comparison
+from prefcal_scenarios.scenario import Scenario
+
+from . import runs, steps
+from .album import Album
+from .consistency import Consistency
+from .flow import Flow, in_words
+from .memory import agent_of, incumbent
+from .moment import Choice, Now, Phase, Question
+
+Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
+
+
+class Interview:
+    """Asks, takes answers, and lets the agent learn from them.
+
+    Every step is durable in the study file before the next one begins: an answer before the
+    question that follows it, an experiment before it is shown. All methods may be called from
+    any thread. Experiments are run by `work`, which a `Background` calls while a person looks.
+
+    Whatever a person does late, on a page that another tab has overtaken, raises StaleError
+    and records nothing; where the file cannot be written, StudyError, and nothing has changed.
+
+    Args:
+        scenario: What is calibrated.
+        study: An open study file of the same knobs; its state is taken up where it stands.
+        ahead: Whether `work` also runs what each likely answer would lead to.
+
+    Raises:
+        StudyError: the study is of other knobs, or cannot be written.
+    """
+
+    def __init__(self, scenario: Scenario, study: StudyFile, *, ahead: bool = True) -> None:
+        self.scenario, self.study = scenario, study
+        self._runs_ahead = ahead
+        self._changed = threading.Condition(threading.RLock())
+        self._flow = Flow(study, Album(scenario, study), agent_of(study.state, scenario.space))
+        self._closing = False
+        self._idle_at: int | None = None
+        with self._changed:
+            self._flow.resume()
+
+    # What a front end sees.
+
+    def now(self) -> Now:
+        """One consistent view."""
+        with self._changed:
+            flow = self._flow
+            return Now(
+                version=flow.version,
+                phase=flow.phase,
+                question=flow.question,
+                problem=None if flow.problem is None else in_words(flow.problem),
+                pending=flow.pending,
+                incumbent=incumbent(flow.state),
+                can_undo=steps.can_undo(flow),
+                state=flow.state,
+            )
+
+    def wait(self, version: int, timeout: float) -> Now:
+        """Return as soon as the version differs from `version`, or after `timeout` seconds."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._flow.version != version or self._closing, timeout)
+            return self.now()
+
+    def experiment(self, index: int) -> Experiment:
+        """Experiment `index`, from 0. Raises StudyError if there is none."""
+        with self._changed:
+            return self._flow.album.experiment(index)
+
+    def asked(self, answer: int) -> Question:
+        """Closed question number `answer`, from 1, as it was shown. Raises StaleError if none."""
+        with self._changed:
+            steps.check_answer(self._flow, answer)
+            return self._flow.album.asked(self._flow.state.closed[answer])
+
+    def comparisons(self, start: int = 0) -> tuple[Comparison, ...]:
+        """Every closed query from number `start` on, the first experiment's among them."""
+        with self._changed:
+            count = len(self._flow.state.closed)
+            return tuple(self._flow.album.comparison(i) for i in range(start, count))
+
+    @property
+    def n_max(self) -> int:
+        """Experiments until the end: as asked for, or all θ of a space that holds fewer."""
+        return self._flow.agent.n_max
+
+    @property
+    def surrogate(self) -> Surrogate | None:
+        """Learned latent cost of m physical θ, lower is better; None if nothing is learned."""
+        with self._changed:
+            closed = self._flow.state.closed
+            learned = any(c.answer.preference is not None and not c.retracted for c in closed)
+            # A twin: what is learned must not change while it is looked at.
+            return getattr(self._flow.agent.copy(), "surrogate", None) if learned else None
+
+    @property
+    def consistency(self) -> Consistency:
+        """Repeated questions and cycles."""
+        return Consistency.of(self.study.state)
+
+    # What a person does.
+
+    def answer(
+        self, question: int, choice: Choice, *, comment: str = "", blind: bool = False
+    ) -> Now:
+        """Close the open question, whose id is `question`, by side.
+
+        Args:
+            question: Its id.
+            choice: The verdict.
+            comment: A remark on it.
+            blind: Whether θ and the roles of the sides were hidden.
+        """
+        with self._change() as flow:
+            asked = steps.open_question(flow, question)
+            given = Answer(asked.preference(choice), marks=asked.marks)
+            steps.close(flow, asked, given, comment, blind)
+            return self.now()
+
+    def give(self, question: int, answer: Answer) -> Now:
+        """Close the open question by an answer about challenger and incumbent."""
+        with self._change() as flow:
+            steps.close(flow, steps.open_question(flow, question), answer, "", False)
+            return self.now()
+
+    def mark(self, question: int, side: str, mark: str, on: bool) -> Now:
+        """Mark the experiment on `side`, "left" or "right", "unsafe" or "good enough", or not."""
+        with self._change() as flow:
+            steps.mark(flow, steps.open_question(flow, question), side, mark, on)
+            return self.now()
+
+    def undo(self, version: int) -> Now:
+        """Take the last answer back; `version` is what the person saw, who may be late."""
+        with self._change() as flow:
+            steps.undo(flow, version)
+            return self.now()
+
+    def retract(self, answer: int) -> Now:
+        """Forget what answer number `answer`, from 1, taught; every experiment stays."""
+        with self._change() as flow:
+            steps.retract(flow, answer)
+            return self.now()
+
+    def repeat(self) -> Now:
+        """Ask an earlier question again, sides swapped; the answer teaches nothing."""
+        with self._change() as flow:
+            steps.repeat(flow)
+            return self.now()
+
+    def note(self, text: str) -> Now:
+        """Keep a remark on the study."""
+        with self._change() as flow:
+            flow.study.append(Noted(text))
+            flow.version += 1
+            return self.now()
+
+    def record(self, index: int, content: bytes, *, unsafe: bool = False) -> Now:
+        """Take the CSV of the pending sample, run on a rig. Raises RecordError if refused."""
+        with self._change() as flow:
+            runs.record(flow, index, content, unsafe=unsafe)
+            return self.now()
+
+    def fail(self, index: int, reason: str = "") -> Now:
+        """Count the run of the pending sample as failed: an experiment without a record."""
+        with self._change() as flow:
+            runs.fail(flow, index, reason)
+            return self.now()
+
+    def retry(self, index: int = 0) -> Now:
+        """Try again what has failed, in phase FAILED: a run, or writing the study file."""
+        with self._change() as flow:
+            runs.retry(flow)
+            return self.now()
+
+    def finish(self) -> Now:
+        """End the study, since the person says so."""
+        with self._change() as flow:
+            runs.finish(flow)
+            return self.now()
+
+    def go_on(self, more: int = 0) -> Now:
+        """Reopen an ended study, with `more` further experiments."""
+        with self._change() as flow:
+            runs.go_on(flow, more)
+            return self.now()
+
+    # Work in the background.
+
+    def work(self) -> bool:
+        """Do the next piece of work; False if there is none. The long part holds no lock."""
+        with self._change() as flow:
+            attempt = runs.due(flow, ahead=self._runs_ahead)
+            self._idle_at = flow.version if attempt is None else None
+        if attempt is None:
+            return False
+        try:
+            finish = attempt()
+            with self._change():
+                finish()
+        except Exception as error:
+            # The thread must live on: what went wrong is shown, and can be tried again.
+            with self._change() as flow:
+                flow.move(Phase.FAILED, error)
+        return True
+
+    def wait_for_work(self, timeout: float = 0.5) -> bool:
+        """Wait until something may be due; False once the interview is closed."""
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._closing or self._flow.version != self._idle_at, timeout
+            )
+            return not self._closing
+
+    def raise_problem(self) -> None:
+        """In phase FAILED, raise what went wrong."""
+        with self._changed:
+            if self._flow.phase is Phase.FAILED and self._flow.problem is not None:
+                raise self._flow.problem
+
+    def close(self) -> None:
+        """Take no more work; the study file stays open."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+
+    @contextmanager
+    def _change(self) -> Iterator[Flow]:
+        with self._changed:
+            version = self._flow.version
+            try:
+                yield self._flow
+            finally:
+                if self._flow.version != version:
+                    self._changed.notify_all()

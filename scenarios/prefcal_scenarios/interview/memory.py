@@ -1,0 +1,78 @@
+"""Between a study file and an agent: the configuration, and waking the agent up from a state."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from prefcal_agents import AgentState, restore
+from prefcal_agents.restore import PreferenceAgent
+from prefcal_env.errors import StudyError
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.preference import Preference
+from prefcal_env.studies import Closed, State
+
+
+def knobs_as_dicts(space: KnobSpace) -> list[dict[str, Any]]:
+    """The knobs as plain data."""
+    return [
+        {
+            "name": k.name, "low": float(k.low), "high": float(k.high), "unit": k.unit,
+            "scale": k.scale, "integer": bool(k.integer),
+        }
+        for k in space
+    ]  # fmt: skip
+
+
+def agent_as_dict(agent: PreferenceAgent) -> dict[str, Any]:
+    """An agent's settings as plain data, without what it has learned."""
+    state = agent.state.to_dict()
+    return {name: value for name, value in state.items() if name not in ("samples", "answers")}
+
+
+def check_space(configuration: Mapping[str, Any], space: KnobSpace) -> None:
+    """Refuse a study of other knobs than the scenario has today.
+
+    Raises:
+        StudyError: the knobs differ.
+    """
+    then, now = configuration["knobs"], knobs_as_dicts(space)
+    if then == now:
+        return
+    changed = [knob["name"] for knob in then if knob not in now]
+    changed += [knob["name"] for knob in now if knob not in then]
+    raise StudyError(
+        f"the study was made with other knobs than the scenario has now: {sorted(set(changed))} "
+        "differ in name, range, unit or scale"
+    )
+
+
+def agent_of(state: State, space: KnobSpace) -> PreferenceAgent:
+    """The agent of a study, with the identical next query.
+
+    Raises:
+        StudyError: a study of other knobs.
+        SettingsError: an agent that this version does not know.
+    """
+    check_space(state.configuration, space)
+    told = {
+        "n_max": state.n_max,
+        "samples": [list(sample.z) for sample in state.samples],
+        "answers": [_told(closed) for closed in state.closed],
+    }
+    return restore(space, AgentState.from_dict({**state.configuration["agent"], **told}))
+
+
+def incumbent(state: State) -> int | None:
+    """Index of the winner along the answers that stand; None before the first experiment."""
+    winner = 0 if state.closed else None
+    for closed in state.closed:
+        if not closed.retracted and closed.answer.preference is Preference.CHALLENGER:
+            winner = closed.challenger
+    return winner
+
+
+def _told(closed: Closed) -> dict[str, Any]:
+    return {
+        "incumbent": closed.incumbent,
+        "retracted": closed.retracted,
+        **closed.answer.to_dict(),
+    }

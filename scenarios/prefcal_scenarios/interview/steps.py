@@ -1,0 +1,96 @@
+"""What an answer, a mark, an undo and a retraction do to the flow. Each is durable first."""
+
+from prefcal_env.errors import StaleError, StudyError
+from prefcal_env.preference import Answer
+from prefcal_env.studies import Answered, Marked, Retracted, Shown, Undone
+
+from .flow import Flow
+from .moment import MARKS, Phase, Question
+from .order import to_repeat
+
+
+def open_question(flow: Flow, question: int) -> Question:
+    """The open question. Raises StaleError unless its id is `question`."""
+    asked = flow.question
+    if asked is None or asked.id != question:
+        raise StaleError(
+            f"question {question} is no longer open: it was answered or taken back already, "
+            "and nothing was recorded twice"
+        )
+    return asked
+
+
+def close(flow: Flow, asked: Question, given: Answer, comment: str, blind: bool) -> None:
+    """Record the answer, teach it, and go on."""
+    new, old = asked.challenger.index, asked.incumbent.index
+    flow.study.append(Answered(asked.id, new, old, given, comment, blind))
+    if asked.repeats is None:
+        flow.tell(given)
+    else:
+        flow.proceed()
+    flow.answered_at = flow.version
+
+
+def mark(flow: Flow, asked: Question, side: str, mark: str, on: bool) -> None:
+    """Mark the experiment on `side`, or take the mark away."""
+    if side not in ("left", "right") or mark not in MARKS:
+        raise StudyError(f"a mark is one of {MARKS} on left or right, got {mark!r} on {side!r}")
+    which = asked.left if side == "left" else asked.right
+    if on != (mark in which.marks):
+        flow.study.append(Marked(which.index, mark, on))
+        flow.refresh()
+
+
+def can_undo(flow: Flow) -> bool:
+    """Whether there is an answer to take back: one to a repeated question taught nothing."""
+    if flow.question is not None and flow.question.repeats is not None:
+        return True
+    state = flow.state
+    last_was_repeat = bool(state.repeats) and state.repeats[-1].seq > state.closed[-1].seq
+    return len(state.closed) > 1 and not last_was_repeat
+
+
+def undo(flow: Flow, version: int) -> None:
+    """Take the last answer back; a repeated question that is open is only put away."""
+    if not can_undo(flow):
+        raise StaleError("there is no answer to undo")
+    if version < flow.answered_at:
+        raise StaleError("an answer was given or taken back since you looked")
+    if flow.question is None or flow.question.repeats is None:
+        flow.study.append(Undone())
+        flow.agent.undo()
+    flow.proceed()
+    flow.answered_at = flow.version
+
+
+def check_answer(flow: Flow, answer: int) -> None:
+    """Raise StaleError unless there is a compared answer of this number, from 1."""
+    count = len(flow.state.closed) - 1
+    if not 1 <= answer <= count:
+        raise StaleError(f"there is no answer {answer}: {max(count, 0)} are given")
+
+
+def retract(flow: Flow, answer: int) -> None:
+    """Forget what an answer taught; every sample stays, the open one too."""
+    check_answer(flow, answer)
+    if flow.state.closed[answer].retracted:
+        raise StaleError(f"answer {answer} is retracted already")
+    if flow.phase is Phase.RUNNING and flow.pending is None:
+        # The open sample was due before: it must not come to depend on this.
+        flow.proceed()
+    flow.study.append(Retracted(answer))
+    flow.agent.retract(answer)
+    if flow.phase is Phase.QUESTION:
+        flow.proceed()
+    else:
+        flow.version += 1
+
+
+def repeat(flow: Flow) -> None:
+    """Show an earlier question again, with its sides swapped."""
+    again = to_repeat(flow.state, flow.seed)
+    if again is None or flow.phase is not Phase.QUESTION:
+        raise StaleError("there is no earlier question to ask again now")
+    assert again.incumbent is not None
+    left = not again.challenger_left
+    flow.show_again(Shown(again.challenger, again.incumbent, left, again.question))

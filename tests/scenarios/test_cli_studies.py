@@ -1,0 +1,135 @@
+"""Study files on the command line: begun, resumed, listed, exported, imported, verified."""
+
+import json
+import sqlite3
+
+import pytest
+
+from toy_study import TOY_FILE
+
+TOY = f"{TOY_FILE}:toy"
+SYNTHETIC = ["--calibrator", "synthetic", "--agent", "random"]
+
+
+@pytest.fixture(autouse=True)
+def _data_folder(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+
+
+@pytest.fixture
+def study(prefcal):
+    code, _, err = prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "5", "--study", "mine")
+    assert code == 0, err
+    return "mine"
+
+
+def test_a_study_is_listed_and_shown(prefcal, study):
+    _, out, _ = prefcal("studies", "list", "--json")
+    (row,) = json.loads(out)
+    assert (row["study"], row["experiments"], row["answers"]) == ("mine", 5, 4)
+    assert row["state"] == "all compared"
+    assert "mine" in prefcal("studies", "list")[1]
+    _, out, _ = prefcal("studies", "show", "mine", "--json")
+    shown = json.loads(out)
+    assert list(shown["best"]) == ["T_s", "N_p", "gain"]
+    assert [q["challenger"] for q in shown["questions"]] == [2, 3, 4, 5]
+    assert "best T_s [h]" in prefcal("studies", "show", "mine")[1]
+
+
+def test_no_studies_are_a_hint_not_an_error(prefcal):
+    code, out, _ = prefcal("studies", "list")
+    assert code == 0
+    assert "No studies yet" in out
+
+
+def test_a_study_goes_on_with_more_experiments(prefcal, study):
+    code, out, err = prefcal("calibrate", TOY, "--study", "mine", "--n-max", "8", "--json")
+    assert code == 0, err
+    result = json.loads(out)
+    assert (result["experiments"], result["study"]) == (8, "mine")
+    whole = prefcal("calibrate", TOY, *SYNTHETIC, "--n-init", "2", "--n-max", "8", "--json")[1]
+    assert json.loads(whole)["best"] == result["best"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([TOY, "--study", "mine", "--seed", "4"], "begun with seed 0, got 4"),
+        ([TOY, "--study", "mine", "--agent", "lhs"], "begun with agent random, got lhs"),
+        ([TOY, "--study", "mine", "--n-max", "3"], "must not fall below"),
+        (["cstr", "--study", "mine"], "calibrates 'toy', not 'cstr'"),
+        ([TOY, "--study", "no/such/folder/x.prefcal", *SYNTHETIC], "no/such/folder"),
+        ([TOY, "--study", "so bad!", *SYNTHETIC], "so bad!"),
+    ],
+)
+def test_what_does_not_fit_the_study_is_refused_in_one_line(prefcal, study, words, message):
+    code, out, err = prefcal("calibrate", *words)
+    assert (code, out) == (2, "")
+    assert err.startswith("prefcal: ")
+    assert err.count("\n") == 1
+    assert message in err
+
+
+def test_a_path_is_a_path(prefcal, tmp_path):
+    path = tmp_path / "here.prefcal"
+    words = ["calibrate", TOY, *SYNTHETIC, "--n-max", "4", "--study", str(path)]
+    assert prefcal(*words)[0] == 0
+    assert path.is_file()
+    assert prefcal("studies", "verify", str(path))[0] == 0
+
+
+def test_a_study_is_exported_and_imported_unchanged(prefcal, study, tmp_path):
+    assert prefcal("studies", "export", "mine", "--out", "mine.json")[0] == 0
+    assert prefcal("studies", "import", "mine.json", "--study", "twin")[0] == 0
+    shown = [json.loads(prefcal("studies", "show", n, "--json")[1]) for n in ("mine", "twin")]
+    for one in shown:
+        one.pop("study"), one.pop("file")
+    assert shown[0] == shown[1]
+    assert prefcal("studies", "verify", "twin")[0] == 0
+    assert prefcal("studies", "export", "mine", "--format", "csv", "--out", "tables")[0] == 0
+    assert len((tmp_path / "tables" / "comparisons.csv").read_text().splitlines()) == 5
+
+
+def test_an_import_never_overwrites_a_study(prefcal, study):
+    prefcal("studies", "export", "mine")
+    code, _, err = prefcal("studies", "import", "mine.json")
+    assert code == 2
+    assert "mine" in err
+
+
+def test_verify_finds_a_changed_answer(prefcal, study, tmp_path):
+    (path,) = (tmp_path / "data").rglob("mine.prefcal")
+    with sqlite3.connect(path) as connection:
+        (triggers,) = zip(*connection.execute("SELECT name FROM sqlite_master WHERE type='trigger'"))
+        for trigger in triggers:
+            connection.execute(f"DROP TRIGGER {trigger}")
+        connection.execute("UPDATE event SET at = 'never' WHERE seq = 4")
+    connection.close()
+    code, out, _ = prefcal("studies", "verify", "mine")
+    assert code == 1
+    assert "4" in out
+
+
+def test_a_report_is_written_of_any_study(prefcal, study, tmp_path):
+    code, _, err = prefcal("report", "mine", "--out", "again")
+    assert code == 2
+    assert "is a program" in err
+    assert not (tmp_path / "again").exists()
+    code, out, _ = prefcal("report", "mine", "--scenario", TOY, "--out", "again", "--json")
+    assert code == 0
+    assert json.loads(out)["experiments"] == 5
+    first = (tmp_path / "prefcal-toy-0" / "best.json").read_text()
+    assert (tmp_path / "again" / "best.json").read_text() == first
+
+
+@pytest.mark.parametrize("command", [["studies", "show"], ["studies", "verify"], ["report"]])
+def test_a_study_that_is_not_there_is_named(prefcal, command):
+    code, _, err = prefcal(*command, "nowhere")
+    assert code == 2
+    assert "there is no study 'nowhere'" in err
+
+
+def test_help_teaches(prefcal):
+    assert "NAME_OR_PATH" in prefcal("calibrate", "--help")[1]
+    for word in ("list", "show", "export", "import", "verify"):
+        assert word in prefcal("studies", "--help")[1]

@@ -1,0 +1,99 @@
+"""A study survives SIGKILL at any instant: nothing acknowledged is lost, nothing turns out otherwise.
+
+In full, 200 kills: `pytest -m campaign tests/scenarios/test_crash.py`.
+"""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from prefcal_env.studies import verify
+from prefcal_scenarios.interview import Phase
+from support.interviews import begin, proceed, reopened
+from toy_study import toy_scenario
+
+N_MAX = 14
+DRIVER = f"""
+import sys
+from pathlib import Path
+sys.path[:0] = {[str(Path(__file__).parents[1])]!r}
+from support.interviews import answer_all, begin, reopened
+from toy_study import toy_scenario
+path = Path(sys.argv[1])
+toy = toy_scenario()
+interview = reopened(toy, path) if path.exists() else begin(toy, n_max={N_MAX}, path=path)
+print("ready", flush=True)
+answer_all(interview, lambda number: print(number, flush=True))
+"""
+
+
+def next_query(now):
+    """θ of the challenger and number of the incumbent that are compared next."""
+    pending = None if now.pending is None else now.pending.theta
+    return len(now.state.closed), pending, now.incumbent
+
+
+@pytest.fixture(scope="module")
+def undisturbed():
+    """The queries of a study that nobody kills, by the number of answers before."""
+    from support.interviews import answer_all
+
+    interview = begin(toy_scenario(), n_max=N_MAX)
+    queries = {}
+    proceed(interview)
+    queries[1] = next_query(interview.now())
+    answer_all(interview, lambda _: queries.update({(q := next_query(proceed(interview)))[0]: q}))
+    return queries
+
+
+def kill_one(path, delay):
+    """Drive the study on, kill it after `delay` seconds of answering: the acknowledged numbers."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", DRIVER, str(path)],
+        stdout=subprocess.PIPE, text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    time.sleep(delay)
+    process.send_signal(signal.SIGKILL)
+    lines = process.stdout.read().splitlines()
+    process.wait()
+    return [int(line) for line in lines if line.strip().isdigit()]
+
+
+def survive(folder, undisturbed, kills, seed):
+    dice, study, counts = random.Random(seed), 0, []
+    path = folder / "study-0.prefcal"
+    while len(counts) < kills:
+        acknowledged = kill_one(path, dice.uniform(0.0, 0.25))
+        assert verify(path) == ()
+        interview = reopened(toy_scenario(), path)
+        now = proceed(interview)
+        done = len(now.state.closed)
+        counts.append(done)
+        assert done > max(acknowledged, default=0), "an acknowledged answer is gone"
+        assert next_query(now) == undisturbed[done]
+        interview.study.close()
+        if now.phase is Phase.OVER:
+            study += 1
+            path = folder / f"study-{study}.prefcal"
+    return counts
+
+
+def test_a_killed_study_loses_nothing_and_asks_the_same(tmp_path, undisturbed):
+    counts = survive(tmp_path, undisturbed, kills=6, seed=1)
+    assert len(set(counts)) > 1  # it was killed at several places
+
+
+@pytest.mark.campaign
+def test_two_hundred_kills(tmp_path, undisturbed):
+    counts = survive(tmp_path, undisturbed, kills=200, seed=2)
+    print(f"200 kills, after {np.bincount(counts).tolist()} answers")

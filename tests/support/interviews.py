@@ -1,0 +1,56 @@
+"""Interviews for tests: begun in memory or in a file, and worked without a thread."""
+
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from prefcal_agents import GLISp
+from prefcal_env.studies import StudyFile
+from prefcal_scenarios.interview import Choice, Interview, Now, Phase
+from prefcal_scenarios.interview.memory import agent_as_dict, knobs_as_dicts
+from prefcal_scenarios.scenario import Scenario
+
+
+def clock() -> Any:
+    """A clock that gives another second each time."""
+    seconds = itertools.count()
+    return lambda: f"2026-01-01T00:{(s := next(seconds)) // 60 % 60:02d}:{s % 60:02d}+00:00"
+
+
+def begin(
+    scenario: Scenario, *, n_max: int = 6, seed: int = 0, path: Path | None = None,
+    ahead: bool = False,
+) -> Interview:  # fmt: skip
+    """An interview of GLISp about `scenario`."""
+    agent = GLISp(scenario.space, n_init=3, n_max=n_max, seed=seed)
+    configuration = {
+        "scenario": scenario.name, "name": scenario.name, "title": scenario.title,
+        "knobs": knobs_as_dicts(scenario.space), "agent": agent_as_dict(agent), "n_max": n_max,
+        "seed": seed, "kpis": [], "options": {"calibrator": "human"}, "versions": {},
+    }  # fmt: skip
+    file = StudyFile.create(path or ":memory:", configuration, clock=clock())
+    return Interview(scenario, file, ahead=ahead)
+
+
+def reopened(scenario: Scenario, path: Path) -> Interview:
+    """The interview of a study file."""
+    return Interview(scenario, StudyFile.open(path, clock=clock()), ahead=False)
+
+
+def proceed(interview: Interview) -> Now:
+    """Work until something is waited for that is not work."""
+    while interview.now().phase is Phase.RUNNING:
+        assert interview.work()
+    return interview.now()
+
+
+def answer_all(interview: Interview, answered: Callable[[int], None]) -> None:
+    """Answer by the scenario's latent cost until it is over, saying each number when it is safe."""
+    cost = interview.scenario.cost
+    assert cost is not None
+    while (now := proceed(interview)).question is not None:
+        left, right = cost(now.question.left.experiment), cost(now.question.right.experiment)
+        choice = Choice.LEFT if left < right else Choice.RIGHT if right < left else Choice.SAME
+        interview.answer(now.question.id, choice)
+        answered(now.question.number)
