@@ -154,7 +154,7 @@ class Api:
             return b"null"
         try:
             query = _query(request, {"index": digits, "unsafe": bit, **_BLIND})
-            return (await self._shown(query)).body
+            return bytes((await self._shown(query)).body)
         except Exception as second:
             refused(second)
             return b"null"

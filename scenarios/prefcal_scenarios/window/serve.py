@@ -1,7 +1,6 @@
 """The window: the application on a socket, in a thread of its own."""
 
 import secrets
-import socket
 import threading
 import time
 from collections.abc import Callable

@@ -2,6 +2,7 @@
 
 import asyncio
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -37,10 +38,9 @@ class _Waiter:
 
     def wake(self) -> None:
         """From any thread."""
-        try:
+        # RuntimeError: the loop was closed meanwhile, nobody waits any more.
+        with suppress(RuntimeError):
             self.loop.call_soon_threadsafe(self._done)
-        except RuntimeError:
-            pass  # the loop was closed meanwhile: nobody waits any more
 
     def _done(self) -> None:
         if not self.future.done():
@@ -70,9 +70,8 @@ class Watch:
         waiter = _Waiter(loop, loop.create_future(), version)
         self._enter(waiter)
         try:
-            await asyncio.wait_for(waiter.future, timeout)
-        except TimeoutError:
-            pass
+            with suppress(TimeoutError):
+                await asyncio.wait_for(waiter.future, timeout)
         finally:
             with self._lock:
                 self._waiters.discard(waiter)
