@@ -1,0 +1,68 @@
+"""What a person can do on the page: the fields of each request, and what is done with them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+from prefcal_scenarios.interview import Choice, Interview
+
+from .bodies import Check, at_most, flag, one_of, text, whole
+
+MOST_MORE = 10_000
+"""Further experiments that can be asked for at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """One kind of request.
+
+    Args:
+        fields: Of its body, all of them required.
+        do: Called with the interview, and the fields by name.
+    """
+
+    fields: Mapping[str, Check]
+    do: Callable[..., Any]
+
+
+def _answer(interview: Interview, choice: str, **rest: Any) -> Any:
+    return interview.answer(rest.pop("question"), Choice(choice), **rest)
+
+
+def _record(interview: Interview, index: int, content: bytes, unsafe: bool) -> Any:
+    return interview.record(index, content, unsafe=unsafe)
+
+
+ACTIONS: Mapping[str, Action] = MappingProxyType(
+    {
+        "answer": Action(
+            {
+                "question": whole,
+                "choice": one_of(*(choice.value for choice in Choice)),
+                "comment": text,
+                "blind": flag,
+            },
+            _answer,
+        ),
+        "mark": Action(
+            {
+                "question": whole,
+                "side": one_of("left", "right"),
+                "mark": one_of("unsafe", "good enough"),
+                "on": flag,
+            },
+            Interview.mark,
+        ),
+        "undo": Action({"version": whole}, Interview.undo),
+        "retract": Action({"answer": whole}, Interview.retract),
+        "repeat": Action({}, Interview.repeat),
+        "note": Action({"text": text}, Interview.note),
+        "retry": Action({"index": whole}, Interview.retry),
+        "fail": Action({"index": whole, "reason": text}, Interview.fail),
+        "finish": Action({}, Interview.finish),
+        "go_on": Action({"more": at_most(MOST_MORE)}, Interview.go_on),
+    }
+)
+RECORD = Action({}, _record)
+"""Its body is a rig's record, as it is."""

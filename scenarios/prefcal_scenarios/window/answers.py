@@ -1,0 +1,63 @@
+"""How the server answers: JSON, and errors as sentences for the person."""
+
+import json
+import logging
+from collections.abc import Awaitable, Callable
+
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+
+from prefcal_env.errors import PrefcalError, RecordError, StaleError, StudyError
+
+from .bodies import MalformedError
+
+Handler = Callable[[Request], Awaitable[Response]]
+NowOf = Callable[[], Awaitable[bytes]]
+
+_log = logging.getLogger(__name__)
+_KINDS: tuple[tuple[type[Exception], int, str], ...] = (
+    (MalformedError, 400, "refused"),
+    (StaleError, 409, "stale"),
+    (RecordError, 422, "record"),
+    (StudyError, 507, "study"),
+    (PrefcalError, 422, "refused"),
+)
+"""Error, status, kind: the first that fits."""
+_WORDS = {
+    404: "There is nothing at this address.",
+    405: "This address does not take that kind of request.",
+}
+
+
+def as_json(content: bytes, status: int = 200) -> Response:
+    """JSON that is encoded already."""
+    return Response(content, status, media_type="application/json")
+
+
+def error_response(status: int, error: str, kind: str, now: bytes = b"null") -> Response:
+    """One sentence for the person, its kind for the script, and where things stand."""
+    head = json.dumps({"error": error, "kind": kind})[:-1].encode()
+    return as_json(head + b', "now": ' + now + b"}", status)
+
+
+def refused(error: Exception) -> tuple[int, str, str]:
+    """Status, sentence and kind of an error.
+
+    What is no error of ours is a fault of this program: it goes to the log, and to the person.
+    """
+    for type_, status, kind in _KINDS:
+        if isinstance(error, type_):
+            return status, str(error), kind
+    _log.error("a request failed", exc_info=error)
+    words = f"prefcal has failed here, which is a fault in it ({type(error).__name__}: {error})."
+    return 500, words, "refused"
+
+
+async def http_error(request: Request, error: Exception) -> Response:
+    """What the router refuses: an address or a method that does not exist."""
+    assert isinstance(error, HTTPException)
+    words = _WORDS.get(error.status_code, str(error.detail))
+    if request.url.path.startswith("/api/"):
+        return error_response(error.status_code, words, "refused")
+    return PlainTextResponse(words, error.status_code)

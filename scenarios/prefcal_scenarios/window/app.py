@@ -1,0 +1,98 @@
+"""The application behind the query window: its addresses, and what they give."""
+
+import threading
+from collections.abc import Callable
+from importlib.resources.abc import Traversable
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.routing import Route
+
+from prefcal_scenarios.interview import Interview
+
+from .actions import ACTIONS
+from .answers import http_error
+from .api import Api, Pace
+from .files import Assets
+from .hosts import Hosts
+from .pages import Pages
+from .reports import Reports
+from .security import Guard
+from .views import Views
+from .watch import Watch
+
+
+def make_app(
+    interview: Interview,
+    *,
+    token: str,
+    port: int,
+    hosts: Hosts | None = None,
+    reports: Reports | None = None,
+    again: str = "",
+    command: str = "",
+    closed: threading.Event | None = None,
+    seen: Callable[[], None] = lambda: None,
+    pace: Pace | None = None,
+    static: Traversable | None = None,
+) -> Starlette:
+    """The application, for whatever serves ASGI.
+
+    Its `state.watch` wakes every waiting page; `state.assets` holds the files.
+
+    Args:
+        interview: What is shown, and answered.
+        token: The secret of the link.
+        port: Where it is served.
+        hosts: Our names; those of the loopback address if None.
+        reports: Where the report is, once there is one.
+        again: The command that takes the study up again.
+        command: The command that repeats it from the start.
+        closed: Set when the person closes the window.
+        seen: Called whenever a page asks how things stand.
+        pace: How long pages are let wait.
+        static: Folder of the page's files; the package's own if None.
+    """
+    reports = Reports() if reports is None else reports
+    watch, assets = Watch(interview), Assets(static)
+    api = Api(
+        interview=interview, views=Views(interview, reports, again, command), watch=watch,
+        closed=closed or threading.Event(), seen=seen, pace=pace or Pace(),
+    )  # fmt: skip
+    app = Starlette(
+        routes=[*_of_pages(Pages(assets, reports, token, port)), *_of_api(api)],
+        middleware=[
+            Middleware(Guard, token=token, hosts=hosts or Hosts.of("127.0.0.1", port)),
+        ],
+        exception_handlers={HTTPException: http_error},
+    )
+    # A redirect would be made from the Host header, for addresses that no page of ours asks for.
+    app.router.redirect_slashes = False
+    app.state.watch, app.state.assets = watch, assets
+    return app
+
+
+def _of_pages(pages: Pages) -> list[Route]:
+    return [
+        Route("/", pages.index),
+        Route("/open/{token}", pages.open),
+        Route("/static/{file}", pages.static),
+        Route("/report/{file}", pages.report),
+    ]
+
+
+def _of_api(api: Api) -> list[Route]:
+    posts = [
+        Route(f"/api/{name}", api.acting(action), methods=["POST"])
+        for name, action in ACTIONS.items()
+    ]
+    return [
+        Route("/api/now", api.now),
+        Route("/api/history", api.history),
+        Route("/api/history/{answer}", api.asked),
+        Route("/api/status", api.status),
+        Route("/api/record", api.record, methods=["POST"]),
+        Route("/api/close", api.close, methods=["POST"]),
+        *posts,
+    ]

@@ -1,0 +1,144 @@
+"""Strict reading of what a page sends: exact names, exact types, bounded sizes."""
+
+import json
+import re
+import unicodedata
+from collections.abc import Callable, Mapping
+from typing import Any
+from urllib.parse import parse_qsl
+
+LARGEST_NUMBER = 2**53 - 1
+"""What every JavaScript, JSON and SQLite holds exactly."""
+LONGEST_TEXT = 10_000
+"""Characters of a comment or note."""
+
+Check = Callable[[str, Any], Any]
+"""Gives the value of the field of a name, or raises MalformedError."""
+
+
+class MalformedError(ValueError):
+    """A request that no page of ours sends; the text is a sentence for the person."""
+
+
+def read_json(body: bytes, fields: Mapping[str, Check]) -> dict[str, Any]:
+    """The object in `body`, with these fields and no others.
+
+    Raises:
+        MalformedError: no JSON object in UTF-8, other fields, or a value that a check refuses.
+    """
+    try:
+        found = json.loads(
+            body.decode("utf-8"), object_pairs_hook=_object, parse_constant=_no_number
+        )
+    except MalformedError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise MalformedError("The request is no JSON text in UTF-8.") from error
+    if not isinstance(found, dict):
+        raise MalformedError("The request must be a JSON object.")
+    return _checked(found, fields, optional=False)
+
+
+def read_query(query: bytes, fields: Mapping[str, Check]) -> dict[str, Any]:
+    """The parameters behind the "?" of an address, each of them optional, as text.
+
+    Raises:
+        MalformedError: other parameters, one twice, or a value that a check refuses.
+    """
+    try:
+        # An empty one is no parameter, yet strict parsing refuses it.
+        pairs = _pairs(query.decode("ascii")) if query else []
+    except ValueError as error:
+        raise MalformedError("The address has parameters that cannot be read.") from error
+    return _checked(_object(pairs), fields, optional=True)
+
+
+def whole(name: str, value: Any) -> int:
+    """A whole number from 0 on."""
+    # Not isinstance: true is an int for Python, and 3.0 none for JSON.
+    if type(value) is not int or not 0 <= value <= LARGEST_NUMBER:
+        raise MalformedError(f"{name} must be a whole number from 0 on.")
+    return value
+
+
+def at_most(limit: int) -> Check:
+    """A whole number from 0 to `limit`."""
+
+    def check(name: str, value: Any) -> int:
+        if whole(name, value) > limit:
+            raise MalformedError(f"{name} must be at most {limit}.")
+        return int(value)
+
+    return check
+
+
+def text(name: str, value: Any) -> str:
+    """Text of a reasonable length, that any file can hold."""
+    if type(value) is not str:
+        raise MalformedError(f"{name} must be text.")
+    if len(value) > LONGEST_TEXT:
+        raise MalformedError(f"{name} is too long: at most {LONGEST_TEXT} characters.")
+    # Cc: control characters, NUL among them. Cs: halves of a surrogate pair, which no UTF-8 has.
+    if any(unicodedata.category(c) in ("Cc", "Cs") and c not in "\t\n\r" for c in value):
+        raise MalformedError(f"{name} has characters that are no text.")
+    return value
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or false."""
+    if type(value) is not bool:
+        raise MalformedError(f"{name} must be true or false.")
+    return value
+
+
+def one_of(*choices: str) -> Check:
+    """One of these words."""
+
+    def check(name: str, value: Any) -> str:
+        if type(value) is not str or value not in choices:
+            raise MalformedError(f"{name} must be one of: {', '.join(choices)}.")
+        return value
+
+    return check
+
+
+def digits(name: str, value: Any) -> int:
+    """A whole number from 0 on, in an address."""
+    if not re.fullmatch("[0-9]{1,15}", value):
+        raise MalformedError(f"{name} must be a whole number from 0 on.")
+    return int(value)
+
+
+def bit(name: str, value: Any) -> bool:
+    """0 or 1, in an address."""
+    if value not in ("0", "1"):
+        raise MalformedError(f"{name} must be 0 or 1.")
+    return bool(value == "1")
+
+
+def _checked(
+    found: Mapping[str, Any], fields: Mapping[str, Check], *, optional: bool
+) -> dict[str, Any]:
+    missing = [] if optional else [name for name in fields if name not in found]
+    if missing:
+        raise MalformedError(f"The request lacks {', '.join(missing)}.")
+    if any(name not in fields for name in found):
+        raise MalformedError("The request has fields that are not known here.")
+    return {name: fields[name](name, value) for name, value in found.items()}
+
+
+def _pairs(query: str) -> list[tuple[str, str]]:
+    return parse_qsl(
+        query, keep_blank_values=True, strict_parsing=True, max_num_fields=8, errors="strict"
+    )
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        raise MalformedError("The request has a field twice.")
+    return found
+
+
+def _no_number(name: str) -> None:
+    raise MalformedError(f"{name} is no number.")

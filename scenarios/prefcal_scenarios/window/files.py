@@ -1,0 +1,109 @@
+"""The page's own files, held in memory: names that are not among them do not exist."""
+
+import gzip
+import hashlib
+import importlib.util
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+
+PLOTLY = "plotly.min.js"
+_TYPES: Mapping[str, str] = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+    ".png": "image/png",
+    ".ico": "image/x-icon",
+}
+_TEXT = ("text/", "image/svg")
+_PLACEHOLDER = b"?v=VERSION"
+"""In links of our own text files: replaced, so that browsers keep a file until it changes."""
+
+
+@dataclass(slots=True)
+class Asset:
+    """One file.
+
+    Args:
+        content: Its bytes.
+        media_type: For the Content-Type header.
+        tag: Changes with the content.
+        packed: The bytes, gzipped; None until that is done, or where it does not pay.
+    """
+
+    content: bytes
+    media_type: str
+    tag: str = field(default="")
+    packed: bytes | None = None
+
+    def __post_init__(self) -> None:
+        self.tag = hashlib.sha256(self.content).hexdigest()[:20]
+
+    def pack(self) -> None:
+        """Have it gzipped at hand."""
+        if self.media_type.startswith(_TEXT) and len(self.content) > 1024:
+            # The same bytes every time: no time of packing in it.
+            self.packed = gzip.compress(self.content, 6, mtime=0)
+
+
+class Assets:
+    """The files of the folder `static`, and plotly.js out of the installed plotly package.
+
+    Args:
+        folder: Where the files are; the package's own folder if None.
+    """
+
+    def __init__(self, folder: Traversable | None = None) -> None:
+        own = files(__package__) / "static" if folder is None else folder
+        self._assets = {name: Asset(content, _type(name)) for name, content in _read(own).items()}
+        plotly = _plotly()
+        if plotly is not None:
+            self._assets[PLOTLY] = Asset(plotly.read_bytes(), _TYPES[".js"])
+        self._stamp()
+
+    def get(self, name: str) -> Asset | None:
+        """The file called `name`; None if there is none."""
+        return self._assets.get(name)
+
+    def pack_all(self) -> threading.Thread:
+        """Gzip everything in a thread: until it is done, files are sent as they are."""
+        thread = threading.Thread(target=self._pack, name="gzip", daemon=True)
+        thread.start()
+        return thread
+
+    def _pack(self) -> None:
+        for asset in sorted(self._assets.values(), key=lambda asset: len(asset.content)):
+            asset.pack()
+
+    def _stamp(self) -> None:
+        """Put the version of all files, as one, into their links."""
+        tags = "".join(f"{name} {asset.tag}\n" for name, asset in sorted(self._assets.items()))
+        version = hashlib.sha256(tags.encode()).hexdigest()[:12].encode()
+        for name, asset in self._assets.items():
+            if name != PLOTLY and asset.media_type.startswith(_TEXT):
+                content = asset.content.replace(_PLACEHOLDER, b"?v=" + version)
+                self._assets[name] = Asset(content, asset.media_type)
+
+
+def _read(folder: Traversable) -> dict[str, bytes]:
+    if not folder.is_dir():
+        return {}
+    found = (f for f in folder.iterdir() if f.is_file() and Path(f.name).suffix in _TYPES)
+    return {f.name: f.read_bytes() for f in found}
+
+
+def _type(name: str) -> str:
+    return _TYPES[Path(name).suffix]
+
+
+def _plotly() -> Path | None:
+    """Where plotly.js is. The package is found, not imported: that would take a second."""
+    spec = importlib.util.find_spec("plotly")
+    if spec is None or spec.origin is None:
+        return None
+    path = Path(spec.origin).parent / "package_data" / PLOTLY
+    return path if path.is_file() else None

@@ -1,0 +1,190 @@
+"""What every request has to pass before any handler sees it, and what every response bears."""
+
+import json
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from .hosts import Hosts
+
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; connect-src 'self'; font-src 'self'; base-uri 'none'; "
+    "form-action 'self'; frame-ancestors 'none'"
+)
+"""Content security policy. Plotly writes styles of its own, hence 'unsafe-inline' for them."""
+HEADERS: Mapping[bytes, bytes] = MappingProxyType(
+    {
+        b"content-security-policy": POLICY.encode(),
+        b"x-content-type-options": b"nosniff",
+        b"referrer-policy": b"no-referrer",
+        b"cross-origin-opener-policy": b"same-origin",
+        b"cross-origin-resource-policy": b"same-origin",
+        b"x-frame-options": b"DENY",
+    }
+)
+LARGEST_BODY = 64 * 1024
+"""Bytes of a JSON body."""
+LARGEST_RECORD = 20 * 1024 * 1024
+"""Bytes of a rig's record."""
+RECORD_PATH = "/api/record"
+OPEN_PATH = "/open/"
+_METHODS = ("GET", "HEAD", "POST")
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """An answer to a request that no handler sees: status, and a sentence for the person."""
+
+    status: int
+    error: str
+    kind: str = "refused"
+
+
+NO_COOKIE = Refusal(
+    401, "This page belongs to a study: open it by the link that prefcal printed in the terminal."
+)
+
+
+def too_big(limit: int) -> Refusal:
+    """The refusal of a body of more than `limit` bytes."""
+    size = f"{limit // 1024} KiB" if limit < 1024**2 else f"{limit // 1024**2} MiB"
+    return Refusal(413, f"This is too big: at most {size} can be sent here.", "limit")
+
+
+class Guard:
+    """Middleware that refuses foreign Hosts and Origins, strangers, and bodies without bound.
+
+    A body is read here, up to its limit, also where it comes in chunks of unknown number; the
+    application gets it in one piece.
+
+    Args:
+        app: The application.
+        token: The secret of the link, and of the cookie.
+        hosts: Our names.
+    """
+
+    def __init__(self, app: ASGIApp, *, token: str, hosts: Hosts) -> None:
+        self._app, self._token, self._hosts = app, token, hosts
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a request through, or refuse it."""
+        if scope["type"] == "lifespan":
+            return await self._app(scope, receive, send)
+        if scope["type"] != "http":
+            return await send({"type": "websocket.close", "code": 1008})
+        send = _with_headers(send)
+        refusal = self._refuse(scope)
+        body: bytes | Refusal | None = b""
+        if refusal is None and scope["method"] == "POST":
+            limit = LARGEST_RECORD if scope["path"] == RECORD_PATH else LARGEST_BODY
+            body = await _body(scope, receive, limit)
+            if body is None:
+                return None  # the client went away
+            refusal = body if isinstance(body, Refusal) else None
+        if refusal is not None:
+            return await _answer(send, scope, refusal)
+        assert isinstance(body, bytes)
+        return await self._app(scope, _Replayed(body, receive), send)
+
+    def _refuse(self, scope: Scope) -> Refusal | None:
+        if scope["method"] not in _METHODS:
+            return Refusal(405, "Only GET, HEAD and POST are understood here.")
+        hosts, origins = _values(scope, b"host"), _values(scope, b"origin")
+        if len(hosts) != 1 or not self._hosts.allow(hosts[0]):
+            return Refusal(403, "The window was asked for under a name that is not its own.")
+        if origins not in ([], [f"http://{hosts[0]}"]):
+            return Refusal(403, "The request comes from a foreign page.")
+        if scope["method"] == "POST" and not origins:
+            return Refusal(403, "The request does not say which page it comes from.")
+        if scope["path"].startswith(OPEN_PATH):
+            return None  # its handler compares the token
+        cookies = _cookies(scope, cookie_name(self._hosts.port))
+        # Any: another program on this machine, on another port, may have set one of that name.
+        return None if any(same(c, self._token) for c in cookies) else NO_COOKIE
+
+
+def cookie_name(port: int) -> str:
+    """Ports share cookies, so that each window has its own."""
+    return f"prefcal_{port}"
+
+
+def cookie(token: str, port: int) -> str:
+    """The Set-Cookie header of a window."""
+    return f"{cookie_name(port)}={token}; HttpOnly; SameSite=Strict; Path=/"
+
+
+def same(given: str, token: str) -> bool:
+    """Whether both are equal, in a time that does not tell how much of them is."""
+    return secrets.compare_digest(given.encode("utf-8", "replace"), token.encode())
+
+
+class _Replayed:
+    """A `receive` that gives a body that was read already, and then what comes after it."""
+
+    def __init__(self, body: bytes, receive: Receive) -> None:
+        self._body: bytes | None = body
+        self._receive = receive
+
+    async def __call__(self) -> Message:
+        if self._body is None:
+            return await self._receive()
+        body, self._body = self._body, None
+        return {"type": "http.request", "body": body, "more_body": False}
+
+
+def _values(scope: Scope, name: bytes) -> list[str]:
+    return [value.decode("latin-1") for key, value in scope["headers"] if key.lower() == name]
+
+
+def _cookies(scope: Scope, name: str) -> list[str]:
+    pairs = [pair.partition("=") for text in _values(scope, b"cookie") for pair in text.split(";")]
+    return [value.strip() for key, _, value in pairs if key.strip() == name]
+
+
+async def _body(scope: Scope, receive: Receive, limit: int) -> bytes | Refusal | None:
+    """The whole body; a refusal if it is longer than `limit`; None if the client went away."""
+    for length in _values(scope, b"content-length"):
+        if not (length.isascii() and length.isdigit() and len(length) < 20):
+            return Refusal(400, "The length of the request is no number.")
+        if int(length) > limit:
+            return too_big(limit)
+    parts, size, more = [], 0, True
+    while more:
+        message = await receive()
+        if message["type"] != "http.request":
+            return None
+        parts.append(message.get("body", b""))
+        size += len(parts[-1])
+        if size > limit:
+            return too_big(limit)
+        more = message.get("more_body", False)
+    return b"".join(parts)
+
+
+async def _answer(send: Send, scope: Scope, refusal: Refusal) -> None:
+    """JSON for the page's script, and a plain sentence where a person may be looking."""
+    api = scope["path"].startswith("/api/")
+    data = {"error": refusal.error, "kind": refusal.kind, "now": None}
+    body = json.dumps(data) if api else refusal.error
+    kind = b"application/json" if api else b"text/plain; charset=utf-8"
+    content = body.encode()
+    headers = [(b"content-type", kind), (b"content-length", str(len(content)).encode())]
+    await send({"type": "http.response.start", "status": refusal.status, "headers": headers})
+    shown = b"" if scope["method"] == "HEAD" else content
+    await send({"type": "http.response.body", "body": shown})
+
+
+def _with_headers(send: Send) -> Send:
+    async def sending(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            given = [(k, v) for k, v in message["headers"] if k.lower() not in HEADERS]
+            if not any(key.lower() == b"cache-control" for key, _ in given):
+                given.append((b"cache-control", b"no-store"))
+            message = {**message, "headers": [*given, *HEADERS.items()]}
+        await send(message)
+
+    return sending

@@ -1,0 +1,115 @@
+"""Many pages wait for the next change of an interview, on one thread."""
+
+import asyncio
+import threading
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Protocol
+
+_ROUND = 1.0
+"""Seconds after which the thread looks whether anybody is still waiting."""
+_PAUSE = 0.05
+"""Seconds between rounds without a change: a closed interview does not let anybody wait."""
+
+
+class Versioned(Protocol):
+    """Of `Now`, what matters here."""
+
+    @property
+    def version(self) -> int:
+        """Grows with every change."""
+
+
+class Changing(Protocol):
+    """Of an `Interview`, what matters here."""
+
+    def now(self) -> Versioned:
+        """The view of now."""
+
+    def wait(self, version: int, timeout: float) -> Versioned:
+        """The view of the time when the version differs, or after `timeout` seconds."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Waiter:
+    loop: asyncio.AbstractEventLoop
+    future: asyncio.Future[None]
+    version: int
+
+    def wake(self) -> None:
+        """From any thread."""
+        # RuntimeError: the loop was closed meanwhile, nobody waits any more.
+        with suppress(RuntimeError):
+            self.loop.call_soon_threadsafe(self._done)
+
+    def _done(self) -> None:
+        if not self.future.done():
+            self.future.set_result(None)
+
+
+class Watch:
+    """Wakes whoever waits for a change.
+
+    However many tabs are open, one thread waits for all of them: the threads of the server stay
+    free for answers.
+
+    Args:
+        interview: What changes.
+    """
+
+    def __init__(self, interview: Changing) -> None:
+        self._interview = interview
+        self._lock = threading.Lock()
+        self._waiters: set[_Waiter] = set()
+        self._running = False
+        self._stopping = threading.Event()
+
+    async def changed(self, version: int, timeout: float) -> None:
+        """Return when the version differs from `version`, or after `timeout` seconds."""
+        loop = asyncio.get_running_loop()
+        waiter = _Waiter(loop, loop.create_future(), version)
+        self._enter(waiter)
+        try:
+            with suppress(TimeoutError):
+                await asyncio.wait_for(waiter.future, timeout)
+        finally:
+            with self._lock:
+                self._waiters.discard(waiter)
+
+    def wake(self) -> None:
+        """Wake everybody, though the version is the same."""
+        with self._lock:
+            waiters = tuple(self._waiters)
+        for waiter in waiters:
+            waiter.wake()
+
+    def stop(self) -> None:
+        """Wake everybody, and let nobody wait from now on."""
+        self._stopping.set()
+        self.wake()
+
+    def _enter(self, waiter: _Waiter) -> None:
+        with self._lock:
+            self._waiters.add(waiter)
+            start, self._running = not self._running, True
+        if self._stopping.is_set():
+            waiter.wake()
+        if start:
+            threading.Thread(target=self._loop, name="changes", daemon=True).start()
+
+    def _loop(self) -> None:
+        seen = self._interview.now().version
+        while self._wake_late(seen):
+            version = self._interview.wait(seen, _ROUND).version
+            if version == seen:
+                self._stopping.wait(_PAUSE)
+            seen = version
+
+    def _wake_late(self, version: int) -> bool:
+        """Wake who knows another version; False if nobody is there any more."""
+        with self._lock:
+            late = [w for w in self._waiters if w.version != version]
+            self._running = bool(self._waiters) and not self._stopping.is_set()
+        for waiter in late:
+            waiter.wake()
+        return self._running
