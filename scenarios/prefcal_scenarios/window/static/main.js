@@ -55,8 +55,11 @@ function take(now) {
   const before = state.now;
   if (before && now.version < before.version && now.blind === before.blind) return;
   state.now = now;
-  render(before);
+  // A long poll that ran out: what is on show stays as it is, half-written remarks and the focus too.
+  if (!before || told(before) !== told(now)) render(before);
 }
+
+const told = ({ version, blind, over }) => JSON.stringify([version, blind, over]);
 
 function render(before) {
   const { now } = state;
