@@ -2,7 +2,9 @@
 
 import { $, fill, symbol } from "./dom.js";
 
-const digits = (value) => Number(value.toPrecision(4)).toString();
+// Four digits; what is nothing beside the axis is 0.
+const digits = (value, span) =>
+  (Math.abs(value) < 1e-6 * span ? 0 : Number(value.toPrecision(4))).toString();
 
 // Value of a curve at `time`: held from the last point, or linear between two.
 function at({ t, y }, time, held) {
@@ -91,9 +93,9 @@ export class Cursor {
     const sides = name === "both" ? ["left", "right"] : [name];
     const texts = this.#time === null ? [] : sides.map((side) => {
       const value = this.#value(side, i);
-      return value === null ? "–" : digits(value);
+      return value === null ? "–" : digits(value, this.#plots.height(i));
     });
     if (!texts.length) return fill(output);
-    fill(output, symbol(panels[i].symbol), ` = ${texts.join(" | ")} @ ${digits(this.#time)} ${unit}`);
+    fill(output, symbol(panels[i].symbol), ` = ${texts.join(" | ")} @ ${digits(this.#time, this.#plots.end)} ${unit}`);
   }
 }

@@ -21,7 +21,7 @@ export function fill(parent, ...children) {
 
 // "C_A" with a subscript, as people write it.
 export function symbol(text) {
-  const parts = text.split(/_(\w+)/u);
+  const parts = text.split(/_([\p{L}\p{N}_]+)/u);
   return parts.map((part, i) => (i % 2 ? el("sub", {}, part.replaceAll("_", " ")) : part));
 }
 

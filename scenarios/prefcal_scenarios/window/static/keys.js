@@ -15,9 +15,9 @@ const QUESTION = {
   d: ["D", "mark right as good enough", () => mark("right", "good enough")],
   c: ["C", "write a comment; Esc leaves it", () => $("comment").focus()],
   f: ["F", "zoom to the target and back", toggleZoom],
+  0: ["0", "whole time again (or double click)", resetZoom],
   o: ["O", "both in one plot, or side by side", toggleOverlay],
   b: ["B", "blind: hide θ and which one is the best so far", toggleBlind],
-  0: ["0", "whole time again (or double click)", resetZoom],
   ",": [", .", "move the cursor (faster with shift)", () => moveCursor(-1)],
   ".": [null, "", () => moveCursor(1)],
   "<": [null, "", () => moveCursor(-10)],
@@ -58,7 +58,9 @@ export function keyboard() {
 }
 
 export function showKeys() {
-  const rows = Object.values({ ...QUESTION, ...EVERYWHERE }).filter(([key]) => key)
+  // An object gives a number before all other keys.
+  const known = Object.values({ ...QUESTION, ...EVERYWHERE }).filter(([key]) => key);
+  const rows = known.sort((a, b) => (a[0] === "0") - (b[0] === "0"))
     .map(([key, words]) => el("tr", {}, el("th", { scope: "row" }, el("kbd", {}, key)), el("td", {}, words)));
   ask("All keys", [el("table", { class: "keys" }, el("tbody", {}, rows)),
     el("p", {}, "Keys rest while you type. Drag over a plot to zoom both sides.")],

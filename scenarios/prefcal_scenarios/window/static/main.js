@@ -10,12 +10,12 @@ import * as question from "./question.js";
 import { showRecord } from "./record.js";
 import { showStatus } from "./status.js";
 
-const state = { now: null, view: "now", blind: false, busy: false, shownAt: 0, lost: false };
+const state = { now: null, view: "now", blind: false, sending: 0, answered: null, shownAt: 0, lost: false };
 const HEADINGS = {
   question: "Which experiment is better?", record: "Run the next experiment",
   failed: "An experiment failed", over: "The study is over", running: "Running", loading: "Starting",
 };
-const LINGER = 250; // ms in which a verdict after a new question is a second press of the last one
+const LINGER = 150; // ms in which a verdict after a new question is a second press of the last one
 
 export const current = () => state.now;
 export const isBlind = () => state.blind;
@@ -148,8 +148,7 @@ export function open(view) {
 
 // Send one action; whatever it is refused for is shown, and nothing is lost.
 export async function act(name, fields, words = "") {
-  if (state.busy) return false;
-  state.busy = true;
+  state.sending += 1;
   document.body.classList.add("busy");
   try {
     const now = await post(name, fields, state.blind);
@@ -162,8 +161,8 @@ export async function act(name, fields, words = "") {
     banner(error instanceof Refusal ? error.message : "No connection to prefcal: nothing was sent.");
     return false;
   } finally {
-    state.busy = false;
-    document.body.classList.remove("busy");
+    state.sending -= 1;
+    document.body.classList.toggle("busy", state.sending > 0);
   }
 }
 
@@ -183,12 +182,17 @@ const WORDS = { left: "left is better", right: "right is better", same: "about t
 
 export async function answer(choice) {
   const { now } = state;
-  if (state.view !== "now" || now?.phase !== "question" || state.busy) return;
-  if (performance.now() - state.shownAt < LINGER) return;
+  if (state.view !== "now" || now?.phase !== "question") return;
+  const { id } = now.question;
+  if (state.answered === id || performance.now() - state.shownAt < LINGER) return;
+  state.answered = id;
   const comment = $("comment").value;
-  const done = await act("answer",
-    { question: now.question.id, choice, comment, blind: state.blind }, WORDS[choice]);
-  if (done) $("comment").value = "";
+  $("comment").value = "";
+  const done = await act("answer", { question: id, choice, comment, blind: state.blind }, WORDS[choice]);
+  if (done) return;
+  // Not recorded: the question is open again, and the comment as it was.
+  state.answered = null;
+  $("comment").value ||= comment;
 }
 
 export function mark(side, kind) {

@@ -45,6 +45,10 @@ export class Plots {
     return this.#x[1];
   }
 
+  height(i) {
+    return this.#y[i][1] - this.#y[i][0];
+  }
+
   // Axes that hold both sides, and what is drawn beside the curves.
   take(question, unit) {
     this.#question = question;
@@ -155,7 +159,7 @@ export class Plots {
       const { top, bottom } = this.place(i, height);
       const at = (px) => Math.min(Math.max(1 - (px - MARGIN.t) / inner, 0), 1);
       layout[i ? `yaxis${i + 1}` : "yaxis"] = { ...grid, range: [...this.#view.y[i]],
-        domain: [at(bottom), at(top)], anchor: "x", nticks: 4 };
+        domain: [at(bottom), at(top)], anchor: "x", nticks: 5 };
       layout.shapes.push(...this.#lines(panel, i ? `y${i + 1}` : "y"));
     });
     return layout;

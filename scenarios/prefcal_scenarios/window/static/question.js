@@ -133,7 +133,7 @@ function which(side) {
   return words.join(" · ");
 }
 
-// The KPIs with an objective (else the first three), on two lines at most; the rest one click away.
+// The KPIs with an objective (else the first three), on two lines (four narrow ones) at most; the rest one click away.
 function numbers(name, side) {
   const main = side.kpis.filter((kpi) => kpi.met !== null);
   const first = main.length ? main : side.kpis.slice(0, 3);
@@ -152,7 +152,8 @@ function numbers(name, side) {
   };
   tell();
   const line = 1.75 * parseFloat(getComputedStyle(block).fontSize);
-  while (!details.open && block.offsetHeight > 2 * line && shown.childElementCount > 1) {
+  const lines = block.clientWidth < 420 ? 4 : 2;
+  while (!details.open && block.offsetHeight > lines * line && shown.childElementCount > 1) {
     more.prepend(shown.lastElementChild);
     tell();
   }

@@ -164,7 +164,7 @@ function car(g, [length, width], x, y, heading, color) {
 function caption(g, ratio, width, scene, time, speed) {
   g.setTransform(ratio, 0, 0, ratio, 0, 0);
   g.font = "12px system-ui, sans-serif";
-  g.fillStyle = css("--caption");
+  g.fillStyle = css("--paint");
   const stopped = scene.stopped && time >= scene.end;
-  g.fillText(stopped ? `stopped at ${scene.end.toFixed(1)} s` : `${speed.toFixed(0)} km/h`, 8, 15);
+  g.fillText(stopped ? `stopped at ${scene.end.toFixed(1)} s` : `${speed.toFixed(0)} km/h`, 8, 26);
 }
