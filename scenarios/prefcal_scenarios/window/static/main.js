@@ -229,6 +229,7 @@ function start() {
   $("undo").addEventListener("click", undo);
   $("blind").addEventListener("click", toggleBlind);
   $("help").addEventListener("click", showKeys);
+  $("theme").addEventListener("click", () => state.view === "status" && showStatus(state.now, act));
   $("finish").addEventListener("click", finish);
   $("offer-finish").addEventListener("click", () => act("finish", {}));
   $("to-now").addEventListener("click", () => open("now"));
