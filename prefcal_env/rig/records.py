@@ -131,7 +131,7 @@ class Columns:
     def _time(self, t: Float[np.ndarray, " K"], lines: Sequence[int]) -> Iterator[str]:
         steps = np.diff(t)
         unit = self.units[0]
-        for k in np.flatnonzero(steps <= 0):
+        for k in map(int, np.flatnonzero(steps <= 0)):
             yield (
                 f"line {lines[k + 1]}: time must increase, got {t[k + 1]:g} {unit} "
                 f"after {t[k]:g} {unit}"
@@ -139,15 +139,13 @@ class Columns:
         if np.any(steps <= 0):
             return
         usual = float(np.median(steps))
-        for k in np.flatnonzero(steps > self.max_gap * usual):
+        for k in map(int, np.flatnonzero(steps > self.max_gap * usual)):
             yield (
                 f"line {lines[k + 1]}: a gap of {steps[k]:g} {unit} after {t[k]:g} {unit}, where "
                 f"{usual:g} {unit} is usual: fill it, or enter the run as failed"
             )
 
-    def _in_range(
-        self, values: Float[np.ndarray, "K n"], lines: Sequence[int]
-    ) -> Iterator[str]:
+    def _in_range(self, values: Float[np.ndarray, "K n"], lines: Sequence[int]) -> Iterator[str]:
         for i, name in enumerate(self.names):
             low, high = self.ranges.get(name, (-np.inf, np.inf))
             outside = np.flatnonzero((values[:, i] < low) | (values[:, i] > high))

@@ -63,6 +63,8 @@ class Panel:
         kind: "x" or "u" with `index` into that array, or "signal" with `key`.
         channel: Name, unit, limits, target and band to draw.
         scale: What turns the experiment's unit into that of `channel`.
+        reference: Key of the signal that holds a reference which changes in time, in the
+            experiment's unit.
     """
 
     kind: str
@@ -70,6 +72,7 @@ class Panel:
     index: int = 0
     key: str = ""
     scale: float = 1.0
+    reference: str = ""
 
     def values(self, experiment: Experiment) -> Float[np.ndarray, " K"]:
         """The curve, on `experiment.t`."""
@@ -95,6 +98,8 @@ class Scenario:
         calibrators: Synthetic calibrators by name, each made from a seed.
         controller: The tuned controller of a θ.
         settings: The controller's settings at a θ, JSON-able, for the export.
+        scene: What the query window animates of an experiment, JSON-able; see
+            `prefcal_scenarios.overtake.player.scene`.
         pictures: The scenario's own figures for the report, above those that every report has;
             a function, so that plots are loaded for reports only.
 
@@ -113,6 +118,7 @@ class Scenario:
     calibrators: Mapping[str, Callable[..., Calibrator[Experiment]]] = field(default_factory=dict)
     controller: Callable[[Float[np.ndarray, " n"]], Controller] | None = None
     settings: Callable[[Float[np.ndarray, " n"]], dict[str, Any]] | None = None
+    scene: Callable[[Experiment], dict[str, Any]] | None = None
     pictures: "Callable[[], Sequence[Picture]] | None" = None
 
     def __post_init__(self) -> None:

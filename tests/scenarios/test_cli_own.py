@@ -47,7 +47,9 @@ def test_an_own_scenario_is_calibrated(prefcal, own, tmp_path, case):
 
 @pytest.mark.parametrize("n_max", ["2", "3"])
 def test_the_shortest_studies_run(prefcal, own, n_max):
-    code, out, err = prefcal("calibrate", own("own = t.toy"), *SYNTHETIC, "--n-max", n_max, "--json")
+    code, out, err = prefcal(
+        "calibrate", own("own = t.toy"), *SYNTHETIC, "--n-max", n_max, "--json"
+    )
     assert code == 0, err
     assert json.loads(out)["experiments"] == int(n_max)
 

@@ -32,8 +32,8 @@ def wait_for(path, seconds=30.0):
 @pytest.mark.parametrize("delay", [0.0, 1.0])
 def test_ctrl_c_leaves_a_readable_partial_report(tmp_path, delay):
     process = start(
-        tmp_path, "calibrate", f"{TOY_FILE}:slow", "--calibrator", "synthetic", "--agent", "random", "--n-max", "500",
-        "--json", "--out", "out",
+        tmp_path, "calibrate", f"{TOY_FILE}:slow", "--calibrator", "synthetic",
+        "--agent", "random", "--n-max", "500", "--json", "--out", "out",
     )  # fmt: skip
     wait_for(tmp_path / "out")
     time.sleep(delay)

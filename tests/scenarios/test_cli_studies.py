@@ -100,8 +100,8 @@ def test_an_import_never_overwrites_a_study(prefcal, study):
 def test_verify_finds_a_changed_answer(prefcal, study, tmp_path):
     (path,) = (tmp_path / "data").rglob("mine.prefcal")
     with sqlite3.connect(path) as connection:
-        (triggers,) = zip(*connection.execute("SELECT name FROM sqlite_master WHERE type='trigger'"))
-        for trigger in triggers:
+        query = "SELECT name FROM sqlite_master WHERE type = 'trigger'"
+        for (trigger,) in connection.execute(query).fetchall():
             connection.execute(f"DROP TRIGGER {trigger}")
         connection.execute("UPDATE event SET at = 'never' WHERE seq = 4")
     connection.close()

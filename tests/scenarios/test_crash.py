@@ -1,4 +1,4 @@
-"""A study survives SIGKILL at any instant: nothing acknowledged is lost, nothing turns out otherwise.
+"""A study survives SIGKILL at any instant: nothing acknowledged is lost, and it asks the same.
 
 In full, 200 kills: `pytest -m campaign tests/scenarios/test_crash.py`.
 """

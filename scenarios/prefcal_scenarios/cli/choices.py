@@ -1,19 +1,22 @@
 """From the words of the command line to agents and calibrators."""
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Agent, Calibrator
+from prefcal_env.preference import Calibrator
 from prefcal_scenarios.cli.options import Options
 from prefcal_scenarios.scenario import Scenario
+
+if TYPE_CHECKING:
+    from prefcal_agents.restore import PreferenceAgent
 
 AGENTS = {"glisp": "GLISp", "random": "RandomSearch", "lhs": "LatinHypercube"}
 """Word to class in `prefcal_agents`."""
 
 
-def make_agent(options: Options, scenario: Scenario) -> Agent:
+def make_agent(options: Options, scenario: Scenario) -> "PreferenceAgent":
     """The agent of the options.
 
     Raises:
@@ -27,7 +30,7 @@ def make_agent(options: Options, scenario: Scenario) -> Agent:
 
     extra: dict[str, Any] = {} if options.delta is None else {"delta": options.delta}
     make = getattr(prefcal_agents, AGENTS[options.agent])
-    agent: Agent = make(
+    agent: PreferenceAgent = make(
         scenario.space, n_init=options.n_init, n_max=options.n_max, seed=options.seed, **extra
     )
     return agent

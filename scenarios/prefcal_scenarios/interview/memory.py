@@ -63,11 +63,17 @@ def agent_of(state: State, space: KnobSpace) -> PreferenceAgent:
 
 def incumbent(state: State) -> int | None:
     """Index of the winner along the answers that stand; None before the first experiment."""
-    winner = 0 if state.closed else None
+    return incumbents(state)[-1] if state.closed else None
+
+
+def incumbents(state: State) -> tuple[int, ...]:
+    """The winner after each closed query, along the answers that stand."""
+    winner, winners = 0, []
     for closed in state.closed:
         if not closed.retracted and closed.answer.preference is Preference.CHALLENGER:
             winner = closed.challenger
-    return winner
+        winners.append(winner)
+    return tuple(winners)
 
 
 def _told(closed: Closed) -> dict[str, Any]:

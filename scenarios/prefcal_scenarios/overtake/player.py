@@ -28,7 +28,11 @@ def player(record: Record) -> str:
     shown = runs(record)
     last = max(float(s.experiment.t[-1]) for s in shown)
     still = float(shown[0].experiment.t[moments(shown[0].experiment)[2].index])
-    data = {"step": STEP, "still": round(still, 2), "runs": [_positions(s) for s in shown]}
+    data = {
+        "step": STEP,
+        "still": round(still, 2),
+        "runs": [_positions(s.experiment) for s in shown],
+    }
     resource = files("prefcal_scenarios.overtake")
     css, script = (
         resource.joinpath(f"player.{kind}").read_text(encoding="utf-8") for kind in ("css", "js")
@@ -52,14 +56,20 @@ def _controls(last: float, still: float) -> str:
     )
 
 
-def _positions(shown: Shown) -> dict[str, object]:
+def scene(experiment: Experiment) -> dict[str, object]:
+    """What the query window animates: the road, the size of the cars [m], and their positions."""
+    road = {"kind": "road", "road": list(ROAD), "lane": LANE_WIDTH, "size": [LENGTH, WIDTH]}
+    return {**road, "step": STEP, **_positions(experiment)}
+
+
+def _positions(experiment: Experiment) -> dict[str, object]:
     """Columns of x, y [m], heading [°], speed [km/h], then x, y of each obstacle."""
-    last = float(shown.experiment.t[-1])
-    at = [*np.arange(0.0, last, STEP).tolist(), last]
-    rows = [_row(instant(shown.experiment, time)) for time in at]
+    last = experiment.duration
+    at = [*np.arange(0.0, last, STEP).tolist(), last] if len(experiment.t) else []
+    rows = [_row(instant(experiment, time)) for time in at]
     return {
         "end": round(last, 3),
-        "stopped": shown.experiment.end.interrupted,
+        "stopped": experiment.end.interrupted,
         "rows": rows,
     }
 

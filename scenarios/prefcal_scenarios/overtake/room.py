@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 _Y = Bicycle.states[1]
 PANELS = (
     Panel("x", Channel(_Y.name, _Y.unit, target=MIN_LATERAL_DISTANCE, symbol="y_f"), index=1),
-    Panel("u", Channel("speed", "km/h", low=40.0, high=70.0, symbol="v"), scale=1 / KMH),
+    Panel(
+        "u", Channel("speed", "km/h", low=40.0, high=70.0, symbol="v"), scale=1 / KMH,
+        reference="speed_reference",
+    ),
     Panel(
         "u", Channel("steering angle", "°", low=-45.0, high=45.0, symbol="δ_s"),
         index=1, scale=180 / np.pi,
@@ -52,6 +55,12 @@ def _pictures() -> "Sequence[Picture]":
     return PICTURES
 
 
+def _animated(experiment: Experiment) -> dict[str, object]:
+    from prefcal_scenarios.overtake.player import scene  # loads the plots
+
+    return scene(experiment)
+
+
 overtake = Scenario(
     name="overtake",
     title="Lane keeping and overtaking",
@@ -64,6 +73,7 @@ overtake = Scenario(
     controller=controller,
     settings=settings,
     pictures=_pictures,
+    scene=_animated,
 )
 """No single score exists: there is no cost."""
 

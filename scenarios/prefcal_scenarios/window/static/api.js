@@ -1,0 +1,50 @@
+// What is asked of the server, and how its refusals come back.
+
+export class Refusal extends Error {
+  constructor(status, body) {
+    super(body?.error ?? `The server answered ${status}.`);
+    this.status = status;
+    this.kind = body?.kind ?? "";
+    this.now = body?.now ?? null;
+  }
+}
+
+async function result(response) {
+  let body = null;
+  try {
+    body = await response.json();
+  } catch {
+    // No JSON: a proxy, or a server that is going away.
+  }
+  if (!response.ok) throw new Refusal(response.status, body);
+  return body;
+}
+
+const flag = (blind) => `blind=${blind ? 1 : 0}`;
+
+export async function get(path) {
+  return result(await fetch(path, { cache: "no-store" }));
+}
+
+export async function post(name, fields, blind) {
+  return result(await fetch(`/api/${name}?${flag(blind)}`, {
+    method: "POST",
+    headers: { "Content-Type": "application/json" },
+    body: JSON.stringify(fields),
+  }));
+}
+
+export async function sendRecord(index, unsafe, content, blind) {
+  const query = `index=${index}&unsafe=${unsafe ? 1 : 0}&${flag(blind)}`;
+  return result(await fetch(`/api/record?${query}`, {
+    method: "POST",
+    headers: { "Content-Type": "text/csv" },
+    body: content,
+  }));
+}
+
+// Waits on the server until something has changed since `version`.
+export async function news(version, blind, signal) {
+  const after = version === null ? "" : `after=${version}&`;
+  return result(await fetch(`/api/now?${after}${flag(blind)}`, { cache: "no-store", signal }));
+}

@@ -1,0 +1,85 @@
+// One cursor in time for all panels of both sides, with what each curve shows there.
+
+import { $, fill, symbol } from "./dom.js";
+
+// Four digits; what is nothing beside the axis is 0.
+const digits = (value, span) =>
+  (Math.abs(value) < 1e-6 * span ? 0 : Number(value.toPrecision(4))).toString();
+
+// Value of a curve at `time`: held from the last point, or linear between two.
+function at({ t, y }, time, held) {
+  if (time < t[0] || time > t[t.length - 1]) return null;
+  let low = 0, high = t.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (t[middle] <= time) low = middle;
+    else high = middle - 1;
+  }
+  if (held || low === t.length - 1) return y[low];
+  return y[low] + ((time - t[low]) / (t[low + 1] - t[low])) * (y[low + 1] - y[low]);
+}
+
+export class Cursor {
+  #plots;
+  #told;
+  #time = null;
+
+  constructor(plots, told) {
+    this.#plots = plots;
+    this.#told = told;
+  }
+
+  start() {
+    const pair = $("pair");
+    pair.addEventListener("mousemove", (event) => {
+      const div = event.target.closest?.(".plot");
+      const time = div ? this.#plots.time(div, event.clientX) : null;
+      if (time === null) return;
+      this.put(time);
+      this.#told(time);
+    });
+    pair.addEventListener("drawn", () => this.draw());
+  }
+
+  reset() {
+    this.#time = null;
+  }
+
+  put(time) {
+    this.#time = time;
+    this.draw();
+  }
+
+  // By keyboard: `steps` of a hundredth of what is seen.
+  step(steps) {
+    const [from, to] = this.#plots.range;
+    const start = this.#time ?? from;
+    const time = Math.min(Math.max(start + (steps * (to - from)) / 100, from), to);
+    this.put(time);
+    this.#told(time);
+  }
+
+  draw() {
+    for (const name of this.#plots.shown) {
+      const div = $(`${name}-plot`);
+      const line = div?.querySelector(".cursor");
+      if (!line) continue;
+      const pixel = this.#time === null ? null : this.#plots.pixel(div, this.#time);
+      line.hidden = pixel === null;
+      if (pixel !== null) line.style.left = `${pixel}px`;
+      div.querySelectorAll("output").forEach((output, i) => this.#read(output, name, i));
+    }
+  }
+
+  #read(output, name, i) {
+    const { question, panels, unit } = this.#plots;
+    const sides = name === "both" ? ["left", "right"] : [name];
+    const texts = this.#time === null ? [] : sides.map((side) => {
+      const curve = question[side].curves[i][0];
+      const value = curve ? at(curve, this.#time, panels[i].shape === "step") : null;
+      return value === null ? "–" : digits(value, this.#plots.height(i));
+    });
+    if (!texts.length) return fill(output);
+    fill(output, symbol(panels[i].symbol), ` = ${texts.join(" | ")} @ ${digits(this.#time, this.#plots.end)} ${unit}`);
+  }
+}

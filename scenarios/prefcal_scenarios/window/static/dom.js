@@ -1,0 +1,64 @@
+// Making elements. Data only ever becomes text: nothing of a study is read as HTML.
+
+export const $ = (id) => document.getElementById(id);
+
+export function el(tag, properties = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(properties)) {
+    if (value === null || value === undefined || value === false) continue;
+    if (name === "on") {
+      for (const [event, handler] of Object.entries(value)) made.addEventListener(event, handler);
+    } else if (name === "data") Object.assign(made.dataset, value);
+    else made.setAttribute(name, value === true ? "" : String(value));
+  }
+  made.append(...children.flat().filter((child) => child !== null && child !== undefined));
+  return made;
+}
+
+export function fill(parent, ...children) {
+  parent.replaceChildren(...children.flat().filter((child) => child !== null));
+}
+
+// "C_A" with a subscript, as people write it.
+export function symbol(text) {
+  const parts = text.split(/_([\p{L}\p{N}_]+)/u);
+  return parts.map((part, i) => (i % 2 ? el("sub", {}, part.replaceAll("_", " ")) : part));
+}
+
+export function withUnit(text, unit) {
+  return unit && /[0-9]$/.test(text) ? `${text} ${unit}` : text;
+}
+
+export function say(text) {
+  // Emptied first, so that the same words are read out again.
+  $("status").textContent = "";
+  requestAnimationFrame(() => ($("status").textContent = text));
+}
+
+export async function copied(text, button) {
+  try {
+    await navigator.clipboard.writeText(text);
+    button.textContent = "Copied";
+    say("Copied");
+  } catch {
+    button.textContent = "Select and copy by hand";
+  }
+}
+
+export function ask(title, text, actions) {
+  const dialog = $("dialog");
+  const buttons = actions.map(([words, act, kind]) =>
+    el("button", { type: "button", class: kind ?? "", on: { click: () => {
+      dialog.close();
+      act?.();
+    } } }, words));
+  fill(dialog, el("h2", { id: "dialog-title" }, title), ...[text].flat(),
+    el("p", { class: "actions" }, buttons));
+  dialog.showModal();
+}
+
+export function when(iso) {
+  const date = new Date(iso);
+  return Number.isNaN(date.getTime()) ? iso : date.toLocaleString(undefined,
+    { dateStyle: "short", timeStyle: "short" });
+}

@@ -1,0 +1,68 @@
+// The keys. They never fire while somebody types, with a modifier, or twice for one long press.
+
+import { answer, finish, mark, open, toggleBlind, undo, current } from "./main.js";
+import { moveCursor, repeat, resetZoom, toggleOverlay, togglePlay, toggleZoom } from "./question.js";
+import { $, ask, el } from "./dom.js";
+
+const QUESTION = {
+  ArrowLeft: ["←", "left is better", () => answer("left")],
+  ArrowRight: ["→", "right is better", () => answer("right")],
+  ArrowDown: ["↓", "about the same", () => answer("same")],
+  s: ["S", "can't tell", () => answer("cannot tell")],
+  q: ["Q", "mark left as unsafe or very bad", () => mark("left", "unsafe")],
+  a: ["A", "mark left as good enough", () => mark("left", "good enough")],
+  e: ["E", "mark right as unsafe or very bad", () => mark("right", "unsafe")],
+  d: ["D", "mark right as good enough", () => mark("right", "good enough")],
+  c: ["C", "write a comment; Esc leaves it", () => $("comment").focus()],
+  f: ["F", "zoom to the target and back", toggleZoom],
+  0: ["0", "whole time again (or double click)", resetZoom],
+  o: ["O", "both in one plot, or side by side", toggleOverlay],
+  b: ["B", "blind: hide θ and which one is the best so far", toggleBlind],
+  ",": [", .", "move the cursor (faster with shift)", () => moveCursor(-1)],
+  ".": [null, "", () => moveCursor(1)],
+  "<": [null, "", () => moveCursor(-10)],
+  ";": [null, "", () => moveCursor(-10)],
+  ">": [null, "", () => moveCursor(10)],
+  ":": [null, "", () => moveCursor(10)],
+  " ": ["space", "play and pause the animation", togglePlay],
+  r: ["R", "ask me an earlier question again", repeat],
+};
+const EVERYWHERE = {
+  z: ["Z", "take the last answer back", undo],
+  h: ["H", "history", () => open("history")],
+  w: ["W", "where are we", () => open("status")],
+  Escape: ["Esc", "back to the question", () => open("now")],
+  "?": ["?", "these keys", showKeys],
+};
+
+const typing = (target) =>
+  target instanceof Element && (target.matches("input, textarea, select, [contenteditable]"));
+
+export function keyboard() {
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.altKey || event.metaKey || event.isComposing || $("dialog").open) return;
+    if (typing(event.target)) {
+      if (event.key === "Escape") event.target.blur();
+      return;
+    }
+    const button = event.target instanceof Element && event.target.closest("button, summary, a");
+    if (button && (event.key === " " || event.key === "Enter")) return;
+    const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const asked = document.body.dataset.view === "now" && current()?.phase === "question";
+    const found = (asked && QUESTION[name]) || EVERYWHERE[name];
+    if (!found) return;
+    event.preventDefault();
+    const repeats = [",", ".", "<", ">", ";", ":"].includes(name);
+    if (!event.repeat || repeats) found[2]();
+  });
+}
+
+export function showKeys() {
+  // An object gives a number before all other keys.
+  const known = Object.values({ ...QUESTION, ...EVERYWHERE }).filter(([key]) => key);
+  const rows = known.sort((a, b) => (a[0] === "0") - (b[0] === "0"))
+    .map(([key, words]) => el("tr", {}, el("th", { scope: "row" }, el("kbd", {}, key)), el("td", {}, words)));
+  ask("All keys", [el("table", { class: "keys" }, el("tbody", {}, rows)),
+    el("p", {}, "Keys rest while you type. Drag over a plot to zoom both sides.")],
+  [["Close", null, "primary"], ["Finish the study…", finish]]);
+}

@@ -1,0 +1,34 @@
+// The end: what came out, where the report is, and how to go on all the same.
+
+import { bestCard, pictures } from "./best.js";
+import { $, ask, copied, el, fill } from "./dom.js";
+
+const REASONS = {
+  "all compared": "All experiments are compared", "good enough": "The best is good enough",
+  stopped: "You have finished the study",
+};
+
+export function showOver(now, act) {
+  const { over, progress } = now;
+  const button = (words, run, kind = "") => el("button", { type: "button", class: kind, on: { click: run } }, words);
+  const command = el("code", {}, over.command);
+  const actions = [
+    button("10 more experiments", () => act("go_on", { more: 10 })),
+    over.reason === "all compared" ? null : button("Go on comparing", () => act("go_on", { more: 0 })),
+    button("Close prefcal", close, "primary"),
+  ];
+  fill($("view-over"), el("h2", { id: "over-title" }, `${REASONS[over.reason] ?? over.reason}.`),
+    el("p", {}, `${progress.experiments} experiments, ${progress.answered} comparisons. `,
+      "The last answer can still be undone."),
+    el("p", { class: "actions" }, actions), bestCard(over.best),
+    el("h3", {}, "Report"), pictures(over.report),
+    el("h3", {}, "The study again"), el("p", { class: "command" }, command,
+      button("Copy", (event) => copied(over.command, event.target))),
+    el("p", {}, "To look at this one again, or to go on: ", el("code", {}, now.study.again)));
+
+  async function close() {
+    if (await act("close", {})) {
+      ask("Closed", el("p", {}, "Everything is saved. You may close this tab."), []);
+    }
+  }
+}

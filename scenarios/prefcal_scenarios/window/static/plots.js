@@ -1,0 +1,278 @@
+// Curves: one figure a side, its panels stacked over one time axis; both sides share all axes.
+/* global Plotly */
+
+import { $, el, fill, symbol } from "./dom.js";
+
+const MARGIN = { l: 46, r: 10, t: 4, b: 22 };
+const HEAD = 20; // px above each panel, for its title
+const COLORS = { left: "--left", right: "--right" };
+
+const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+function extent(values, into) {
+  for (const value of values) {
+    if (value < into[0]) into[0] = value;
+    if (value > into[1]) into[1] = value;
+  }
+  return into;
+}
+
+function padded([low, high], share = 0.06) {
+  if (!(low < high)) return [low - 1, high + 1];
+  const pad = share * (high - low);
+  return [low - pad, high + pad];
+}
+
+export class Plots {
+  overlaid = false;
+  onzoom = () => {};
+  #question = null;
+  #unit = "";
+  #x = [0, 1];
+  #y = [];
+  #view = null;
+  #zoomed = false;
+  #drawing = 0;
+
+  get panels() {
+    return this.#question?.panels ?? [];
+  }
+
+  get question() {
+    return this.#question;
+  }
+
+  get unit() {
+    return this.#unit;
+  }
+
+  get shown() {
+    return this.overlaid ? ["both"] : ["left", "right"];
+  }
+
+  get range() {
+    return this.#view.x;
+  }
+
+  get end() {
+    return this.#x[1];
+  }
+
+  height(i) {
+    return this.#y[i][1] - this.#y[i][0];
+  }
+
+  // Axes that hold both sides, and what is drawn beside the curves.
+  take(question, unit) {
+    this.#question = question;
+    this.#unit = unit;
+    const x = [Infinity, -Infinity];
+    this.#y = question.panels.map((panel, i) => {
+      const y = [Infinity, -Infinity];
+      for (const side of [question.left, question.right]) {
+        for (const curve of [...side.curves[i], side.references[i]].filter(Boolean)) {
+          extent(curve.t, x);
+          extent(curve.y, y);
+        }
+      }
+      const lines = [panel.low, panel.high, panel.target].filter((v) => v !== null);
+      if (panel.target !== null && panel.band) lines.push(panel.target + panel.band, panel.target - panel.band);
+      return padded(extent(lines, y));
+    });
+    this.#x = x[0] < x[1] ? x : [0, 1];
+    this.#set({ x: this.#x, y: this.#y }, false);
+  }
+
+  #set(view, zoomed) {
+    this.#view = view;
+    this.#zoomed = zoomed;
+    this.onzoom(zoomed);
+  }
+
+  reset() {
+    this.#set({ x: this.#x, y: this.#y }, false);
+    this.draw();
+  }
+
+  zoomToTarget() {
+    if (!this.#question) return;
+    if (this.#zoomed) return this.reset();
+    this.#set(this.#target(), true);
+    this.draw();
+  }
+
+  // From just before either side comes near its target until just after both stay there; where
+  // no panel has a band, while a reference moves.
+  #target() {
+    const { panels, left, right } = this.#question;
+    const at = panels.findIndex((panel) => panel.target !== null && panel.band);
+    const span = this.#x[1] - this.#x[0];
+    let from = Infinity, to = -Infinity;
+    for (const side of [left, right]) {
+      if (at >= 0) {
+        const { target, band } = panels[at];
+        for (const { t, y } of side.curves[at]) {
+          const near = y.findIndex((v) => Math.abs(v - target) <= 8 * band);
+          if (near >= 0) from = Math.min(from, t[near]);
+          const out = y.findLastIndex((v) => Math.abs(v - target) > band);
+          to = Math.max(to, t[Math.min(out + 1, t.length - 1)]);
+        }
+      } else {
+        for (const curve of side.references.filter(Boolean)) {
+          const moved = curve.t.filter((_, k) => k && curve.y[k] !== curve.y[k - 1]);
+          for (const time of moved) [from, to] = [Math.min(from, time), Math.max(to, time)];
+        }
+      }
+    }
+    if (!(from <= to)) return { x: [this.#x[0], this.#x[1]], y: this.#y };
+    const pad = Math.max(0.08 * (to - from), 0.03 * span);
+    const y = panels.map((panel, i) => panel.target !== null && panel.band
+      ? [panel.target - 8 * panel.band, panel.target + 8 * panel.band] : this.#y[i]);
+    return { x: [Math.max(this.#x[0], from - pad), Math.min(this.#x[1], to + 2 * pad)], y };
+  }
+
+  draw() {
+    if (!this.#question || typeof Plotly === "undefined") {
+      if (this.#question) addEventListener("load", () => this.draw(), { once: true });
+      return;
+    }
+    this.#drawing += 1;
+    for (const name of this.shown) {
+      const div = $(`${name}-plot`);
+      if (!div || !div.clientWidth) continue;
+      const fresh = !div.classList.contains("js-plotly-plot");
+      const height = Math.max(div.clientHeight, 96 * this.panels.length);
+      Plotly.react(div, this.#traces(name), this.#layout(div.clientWidth, height),
+        { displayModeBar: false, responsive: false, doubleClick: false, showTips: false });
+      if (fresh) this.#listen(div);
+      this.#heads(div, name, height);
+    }
+    this.#drawing -= 1;
+  }
+
+  #listen(div) {
+    div.on("plotly_relayout", (change) => this.#relaid(change));
+    div.on("plotly_doubleclick", () => this.reset());
+  }
+
+  #relaid(change) {
+    if (this.#drawing) return;
+    const view = { x: [...this.#view.x], y: this.#view.y.map((range) => [...range]) };
+    let changed = false;
+    for (const [key, value] of Object.entries(change)) {
+      const found = /^(x|y)axis(\d*)\.range\[(\d)\]$/.exec(key);
+      if (!found) continue;
+      const range = found[1] === "x" ? view.x : view.y[Number(found[2] || 1) - 1];
+      range[Number(found[3])] = value;
+      changed = true;
+    }
+    if (!changed) return;
+    this.#set(view, true);
+    this.draw();
+  }
+
+  #traces(name) {
+    const sides = name === "both" ? ["left", "right"] : [name];
+    const traces = [];
+    for (const side of sides) {
+      const dash = name === "both" && side === "right" ? "6px,3px" : "solid";
+      this.panels.forEach((panel, i) => {
+        const axis = i ? `y${i + 1}` : "y";
+        const shape = panel.shape === "step" ? "hv" : "linear";
+        const line = { color: css(COLORS[side]), width: 2, shape, dash };
+        const common = { type: "scatter", mode: "lines", yaxis: axis, hoverinfo: "skip" };
+        const reference = this.#question[side].references[i];
+        if (reference) {
+          traces.push({ ...common, x: reference.t, y: reference.y,
+            line: { color: css("--muted"), width: 1.2, shape: "hv", dash: "3px,3px" } });
+        }
+        this.#question[side].curves[i].forEach((curve, run) => traces.push({ ...common,
+          x: curve.t, y: curve.y, line: run ? { ...line, width: 1 } : line, opacity: run ? 0.45 : 1 }));
+      });
+    }
+    return traces;
+  }
+
+  // Where panel i lies, in px from the top.
+  place(i, height) {
+    const each = (height - MARGIN.t - MARGIN.b) / this.panels.length;
+    return { top: MARGIN.t + i * each + HEAD, bottom: MARGIN.t + (i + 1) * each - 4 };
+  }
+
+  #layout(width, height) {
+    const inner = height - MARGIN.t - MARGIN.b;
+    const grid = { gridcolor: css("--grid"), zeroline: false, linecolor: css("--grid"),
+      tickfont: { color: css("--muted"), size: 11 }, ticklen: 0, automargin: false };
+    const layout = {
+      width, height, margin: { ...MARGIN, pad: 0 }, showlegend: false, hovermode: false,
+      paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", dragmode: "zoom",
+      font: { family: "system-ui, sans-serif" }, shapes: [],
+      xaxis: { ...grid, range: [...this.#view.x], anchor: `y${this.panels.length > 1 ? this.panels.length : ""}`,
+        ticksuffix: this.#unit ? ` ${this.#unit}` : "", showticksuffix: "last", nticks: 10 },
+    };
+    this.panels.forEach((panel, i) => {
+      const { top, bottom } = this.place(i, height);
+      const at = (px) => Math.min(Math.max(1 - (px - MARGIN.t) / inner, 0), 1);
+      layout[i ? `yaxis${i + 1}` : "yaxis"] = { ...grid, range: [...this.#view.y[i]],
+        domain: [at(bottom), at(top)], anchor: "x", nticks: 5 };
+      layout.shapes.push(...this.#lines(panel, i ? `y${i + 1}` : "y"));
+    });
+    return layout;
+  }
+
+  #lines(panel, yref) {
+    const across = { xref: "paper", x0: 0, x1: 1, yref };
+    const level = (y, line) => ({ type: "line", ...across, y0: y, y1: y, line });
+    const shapes = [];
+    if (panel.target !== null && panel.band) {
+      shapes.push({ type: "rect", ...across, y0: panel.target - panel.band, y1: panel.target + panel.band,
+        fillcolor: css("--band"), line: { width: 0 }, layer: "below" });
+    }
+    if (panel.target !== null) shapes.push(level(panel.target, { color: css("--good"), width: 1.3, dash: "dot" }));
+    for (const limit of [panel.low, panel.high]) {
+      if (limit !== null) shapes.push(level(limit, { color: css("--bad"), width: 1.3, dash: "dash" }));
+    }
+    return shapes;
+  }
+
+  // Titles and read-outs, and the line of the cursor, above the figure.
+  #heads(div, name, height) {
+    let layer = div.querySelector(".over-plot");
+    if (!layer) {
+      layer = el("div", { class: "over-plot", "aria-hidden": "true" });
+      div.append(layer);
+    }
+    fill(layer, el("div", { class: "cursor", hidden: true }), this.panels.map((panel, i) => {
+      const { top } = this.place(i, height);
+      const head = el("p", { class: "head" }, el("span", {}, symbol(panel.title),
+        panel.unit ? ` [${panel.unit}]` : "", this.#aims(panel)), el("output", {}));
+      head.style.top = `${top - HEAD + 1}px`;
+      return head;
+    }));
+    layer.style.height = `${height}px`;
+    div.dataset.height = height;
+    div.dispatchEvent(new CustomEvent("drawn", { bubbles: true }));
+  }
+
+  #aims(panel) {
+    const words = [];
+    if (panel.target !== null) words.push(`target ${panel.target}${panel.band ? ` ± ${panel.band}` : ""}`);
+    if (panel.low !== null && panel.high !== null) words.push(`limits ${panel.low} to ${panel.high}`);
+    else if (panel.high !== null) words.push(`limit ${panel.high}`);
+    else if (panel.low !== null) words.push(`at least ${panel.low}`);
+    return words.length ? ` · ${words.join(" · ")}` : "";
+  }
+
+  time(div, clientX) {
+    const { left, width } = div.getBoundingClientRect();
+    const share = (clientX - left - MARGIN.l) / (width - MARGIN.l - MARGIN.r);
+    const [from, to] = this.range;
+    return share < 0 || share > 1 ? null : from + share * (to - from);
+  }
+
+  pixel(div, time) {
+    const [from, to] = this.range;
+    const share = (time - from) / (to - from);
+    return share < 0 || share > 1 ? null : MARGIN.l + share * (div.clientWidth - MARGIN.l - MARGIN.r);
+  }
+}

@@ -1,0 +1,110 @@
+"""Where we are: the best so far, what was tried, what was learned, how consistent the answers."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from prefcal_env.knobs import Knob
+from prefcal_scenarios.interview import Consistency, Interview, Now
+from prefcal_scenarios.interview.memory import incumbents
+from prefcal_scenarios.interview.order import to_repeat
+from prefcal_scenarios.report.record import VERDICTS
+from prefcal_scenarios.report.wording import number
+
+from .now import best_view, report_view
+
+_POINTS = 81
+"""Of a slice through the surrogate."""
+
+
+def status_view(interview: Interview, *, report: Path | None = None) -> dict[str, Any]:
+    """STATUS, as the page takes it."""
+    now = interview.now()
+    consistency = interview.consistency
+    seed = int(now.state.configuration["seed"])
+    return {
+        "best": best_view(interview, now),
+        "tried": _tried(interview, now),
+        "slices": _slices(interview, now),
+        "consistency": {
+            "repeated": consistency.repeated,
+            "agreed": consistency.agreed,
+            "cycles": [[i + 1 for i in cycle] for cycle in consistency.cycles],
+            "text": in_words(consistency),
+            "can_repeat": now.question is not None and to_repeat(now.state, seed) is not None,
+        },
+        "verdicts": _verdicts(now),
+        "report": report_view(report),
+    }
+
+
+def in_words(consistency: Consistency) -> str:
+    """Repeats and cycles as sentences."""
+    if not consistency.repeated:
+        repeats = "No question was asked twice yet."
+    else:
+        repeats = (
+            f"{consistency.agreed} of {consistency.repeated} repeated questions got the same "
+            "answer."
+        )
+    if not consistency.cycles:
+        return f"{repeats} The answers contradict each other nowhere."
+    circles = "; ".join(" over ".join(str(i + 1) for i in cycle) for cycle in consistency.cycles)
+    return f"{repeats} Preferred in a circle: {circles}."
+
+
+def _knob_view(knob: Knob) -> dict[str, Any]:
+    return {
+        "name": knob.name, "unit": knob.unit, "scale": knob.scale, "low": float(knob.low),
+        "high": float(knob.high), "integer": bool(knob.integer),
+    }  # fmt: skip
+
+
+def _tried(interview: Interview, now: Now) -> dict[str, Any]:
+    state, space = now.state, interview.scenario.space
+    winners = set(incumbents(state))
+    return {
+        "knobs": [_knob_view(knob) for knob in space],
+        "experiments": [
+            {
+                "number": index + 1,
+                "theta": list(state.samples[index].theta),
+                "text": [number(v) for v in state.samples[index].theta],
+                "best": index == now.incumbent,
+                "was_best": index in winners,
+                "ended": interview.experiment(index).end.value,
+                "marks": sorted(state.marks.get(index, ())),
+            }
+            for index in sorted(state.finished)
+        ],
+    }
+
+
+def _slices(interview: Interview, now: Now) -> Any:
+    """What was learned along each knob through the best θ; None if nothing is learned."""
+    surrogate = interview.surrogate
+    if surrogate is None or now.incumbent is None:
+        return None
+    space, best = interview.scenario.space, interview.experiment(now.incumbent).theta
+    base = space.encode(best)
+    slices = []
+    for k, knob in enumerate(space):
+        z = np.repeat(base[None], _POINTS, axis=0)
+        z[:, k] = np.linspace(0.0, 1.0, _POINTS)
+        thetas = np.unique(np.array([space.decode(row) for row in z]), axis=0)
+        thetas = thetas[np.argsort(thetas[:, k])]
+        slices.append(
+            {
+                "knob": _knob_view(knob),
+                "x": thetas[:, k].tolist(),
+                "y": surrogate(thetas).tolist(),
+                "best": float(best[k]),
+            }
+        )
+    return slices
+
+
+def _verdicts(now: Now) -> dict[str, int]:
+    given = [c.answer.preference for c in now.state.closed[1:] if not c.retracted]
+    return {words: given.count(verdict) for verdict, words in VERDICTS.items()}
