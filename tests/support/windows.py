@@ -1,10 +1,7 @@
 """The application around a real interview of the toy scenario, without a socket."""
 
 import asyncio
-import importlib.util
-import sys
 import threading
-import types
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -93,31 +90,3 @@ def make_room(interview: Interview, static: Path | None = None, **options) -> Ro
         seen=lambda: seen.append("poll"), pace=pace, **options,
     )  # fmt: skip
     return Room(interview, app, reports, closed, seen)
-
-
-def _stand_in() -> None:
-    """The views, as long as there are none."""
-    name = "prefcal_scenarios.window.view"
-    if importlib.util.find_spec(name) is not None:
-        return
-    view = types.ModuleType(name)
-
-    def now_view(interview, *, blind, again, command, report):
-        now = interview.now()
-        question = None if now.question is None else {"id": now.question.id}
-        return {
-            "version": now.version, "phase": now.phase.value, "blind": blind,
-            "question": question, "again": again, "command": command,
-            "report": report and str(report),
-        }  # fmt: skip
-
-    view.now_view = now_view
-    view.history_view = lambda interview: {"answers": [], "notes": interview.now().state.notes}
-    view.asked_view = lambda interview, answer, *, blind: {
-        "question": {"id": interview.asked(answer).id}
-    }
-    view.status_view = lambda interview, *, report: {"tried": float("inf")}
-    sys.modules[name] = view
-
-
-_stand_in()
