@@ -30,6 +30,15 @@ def _answer(interview: Interview, choice: str, **rest: Any) -> Any:
     return interview.answer(rest.pop("question"), Choice(choice), **rest)
 
 
+def _method(name: str) -> Callable[..., Any]:
+    """The interview's method, which takes the fields by name."""
+
+    def do(interview: Interview, **given: Any) -> Any:
+        return getattr(interview, name)(**given)
+
+    return do
+
+
 def _record(interview: Interview, index: int, content: bytes, unsafe: bool) -> Any:
     return interview.record(index, content, unsafe=unsafe)
 
@@ -52,16 +61,16 @@ ACTIONS: Mapping[str, Action] = MappingProxyType(
                 "mark": one_of("unsafe", "good enough"),
                 "on": flag,
             },
-            Interview.mark,
+            _method("mark"),
         ),
-        "undo": Action({"version": whole}, Interview.undo),
-        "retract": Action({"answer": whole}, Interview.retract),
-        "repeat": Action({}, Interview.repeat),
-        "note": Action({"text": text}, Interview.note),
-        "retry": Action({"index": whole}, Interview.retry),
-        "fail": Action({"index": whole, "reason": text}, Interview.fail),
-        "finish": Action({}, Interview.finish),
-        "go_on": Action({"more": at_most(MOST_MORE)}, Interview.go_on),
+        "undo": Action({"version": whole}, _method("undo")),
+        "retract": Action({"answer": whole}, _method("retract")),
+        "repeat": Action({}, _method("repeat")),
+        "note": Action({"text": text}, _method("note")),
+        "retry": Action({"index": whole}, _method("retry")),
+        "fail": Action({"index": whole, "reason": text}, _method("fail")),
+        "finish": Action({}, _method("finish")),
+        "go_on": Action({"more": at_most(MOST_MORE)}, _method("go_on")),
     }
 )
 RECORD = Action({}, _record)

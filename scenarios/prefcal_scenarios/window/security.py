@@ -173,6 +173,8 @@ async def _answer(send: Send, scope: Scope, refusal: Refusal) -> None:
     kind = b"application/json" if api else b"text/plain; charset=utf-8"
     content = body.encode()
     headers = [(b"content-type", kind), (b"content-length", str(len(content)).encode())]
+    if scope["method"] not in ("GET", "HEAD"):
+        headers.append((b"connection", b"close"))  # or the rest of an endless body is read on
     await send({"type": "http.response.start", "status": refusal.status, "headers": headers})
     shown = b"" if scope["method"] == "HEAD" else content
     await send({"type": "http.response.body", "body": shown})

@@ -81,6 +81,11 @@ class Window:
         """Seconds since a page last asked how things stand, or since the window was made."""
         return self._clock() - self._seen_at
 
+    @property
+    def waiting(self) -> int:
+        """How many pages wait for a change right now."""
+        return int(self._app.state.watch.waiting)
+
     def __enter__(self) -> Self:
         self._thread.start()
         self._app.state.assets.pack_all()

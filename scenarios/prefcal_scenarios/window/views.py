@@ -3,13 +3,13 @@
 import json
 import math
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from prefcal_scenarios.interview import Interview
 
 from .reports import Reports
+from .view import asked_view, history_view, now_view, status_view
 
 
 @dataclass(slots=True)
@@ -41,25 +41,17 @@ class Views:
 
     def history(self) -> bytes:
         """Every question and answer."""
-        from .view import history_view
-
         return encoded(history_view(self.interview))
 
     def asked(self, answer: int, blind: bool) -> bytes:
         """A closed question, as it was shown."""
-        from .view import asked_view
-
         return encoded(asked_view(self.interview, answer, blind=blind))
 
     def status(self) -> bytes:
         """Where we are."""
-        from .view import status_view
-
         return encoded(status_view(self.interview, report=self.reports.folder))
 
     def _now(self, blind: bool) -> dict[str, Any]:
-        from .view import now_view
-
         return now_view(
             self.interview, blind=blind, again=self.again, command=self.command,
             report=self.reports.folder,
@@ -74,9 +66,8 @@ def encoded(view: Any) -> bytes:
         return _dump(_finite(view))
 
 
-_dump: Callable[[Any], bytes] = lambda view: json.dumps(  # noqa: E731
-    view, allow_nan=False, separators=(",", ":")
-).encode()
+def _dump(view: Any) -> bytes:
+    return json.dumps(view, allow_nan=False, separators=(",", ":")).encode()
 
 
 def _finite(value: Any) -> Any:

@@ -76,6 +76,12 @@ class Watch:
             with self._lock:
                 self._waiters.discard(waiter)
 
+    @property
+    def waiting(self) -> int:
+        """How many are waiting."""
+        with self._lock:
+            return len(self._waiters)
+
     def wake(self) -> None:
         """Wake everybody, though the version is the same."""
         with self._lock:

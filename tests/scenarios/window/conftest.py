@@ -1,61 +1,10 @@
-"""The application around a real interview of the toy scenario, without a socket."""
-
-import importlib.util
-import sys
-import threading
-import types
-from dataclasses import dataclass, field
-from pathlib import Path
+"""A room with an open question, for the tests of the window."""
 
 import pytest
-from starlette.applications import Starlette
-from starlette.testclient import TestClient
 
-import support.interviews as interviews
-from prefcal_scenarios.interview import Interview
 from prefcal_scenarios.scenario import load
-from prefcal_scenarios.window.api import Pace
-from prefcal_scenarios.window.app import make_app
-from prefcal_scenarios.window.reports import Reports
-
-TOKEN, PORT = "the-token", 8765
-HOST = f"127.0.0.1:{PORT}"
-ORIGIN = f"http://{HOST}"
-COOKIE = f"prefcal_{PORT}={TOKEN}"
-TOY = Path(__file__).parents[1] / "toy_scenario.py"
-
-
-@dataclass
-class Room:
-    """An application, what it is about, and a page that has the cookie."""
-
-    interview: Interview
-    app: Starlette
-    reports: Reports
-    closed: threading.Event
-    seen: list[str] = field(default_factory=list)
-
-    def page(self, *, cookie: str = COOKIE, **headers: str) -> TestClient:
-        """Requests as a page of ours makes them; what is empty is left out."""
-        client = TestClient(self.app, base_url=ORIGIN, raise_server_exceptions=True)
-        given = {"cookie": cookie, "origin": ORIGIN, **headers}
-        client.headers.update({name: value for name, value in given.items() if value})
-        return client
-
-    def post(self, action: str, **body: object):
-        """An action, as the page asks for it."""
-        return self.page().post(f"/api/{action}", json=body)
-
-    @property
-    def events(self) -> list[object]:
-        """What the study file holds."""
-        return list(self.interview.study.events())
-
-    def question(self) -> int:
-        """Id of the open question."""
-        question = self.interview.now().question
-        assert question is not None
-        return question.id
+from support.interviews import begin, proceed
+from support.windows import TOY, make_room
 
 
 @pytest.fixture
@@ -65,55 +14,18 @@ def toy():
 
 @pytest.fixture
 def static(tmp_path):
+    """A page's files, small ones."""
     folder = tmp_path / "static"
     folder.mkdir()
     (folder / "index.html").write_text('<script src="/static/main.js?v=VERSION"></script>')
     (folder / "main.js").write_text("// " + "plain " * 400)
+    (folder / "notes.txt").write_text("not for the page")
     return folder
-
-
-def make_room(interview: Interview, static: Path | None = None, **options) -> Room:
-    """A room around `interview`, in which nobody is let wait."""
-    reports, closed, seen = Reports(), threading.Event(), []
-    pace = options.pop("pace", Pace(poll=0.05, after_answer=0.0))
-    app = make_app(
-        interview, token=TOKEN, port=PORT, reports=reports, closed=closed, static=static,
-        seen=lambda: seen.append("poll"), pace=pace, **options,
-    )  # fmt: skip
-    return Room(interview, app, reports, closed, seen)
 
 
 @pytest.fixture
 def room(toy, static):
     """The first question of the toy is open."""
-    interview = interviews.begin(toy)
-    interviews.proceed(interview)
+    interview = begin(toy)
+    proceed(interview)
     return make_room(interview, static)
-
-
-def _stand_in() -> None:
-    """The views, as long as there are none."""
-    name = "prefcal_scenarios.window.view"
-    if importlib.util.find_spec(name) is not None:
-        return
-    view = types.ModuleType(name)
-
-    def now_view(interview, *, blind, again, command, report):
-        now = interview.now()
-        question = None if now.question is None else {"id": now.question.id}
-        return {
-            "version": now.version, "phase": now.phase.value, "blind": blind,
-            "question": question, "again": again, "command": command,
-            "report": report and str(report),
-        }  # fmt: skip
-
-    view.now_view = now_view
-    view.history_view = lambda interview: {"answers": [], "notes": interview.now().state.notes}
-    view.asked_view = lambda interview, answer, *, blind: {
-        "question": {"id": interview.asked(answer).id}
-    }
-    view.status_view = lambda interview, *, report: {"tried": float("inf")}
-    sys.modules[name] = view
-
-
-_stand_in()
