@@ -56,9 +56,22 @@ export function target(question, all) {
   const [from, to] = extent(spans.flat(), [Infinity, -Infinity]);
   if (!(from <= to)) return all;
   const pad = Math.max(0.08 * (to - from), 0.03 * (all.x[1] - all.x[0]));
+  const x = [Math.max(all.x[0], from - pad), Math.min(all.x[1], to + 2 * pad)];
   const y = panels.map((panel, i) => (aimed(panel)
-    ? [panel.target - 8 * panel.band, panel.target + 8 * panel.band] : all.y[i]));
-  return { x: [Math.max(all.x[0], from - pad), Math.min(all.x[1], to + 2 * pad)], y };
+    ? [panel.target - 8 * panel.band, panel.target + 8 * panel.band]
+    : within(x, [left, right].flatMap((side) => side.curves[i]), all.y[i])));
+  return { x, y };
+}
+
+// What curves reach while `x` is shown, but not less than a quarter of the whole: beside the
+// target, nobody wants noise filling a panel.
+function within([from, to], curves, [low, high]) {
+  const seen = [Infinity, -Infinity];
+  for (const { t, y } of curves) extent(y.filter((_, k) => t[k] >= from && t[k] <= to), seen);
+  if (!(seen[0] <= seen[1])) return [low, high];
+  const middle = (seen[0] + seen[1]) / 2;
+  const half = Math.max((seen[1] - seen[0]) * 0.56, (high - low) / 8);
+  return [Math.max(low, middle - half), Math.min(high, middle + half)];
 }
 
 // When a curve first comes near the target, and when it is in the band for good.

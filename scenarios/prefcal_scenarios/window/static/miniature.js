@@ -28,7 +28,7 @@ export function miniature(div, question, name, unit) {
     mode: "lines", x: curve.t, y: curve.y, yaxis: i ? `y${i + 1}` : "y",
     line: { color: css(`--${name}`), width: 1.8, simplify: false, shape: panel.shape === "step" ? "hv" : "linear" } })));
   const layout = base(div.clientWidth, 130 * panels.length + 30);
-  layout.xaxis = { ...axis(), title: { text: `time [${unit}]` }, anchor: `y${panels.length > 1 ? panels.length : ""}` };
+  layout.xaxis = { ...axis(), title: titled(`time [${unit}]`), anchor: `y${panels.length > 1 ? panels.length : ""}` };
   panels.forEach((panel, i) => {
     layout[i ? `yaxis${i + 1}` : "yaxis"] = { ...axis(), range: ranges[i], nticks: 4,
       domain: [1 - (i + 0.92) / panels.length, 1 - i / panels.length],
@@ -47,7 +47,7 @@ function along(knob) {
   const log = knob.scale === "log10";
   const [low, high] = log ? [Math.log10(knob.low), Math.log10(knob.high)] : [knob.low, knob.high];
   const pad = 0.04 * (high - low);
-  const ticks = log && high - low >= 2 ? { dtick: Math.ceil((high - low) / 5), exponentformat: "power" } : { nticks: 5 };
+  const ticks = log && high - low >= 2 ? { dtick: Math.ceil((high - low) / 5), tickformat: "~g" } : { nticks: 5 };
   return { ...axis(), type: log ? "log" : "linear", range: [low - pad, high + pad], ...ticks };
 }
 
