@@ -13,7 +13,9 @@ from typing import Any
 
 from playwright.sync_api import Browser, Page, sync_playwright
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
 MAIN = "from prefcal_scenarios.cli import main; main()"
 SHOTS = Path(os.environ.get("PREFCAL_SHOTS", "screenshots"))
 # No name is resolved but the loopback address: whatever asks for the network fails, and is seen.

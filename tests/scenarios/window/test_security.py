@@ -46,7 +46,10 @@ def test_the_names_of_the_loopback_device_are_ours(room, host):
 
 def test_a_request_without_or_with_two_hosts_is_refused(room):
     for hosts in ([], [HOST, HOST]):
-        assert bare(room, "GET", "/api/now", [("host", h) for h in hosts] + [("cookie", COOKIE)]) == 403
+        assert (
+            bare(room, "GET", "/api/now", [("host", h) for h in hosts] + [("cookie", COOKIE)])
+            == 403
+        )
 
 
 @pytest.mark.parametrize(
@@ -85,9 +88,7 @@ def test_two_origins_are_refused(room):
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("path", ["/", "/api/now", "/static/main.js", "/report/x.png", "/nowhere"])
-def test_without_the_cookie_nothing_is_shown_but_a_sentence(
-    room, cookie, path
-):
+def test_without_the_cookie_nothing_is_shown_but_a_sentence(room, cookie, path):
     response = room.page(cookie=cookie).get(path)
     assert response.status_code == 401
     assert "link" in response.text
@@ -101,7 +102,9 @@ def test_an_answer_without_the_cookie_is_refused(room):
 
 
 def test_a_cookie_that_another_program_has_set_beside_ours_does_no_harm(room):
-    assert room.page(cookie=f"a=b; prefcal_{PORT}=wrong; {COOKIE}").get("/api/now").status_code == 200
+    assert (
+        room.page(cookie=f"a=b; prefcal_{PORT}=wrong; {COOKIE}").get("/api/now").status_code == 200
+    )
 
 
 def test_the_link_gives_the_cookie_and_the_page(room):
@@ -112,7 +115,9 @@ def test_the_link_gives_the_cookie_and_the_page(room):
     assert parts == {f"prefcal_{PORT}={TOKEN}", "HttpOnly", "SameSite=Strict", "Path=/"}
 
 
-@pytest.mark.parametrize("token", ["wrong", TOKEN + "x", "%C3%A9", "%00", "%ff", "%2e%2e", "the-toke"])
+@pytest.mark.parametrize(
+    "token", ["wrong", TOKEN + "x", "%C3%A9", "%00", "%ff", "%2e%2e", "the-toke"]
+)
 def test_a_wrong_link_is_refused(room, token):
     response = room.page().get(f"/open/{token}")
     assert response.status_code in (401, 404)
