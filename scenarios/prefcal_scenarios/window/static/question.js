@@ -103,7 +103,7 @@ function describe(name, question) {
   const side = question[name];
   const title = { left: "Left", right: "Right" }[name];
   const parts = [
-    el("header", {}, el("h2", { id: `${name}-title` }, title), el("p", { class: "which" }, which(side)),
+    el("header", {}, el("h2", { id: `${name}-title` }, title), el("p", { class: "which", title: which(side) || null }, which(side)),
       el("div", { class: "marks", id: `${name}-marks` })),
     el("div", { id: `${name}-numbers` }), thetas(side),
   ];
@@ -129,7 +129,7 @@ function which(side) {
   const words = [];
   if (side.number) words.push(`experiment ${side.number}`, side.role);
   if (side.interrupted) words.push(side.ended);
-  if (side.runs > 1) words.push(`${side.runs} runs, the first one bold`);
+  if (side.runs > 1) words.push(`${side.runs} runs, the first bold`);
   return words.join(" · ");
 }
 
