@@ -59,7 +59,7 @@ export function target(question, all) {
   const x = [Math.max(all.x[0], from - pad), Math.min(all.x[1], to + 2 * pad)];
   const y = panels.map((panel, i) => (aimed(panel)
     ? [panel.target - 8 * panel.band, panel.target + 8 * panel.band]
-    : within(x, [left, right].flatMap((side) => side.curves[i]), all.y[i])));
+    : within(x, [left, right].flatMap((side) => [...side.curves[i], side.references[i]]), all.y[i])));
   return { x, y };
 }
 
@@ -67,7 +67,7 @@ export function target(question, all) {
 // target, nobody wants noise filling a panel.
 function within([from, to], curves, [low, high]) {
   const seen = [Infinity, -Infinity];
-  for (const { t, y } of curves) extent(y.filter((_, k) => t[k] >= from && t[k] <= to), seen);
+  for (const { t, y } of curves.filter(Boolean)) extent(y.filter((_, k) => t[k] >= from && t[k] <= to), seen);
   if (!(seen[0] <= seen[1])) return [low, high];
   const middle = (seen[0] + seen[1]) / 2;
   const half = Math.max((seen[1] - seen[0]) * 0.56, (high - low) / 8);

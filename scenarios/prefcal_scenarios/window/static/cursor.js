@@ -59,6 +59,14 @@ export class Cursor {
     this.#told(time);
   }
 
+  // Into what is seen, if it is not there.
+  enter() {
+    const [from, to] = this.#plots.range;
+    if (this.#time !== null && this.#time >= from && this.#time <= to) return;
+    this.put(from);
+    this.#told(from);
+  }
+
   draw() {
     for (const name of this.#plots.shown) {
       const div = $(`${name}-plot`);

@@ -92,7 +92,11 @@ function toggleOverlay() {
   layout();
 }
 
-export const toggleZoom = () => plots.zoomToTarget();
+export function toggleZoom() {
+  plots.zoomToTarget();
+  if (current()?.question?.has_scene) cursor.enter(); // the scenes show what the curves show
+}
+
 export const resetZoom = () => plots.reset();
 export const moveCursor = (steps) => cursor.step(steps);
 export const togglePlay = () => scenes.toggle();
