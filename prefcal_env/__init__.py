@@ -9,6 +9,7 @@ from gymnasium import register as _register
 
 from prefcal_env.calibrators import BradleyTerry as BradleyTerry
 from prefcal_env.calibrators import Criterion as Criterion
+from prefcal_env.calibrators import HumanCalibrator as HumanCalibrator
 from prefcal_env.calibrators import LatentCost as LatentCost
 from prefcal_env.calibrators import Lexicographic as Lexicographic
 from prefcal_env.calibrators import Thurstone as Thurstone
@@ -32,6 +33,7 @@ from prefcal_env.preference import Preference as Preference
 from prefcal_env.preference import Query as Query
 from prefcal_env.preference import Suggestion as Suggestion
 from prefcal_env.preference_reward import PreferenceReward as PreferenceReward
+from prefcal_env.rig import Rig as Rig
 from prefcal_env.rollout import rollout as rollout
 from prefcal_env.study import Comparison as Comparison
 from prefcal_env.study import calibrate as calibrate

@@ -1,5 +1,6 @@
-"""Synthetic calibrators: they answer as a person would, from a rule."""
+"""Calibrators: synthetic ones, which answer from a rule, and a person in Python."""
 
+from prefcal_env.calibrators.human import HumanCalibrator as HumanCalibrator
 from prefcal_env.calibrators.latent_cost import LatentCost as LatentCost
 from prefcal_env.calibrators.lexicographic import Criterion as Criterion
 from prefcal_env.calibrators.lexicographic import Lexicographic as Lexicographic

@@ -31,8 +31,12 @@ def measured(kpi: KPI, experiment: Experiment) -> str:
 
 def quantity(value: float | None, unit: str) -> str:
     """A number with its unit."""
-    text = number(value)
-    return f"{text} {unit}" if unit and text[0] in "-0123456789" else text
+    return with_unit(number(value), unit)
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A number that is written already with its unit; words such as "never" have none."""
+    return f"{text} {unit}" if unit not in ("", "-") and text[:1] in "-0123456789" else text
 
 
 def labelled(name: str, unit: str) -> str:

@@ -9,7 +9,7 @@ from prefcal_env.rig import Rig
 from prefcal_env.studies import Suggested
 from prefcal_scenarios.interview import Interview, Now, Phase
 from prefcal_scenarios.interview.moment import GOOD_ENOUGH
-from prefcal_scenarios.report.wording import number, quantity
+from prefcal_scenarios.report.wording import number, quantity, with_unit
 from prefcal_scenarios.scenario import Scenario
 
 from .sides import numbers_view, question_view, theta_view
@@ -83,7 +83,7 @@ def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> An
             {"name": k.name, "unit": k.unit, "text": number(v), "exact": repr(float(v))}
             for k, v in knobs
         ],
-        "copy": "" if hidden else "\n".join(f"{k.name} = {v!r} {k.unit}".rstrip() for k, v in knobs),
+        "copy": "" if hidden else "\n".join(f"{k.name} = {with_unit(repr(float(v)), k.unit)}" for k, v in knobs),
         "columns": [] if rig is None else list(rig.columns.headings),
         "instructions": "" if rig is None else rig.instructions,
     }  # fmt: skip

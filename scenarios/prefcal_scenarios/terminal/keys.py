@@ -1,0 +1,43 @@
+"""What the person types: single keys on a terminal, lines where the input is a file or a pipe."""
+
+import sys
+from collections.abc import Callable
+
+import click
+from rich.console import Console
+
+LEFT, RIGHT, DOWN = "\x1b[D", "\x1b[C", "\x1b[B"
+ARROWS = {LEFT: "l", RIGHT: "r", DOWN: "s", "\x1bOD": "l", "\x1bOC": "r", "\x1bOB": "s",
+          "\xe0K": "l", "\xe0M": "r", "\xe0P": "s"}  # fmt: skip
+"""What arrow keys send, on Windows too."""
+END = "x"
+
+Keys = Callable[[], str]
+
+
+def keys_of(console: Console) -> Keys:
+    """A function that gives the next key, or the next line of an input that is no terminal.
+
+    The end of the input stops the study: everything is saved.
+    """
+    if sys.stdin.isatty():
+        return _key
+    return lambda: _line(console)
+
+
+def _key() -> str:
+    pressed = click.getchar()
+    return ARROWS.get(pressed, pressed.lower())
+
+
+def _line(console: Console) -> str:
+    line = sys.stdin.readline()
+    return line.strip() if line else END
+
+
+def ask_line(console: Console, words: str) -> str:
+    """A whole line from the person: a comment, or a file's name; nothing at the input's end."""
+    if sys.stdin.isatty():
+        return console.input(f"{words}: ", markup=False)
+    console.print(f"{words}: ", markup=False, end="")
+    return sys.stdin.readline().strip()

@@ -1,0 +1,40 @@
+"""History and state of a study in a terminal."""
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from prefcal_scenarios.interview import Interview
+from prefcal_scenarios.report.wording import theta_text
+from prefcal_scenarios.window.view.history import history_view
+from prefcal_scenarios.window.view.status import in_words
+
+
+def show_history(interview: Interview, console: Console) -> None:
+    """Every answer."""
+    table = Table(title="History", title_justify="left")
+    for heading in ("", "new", "best", "verdict", "marks", "comment"):
+        table.add_column(heading, overflow="fold")
+    for answer in history_view(interview)["answers"]:
+        said = "retracted" if answer["retracted"] else "again" if answer["repeated"] else ""
+        table.add_row(
+            str(answer["answer"]), str(answer["challenger"]), str(answer["incumbent"]),
+            answer["text"] + (f" ({said})" if said else ""), escape(", ".join(answer["marks"])),
+            escape(answer["comment"]),
+        )  # fmt: skip
+    console.print(table)
+
+
+def show_status(interview: Interview, console: Console) -> None:
+    """The best so far, how far it is, and how consistent the answers are."""
+    now = interview.now()
+    done = len(now.state.finished)
+    lines = [
+        f"{done} of {now.state.n_max} experiments, {max(len(now.state.closed) - 1, 0)} answers"
+    ]
+    if now.incumbent is not None:
+        best = theta_text(interview.scenario.space, interview.experiment(now.incumbent).theta)
+        lines.append(f"best so far, experiment {now.incumbent + 1}: {best}")
+    lines.append(in_words(interview.consistency))
+    for line in lines:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,128 @@
+"""A question in a terminal: two experiments in words and curves."""
+
+from typing import Any
+
+import numpy as np
+from rich.console import Console, Group, RenderableType
+from rich.panel import Panel as Box
+from rich.table import Table
+from rich.text import Text
+
+from prefcal_env.rig import Rig
+from prefcal_scenarios.interview import Interview, Now, Question
+from prefcal_scenarios.report.wording import with_unit
+from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.window.view.panels import panels_of
+from prefcal_scenarios.window.view.sides import numbers_view, theta_view
+
+from .drawing import curves
+
+WIDE = 110
+"""Columns from which both sides stand beside each other."""
+STYLES = {"left": "blue", "right": "dark_orange3"}
+_MOST = 6
+"""KPIs of a side that are shown."""
+
+KEYS = (
+    ("← or l", "left is better"), ("→ or r", "right is better"), ("↓ or s", "about the same"),
+    ("c", "can't tell"), ("u", "undo"), ("q / e", "mark left / right unsafe or very bad"),
+    ("a / d", "mark left / right good enough"), ("n", "comment on the next answer"),
+    ("b", "blind: hide θ and which one is new"), ("h", "history"), ("i", "where are we"),
+    ("p", "ask an earlier question again"), ("f", "finish the study"),
+    ("x", "stop for now; everything is saved"), ("?", "these keys"),
+)  # fmt: skip
+
+
+def show_question(now: Now, scenario: Scenario, console: Console, *, blind: bool) -> None:
+    """Both sides, side by side where there is room, and the keys."""
+    question = now.question
+    assert question is not None
+    wide = console.width >= WIDE
+    width = (console.width // 2 if wide else console.width) - 6
+    sides = [_side(question, name, scenario, width, blind=blind) for name in ("left", "right")]
+    head = "An earlier question again" if question.repeats is not None else (
+        f"Comparison {question.number} of {now.state.n_max - 1}"
+    )  # fmt: skip
+    console.rule(f"{head}: which experiment is better?")
+    if wide:
+        grid = Table.grid(expand=True)
+        grid.add_column(ratio=1)
+        grid.add_column(ratio=1)
+        grid.add_row(*sides)
+        console.print(grid)
+    else:
+        for side in sides:
+            console.print(side)
+    console.print(
+        "[←] left   [→] right   [↓] same   [c] can't tell   [u] undo   [?] all keys   [x] stop",
+        markup=False, highlight=False,
+    )  # fmt: skip
+
+
+def _side(
+    question: Question, name: str, scenario: Scenario, width: int, *, blind: bool
+) -> RenderableType:
+    side = getattr(question, name)
+    other = question.right if name == "left" else question.left
+    panels = panels_of(scenario, side.experiment.channels)
+    differing = side.experiment.theta != other.experiment.theta
+    parts: list[RenderableType] = [_kpis(numbers_view(side.experiment, scenario)["kpis"])]
+    if not blind:
+        parts.append(_theta(theta_view(scenario.space, side.experiment, differing)))
+    parts.append(curves(side.experiment, question, panels, width, STYLES[name]))
+    title = name.upper()
+    if not blind:
+        title += f" · experiment {side.index + 1} · {'new' if side.challenger else 'best so far'}"
+    if side.marks:
+        title += f" · marked {', '.join(sorted(side.marks))}"
+    if side.experiment.end.interrupted:
+        title += f" · {side.experiment.end.value}"
+    return Box(Group(*parts), title=Text(title), border_style=STYLES[name], title_align="left")
+
+
+def _kpis(kpis: list[dict[str, Any]]) -> Text:
+    text = Text()
+    for kpi in kpis[:_MOST]:
+        sign = {True: " ✓", False: " ✗", None: ""}[kpi["met"]]
+        style = {True: "green", False: "red", None: ""}[kpi["met"]]
+        text.append(f"{kpi['title']} ")
+        value = with_unit(kpi["text"], kpi["unit"])
+        text.append(value + sign, style=f"bold {style}".strip())
+        text.append("   ")
+    return text
+
+
+def _theta(knobs: list[dict[str, Any]]) -> Text:
+    """What differs is set off by brackets, not by style alone."""
+    text = Text("θ: ")
+    for knob in knobs:
+        value = f"{knob['name']} = {with_unit(knob['text'], knob['unit'])}"
+        differs = knob["differs"]
+        text.append(f"[{value}]" if differs else value, style="bold" if differs else "dim")
+        text.append("  ")
+    return text
+
+
+def show_keys(console: Console) -> None:
+    """All keys."""
+    table = Table.grid(padding=(0, 2))
+    for key, words in KEYS:
+        table.add_row(Text(key, style="bold"), words)
+    console.print(table)
+
+
+def show_next(interview: Interview, now: Now, console: Console) -> None:
+    """The next θ of a rig, and what its record has to hold."""
+    rig, sample = interview.scenario.run, now.pending
+    assert isinstance(rig, Rig)
+    assert sample is not None
+    console.rule(f"Experiment {sample.index + 1}: run your plant with")
+    for knob, value in zip(interview.scenario.space, np.array(sample.theta), strict=True):
+        line = f"  {knob.name} = {with_unit(repr(float(value)), knob.unit)}"
+        console.print(line, style="bold", markup=False, highlight=False)
+    if rig.instructions:
+        console.print(rig.instructions, markup=False)
+    columns = ", ".join(rig.columns.headings)
+    console.print(
+        f"Its record: a CSV file with the columns {columns}", markup=False, soft_wrap=True
+    )

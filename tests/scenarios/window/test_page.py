@@ -1,0 +1,341 @@
+"""The query window in a real browser: by keyboard, in two tabs, after a kill, and by its pixels."""
+
+import io
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from prefcal_env.studies import StudyFile, verify
+from support.browser import CHROMIUM, Watched, chromium, serve
+from support.interviews import clock
+from toy_study import TOY_FILE
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
+TOY = f"{TOY_FILE}:toy"
+BLUE, ORANGE = (11, 99, 194), (185, 58, 6)
+"""The curves of the two sides, in light."""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def window(tmp_path):
+    """Start a study of the toy; stopped in the end."""
+    started = []
+
+    def start(scenario=TOY, *words, n_max=13):
+        served = serve(tmp_path, scenario, "--n-max", str(n_max), *words)
+        started.append(served)
+        return served
+
+    yield start
+    for served in started:
+        served.kill()
+
+
+def state_of(served):
+    with StudyFile.open(served.study, clock=clock()) as file:
+        return file.state
+
+
+def pixels(page, selector, color):
+    """How many pixels of an element are of a colour, nearly."""
+    shot = page.locator(selector).screenshot()
+    image = np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
+    return int(np.sum(np.abs(image - color).max(axis=2) < 20))
+
+
+def test_twelve_comparisons_by_keyboard(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    assert watched.page.url.endswith("/")  # the token is not left in the address
+    keys = ["ArrowLeft", "ArrowRight", "ArrowDown", "s"] * 3
+    question = watched.question()
+    for number, key in enumerate(keys, start=1):
+        text = watched.page.inner_text("#progress-text")
+        assert text == f"comparison {number} of 12"
+        watched.page.keyboard.press(key)
+        if number < len(keys):
+            question = watched.question(question)
+    watched.phase("over")
+    watched.page.wait_for_selector(".pictures img")
+    watched.shot("over")
+    state = state_of(served)
+    assert state.ended == "all compared"
+    choices = []
+    for closed in state.closed[1:]:
+        p = closed.answer.preference
+        left_won = p is not None and p != 0 and (p == -1) == closed.challenger_left
+        choices.append("s" if p is None else "ArrowDown" if p == 0 else
+                       "ArrowLeft" if left_won else "ArrowRight")  # fmt: skip
+    assert choices == keys
+    watched.page.click("text=Close prefcal")
+    out, _ = served.process.communicate(timeout=30)
+    assert served.process.returncode == 0
+    assert "Report: " in out
+    assert "prefcal calibrate" in out
+    assert verify(served.study) == ()
+    assert watched.errors == []
+
+
+def test_no_request_leaves_the_machine(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    watched.answer("ArrowLeft")
+    for key in ("h", "w", "Escape", "o", "f"):
+        watched.page.keyboard.press(key)
+    origin = re.match(r"http://127\.0\.0\.1:\d+/", served.link)[0]
+    others = [url for url in watched.requests if not url.startswith((origin, "data:", "blob:"))]
+    assert others == []
+    assert len(watched.requests) > 10
+    assert watched.errors == []
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_both_sides_show_their_curves(browser, window, theme):
+    served, watched = window(), Watched(browser, color_scheme=theme)
+    watched.open(served.link)
+    watched.shot(f"question-{theme}")
+    left, right = (BLUE, ORANGE) if theme == "light" else ((116, 180, 255), (255, 157, 107))
+    assert pixels(watched.page, "#left-plot", left) > 400
+    assert pixels(watched.page, "#right-plot", right) > 400
+    assert pixels(watched.page, "#left-plot", right) == 0
+    watched.page.keyboard.press("o")
+    watched.page.wait_for_selector("#both-plot .js-line")
+    watched.page.wait_for_timeout(200)
+    assert pixels(watched.page, "#both-plot", left) > 400
+    assert pixels(watched.page, "#both-plot", right) > 200
+    watched.shot(f"overlay-{theme}")
+
+
+def test_axes_are_the_same_and_one_zoom_moves_both(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    ranges = """name => { const l = document.getElementById(name + "-plot")._fullLayout;
+      return [l.xaxis.range, l.yaxis.range, l.yaxis2.range] }"""
+    both = lambda: [watched.page.evaluate(ranges, name) for name in ("left", "right")]  # noqa: E731
+    whole = both()
+    assert whole[0] == whole[1]
+    watched.page.keyboard.press("f")
+    zoomed = both()
+    assert zoomed[0] == zoomed[1] != whole[0]
+    assert zoomed[0][1] == pytest.approx([2 - 8 * 0.06, 2 + 8 * 0.06])
+    watched.page.keyboard.press("0")
+    assert both() == whole
+    box = watched.page.locator("#left-plot .nsewdrag").first.bounding_box()
+    watched.page.mouse.move(box["x"] + 40, box["y"] + 20)
+    watched.page.mouse.down()
+    watched.page.mouse.move(box["x"] + 160, box["y"] + 60, steps=4)
+    watched.page.mouse.up()
+    watched.page.wait_for_timeout(300)
+    dragged = both()
+    assert dragged[0] == dragged[1] != whole[0]
+
+
+def test_one_cursor_reads_both_sides(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    box = watched.page.locator("#left-plot").bounding_box()
+    watched.page.mouse.move(box["x"] + 200, box["y"] + 60)
+    texts = [watched.page.inner_text(f"#{side}-plot output >> nth=0") for side in ("left", "right")]
+    assert all(re.fullmatch(r"h = -?[\d.]+ @ [\d.]+ h", text) for text in texts)
+    assert texts[0].split("@")[1] == texts[1].split("@")[1]
+    watched.page.keyboard.press(".")
+    assert watched.page.inner_text("#left-plot output >> nth=0") != texts[0]
+
+
+def test_undo_takes_the_answer_back(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    before = watched.page.inner_text("#left .which") + watched.page.inner_text("#right .which")
+    question = watched.answer("ArrowLeft")
+    watched.page.keyboard.press("z")
+    watched.question(question)
+    after = watched.page.inner_text("#left .which") + watched.page.inner_text("#right .which")
+    assert after == before
+    assert watched.page.inner_text("#progress-text") == "comparison 1 of 12"
+    assert len(state_of(served).closed) == 1
+
+
+def test_two_tabs_answer_the_same_question(browser, window):
+    served, first = window(), Watched(browser)
+    first.open(served.link)
+    second = Watched(browser)
+    # The second tab hears of no change, as if its long poll hung in a slow network.
+    second.page.route(re.compile("/api/now.*after="), lambda route: None)
+    second.open(served.link)
+    question = first.question()
+    first.page.keyboard.press("ArrowLeft")
+    first.question(question)
+    assert second.page.evaluate("() => document.body.dataset.question") == question
+    second.page.keyboard.press("ArrowRight")
+    second.page.wait_for_selector("#banner:not([hidden])")
+    assert "nothing was recorded twice" in second.page.inner_text("#banner")
+    second.question(question)  # it goes on with the open one
+    assert len(state_of(served).closed) == 2
+
+
+def test_a_reload_changes_nothing(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    question = watched.answer("ArrowLeft")
+    watched.page.reload()
+    assert watched.question() == question
+    assert len(state_of(served).closed) == 2
+
+
+def test_a_killed_server_goes_on_where_it_was(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    watched.answer("ArrowLeft")
+    question = watched.question()
+    watched.page.keyboard.press("ArrowRight")
+    watched.page.wait_for_function("() => document.getElementById('saved').textContent")
+    served.kill()
+    watched.page.wait_for_selector("#banner:not([hidden])")
+    assert "is saved; go on with: prefcal calibrate" in watched.page.inner_text("#banner")
+    assert verify(served.study) == ()
+    assert len(state_of(served).closed) == 3
+    again = window()
+    watched.page.goto(again.link)
+    assert watched.question() != question
+    assert watched.page.inner_text("#progress-text") == "comparison 3 of 12"
+
+
+def test_keys_rest_while_somebody_types(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    watched.page.keyboard.press("c")
+    watched.page.keyboard.type("quieter, so q and s")
+    watched.page.keyboard.press("ArrowLeft")
+    assert len(state_of(served).closed) == 1
+    watched.page.keyboard.press("Escape")
+    watched.answer("ArrowRight")
+    closed = state_of(served).closed[1]
+    assert closed.comment == "quieter, so q and s"
+    assert watched.page.input_value("#comment") == ""
+    assert state_of(served).marks == {}
+
+
+def test_a_long_press_answers_once(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    question = watched.question()
+    for _ in range(6):
+        watched.page.keyboard.down("ArrowLeft")  # all but the first are repeats
+    watched.question(question)
+    watched.page.keyboard.up("ArrowLeft")
+    watched.page.wait_for_timeout(300)
+    assert len(state_of(served).closed) == 2
+
+
+def test_marks_are_kept_and_shown(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    watched.page.keyboard.press("e")
+    watched.page.wait_for_selector("#right.unsafe")
+    watched.page.keyboard.press("a")
+    watched.page.wait_for_selector("#left-good-enough[aria-pressed=true]")
+    watched.shot("marks")
+    watched.page.keyboard.press("a")
+    watched.page.wait_for_selector("#left-good-enough[aria-pressed=false]")
+    assert sorted(map(sorted, state_of(served).marks.values())) == [[], ["unsafe"]]
+
+
+def test_good_enough_offers_the_end(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    watched.page.keyboard.press("a")
+    watched.page.wait_for_selector("#left-good-enough[aria-pressed=true]")
+    watched.answer("ArrowLeft")
+    watched.page.click("#offer-finish")
+    watched.phase("over")
+    assert state_of(served).ended == "good enough"
+    watched.page.click("text=Go on comparing")
+    watched.question()
+
+
+def test_blind_hides_what_is_which_and_does_not_even_send_it(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    watched.page.keyboard.press("b")
+    watched.page.wait_for_selector("body[data-blind=true]")
+    shown = watched.page.inner_text("#pair")
+    for word in ("experiment", "best so far", "new", "N_p", "gain"):
+        assert word not in shown
+    sent = watched.page.evaluate("fetch('/api/now?blind=1').then((r) => r.text())")
+    assert '"theta":[{' not in sent
+    assert "best so far" not in sent
+    watched.answer("ArrowLeft")
+    assert state_of(served).closed[1].blind
+
+
+def test_history_shows_again_and_retracts(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    watched.answer("ArrowLeft")
+    watched.answer("ArrowRight")
+    watched.page.keyboard.press("h")
+    watched.page.click(".answers tbody tr:last-child td:first-child button")
+    watched.page.wait_for_selector("#again .js-line")
+    watched.shot("history")
+    watched.page.click(".answers tbody tr:last-child >> text=Retract")
+    watched.page.click("text=Retract it")
+    watched.page.wait_for_selector("tr.retracted")
+    assert state_of(served).closed[1].retracted
+
+
+def test_where_are_we_shows_the_best_and_what_was_learned(browser, window):
+    served, watched = window(TOY, "--n-init", "2"), Watched(browser)
+    watched.open(served.link)
+    for key in ("ArrowLeft", "ArrowRight", "ArrowLeft"):
+        watched.answer(key)
+    watched.page.keyboard.press("w")
+    watched.page.wait_for_selector("[data-plot=slice] .js-line")
+    assert watched.page.locator("[data-plot=tried] .points path").count() >= 12
+    watched.shot("where-are-we")
+    watched.page.click("text=Ask me an earlier question again")
+    once = "() => document.getElementById('heading').textContent.startsWith('Once')"
+    watched.page.wait_for_function(once)
+    watched.answer("ArrowLeft")
+    assert len(state_of(served).repeats) == 1
+
+
+def test_the_verdicts_are_in_sight_at_1280_by_720_and_on_a_tablet(browser, window):
+    served = window("overtake", n_max=5)
+    for size in ((1280, 720), (768, 1024), (1024, 768)):
+        watched = Watched(browser, viewport={"width": size[0], "height": size[1]})
+        watched.open(served.link)
+        watched.page.wait_for_timeout(200)
+        watched.shot(f"overtake-{size[0]}")
+        for choice in ("left", "right", "same", "cannot-tell"):
+            box = watched.page.locator(f"#verdict-{choice}").bounding_box()
+            assert box["y"] + box["height"] <= size[1]
+            assert box["x"] + box["width"] <= size[0]
+        wide = "document.documentElement.scrollWidth > document.documentElement.clientWidth"
+        assert not watched.page.evaluate(wide)
+
+
+def test_the_overtaking_plays_on_one_clock(browser, window):
+    served, watched = window("overtake", n_max=5), Watched(browser)
+    watched.open(served.link)
+    still = [watched.page.locator(f"#{side}-scene").screenshot() for side in ("left", "right")]
+    watched.page.keyboard.press("Space")
+    watched.page.wait_for_function("() => document.getElementById('scrub').value > 0.5")
+    watched.page.keyboard.press("Space")
+    time = watched.page.input_value("#scrub")
+    moved = [watched.page.locator(f"#{side}-scene").screenshot() for side in ("left", "right")]
+    assert all(a != b for a, b in zip(still, moved, strict=True))
+    watched.page.wait_for_timeout(150)
+    assert watched.page.input_value("#scrub") == time
+    watched.page.fill("#scrub", "7")
+    assert watched.page.inner_text("#clock-text").startswith("7.0 s")
+    assert pixels(watched.page, "#left-scene", BLUE) > 100
+    assert pixels(watched.page, "#right-scene", ORANGE) > 100
+    watched.shot("overtake-clock")
