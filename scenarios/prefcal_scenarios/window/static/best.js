@@ -2,27 +2,35 @@
 
 import { copied, el, symbol, withUnit } from "./dom.js";
 
-export function bestCard(best) {
+const MOST = 9; // KPIs at sight; the others are in the report
+
+export function bestCard(best, title = "Best so far") {
   if (!best) return el("p", {}, "There is no experiment yet.");
   const copy = el("button", { type: "button", on: { click: (event) => copied(best.copy, event.target) } }, "Copy θ");
   const theta = el("dl", { class: "values" }, best.theta.map((knob) =>
     el("div", {}, el("dt", {}, symbol(knob.name)), el("dd", {}, withUnit(knob.text, knob.unit)))));
-  return el("div", { class: "card" }, el("h3", {}, `Best so far: experiment ${best.number}`),
-    best.marks.length ? el("p", {}, `Marked ${best.marks.join(", ")}.`) : null, theta, kpiTable(best.kpis), copy);
+  return el("div", { class: "card best" },
+    el("div", { class: "card-head" }, el("h3", {}, `${title}: experiment ${best.number}`),
+      best.marks.map((mark) => el("span", { class: `chip ${mark === "unsafe" ? "bad" : "good"}` }, mark)), copy),
+    theta, kpiTable(best.kpis));
 }
 
 function kpiTable(kpis) {
   if (!kpis.length) return null;
-  const rows = kpis.slice(0, 9).map((kpi) => el("tr", { class: { true: "met", false: "missed" }[kpi.met] ?? "" },
+  const rows = kpis.slice(0, MOST).map((kpi) => el("tr", { class: { true: "met", false: "missed" }[kpi.met] ?? "" },
     el("th", { scope: "row" }, symbol(kpi.title)), el("td", { class: "number" }, withUnit(kpi.text, kpi.unit)),
-    el("td", {}, kpi.objective), el("td", {}, { true: "✓ met", false: "✗ missed" }[kpi.met] ?? "")));
-  return el("div", { class: "scroll" }, el("table", {}, el("thead", {}, el("tr", {},
-    ["", "value", "objective", ""].map((text) => el("th", { scope: "col" }, text)))), el("tbody", {}, rows)));
+    el("td", { class: "faint" }, kpi.objective), el("td", {}, { true: "✓ met", false: "✗ missed" }[kpi.met] ?? "")));
+  const heads = ["indicator", "value", "objective", "verdict"];
+  return el("div", { class: "scroll" }, el("table", { class: "kpi-table" }, el("thead", {}, el("tr", {},
+    heads.map((text, k) => el("th", { scope: "col", class: k === 1 ? "number" : null }, text)))), el("tbody", {}, rows)));
 }
 
 export function pictures(report) {
-  if (!report) return el("p", {}, "The report is being written…");
-  return el("div", {}, el("p", {}, "Report: ", el("code", {}, report.place)),
-    el("div", { class: "pictures" }, report.pictures.map((source) => el("img", { src: source, loading: "lazy",
-      alt: source.split("/").pop().replace(/\.\w+$/, "").replaceAll("_", " ") }))));
+  if (!report) return el("p", { class: "faint" }, "The report is being written…");
+  return el("div", {}, el("p", { class: "command" }, el("code", {}, report.place),
+    el("button", { type: "button", on: { click: (event) => copied(report.place, event.target) } }, "Copy")),
+  el("div", { class: "pictures" }, report.pictures.map((source) => {
+    const name = source.split("/").pop().replace(/\.\w+$/, "").replaceAll("_", " ");
+    return el("figure", {}, el("img", { src: source, loading: "lazy", alt: "" }), el("figcaption", {}, name));
+  })));
 }

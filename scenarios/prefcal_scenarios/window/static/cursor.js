@@ -59,6 +59,14 @@ export class Cursor {
     this.#told(time);
   }
 
+  // Into what is seen, if it is not there.
+  enter() {
+    const [from, to] = this.#plots.range;
+    if (this.#time !== null && this.#time >= from && this.#time <= to) return;
+    this.put(from);
+    this.#told(from);
+  }
+
   draw() {
     for (const name of this.#plots.shown) {
       const div = $(`${name}-plot`);
@@ -68,15 +76,31 @@ export class Cursor {
       line.hidden = pixel === null;
       if (pixel !== null) line.style.left = `${pixel}px`;
       div.querySelectorAll("output").forEach((output, i) => this.#read(output, name, i));
+      div.querySelectorAll(".dot").forEach((dot) => this.#mark(dot, div, pixel));
     }
   }
 
+  #mark(dot, div, pixel) {
+    const { side, panel } = dot.dataset;
+    const value = pixel === null ? null : this.#value(side, Number(panel));
+    const level = value === null ? null : this.#plots.level(div, Number(panel), value);
+    dot.hidden = level === null;
+    if (level === null) return;
+    dot.style.left = `${pixel}px`;
+    dot.style.top = `${level}px`;
+  }
+
+  #value(side, i) {
+    const { question, panels } = this.#plots;
+    const curve = question[side].curves[i][0];
+    return curve ? at(curve, this.#time, panels[i].shape === "step") : null;
+  }
+
   #read(output, name, i) {
-    const { question, panels, unit } = this.#plots;
+    const { panels, unit } = this.#plots;
     const sides = name === "both" ? ["left", "right"] : [name];
     const texts = this.#time === null ? [] : sides.map((side) => {
-      const curve = question[side].curves[i][0];
-      const value = curve ? at(curve, this.#time, panels[i].shape === "step") : null;
+      const value = this.#value(side, i);
       return value === null ? "–" : digits(value, this.#plots.height(i));
     });
     if (!texts.length) return fill(output);

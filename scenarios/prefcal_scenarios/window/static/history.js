@@ -1,62 +1,103 @@
 // Every question and answer, to be looked at again and retracted.
 
 import { get } from "./api.js";
-import { $, ask, el, fill, symbol, when, withUnit } from "./dom.js";
+import { $, ask, el, fill, say, symbol, when, withUnit } from "./dom.js";
 import { miniature } from "./miniature.js";
+
+const HEADS = ["question", "new", "best so far", "verdict", "marks", "comment", "answered", "retract"];
+const VERDICTS = { left: "left is better", right: "right is better", same: "about the same", "cannot tell": "can't tell" };
 
 export async function showHistory(act) {
   const view = $("view-history");
-  if (!view.firstChild) fill(view, el("h2", { id: "history-title" }, "History"), el("p", {}, "Loading…"));
+  const title = el("h2", { id: "history-title" }, "History");
+  if (!view.firstChild) fill(view, title, el("p", {}, "Loading…"));
   let history;
   try {
     history = await get("/api/history");
   } catch (error) {
-    return fill(view, el("h2", { id: "history-title" }, "History"), el("p", {}, error.message));
+    return fill(view, title, el("p", {}, error.message));
   }
   const { answers, notes } = history;
+  const half = $("note")?.value ?? ""; // a remark that is being written
+  const typing = document.activeElement?.id === "note";
+  fill(view, title,
+    el("p", { class: "faint" }, "Newest first. A question opens as it was shown; retracting an answer only changes what is learned."),
+    $("again") ?? el("div", { id: "again", tabindex: "-1" }),
+    answers.length ? table(answers, act) : el("p", {}, "Nothing is answered yet."),
+    el("h3", {}, "Remarks"),
+    notes.length ? el("ul", { class: "remarks" }, notes.map((n) => el("li", {}, n.text, " ", el("span", { class: "faint" }, when(n.at))))) : null,
+    remark(act, half));
+  if (typing) $("note").focus();
+  return undefined;
+}
+
+function table(answers, act) {
   const rows = answers.map((answer) => row(answer, act)).reverse();
-  const heads = ["", "when", "new", "best so far", "verdict", "marks", "comment", ""];
-  const table = el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Answers" },
-    el("table", { class: "answers" }, el("thead", {}, el("tr", {}, heads.map((text) =>
+  return el("div", { class: "scroll card flat", tabindex: "0", role: "region", "aria-label": "Answers" },
+    el("table", { class: "answers" }, el("thead", {}, el("tr", {}, HEADS.map((text) =>
       el("th", { scope: "col" }, text)))), el("tbody", {}, rows)));
+}
+
+function remark(act, half) {
   const note = el("input", { type: "text", maxlength: "2000", id: "note", autocomplete: "off" });
-  const form = el("form", { class: "note", on: { submit: (event) => {
+  note.value = half;
+  return el("form", { class: "note", on: { submit: async (event) => {
     event.preventDefault();
-    if (note.value.trim()) act("note", { text: note.value.trim() }, "remark");
+    const text = note.value.trim();
     note.value = "";
+    if (text && !(await act("note", { text }, "remark"))) $("note").value = text;
   } } }, el("label", { for: "note" }, "A remark on the study "), note, el("button", {}, "Keep"));
-  const looked = $("again");
-  return fill(view, el("h2", { id: "history-title" }, "History"),
-    answers.length ? table : el("p", {}, "Nothing is answered yet."),
-    looked ?? el("div", { id: "again", tabindex: "-1" }), el("h3", {}, "Remarks"),
-    notes.length ? el("ul", {}, notes.map((n) => el("li", {}, `${when(n.at)}: ${n.text}`))) : el("p", {}, "None yet."), form);
 }
 
 function row(answer, act) {
+  const { challenger, incumbent, winner } = answer;
   const state = answer.retracted ? "retracted" : answer.repeated ? "asked again" : "";
-  const retract = answer.retracted || answer.repeated ? state : el("button", { type: "button", on: { click: () =>
-    ask(`Retract answer ${answer.answer}?`, el("p", {}, "It will teach nothing any more; every experiment stays. This cannot be taken back."), [
-      ["Retract it", () => act("retract", { answer: answer.answer }, "answer retracted"), "primary"], ["Keep it", null]]) } }, "Retract…");
+  const retract = state ? el("span", { class: "faint" }, state)
+    : el("button", { type: "button", on: { click: () => confirm(answer, act) } }, "Retract…");
   const look = el("button", { type: "button", on: { click: () => lookAgain(answer.answer) },
     "aria-label": `Look at comparison ${answer.answer} again` }, `${answer.answer}`);
-  return el("tr", { class: answer.retracted ? "retracted" : "" }, el("td", {}, look), el("td", {}, when(answer.at)),
-    el("td", {}, answer.challenger), el("td", {}, answer.incumbent), el("td", {}, answer.text),
-    el("td", {}, answer.marks.join(", ")), el("td", {}, answer.comment, answer.blind ? " (blind)" : ""), el("td", {}, retract));
+  const number = (value, won) => el("td", { class: won ? "won" : "" }, value ?? "–", won ? el("span", { class: "hidden" }, " (preferred)") : null);
+  return el("tr", { class: answer.retracted ? "retracted" : "" }, el("td", {}, look),
+    number(challenger, winner === "new"), number(incumbent, winner === "best"),
+    el("td", {}, el("span", { class: `chip ${winner}` }, answer.text)),
+    el("td", {}, answer.marks.map((mark) => el("span", { class: `chip ${mark.endsWith("unsafe") ? "bad" : "good"}` }, mark))),
+    el("td", { class: "comment" }, answer.comment, answer.blind ? el("span", { class: "chip" }, "blind") : null),
+    el("td", { class: "faint" }, when(answer.at)), el("td", {}, retract));
+}
+
+function confirm({ answer }, act) {
+  ask(`Retract answer ${answer}?`, el("p", {}, "It will teach nothing any more; every experiment stays. This cannot be taken back."), [
+    ["Retract it", () => act("retract", { answer }, "answer retracted"), "primary"], ["Keep it", null]]);
 }
 
 async function lookAgain(number) {
-  const { question, verdict, comment, time_unit: unit } = await get(`/api/history/${number}`);
   const place = $("again");
-  const side = (name) => el("section", { class: "side", "aria-label": name },
-    el("header", {}, el("h4", {}, name === "left" ? "Left" : "Right"),
-      el("p", { class: "which" }, `experiment ${question[name].number} · ${question[name].role}`)),
-    el("p", {}, question[name].kpis.slice(0, 4).map((kpi) => [symbol(kpi.title), ` ${withUnit(kpi.text, kpi.unit)} · `]).flat(2)),
-    el("div", { class: "plot", role: "img", "aria-label": question[name].stories.join(". "), data: { side: name } }));
-  fill(place, el("h3", {}, `Comparison ${number}: ${verdict}${comment ? ` (“${comment}”)` : ""}`),
-    el("div", { class: "pair small" }, side("left"), side("right")));
+  let asked;
+  try {
+    asked = await get(`/api/history/${number}`);
+  } catch (error) {
+    return fill(place, el("p", { class: "problem" }, error.message));
+  }
+  const { question, verdict, comment, time_unit: unit } = asked;
+  const close = el("button", { type: "button", on: { click: () => fill(place) } }, "Close");
+  fill(place, el("div", { class: "card-head" }, el("h3", {}, `Comparison ${number}: ${VERDICTS[verdict] ?? verdict}`),
+    comment ? el("span", { class: "faint" }, `“${comment}”`) : null, close),
+  el("div", { class: "pair small" }, ["left", "right"].map((name) => side(name, question[name], verdict === name))));
   for (const name of ["left", "right"]) {
     miniature(place.querySelector(`[data-side=${name}]`), question, name, unit);
   }
   place.scrollIntoView({ block: "nearest" });
   place.focus({ preventScroll: true });
+  return say(`Comparison ${number}: ${VERDICTS[verdict] ?? verdict}`);
+}
+
+function side(name, shown, won) {
+  const title = name === "left" ? "Left" : "Right";
+  const number = (kpi) => el("div", { class: { true: "met", false: "missed" }[kpi.met] ?? "" },
+    el("dt", {}, symbol(kpi.title)), el("dd", {}, withUnit(kpi.text, kpi.unit)));
+  return el("section", { class: `side ${name}`, "aria-label": title },
+    el("header", {}, el("h4", {}, title), el("p", { class: "which" }, `experiment ${shown.number} · ${shown.role}`),
+      won ? el("span", { class: "chip good" }, "preferred") : null),
+    el("dl", { class: "kpis" }, shown.kpis.slice(0, 4).map(number)),
+    el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side: name } }));
 }

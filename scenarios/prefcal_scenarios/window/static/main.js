@@ -55,8 +55,11 @@ function take(now) {
   const before = state.now;
   if (before && now.version < before.version && now.blind === before.blind) return;
   state.now = now;
-  render(before);
+  // A long poll that ran out: what is on show stays as it is, half-written remarks and the focus too.
+  if (!before || told(before) !== told(now)) render(before);
 }
+
+const told = ({ version, blind, over }) => JSON.stringify([version, blind, over]);
 
 function render(before) {
   const { now } = state;
@@ -226,6 +229,7 @@ function start() {
   $("undo").addEventListener("click", undo);
   $("blind").addEventListener("click", toggleBlind);
   $("help").addEventListener("click", showKeys);
+  $("theme").addEventListener("click", () => state.view === "status" && showStatus(state.now, act));
   $("finish").addEventListener("click", finish);
   $("offer-finish").addEventListener("click", () => act("finish", {}));
   $("to-now").addEventListener("click", () => open("now"));

@@ -4,7 +4,7 @@
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 const axis = () => ({ gridcolor: css("--grid"), zeroline: false, linecolor: css("--grid"),
-  tickfont: { color: css("--muted"), size: 11 }, titlefont: { color: css("--muted") } });
+  tickfont: { color: css("--muted"), size: 11 } });
 
 export const base = (width, height) => ({
   width, height, margin: { l: 52, r: 12, t: 8, b: 40 }, showlegend: false, hovermode: false, dragmode: false,
@@ -26,42 +26,60 @@ export function miniature(div, question, name, unit) {
   });
   panels.forEach((panel, i) => question[name].curves[i].forEach((curve) => traces.push({ type: "scatter",
     mode: "lines", x: curve.t, y: curve.y, yaxis: i ? `y${i + 1}` : "y",
-    line: { color: css(`--${name}`), width: 1.8, shape: panel.shape === "step" ? "hv" : "linear" } })));
+    line: { color: css(`--${name}`), width: 1.8, simplify: false, shape: panel.shape === "step" ? "hv" : "linear" } })));
   const layout = base(div.clientWidth, 130 * panels.length + 30);
-  layout.xaxis = { ...axis(), title: { text: `time [${unit}]` }, anchor: `y${panels.length > 1 ? panels.length : ""}` };
+  layout.xaxis = { ...axis(), title: titled(`time [${unit}]`), anchor: `y${panels.length > 1 ? panels.length : ""}` };
   panels.forEach((panel, i) => {
     layout[i ? `yaxis${i + 1}` : "yaxis"] = { ...axis(), range: ranges[i], nticks: 4,
       domain: [1 - (i + 0.92) / panels.length, 1 - i / panels.length],
-      title: { text: panel.unit ? `${panel.symbol} [${panel.unit}]` : panel.symbol, font: { size: 11, color: css("--muted") } } };
+      title: titled(typeset(named({ name: panel.symbol, unit: panel.unit }))) };
   });
   Plotly.react(div, traces, layout, STILL);
 }
 
+export const named = (knob) => (knob.unit && knob.unit !== "-" ? `${knob.name} [${knob.unit}]` : knob.name);
+
+// "C_A" as plotly writes it: the name is data, so what could be markup is taken out.
+const typeset = (text) => text.replace(/[<>&]/g, "").replace(/_([\p{L}\p{N}]+)/gu, "<sub>$1</sub>");
+
+// The whole range of a knob, and clean ticks where it spans decades.
+function along(knob) {
+  const log = knob.scale === "log10";
+  const [low, high] = log ? [Math.log10(knob.low), Math.log10(knob.high)] : [knob.low, knob.high];
+  const pad = 0.04 * (high - low);
+  const ticks = log && high - low >= 2 ? { dtick: Math.ceil((high - low) / 5), tickformat: "~g" } : { nticks: 5 };
+  return { ...axis(), type: log ? "log" : "linear", range: [low - pad, high + pad], ...ticks };
+}
+
+const titled = (text) => ({ text, font: { size: 12, color: css("--muted") }, standoff: 6 });
+
 // What was learned along one knob through the best θ: lower is better.
-export function slice(div, { knob, x, y, best }) {
-  const layout = base(div.clientWidth, 190);
-  const title = knob.unit && knob.unit !== "-" ? `${knob.name} [${knob.unit}]` : knob.name;
-  layout.xaxis = { ...axis(), title: { text: title }, type: knob.scale === "log10" ? "log" : "linear" };
-  layout.yaxis = { ...axis(), title: { text: "worse →", font: { size: 11, color: css("--muted") } }, nticks: 4 };
-  const at = knob.scale === "log10" ? Math.log10(best) : best;
-  layout.shapes = [{ type: "line", x0: at, x1: at, yref: "paper", y0: 0, y1: 1, line: { color: css("--left"), width: 1.5, dash: "dot" } }];
-  Plotly.react(div, [{ type: "scatter", mode: "lines", x, y, line: { color: css("--ink"), width: 1.8 } }], layout, STILL);
+export function slice(div, { knob, x, y, best, samples }) {
+  const layout = base(div.clientWidth, 200);
+  layout.margin = { ...layout.margin, l: 30 };
+  layout.xaxis = { ...along(knob), title: titled(typeset(named(knob))) };
+  layout.yaxis = { ...axis(), title: titled("worse →"), showticklabels: false, nticks: 4 };
+  const at = x.reduce((near, v, k) => (Math.abs(v - best) < Math.abs(x[near] - best) ? k : near), 0);
+  Plotly.react(div, [
+    { type: "scatter", mode: "markers", ...samples, marker: { color: css("--muted"), size: 6, opacity: 0.5 } },
+    { type: "scatter", mode: "lines", x, y, line: { color: css("--left"), width: 2.2, simplify: false } },
+    { type: "scatter", mode: "markers", x: [best], y: [y[at]], marker: { color: css("--left"), size: 13, symbol: "star", line: { color: css("--card"), width: 1 } } },
+  ], layout, STILL);
 }
 
 // All θ tried, one dot an experiment, knob against experiment.
 export function tried(div, knob, k, experiments) {
-  const layout = base(div.clientWidth, 170);
+  const layout = base(div.clientWidth, 190);
   const group = (test, marker, name) => {
     const kept = experiments.filter(test);
     return { type: "scatter", mode: "markers", name, x: kept.map((e) => e.number), y: kept.map((e) => e.theta[k]), marker };
   };
-  const title = knob.unit && knob.unit !== "-" ? `${knob.name} [${knob.unit}]` : knob.name;
-  layout.xaxis = { ...axis(), title: { text: "experiment" }, rangemode: "tozero" };
-  layout.yaxis = { ...axis(), title: { text: title, font: { size: 11, color: css("--muted") } }, type: knob.scale === "log10" ? "log" : "linear", nticks: 4 };
+  layout.xaxis = { ...axis(), title: titled("experiment"), rangemode: "tozero", nticks: 6 };
+  layout.yaxis = { ...along(knob), title: titled(typeset(named(knob))) };
   Plotly.react(div, [
     group((e) => !e.was_best, { color: css("--muted"), size: 6, opacity: 0.7 }, "tried"),
-    group((e) => e.was_best && !e.best, { color: css("--left"), size: 7, symbol: "circle-open" }, "was the best"),
-    group((e) => e.best, { color: css("--left"), size: 11, symbol: "star" }, "best"),
-    group((e) => e.marks.includes("unsafe"), { color: css("--bad"), size: 9, symbol: "x-thin-open" }, "unsafe"),
+    group((e) => e.was_best && !e.best, { color: css("--left"), size: 8, symbol: "circle-open", line: { width: 2 } }, "was the best"),
+    group((e) => e.best, { color: css("--left"), size: 14, symbol: "star" }, "best"),
+    group((e) => e.marks.includes("unsafe"), { color: css("--bad"), size: 9, symbol: "x-thin-open", line: { width: 2 } }, "unsafe"),
   ], layout, STILL);
 }

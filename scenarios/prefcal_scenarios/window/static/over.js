@@ -13,18 +13,21 @@ export function showOver(now, act) {
   const button = (words, run, kind = "") => el("button", { type: "button", class: kind, on: { click: run } }, words);
   const command = el("code", {}, over.command);
   const actions = [
-    button("10 more experiments", () => act("go_on", { more: 10 })),
-    over.reason === "all compared" ? null : button("Go on comparing", () => act("go_on", { more: 0 })),
     button("Close prefcal", close, "primary"),
+    over.reason === "all compared" ? null : button("Go on comparing", () => act("go_on", { more: 0 })),
+    button("10 more experiments", () => act("go_on", { more: 10 })),
+    now.can_undo ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer taken back")) : null,
   ];
-  fill($("view-over"), el("h2", { id: "over-title" }, `${REASONS[over.reason] ?? over.reason}.`),
-    el("p", {}, `${progress.experiments} experiments, ${progress.answered} comparisons. `,
-      "The last answer can still be undone."),
-    el("p", { class: "actions" }, actions), bestCard(over.best),
-    el("h3", {}, "Report"), pictures(over.report),
-    el("h3", {}, "The study again"), el("p", { class: "command" }, command,
-      button("Copy", (event) => copied(over.command, event.target))),
-    el("p", {}, "To look at this one again, or to go on: ", el("code", {}, now.study.again)));
+  fill($("view-over"), el("div", { class: "hero" },
+    el("span", { class: "done", "aria-hidden": "true" }, "✓"),
+    el("div", {}, el("h2", { id: "over-title" }, `${REASONS[over.reason] ?? over.reason}.`),
+      el("p", { class: "faint" }, `${progress.experiments} experiments, ${progress.answered} comparisons. Everything is saved.`)),
+    el("p", { class: "actions" }, actions)), bestCard(over.best, "The result"),
+  el("h3", {}, "Report"), pictures(over.report),
+  el("h3", {}, "The study again"), el("p", { class: "command" }, command,
+    button("Copy", (event) => copied(over.command, event.target)), el("span", { class: "faint" }, "repeats it from the start")),
+  el("p", { class: "command" }, el("code", {}, now.study.again),
+    button("Copy", (event) => copied(now.study.again, event.target)), el("span", { class: "faint" }, "opens this one again")));
 
   async function close() {
     if (await act("close", {})) {

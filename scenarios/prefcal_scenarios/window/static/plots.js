@@ -1,6 +1,7 @@
 // Curves: one figure a side, its panels stacked over one time axis; both sides share all axes.
 /* global Plotly */
 
+import { target, whole } from "./axes.js";
 import { $, el, fill, symbol } from "./dom.js";
 
 const MARGIN = { l: 46, r: 10, t: 4, b: 22 };
@@ -8,20 +9,6 @@ const HEAD = 20; // px above each panel, for its title
 const COLORS = { left: "--left", right: "--right" };
 
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-
-function extent(values, into) {
-  for (const value of values) {
-    if (value < into[0]) into[0] = value;
-    if (value > into[1]) into[1] = value;
-  }
-  return into;
-}
-
-function padded([low, high], share = 0.06) {
-  if (!(low < high)) return [low - 1, high + 1];
-  const pad = share * (high - low);
-  return [low - pad, high + pad];
-}
 
 export class Plots {
   overlaid = false;
@@ -66,20 +53,7 @@ export class Plots {
   take(question, unit) {
     this.#question = question;
     this.#unit = unit;
-    const x = [Infinity, -Infinity];
-    this.#y = question.panels.map((panel, i) => {
-      const y = [Infinity, -Infinity];
-      for (const side of [question.left, question.right]) {
-        for (const curve of [...side.curves[i], side.references[i]].filter(Boolean)) {
-          extent(curve.t, x);
-          extent(curve.y, y);
-        }
-      }
-      const lines = [panel.low, panel.high, panel.target].filter((v) => v !== null);
-      if (panel.target !== null && panel.band) lines.push(panel.target + panel.band, panel.target - panel.band);
-      return padded(extent(lines, y));
-    });
-    this.#x = x[0] < x[1] ? x : [0, 1];
+    ({ x: this.#x, y: this.#y } = whole(question));
     this.#set({ x: this.#x, y: this.#y }, false);
   }
 
@@ -97,38 +71,8 @@ export class Plots {
   zoomToTarget() {
     if (!this.#question) return;
     if (this.#zoomed) return this.reset();
-    this.#set(this.#target(), true);
+    this.#set(target(this.#question, { x: this.#x, y: this.#y }), true);
     this.draw();
-  }
-
-  // From just before either side comes near its target until just after both stay there; where
-  // no panel has a band, while a reference moves.
-  #target() {
-    const { panels, left, right } = this.#question;
-    const at = panels.findIndex((panel) => panel.target !== null && panel.band);
-    const span = this.#x[1] - this.#x[0];
-    let from = Infinity, to = -Infinity;
-    for (const side of [left, right]) {
-      if (at >= 0) {
-        const { target, band } = panels[at];
-        for (const { t, y } of side.curves[at]) {
-          const near = y.findIndex((v) => Math.abs(v - target) <= 8 * band);
-          if (near >= 0) from = Math.min(from, t[near]);
-          const out = y.findLastIndex((v) => Math.abs(v - target) > band);
-          to = Math.max(to, t[Math.min(out + 1, t.length - 1)]);
-        }
-      } else {
-        for (const curve of side.references.filter(Boolean)) {
-          const moved = curve.t.filter((_, k) => k && curve.y[k] !== curve.y[k - 1]);
-          for (const time of moved) [from, to] = [Math.min(from, time), Math.max(to, time)];
-        }
-      }
-    }
-    if (!(from <= to)) return { x: [this.#x[0], this.#x[1]], y: this.#y };
-    const pad = Math.max(0.08 * (to - from), 0.03 * span);
-    const y = panels.map((panel, i) => panel.target !== null && panel.band
-      ? [panel.target - 8 * panel.band, panel.target + 8 * panel.band] : this.#y[i]);
-    return { x: [Math.max(this.#x[0], from - pad), Math.min(this.#x[1], to + 2 * pad)], y };
   }
 
   draw() {
@@ -179,7 +123,8 @@ export class Plots {
       this.panels.forEach((panel, i) => {
         const axis = i ? `y${i + 1}` : "y";
         const shape = panel.shape === "step" ? "hv" : "linear";
-        const line = { color: css(COLORS[side]), width: 2, shape, dash };
+        const line = { color: css(COLORS[side]), width: 2, shape, dash,
+          simplify: false }; // plotly's shortcut shows kinks where the plant has none
         const common = { type: "scatter", mode: "lines", yaxis: axis, hoverinfo: "skip" };
         const reference = this.#question[side].references[i];
         if (reference) {
@@ -242,7 +187,10 @@ export class Plots {
       layer = el("div", { class: "over-plot", "aria-hidden": "true" });
       div.append(layer);
     }
-    fill(layer, el("div", { class: "cursor", hidden: true }), this.panels.map((panel, i) => {
+    const sides = name === "both" ? ["left", "right"] : [name];
+    const dots = this.panels.flatMap((_, i) => sides.map((side) =>
+      el("i", { class: `dot ${side}`, data: { side, panel: i }, hidden: true })));
+    fill(layer, el("div", { class: "cursor", hidden: true }), dots, this.panels.map((panel, i) => {
       const { top } = this.place(i, height);
       const head = el("p", { class: "head" }, el("span", {}, symbol(panel.title),
         panel.unit ? ` [${panel.unit}]` : "", this.#aims(panel)), el("output", {}));
@@ -268,6 +216,14 @@ export class Plots {
     const share = (clientX - left - MARGIN.l) / (width - MARGIN.l - MARGIN.r);
     const [from, to] = this.range;
     return share < 0 || share > 1 ? null : from + share * (to - from);
+  }
+
+  // Where a value of panel i is, in px from the top; null where it is out of sight.
+  level(div, i, value) {
+    const { top, bottom } = this.place(i, Number(div.dataset.height));
+    const [low, high] = this.#view.y[i];
+    const share = (value - low) / (high - low);
+    return share < 0 || share > 1 ? null : bottom - share * (bottom - top);
   }
 
   pixel(div, time) {

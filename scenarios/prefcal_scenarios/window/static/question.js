@@ -73,7 +73,9 @@ function layout() {
 }
 
 export function fit() {
-  if (current()?.phase !== "question") return;
+  const question = current()?.question;
+  if (!question) return;
+  for (const side of ["left", "right"]) numbers(side, question[side]);
   plots.draw();
   scenes.draw();
   cursor.draw();
@@ -90,7 +92,11 @@ function toggleOverlay() {
   layout();
 }
 
-export const toggleZoom = () => plots.zoomToTarget();
+export function toggleZoom() {
+  plots.zoomToTarget();
+  if (current()?.question?.has_scene) cursor.enter(); // the scenes show what the curves show
+}
+
 export const resetZoom = () => plots.reset();
 export const moveCursor = (steps) => cursor.step(steps);
 export const togglePlay = () => scenes.toggle();
@@ -101,9 +107,9 @@ function describe(name, question) {
   const side = question[name];
   const title = { left: "Left", right: "Right" }[name];
   const parts = [
-    el("header", {}, el("h2", { id: `${name}-title` }, title), el("p", { class: "which" }, which(side)),
+    el("header", {}, el("h2", { id: `${name}-title` }, title), el("p", { class: "which", title: which(side) || null }, which(side)),
       el("div", { class: "marks", id: `${name}-marks` })),
-    kpis(side), thetas(side),
+    el("div", { id: `${name}-numbers` }), thetas(side),
   ];
   if (question.has_scene) {
     parts.push(el("canvas", { class: "scene", id: `${name}-scene`, role: "img",
@@ -115,6 +121,7 @@ function describe(name, question) {
     "aria-label": `${title}: ${story}` }));
   fill($(name), parts);
   marks(name, side);
+  numbers(name, side);
   if (!$("both").firstChild) {
     fill($("both"), el("p", { class: "legend" }, el("span", { class: "key left" }, "Left"),
       el("span", { class: "key right" }, "Right")),
@@ -126,20 +133,34 @@ function which(side) {
   const words = [];
   if (side.number) words.push(`experiment ${side.number}`, side.role);
   if (side.interrupted) words.push(side.ended);
-  if (side.runs > 1) words.push(`${side.runs} runs, the first one bold`);
+  if (side.runs > 1) words.push(`${side.runs} runs, the first bold`);
   return words.join(" · ");
 }
 
-function kpis(side) {
-  const list = el("dl", { class: "kpis" });
+// The KPIs with an objective (else the first three), on two lines (four narrow ones) at most; the rest one click away.
+function numbers(name, side) {
   const main = side.kpis.filter((kpi) => kpi.met !== null);
   const first = main.length ? main : side.kpis.slice(0, 3);
-  for (const kpi of first) list.append(item(kpi));
   const rest = side.kpis.filter((kpi) => !first.includes(kpi));
-  if (!rest.length) return list;
+  const shown = el("dl", { class: "kpis" }, first.map(item));
   const more = el("dl", { class: "kpis" }, rest.map(item));
-  return el("div", { class: "numbers" }, list,
-    el("details", {}, el("summary", {}, `${rest.length} more`), more));
+  const count = el("summary", {});
+  const details = el("details", { open: $(`${name}-numbers`)?.querySelector("details")?.open }, count, more);
+  const block = el("div", { class: "numbers", id: `${name}-numbers` }, shown, details);
+  $(`${name}-numbers`).replaceWith(block);
+  if (details.open) block.classList.add("all");
+  details.addEventListener("toggle", () => block.classList.toggle("all", details.open));
+  const tell = () => {
+    details.hidden = !more.childElementCount;
+    count.textContent = `${more.childElementCount} more`;
+  };
+  tell();
+  const line = 1.75 * parseFloat(getComputedStyle(block).fontSize);
+  const lines = block.clientWidth < 420 ? 4 : 2;
+  while (!details.open && block.offsetHeight > lines * line && shown.childElementCount > 1) {
+    more.prepend(shown.lastElementChild);
+    tell();
+  }
 }
 
 function item(kpi) {

@@ -4,7 +4,7 @@ import { get } from "./api.js";
 import { bestCard } from "./best.js";
 import { $, el, fill } from "./dom.js";
 import { open } from "./main.js";
-import { slice, tried } from "./miniature.js";
+import { named, slice, tried } from "./miniature.js";
 
 export async function showStatus(now, act) {
   const view = $("view-status");
@@ -16,39 +16,50 @@ export async function showStatus(now, act) {
   } catch (error) {
     return fill(view, title, el("p", {}, error.message));
   }
-  const { answered, comparisons, experiments, n_max: most } = now.progress;
-  const verdicts = Object.entries(status.verdicts).map(([words, count]) => `${words} ${count}`).join(" · ");
-  fill(view, title,
-    el("p", {}, `${experiments} of ${most} experiments, ${answered} of ${comparisons} comparisons: ${verdicts}.`),
-    bestCard(status.best), consistency(status.consistency, act),
-    el("h3", {}, "θ tried"), el("p", { class: "faint" }, "Star: the best so far. Rings: were the best for a while. Crosses: marked unsafe."),
-    plots("tried", status.tried.knobs, (knob) => `${knob.name} of every experiment`),
+  fill(view, title, el("div", { class: "columns" }, bestCard(status.best), answers(now, status, act)),
+    el("h3", {}, "θ tried"), legend(),
+    figures("tried", status.tried.knobs, (knob) => `${knob.name} of every experiment`),
+    table(status.tried),
     el("h3", {}, "What was learned"),
-    status.slices ? [el("p", { class: "faint" }, "The learned cost along each knob through the best θ (dotted). Lower is better; only the order has a meaning."),
-      plots("slice", status.slices.map((s) => s.knob), (knob) => `Learned cost along ${knob.name}`)]
-      : el("p", {}, "Nothing is learned yet: that takes an answer other than “can't tell”, and an agent that learns."),
-    table(status.tried));
+    status.slices ? [el("p", { class: "faint" }, "The learned cost along each knob through the best θ, and the experiments at their own learned cost. Lower is better; only the order has a meaning."),
+      figures("slice", status.slices.map((s) => s.knob), (knob) => `Learned cost along ${knob.name}`)]
+      : el("p", {}, "Nothing is learned yet: that takes an answer other than “can't tell”, and an agent that learns."));
   view.querySelectorAll("[data-plot=tried]").forEach((div, k) => tried(div, status.tried.knobs[k], k, status.tried.experiments));
   view.querySelectorAll("[data-plot=slice]").forEach((div, k) => slice(div, status.slices[k]));
   return undefined;
 }
 
-const plots = (kind, knobs, words) => el("div", { class: "grid" }, knobs.map((knob) =>
+const legend = () => el("p", { class: "marks-legend faint" }, [["★", "best", "the best so far"], ["○", "was", "was the best for a while"],
+  ["●", "other", "another experiment"], ["✕", "bad", "marked unsafe"]].map(([sign, kind, words]) =>
+  el("span", {}, el("span", { class: `sign ${kind}`, "aria-hidden": "true" }, sign), words)));
+
+const figures = (kind, knobs, words) => el("div", { class: "grid" }, knobs.map((knob) =>
   el("div", { class: "figure", role: "img", "aria-label": words(knob), data: { plot: kind } })));
 
-function consistency({ text, can_repeat: can }, act) {
+// The answers: how many of each kind, and whether they agree.
+function answers(now, { verdicts, consistency: { text, can_repeat: can } }, act) {
+  const { answered, comparisons, experiments, n_max: most } = now.progress;
   const again = el("button", { type: "button", disabled: !can, on: { click: async () => {
     if (await act("repeat", {})) open("now");
   } } }, "Ask me an earlier question again ", el("kbd", {}, "R"));
-  return el("div", {}, el("h3", {}, "How consistent are the answers?"), el("p", {}, text), el("p", {}, again,
-    el("span", { class: "faint" }, " It teaches nothing: it only shows how sure you are.")));
+  const total = Math.max(Object.values(verdicts).reduce((a, b) => a + b, 0), 1);
+  const bars = Object.entries(verdicts).map(([words, count]) => {
+    const bar = el("span", { class: "share" }, el("span", {}));
+    bar.firstChild.style.width = `${(100 * count) / total}%`;
+    return el("tr", {}, el("th", { scope: "row" }, words), el("td", { class: "number" }, count), el("td", { "aria-hidden": "true" }, bar));
+  });
+  return el("div", { class: "card" }, el("h3", {}, "Your answers"),
+    el("p", {}, `${answered} of ${comparisons} comparisons, ${experiments} of ${most} experiments.`),
+    el("table", { class: "shares" }, el("tbody", {}, bars)),
+    el("h3", {}, "How consistent are they?"), el("p", {}, text), el("p", {}, again),
+    el("p", { class: "faint" }, "It teaches nothing: it only shows how sure you are."));
 }
 
 function table({ knobs, experiments }) {
-  const heads = ["experiment", ...knobs.map((k) => (k.unit && k.unit !== "-" ? `${k.name} [${k.unit}]` : k.name)), "ended", "marks"];
+  const heads = ["experiment", ...knobs.map(named), "ended", "marks"];
   const rows = experiments.map((e) => el("tr", { class: e.best ? "best" : "" }, el("th", { scope: "row" }, e.number, e.best ? " (best)" : ""),
     e.text.map((text) => el("td", { class: "number" }, text)), el("td", {}, e.ended), el("td", {}, e.marks.join(", "))));
   return el("details", {}, el("summary", {}, "All θ as a table"),
     el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "All θ" }, el("table", {},
-      el("thead", {}, el("tr", {}, heads.map((text) => el("th", { scope: "col" }, text)))), el("tbody", {}, rows))));
+      el("thead", {}, el("tr", {}, heads.map((text, k) => el("th", { scope: "col", class: k && k <= knobs.length ? "number" : null }, text)))), el("tbody", {}, rows))));
 }

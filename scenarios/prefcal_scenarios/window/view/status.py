@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from prefcal_env.knobs import Knob
 from prefcal_scenarios.interview import Consistency, Interview, Now
@@ -87,6 +88,8 @@ def _slices(interview: Interview, now: Now) -> Any:
     if surrogate is None or now.incumbent is None:
         return None
     space, best = interview.scenario.space, interview.experiment(now.incumbent).theta
+    tried = np.array([now.state.samples[index].theta for index in sorted(now.state.finished)])
+    seen = _stretched(surrogate(tried)).tolist()
     base = space.encode(best)
     slices = []
     for k, knob in enumerate(space):
@@ -98,11 +101,17 @@ def _slices(interview: Interview, now: Now) -> Any:
             {
                 "knob": _knob_view(knob),
                 "x": thetas[:, k].tolist(),
-                "y": surrogate(thetas).tolist(),
+                "y": _stretched(surrogate(thetas)).tolist(),
+                "samples": {"x": tried[:, k].tolist(), "y": seen},
                 "best": float(best[k]),
             }
         )
     return slices
+
+
+def _stretched(cost: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    """Signed square root: only the order has a meaning, and the good end is what matters."""
+    return np.asarray(np.sign(cost) * np.sqrt(np.abs(cost)))
 
 
 def _verdicts(now: Now) -> dict[str, int]:

@@ -1,0 +1,25 @@
+"""What the tests of the views share: interviews of the toy, and a panel to draw."""
+
+from prefcal_env.experiment import Channel
+from prefcal_scenarios.interview import Choice, Interview, Now
+from prefcal_scenarios.scenario import Panel
+from support.interviews import begin, proceed
+from toy_study import toy_scenario
+
+toy, plain = toy_scenario(), toy_scenario("plain")
+run, SPACE = toy.run, toy.space
+LEVEL = Panel("x", Channel("level", "m", target=2.0, band=0.06, symbol="h"))
+VALVE = Panel("u", Channel("valve", "%", low=0.0, high=10.0))
+THETA = (0.4, 20.0, 1.0)
+CHANNELS = run(THETA).channels
+
+
+def asked(*choices: Choice, n_max: int = 6) -> tuple[Interview, Now]:
+    """An interview of the toy after these answers, with its next question open."""
+    interview = begin(toy, n_max=n_max)
+    now = proceed(interview)
+    for choice in choices:
+        assert now.question is not None
+        interview.answer(now.question.id, choice, comment=f"said {choice.value}")
+        now = proceed(interview)
+    return interview, now
