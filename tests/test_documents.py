@@ -1,12 +1,13 @@
 """What the README and the docs show is executed as it stands.
 
-In an empty folder: first the lines of `console` blocks that begin with `$ prefcal`, then the Python
+In a folder with the examples of docs/: first the lines of `console` blocks that begin with `$ prefcal`, then the Python
 blocks, which share one namespace. A block after `<!-- not executed: why -->` is left out.
 """
 
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -32,7 +33,7 @@ def run(arguments, folder):
         text=True,
         timeout=300,
         check=False,
-        env={**os.environ, "PREFCAL_DOCS": str(ROOT / "docs")},
+        env={**os.environ, "PREFCAL_DOCS": str(ROOT / "docs"), "XDG_DATA_HOME": str(folder)},
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
@@ -45,6 +46,8 @@ def test_what_a_document_shows_runs(document, tmp_path):
     code = "\n".join(blocks(document, "python"))
     if not commands and not code:
         pytest.skip("nothing to run in it")
+    for example in (ROOT / "docs").glob("*.py"):  # a reader has them beside him
+        shutil.copy(example, tmp_path)
     for command in commands:
         run([sys.executable, "-m", "prefcal_scenarios", *shlex.split(command)[1:]], tmp_path)
     run([sys.executable, "-c", code], tmp_path)

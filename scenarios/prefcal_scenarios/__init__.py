@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .export import load_controller as load_controller
+    from .report.trajectories import figure as figure
     from .scenario import KPI as KPI
     from .scenario import Panel as Panel
     from .scenario import Scenario as Scenario
     from .scenario import load as load
 
 _HOMES = {
+    "figure": "report.trajectories",
     "load_controller": "export",
     "KPI": "scenario",
     "Panel": "scenario",

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from prefcal_env.control import Controller
 from prefcal_env.errors import KnobError, ScenarioError
-from prefcal_env.experiment import Channel, Experiment
+from prefcal_env.experiment import Channel, Channels, Experiment
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preference import Calibrator
 
@@ -75,7 +75,9 @@ class Panel:
     reference: str = ""
 
     def values(self, experiment: Experiment) -> Float[np.ndarray, " K"]:
-        """The curve, on `experiment.t`."""
+        """The curve, on `experiment.t`; empty where there is no record."""
+        if not len(experiment.t):
+            return np.zeros(0)
         if self.kind == "signal":
             return self.scale * experiment.signals[self.key]
         array = experiment.x if self.kind == "x" else experiment.u
@@ -127,6 +129,14 @@ class Scenario:
                 self.space.check(theta)
             except KnobError as error:
                 raise ScenarioError(f"reference {name!r} of {self.name!r}: {error}") from error
+
+
+def panels_of(scenario: Scenario, channels: Channels) -> tuple[Panel, ...]:
+    """The scenario's panels, or one for each state and input."""
+    if scenario.panels:
+        return scenario.panels
+    states = tuple(Panel("x", channel, index=i) for i, channel in enumerate(channels.x))
+    return states + tuple(Panel("u", channel, index=i) for i, channel in enumerate(channels.u))
 
 
 def load(name: str) -> Scenario:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import inf
 
 import numpy as np
 from jaxtyping import Float
@@ -125,8 +126,13 @@ class Record:
         return tuple(k for k in self.scenario.kpis if k.name != "index")
 
     def cost(self, experiment: Experiment) -> float | None:
-        """Latent cost of an experiment; None where the scenario has none."""
-        return None if self.scenario.cost is None else float(self.scenario.cost(experiment))
+        """Latent cost of an experiment; None where the scenario has none.
+
+        Infinite for a run without a record: nobody's cost can be asked of that.
+        """
+        if self.scenario.cost is None:
+            return None
+        return float(self.scenario.cost(experiment)) if len(experiment.t) else inf
 
     def verdict_counts(self) -> dict[str, int]:
         """How often each verdict was given, in words."""

@@ -21,7 +21,7 @@ from prefcal_scenarios.report.style import (
     legend,
 )
 from prefcal_scenarios.report.wording import mathtext, number
-from prefcal_scenarios.scenario import Panel
+from prefcal_scenarios.scenario import Panel, Scenario, panels_of
 
 _DASHES: tuple[Any, ...] = ((0, (5, 1.6)), (0, (1.5, 1.2)), "-")
 
@@ -46,7 +46,10 @@ class _Row:
 
 
 def best_against(record: Record) -> Figure:
-    """The best trajectory against the first and the references'; one panel above another."""
+    """The best trajectory against the first and the references'; one panel above another.
+
+    A run that left no record is not among them.
+    """
     assert record.best is not None
     first, best = record.trials[0], record.best
     curves = [Curve(first.experiment, f"first (experiment {first.number})", FIRST, 1.4)]
@@ -54,6 +57,7 @@ def best_against(record: Record) -> Figure:
         color, dashes = OTHERS[i % len(OTHERS)], _DASHES[i % len(_DASHES)]
         curves.append(Curve(experiment, name, color, 1.5, dashes))
     curves.append(Curve(best.experiment, f"best (experiment {best.number})", BEST, 2.0))
+    curves = [curve for curve in curves if len(curve.experiment.t)]
     rows = list(_rows(record.scenario.panels, curves))
     heights = [1.25 if row.zoomed else 1.9 for row in rows]
     figure = canvas(0.7 + sum(heights))
@@ -72,9 +76,25 @@ def side_by_side(record: Record, other: str) -> Figure:
         Curve(record.best.experiment, "preference-based (this study)", BEST, 1.9),
         Curve(record.references[other], other, OTHERS[0], 1.9),
     )
+    return _pair(record.scenario, rows, pair)
+
+
+def figure(scenario: Scenario, left: Experiment, right: Experiment) -> Figure:
+    """Two experiments side by side on equal axes, for a notebook.
+
+    Args:
+        scenario: Of both.
+        left: One experiment.
+        right: The other.
+    """
+    rows = [_Row(panel) for panel in panels_of(scenario, left.channels)]
+    return _pair(scenario, rows, (Curve(left, "1", BEST, 1.9), Curve(right, "2", OTHERS[0], 1.9)))
+
+
+def _pair(scenario: Scenario, rows: Sequence[_Row], pair: Sequence[Curve]) -> Figure:
     figure = canvas(0.8 + 1.75 * len(rows))
     grid = figure.subplots(len(rows), 2, sharex=True, sharey="row", squeeze=False)
-    names = record.scenario.space.names
+    names = scenario.space.names
     for column, curve in enumerate(pair):
         _fill(list(grid[:, column]), rows, [curve])
         values = zip(names, curve.experiment.theta, strict=True)
@@ -116,6 +136,8 @@ def _fill(axes: Sequence[Axes], rows: Sequence[_Row], curves: Sequence[Curve]) -
 
 def _draw(axes: Axes, panel: Panel, curve: Curve) -> None:
     t, values = curve.experiment.t, panel.values(curve.experiment)
+    if not len(t):
+        return
     axes.plot(
         t, values, label=curve.label, color=curve.color, linewidth=curve.width,
         linestyle=curve.dashes, drawstyle="steps-post" if panel.kind == "u" else "default",

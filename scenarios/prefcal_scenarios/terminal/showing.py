@@ -11,8 +11,7 @@ from rich.text import Text
 from prefcal_env.rig import Rig
 from prefcal_scenarios.interview import Interview, Now, Question
 from prefcal_scenarios.report.wording import with_unit
-from prefcal_scenarios.scenario import Scenario
-from prefcal_scenarios.window.view.panels import panels_of
+from prefcal_scenarios.scenario import Scenario, panels_of
 from prefcal_scenarios.window.view.sides import numbers_view, theta_view
 
 from .drawing import curves

@@ -58,6 +58,6 @@ async def http_error(request: Request, error: Exception) -> Response:
     """What the router refuses: an address or a method that does not exist."""
     assert isinstance(error, HTTPException)
     words = _WORDS.get(error.status_code, str(error.detail))
-    if request.url.path.startswith("/api/"):
+    if request.scope["path"].startswith("/api/"):
         return error_response(error.status_code, words, "refused")
     return PlainTextResponse(words, error.status_code)

@@ -4,7 +4,7 @@ import gzip
 import hashlib
 import importlib.util
 import threading
-from collections.abc import Mapping
+from collections.abc import ItemsView, Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -21,7 +21,10 @@ _TYPES: Mapping[str, str] = {
 }
 _TEXT = ("text/", "image/svg")
 _PLACEHOLDER = b"?v=VERSION"
-"""In links of our own text files: replaced, so that browsers keep a file until it changes."""
+"""In links of our own text files: replaced, so that browsers keep a file until it changes.
+
+Not for modules that others import, by another address: the browser would load them twice.
+"""
 
 
 @dataclass(slots=True)
@@ -68,6 +71,10 @@ class Assets:
     def get(self, name: str) -> Asset | None:
         """The file called `name`; None if there is none."""
         return self._assets.get(name)
+
+    def items(self) -> ItemsView[str, Asset]:
+        """All files by name."""
+        return self._assets.items()
 
     def pack_all(self) -> threading.Thread:
         """Gzip everything in a thread: until it is done, files are sent as they are."""

@@ -26,6 +26,8 @@ HEADERS: Mapping[bytes, bytes] = MappingProxyType(
         b"x-frame-options": b"DENY",
     }
 )
+LARGEST_HEAD = 32 * 1024
+"""Bytes of an address and of all headers."""
 LARGEST_BODY = 64 * 1024
 """Bytes of a JSON body."""
 LARGEST_RECORD = 20 * 1024 * 1024
@@ -93,6 +95,10 @@ class Guard:
     def _refuse(self, scope: Scope) -> Refusal | None:
         if scope["method"] not in _METHODS:
             return Refusal(405, "Only GET, HEAD and POST are understood here.")
+        if _head(scope) > LARGEST_HEAD:
+            return Refusal(431, "The address or the headers are too long.", "limit")
+        if not scope["query_string"].isascii():
+            return Refusal(400, "The address has parameters that cannot be read.")
         hosts, origins = _values(scope, b"host"), _values(scope, b"origin")
         if len(hosts) != 1 or not self._hosts.allow(hosts[0]):
             return Refusal(403, "The window was asked for under a name that is not its own.")
@@ -134,6 +140,12 @@ class _Replayed:
             return await self._receive()
         body, self._body = self._body, None
         return {"type": "http.request", "body": body, "more_body": False}
+
+
+def _head(scope: Scope) -> int:
+    """Bytes of address and headers."""
+    headers = sum(len(key) + len(value) for key, value in scope["headers"])
+    return headers + len(scope["path"]) + len(scope["query_string"])
 
 
 def _values(scope: Scope, name: bytes) -> list[str]:

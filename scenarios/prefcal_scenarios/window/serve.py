@@ -16,9 +16,8 @@ from .app import make_app
 from .binding import bind
 from .hosts import Hosts, in_link, warning
 from .reports import Reports
+from .security import LARGEST_HEAD
 
-_LARGEST_HEAD = 32 * 1024
-"""Bytes of a request's first line and headers."""
 _GRACE = 1
 """Seconds for requests that are still being answered when the window closes."""
 
@@ -115,6 +114,6 @@ def _config(app: Callable[..., object]) -> uvicorn.Config:
     return uvicorn.Config(
         app, loop="asyncio", http="h11", ws="none", lifespan="off", log_config=None,
         log_level="critical", access_log=False, proxy_headers=False, server_header=False,
-        h11_max_incomplete_event_size=_LARGEST_HEAD, timeout_keep_alive=30,
+        h11_max_incomplete_event_size=LARGEST_HEAD, timeout_keep_alive=30,
         timeout_graceful_shutdown=_GRACE,
     )  # fmt: skip

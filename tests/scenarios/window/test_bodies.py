@@ -1,6 +1,7 @@
 """What the page sends is read strictly: either it is what was agreed on, or it is refused."""
 
 import json
+from contextlib import suppress
 
 import pytest
 from hypothesis import given
@@ -64,18 +65,14 @@ def test_what_is_no_json_object_is_refused(body):
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_read_or_refused(body):
-    try:
+    with suppress(MalformedError):
         assert read_json(body, {}) == {}
-    except MalformedError:
-        pass
 
 
 @given(st.binary(max_size=60))
 def test_any_query_is_read_or_refused(query):
-    try:
+    with suppress(MalformedError):
         assert read_query(query, {"after": digits, "blind": bit}).keys() <= {"after", "blind"}
-    except MalformedError:
-        pass
 
 
 def test_a_query_is_read():
@@ -88,8 +85,9 @@ def test_a_query_is_read():
 @pytest.mark.parametrize(
     "query",
     [
-        b"after=", b"after=-1", b"after=1.0", b"after=1&after=1", b"after", b"x=1", b"&", b"after=+1",
-        b"after=%D9%A3", b"after=%00", b"after=" + b"9" * 40, b"blind=2", b"blind=true", b"a=%ff",
+        b"after=", b"after=-1", b"after=1.0", b"after=1&after=1", b"after", b"x=1", b"&",
+        b"after=+1", b"after=%D9%A3", b"after=%00", b"after=" + b"9" * 40, b"blind=2", b"blind=true",
+        b"a=%ff",
         b"&".join(b"after=1" for _ in range(1000)),
     ],
 )  # fmt: skip

@@ -54,7 +54,9 @@ JUNK = st.one_of(
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=10)
     | st.sampled_from([10**400, -(10**30), 2**63, "\ud800", "a\0", "left\n", "x" * 20_000]),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
+    ),
     max_leaves=6,
 )  # fmt: skip
 
@@ -117,10 +119,9 @@ def strangers(draw):
     """All in order, but for whom it comes from or what it calls itself."""
     well = draw(st.sampled_from(WELL))
     field = draw(st.sampled_from(["host", "origin", "cookie", "kind"]))
-    junk = draw(JUNK).lower()
-    value = junk + getattr(well, field) if draw(st.booleans()) else junk
-    spoiled = {"host": b"x", "origin": b"x", "cookie": b"x", "kind": b"x"}[field] + value
-    return replace(well, **{field: spoiled})
+    junk = draw(JUNK).replace(b";", b"")  # which would set a cookie apart
+    value = b"x" + junk + (getattr(well, field) if draw(st.booleans()) else b"")
+    return replace(well, **{field: value})
 
 
 @st.composite
@@ -132,12 +133,13 @@ def wrong_addresses(draw):
         ["/", "/static/", "/report/", "/open/", "/api/", "/api/history/", "/api/now/", "//", ""]
     ))  # fmt: skip
     path = start + "x" + junk.decode("utf-8", "replace")
+    method = draw(st.sampled_from(["PUT", "DELETE", "PATCH", "TRACE", "", "post"]))
     return draw(st.sampled_from([
         replace(well, path=path),
         replace(well, query=b"x=" + junk),
         replace(well, query=b"blind=1&blind=" + junk),
         replace(well, path="/api/record", query=b"index=0&unsafe=x" + junk, kind=b"text/csv"),
-        replace(well, method=draw(st.sampled_from(["PUT", "DELETE", "PATCH", "TRACE", "", "post"]))),
+        replace(well, method=method),
         Request("GET", start + junk.decode("utf-8", "replace"), query=junk),
         Request("GET", start + quote(junk), query=b"after=" + junk + b"&blind=1"),
         Request("HEAD", path, query=junk),

@@ -114,18 +114,12 @@ def test_a_window_closes_in_time_though_pages_wait(interview):
 
 
 def test_a_window_closes_in_time_though_a_request_never_ends(interview):
-    with Window(interview) as window:
-        with socket.create_connection(("127.0.0.1", window.port)) as half:
-            half.sendall(b"GET /api/now HTTP/1.1\r\nHost: ")
-            began = time.monotonic()
-            window.__exit__(None, None, None)
-            assert time.monotonic() - began < 2
-
-
-def test_too_long_a_head_is_refused(interview):
-    with Window(interview) as window, page(window) as browser:
-        assert browser.get("/api/now?" + "x" * 50_000).status_code in (400, 414, 431)
-        assert browser.get("/api/now", headers={"x": "y" * 40_000}).status_code in (400, 431)
+    window = Window(interview)
+    with window, socket.create_connection(("127.0.0.1", window.port)) as half:
+        half.sendall(b"GET /api/now HTTP/1.1\r\nHost: ")
+        began = time.monotonic()
+        window.__exit__(None, None, None)
+        assert time.monotonic() - began < 2
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -139,8 +133,7 @@ def test_a_chunked_body_without_end_is_cut_off(interview, known):
         with socket.create_connection(("127.0.0.1", window.port), timeout=20) as endless:
             endless.sendall("\r\n".join(head).encode())
             with pytest.raises(ConnectionError):
-                for _ in range(10_000):  # 100 MB
-                    endless.sendall(chunk)
+                endless.sendall(chunk * 10_000)  # 100 MB
     assert interview.now().state.notes == ()
 
 

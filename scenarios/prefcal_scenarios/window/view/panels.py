@@ -6,20 +6,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.experiment import Channels, Experiment
+from prefcal_env.experiment import Experiment
 from prefcal_scenarios.report.wording import number, quantity
-from prefcal_scenarios.scenario import Panel, Scenario
+from prefcal_scenarios.scenario import Panel
 
 _MOST = 4000
 """Points of a curve; above, each stretch is given by its smallest and its largest value."""
-
-
-def panels_of(scenario: Scenario, channels: Channels) -> tuple[Panel, ...]:
-    """The scenario's panels, or one for each state and input."""
-    if scenario.panels:
-        return scenario.panels
-    states = tuple(Panel("x", channel, index=i) for i, channel in enumerate(channels.x))
-    return states + tuple(Panel("u", channel, index=i) for i, channel in enumerate(channels.u))
 
 
 def panel_view(panel: Panel) -> dict[str, Any]:

@@ -10,9 +10,9 @@ from prefcal_env.knobs import KnobSpace
 from prefcal_scenarios.interview import Question, Side
 from prefcal_scenarios.report.tables import objective
 from prefcal_scenarios.report.wording import measured, number
-from prefcal_scenarios.scenario import KPI, Panel, Scenario
+from prefcal_scenarios.scenario import KPI, Panel, Scenario, panels_of
 
-from .panels import curves, panel_view, panels_of, reference, story
+from .panels import curves, panel_view, reference, story
 
 
 def question_view(question: Question, scenario: Scenario, *, blind: bool) -> dict[str, Any]:

@@ -1,0 +1,79 @@
+"""A scenario of your own: the PID of a DC motor. `prefcal calibrate dc_motor.py:motor` asks you."""
+
+import numpy as np
+
+from prefcal_agents import minimize_by_preference
+from prefcal_env import Channel, Knob, KnobSpace, Move, PlantEnv, Task
+from prefcal_env.own_experiment import ClosedLoop
+from prefcal_env.plants import FunctionPlant
+from prefcal_scenarios import KPI, Panel, Scenario
+
+ANGLE = Channel("angle", "rad", target=1.0, band=0.02)
+VOLTAGE = Channel("voltage", "V", low=-12, high=12)
+
+# The plant: dx/dt = f(x, u, d) and y = g(x, u, d), with named channels.
+plant = FunctionPlant(
+    lambda x, u, d: [x[1], 40 * x[2] - 2 * x[1], (u[0] - 0.05 * x[1] - 2 * x[2]) / 0.1],
+    lambda x, u, d: [x[0]],
+    states=[ANGLE, Channel("speed", "rad/s"), Channel("current", "A")],
+    inputs=[VOLTAGE],
+    outputs=[ANGLE],
+    max_step=0.005,
+)
+# The experiment: turn by 1 rad within 3 s.
+task = Task(
+    x0=np.zeros(3), u0=np.zeros(1), y_ref=np.array([1.0]), horizon=3.0,
+    T_s=0.01, T_s_range=(0.001, 0.1), dense_step=0.01,
+    observed=np.array([[-4, 4], [-50, 50], [-10, 10], [-12, 12], [-4, 4]]),
+)  # fmt: skip
+
+
+class PID:
+    """The controller: anything with `T_s` and `move`."""
+
+    T_s = 0.01
+
+    def __init__(self, theta):
+        self.K_p, self.K_i, self.K_d = theta
+        self.sum = 0.0
+
+    def move(self, m):
+        error = m.y_ref[0] - m.x[0]
+        self.sum += error * self.T_s
+        return Move(np.array([self.K_p * error + self.K_i * self.sum - self.K_d * m.x[1]]))
+
+
+def kpis(experiment):
+    """What you read beside the curves."""
+    outside = np.flatnonzero(np.abs(experiment.x[:, 0] - 1) > 0.02)
+    late = outside[-1] == len(experiment.t) - 1
+    return {
+        "settled": np.inf if late else experiment.t[outside[-1]],
+        "overshoot": 100 * max(experiment.x[:, 0].max() - 1, 0.0),
+    }
+
+
+motor = Scenario(
+    name="motor",
+    title="PID of a DC motor",
+    space=KnobSpace(
+        [
+            Knob("K_p", 0.1, 100, "V/rad", scale="log10"),
+            Knob("K_i", 0.01, 10, "V/(rad s)", scale="log10"),
+            Knob("K_d", 0.01, 10, "V s/rad", scale="log10"),
+        ]
+    ),
+    run=ClosedLoop(lambda: PlantEnv(plant, task), PID, kpis),
+    kpis=(
+        KPI("settled", "settled within 2 %", "s", at_most=1.0),
+        KPI("overshoot", "overshoot", "%", at_most=5.0),
+    ),
+    panels=(Panel("x", ANGLE), Panel("u", VOLTAGE)),
+    # For runs without a person; who sits there himself needs no cost.
+    cost=lambda e: e.kpis["overshoot"] / 5 + min(e.kpis["settled"], 3.0),
+)
+
+if __name__ == "__main__":
+    taste = lambda a, b: int(np.sign(motor.cost(motor.run(a)) - motor.cost(motor.run(b))))
+    found = minimize_by_preference(taste, motor.space, n_max=15)
+    print("best", motor.space.named(found.best), dict(motor.run(found.best).kpis))
