@@ -150,6 +150,7 @@ export function open(view) {
 export async function act(name, fields, words = "") {
   state.sending += 1;
   document.body.classList.add("busy");
+  if (words) $("saved").textContent = ""; // what was saved before says nothing about this
   try {
     const now = await post(name, fields, state.blind);
     banner("");
@@ -158,7 +159,7 @@ export async function act(name, fields, words = "") {
     return true;
   } catch (error) {
     if (error.now) take(error.now);
-    banner(error instanceof Refusal ? error.message : "No connection to prefcal: nothing was sent.");
+    banner(error instanceof Refusal ? error.message : "No connection to prefcal: this may not be saved.");
     return false;
   } finally {
     state.sending -= 1;
