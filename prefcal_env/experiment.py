@@ -136,11 +136,12 @@ class Experiment:
             "t_control": (steps,), "u_control": (steps, n_u), "y_ref": (steps, n_y),
             "iterations": (steps,), "solve_time": (steps,), "solved": (steps,),
         }  # fmt: skip
+        shapes = {name: np.shape(getattr(self, name)) for name in expected}
         expected |= {f"signals[{k!r}]": (dense,) for k in self.signals}
+        shapes |= {f"signals[{k!r}]": np.shape(v) for k, v in self.signals.items()}
         for name, shape in expected.items():
-            value = self.signals[name[9:-2]] if name.startswith("signals") else getattr(self, name)
-            if np.shape(value) != shape:
-                raise ExperimentError(f"{name} must have shape {shape}, got {np.shape(value)}")
+            if shapes[name] != shape:
+                raise ExperimentError(f"{name} must have shape {shape}, got {shapes[name]}")
         for name in ("theta", "t", "x", "u", "t_control", "u_control"):
             if not np.all(np.isfinite(getattr(self, name))):
                 raise ExperimentError(f"{name} must be finite, also in a run that was stopped")

@@ -1,0 +1,129 @@
+"""Experiments as bytes, and events as text: there and back unchanged, and nothing else is read."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from prefcal_env.errors import StudyError
+from prefcal_env.experiment import Channel, Channels, End, Experiment
+from prefcal_env.studies import codec
+from prefcal_env.studies.codec import decode, encode, pack, unpack
+from prefcal_env.studies.events import KINDS, from_text, to_text
+from support.studies import experiment, small_study
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+texts = st.text(max_size=8)
+limits = st.one_of(st.just((-np.inf, np.inf)), st.just((-1.5, np.inf)), st.just((0.0, 2.0)))
+
+
+@st.composite
+def channels(draw, count):
+    made = []
+    for k in range(count):
+        low, high = draw(limits)
+        target = draw(st.none() | finite)
+        made.append(
+            Channel(f"{draw(texts)}{k}", draw(texts), low, high, target, draw(st.none() | finite))
+        )
+    return tuple(made)
+
+
+@st.composite
+def experiments(draw, depth=1):
+    K, N = draw(st.integers(0, 5)), draw(st.integers(0, 3))
+    n_x, n_u, n_y = (draw(st.integers(0, 2)) for _ in range(3))
+    matrix = lambda *shape: draw(arrays(float, shape, elements=finite))  # noqa: E731
+    runs = draw(st.lists(experiments(depth=depth - 1), max_size=2)) if depth else []
+    return Experiment(
+        theta=matrix(draw(st.integers(1, 3))), t=np.arange(K) * 0.1, x=matrix(K, n_x),
+        u=matrix(K, n_u), t_control=matrix(N), u_control=matrix(N, n_u),
+        y_ref=draw(arrays(float, (N, n_y))), iterations=draw(arrays(np.int64, N)),
+        solve_time=matrix(N), solved=draw(arrays(bool, N)), end=draw(st.sampled_from(End)),
+        channels=Channels(draw(channels(n_x)), draw(channels(n_u)), draw(channels(n_y)), draw(texts)),
+        kpis=draw(st.dictionaries(texts, st.floats())),
+        signals={k: draw(arrays(float, K)) for k in draw(st.sets(texts, max_size=2))},
+        runs=tuple(runs),
+    )  # fmt: skip
+
+
+@given(experiments())
+def test_an_experiment_comes_back_bit_by_bit(made):
+    content = encode(made)
+    back = decode(content)
+    assert encode(back) == content
+    assert np.array_equal(back.solve_time, made.solve_time)
+    assert decode(unpack(pack(content))).end is made.end
+    assert list(back.kpis) == list(made.kpis)
+
+
+@given(st.binary(max_size=200))
+def test_other_bytes_are_refused(content):
+    with pytest.raises(StudyError):
+        decode(content)
+    with pytest.raises(StudyError):
+        decode(codec.MAGIC + content)
+
+
+@given(st.data())
+def test_damaged_bytes_are_refused_or_read_never_crash(data):
+    content = bytearray(encode(experiment(0.5)))
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    cut = data.draw(st.integers(0, len(content)))
+    for damaged in (bytes(content), bytes(content[:cut])):
+        try:
+            decode(damaged)
+        except StudyError:
+            continue
+
+
+def test_a_bomb_is_not_unpacked(monkeypatch):
+    monkeypatch.setattr(codec, "_MOST", 1000)
+    assert unpack(pack(bytes(1000))) == bytes(1000)
+    with pytest.raises(StudyError, match="too large"):
+        unpack(pack(bytes(1_000_000)))
+    with pytest.raises(StudyError, match="followed by something"):
+        unpack(pack(b"a") + b"b")
+
+
+def test_every_event_comes_back(tmp_path):
+    with small_study(tmp_path / "a.prefcal") as file:
+        for recorded in file.events():
+            assert from_text(*to_text(recorded.event)) == recorded.event
+
+
+@given(st.sampled_from(sorted(KINDS)), st.text(max_size=30))
+def test_other_text_is_refused(kind, body):
+    if kind in ("undone", "reopened") and body.strip() == "{}":
+        return
+    with pytest.raises(StudyError, match="cannot be read"):
+        from_text(kind, body)
+
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3)
+    ),
+    max_leaves=6,
+)
+
+
+@given(st.sampled_from(sorted(KINDS)), st.data())
+def test_wrong_fields_are_refused_or_fit_their_types(kind, data):
+    import json
+    from dataclasses import fields
+
+    body = {f.name: data.draw(values) for f in fields(KINDS[kind])}
+    try:
+        event = from_text(kind, json.dumps(body))
+    except StudyError:
+        return
+    assert from_text(*to_text(event)) == event
+
+
+def test_an_unknown_kind_is_refused():
+    with pytest.raises(StudyError, match="cannot be a 'surprise'"):
+        from_text("surprise", "{}")

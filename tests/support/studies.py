@@ -1,0 +1,60 @@
+"""Study files for tests."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from prefcal_env.experiment import Channel, Channels, End, Experiment
+from prefcal_env.preference import Answer
+from prefcal_env.studies import Answered, Finished, Shown, StudyFile, Suggested
+from support.interviews import clock
+
+CONFIGURATION: dict[str, Any] = {
+    "n_max": 9, "seed": 0, "name": "toy", "title": "Toy",
+    "knobs": [{"name": "gain", "low": 0.0, "high": 1.0, "unit": "m/%", "scale": "linear",
+               "integer": False}],
+    "kpis": [{"name": "late", "title": "late", "unit": "s"}],
+}  # fmt: skip
+CHANNELS = Channels(
+    x=(Channel("level", "m", high=3.0, target=2.0, band=0.1),), u=(Channel("valve", "%"),),
+    y=(Channel("level", "m"),), time_unit="s",
+)  # fmt: skip
+
+
+def experiment(theta: float, count: int = 4, **changes: Any) -> Experiment:
+    """A small experiment of one knob with `count` instants."""
+    t = np.arange(count, dtype=float)
+    given: dict[str, Any] = {
+        "theta": np.array([theta]), "t": t, "x": theta + t[:, None], "u": t[:, None] / 3,
+        "t_control": t, "u_control": t[:, None], "y_ref": np.full((count, 1), 2.0),
+        "iterations": np.arange(count), "solve_time": t / 1000, "solved": t > 0,
+        "channels": CHANNELS, "end": End.TIME_UP, "kpis": {"late": np.inf, "sum": float(theta)},
+    }  # fmt: skip
+    return Experiment(**{**given, **changes})
+
+
+def compared(file: StudyFile, index: int, preference: int | None = -1) -> None:
+    """Append sample `index`, its experiment, and (from 1 on) a question and its answer."""
+    theta = 0.05 + 0.1 * index
+    file.append(Suggested(index, (theta,), (theta,)), (Finished(index), experiment(theta)))
+    if index == 0:
+        file.append(Answered(None, 0, None, Answer(None)))
+        return
+    best = 0
+    for closed in file.state.closed:
+        if closed.answer.preference == -1 and not closed.retracted:
+            best = closed.challenger
+    (shown,) = file.append(Shown(index, best, bool(index % 2)))
+    file.append(Answered(shown, index, best, Answer(preference), f"answer {index}"))
+
+
+def small_study(
+    path: Path | str, answers: int = 3, now: Callable[[], str] | None = None
+) -> StudyFile:
+    """An open study with some answers."""
+    file = StudyFile.create(path, CONFIGURATION, clock=now or clock())
+    for index in range(answers + 1):
+        compared(file, index, (None, -1, 0, 1)[index % 4])
+    return file
