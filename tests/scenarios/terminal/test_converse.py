@@ -1,0 +1,120 @@
+"""The terminal front end, with recorded consoles and typed keys."""
+
+import io
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from prefcal_env.experiment import Channels
+from prefcal_env.rig import Rig
+from prefcal_scenarios.interview import Background, Phase
+from prefcal_scenarios.terminal import converse
+from support.interviews import begin
+from toy_scenario_tools import CHANNELS, record_of_toy
+from toy_study import toy_scenario
+
+
+def talk(interview, keys, lines=(), width=140):
+    """The conversation with these keys and lines; what was printed."""
+    console = Console(file=io.StringIO(), width=width, record=True, force_terminal=False)
+    typed, written = iter(keys), iter(lines)
+    with Background(interview):
+        converse(interview, console, lambda: next(typed), lambda words: next(written))
+    return console.export_text()
+
+
+@pytest.fixture
+def interview():
+    return begin(toy_scenario(), n_max=5)
+
+
+def test_a_whole_study_by_keys(interview):
+    out = talk(interview, "lrsc")
+    assert interview.now().phase is Phase.OVER
+    assert "Comparison 1 of 4: which experiment is better?" in out
+    assert "The study is over: all compared." in out
+    given = [c.answer.preference for c in interview.now().state.closed[1:]]
+    assert given[2:] == [0, None]
+
+
+@pytest.mark.parametrize("width", [80, 140])
+def test_both_sides_are_shown_with_curves_and_numbers(interview, width):
+    out = talk(interview, "x", width=width)
+    assert all(len(line) <= width for line in out.splitlines())
+    for words in (
+        "LEFT · experiment",
+        "RIGHT · experiment",
+        "settling time t_f",
+        "T_s =",
+        "level <h>",
+    ):
+        assert words in out
+    braille = [c for c in out if "\u2801" <= c <= "\u28ff"]
+    assert len(braille) > 100
+    side_by_side = [line for line in out.splitlines() if "LEFT" in line and "RIGHT" in line]
+    assert bool(side_by_side) == (width == 140)
+
+
+def test_it_stops_and_loses_nothing(interview):
+    talk(interview, "lx")
+    assert interview.now().phase is Phase.QUESTION
+    assert len(interview.now().state.closed) == 2
+
+
+def test_undo_marks_comment_and_blind(interview):
+    out = talk(interview, "l" + "u" + "qnb" + "r" + "x", ["quieter"])
+    closed = interview.now().state.closed[1]
+    assert (closed.comment, closed.blind) == ("quieter", True)
+    assert closed.answer.marks != ()
+    assert "The last answer is taken back." in out
+    blind = out[out.rindex("better?") :]
+    assert "experiment 1" not in blind.split("Saved")[0]
+
+
+def test_history_status_keys_and_a_repeat(interview):
+    out = talk(interview, "lrhi?plx")
+    for words in ("History", "best so far, experiment", "No question was asked twice", "undo"):
+        assert words in out
+    assert interview.consistency.repeated == 1
+
+
+def test_an_undo_too_many_is_told(interview):
+    assert "there is no answer to undo" in talk(interview, "ux")
+
+
+def test_a_run_that_fails_is_tried_again_or_counted(interview):
+    toy, broken = toy_scenario(), [True, True, False]
+
+    def run(theta, seed=0):
+        if broken and broken.pop(0):
+            raise OSError("the pump does not answer")
+        return toy.run(theta, seed)
+
+    interview = begin(replace(toy, run=run), n_max=4)
+    out = talk(interview, "tfx")
+    assert "That did not work: OSError: the pump does not answer" in out
+    assert interview.now().state.finished
+
+
+def test_a_rigs_records_are_asked_for(tmp_path):
+    rig = Rig(CHANNELS, (2.0,), instructions="Open the tap first.")
+    interview = begin(replace(toy_scenario(), run=rig), n_max=3)
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    for file in files:
+        file.write_text(record_of_toy(), encoding="utf-8")
+    (tmp_path / "bad.csv").write_text("time [s]\n0\n", encoding="utf-8")
+    lines = [
+        str(tmp_path / "no.csv"),
+        str(tmp_path / "bad.csv"),
+        str(files[0]),
+        f"unsafe {files[1]}",
+        "stop",
+    ]
+    out = talk(interview, "l", lines)
+    assert "cannot read" in out
+    assert "column 'level <h>' is missing" in out
+    assert "Open the tap first." in out
+    assert interview.experiment(1).end.interrupted
+    assert interview.now().phase is Phase.RECORD
+    assert isinstance(CHANNELS, Channels)
