@@ -83,7 +83,9 @@ def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> An
             {"name": k.name, "unit": k.unit, "text": number(v), "exact": repr(float(v))}
             for k, v in knobs
         ],
-        "copy": "" if hidden else "\n".join(f"{k.name} = {with_unit(repr(float(v)), k.unit)}" for k, v in knobs),
+        "copy": "" if hidden else "\n".join(
+            f"{k.name} = {with_unit(repr(float(v)), k.unit)}" for k, v in knobs
+        ),
         "columns": [] if rig is None else list(rig.columns.headings),
         "instructions": "" if rig is None else rig.instructions,
     }  # fmt: skip
