@@ -67,8 +67,6 @@ function render(before) {
   document.body.dataset.phase = now.phase;
   document.body.dataset.question = now.question?.id ?? "";
   document.body.dataset.blind = now.blind;
-  $("heading").textContent = now.question?.repeat && state.view === "now"
-    ? "Once more: which is better?" : HEADINGS[now.phase];
   $("scenario").textContent = now.scenario.title;
   progress(now.progress);
   $("undo").disabled = !now.can_undo;
@@ -80,8 +78,8 @@ function render(before) {
   if (now.phase === "record" && before?.pending?.index !== now.pending?.index) showRecord(now, act);
   if (now.phase === "failed") showFailed(now, act);
   if (now.phase === "over") showOver(now, act);
-  if (before && before.phase !== now.phase && now.phase !== "question") say($("heading").textContent);
   arrange();
+  if (before && before.phase !== now.phase && now.phase !== "question") say($("heading").textContent);
   if (state.view === "history") showHistory(act);
   if (state.view === "status") showStatus(now, act);
 }
@@ -120,6 +118,8 @@ function arrange() {
     section.hidden = section.id !== `view-${shown}`;
   }
   document.body.dataset.view = state.view;
+  $("heading").textContent = shown === "question" && state.now.question.repeat
+    ? "Once more: which is better?" : HEADINGS[phase];
   $("verdicts").hidden = shown !== "question";
   for (const button of document.querySelectorAll("[data-in=question]")) {
     button.hidden = shown !== "question";
@@ -150,6 +150,7 @@ export function open(view) {
 export async function act(name, fields, words = "") {
   state.sending += 1;
   document.body.classList.add("busy");
+  if (words) $("saved").textContent = ""; // what was saved before says nothing about this
   try {
     const now = await post(name, fields, state.blind);
     banner("");
@@ -158,7 +159,7 @@ export async function act(name, fields, words = "") {
     return true;
   } catch (error) {
     if (error.now) take(error.now);
-    banner(error instanceof Refusal ? error.message : "No connection to prefcal: nothing was sent.");
+    banner(error instanceof Refusal ? error.message : "No connection to prefcal: this may not be saved.");
     return false;
   } finally {
     state.sending -= 1;
