@@ -1,0 +1,103 @@
+"""The query window as a person feels it: waiting, page weight, memory.
+
+Starts `prefcal calibrate cstr` and a headless browser on this machine, answers by keyboard, and prints
+medians. The browser runs before the command does; everything else is what a person waits for.
+
+    python benchmarks/window.py [--studies 5] [--answers 30] [--scenario cstr]
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from support.browser import Served, Watched, chromium, serve
+
+CURVES = "() => document.querySelectorAll('.js-plotly-plot .scatterlayer path.js-line').length > 1"
+CHANGED = "before => document.body.dataset.question !== before"
+KEYS = ("ArrowLeft", "ArrowRight", "ArrowRight", "ArrowLeft", "ArrowDown")
+
+
+def memory(served: Served) -> float:
+    """Resident memory of the command [MB]."""
+    status = Path(f"/proc/{served.process.pid}/status").read_text()
+    line = next(line for line in status.splitlines() if line.startswith("VmRSS"))
+    return int(line.split()[1]) / 1024
+
+
+def first_question(browser, scenario: str) -> tuple[float, float]:
+    """Seconds from the command to its link, and to curves on the page."""
+    with tempfile.TemporaryDirectory() as folder:
+        watched = Watched(browser)
+        began = time.perf_counter()
+        served = serve(Path(folder), scenario)
+        linked = time.perf_counter() - began
+        watched.page.goto(served.link, wait_until="commit")
+        watched.page.wait_for_function(CURVES, timeout=120_000)
+        shown = time.perf_counter() - began
+        served.kill()
+        watched.page.context.close()
+        return linked, shown
+
+
+def answering(browser, scenario: str, answers: int) -> tuple[list[float], dict[str, float]]:
+    """Seconds from each key to the next question; page weight and memory of the whole."""
+    with tempfile.TemporaryDirectory() as folder:
+        served, watched = serve(Path(folder), scenario), Watched(browser)
+        sizes: dict[str, int] = {}
+
+        def weigh(response) -> None:
+            if response.request.resource_type != "fetch":
+                length = response.headers.get("content-length", "0")
+                sizes[response.url] = int(length)
+
+        watched.page.on("response", weigh)
+        watched.open(served.link)
+        waits, at_first = [], memory(served)
+        for k in range(answers):
+            question = watched.question()
+            watched.page.wait_for_timeout(1500)  # nobody answers at once
+            began = time.perf_counter()
+            watched.page.keyboard.press(KEYS[k % len(KEYS)])
+            watched.page.wait_for_function(CHANGED, arg=question, polling="raf")
+            waits.append(time.perf_counter() - began)
+        asked = watched.page.evaluate("() => fetch('/api/now').then((r) => r.text())")
+        figures = {
+            "page, compressed [kB]": sum(sizes.values()) / 1e3,
+            "of which plotly.js [kB]": max(sizes.values()) / 1e3,
+            "one question [kB]": len(asked.encode()) / 1e3,
+            "memory at the first question [MB]": at_first,
+            f"memory after {answers} answers [MB]": memory(served),
+        }
+        served.kill()
+        return waits, figures
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--studies", type=int, default=5)
+    parser.add_argument("--answers", type=int, default=30)
+    parser.add_argument("--scenario", default="cstr")
+    given = parser.parse_args()
+    with chromium() as browser:
+        first_question(browser, given.scenario)  # compiles, where that was never done
+        starts = np.array([first_question(browser, given.scenario) for _ in range(given.studies)])
+        waits, figures = answering(browser, given.scenario, given.answers)
+    link, shown = np.median(starts, axis=0)
+    print(f"{given.scenario}: command to link {link:.2f} s, to the first question with its curves")
+    print(f"  {shown:.2f} s (median of {len(starts)}; worst {starts[:, 1].max():.2f} s)")
+    median, late = np.percentile(waits, [50, 95])
+    print(f"answer to next question: median {median * 1e3:.0f} ms, 95 % {late * 1e3:.0f} ms "
+          f"({len(waits)} answers)")  # fmt: skip
+    for name, value in figures.items():
+        print(f"{name}: {value:.0f}")
+
+
+if __name__ == "__main__":
+    main()
