@@ -73,7 +73,12 @@ motor = Scenario(
     cost=lambda e: e.kpis["overshoot"] / 5 + min(e.kpis["settled"], 3.0),
 )
 
+
+def prefer(a, b):
+    """-1 if θ a is better, 1 if b is; without the query window."""
+    return int(np.sign(motor.cost(motor.run(a)) - motor.cost(motor.run(b))))
+
+
 if __name__ == "__main__":
-    taste = lambda a, b: int(np.sign(motor.cost(motor.run(a)) - motor.cost(motor.run(b))))
-    found = minimize_by_preference(taste, motor.space, n_max=15)
+    found = minimize_by_preference(prefer, motor.space, n_max=15)
     print("best", motor.space.named(found.best), dict(motor.run(found.best).kpis))

@@ -24,9 +24,9 @@ from prefcal_env.studies import (
     StudyFile,
     Suggested,
     Undone,
+    schema,
     verify,
 )
-from prefcal_env.studies import schema
 from support.interviews import clock
 from support.studies import CONFIGURATION, compared, experiment, small_study
 
@@ -153,7 +153,7 @@ def limited(folder, code, *, bytes_=None, user=None):
 
     return subprocess.run(
         [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False,
-        preexec_fn=before,  # noqa: PLW1509 - the limits have to be the child's
+        preexec_fn=before,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "NUMBA_DISABLE_JIT": "1"},
     )  # fmt: skip
 

@@ -27,7 +27,10 @@ async function listen() {
     waiting = new AbortController();
     try {
       const asked = state.blind;
-      const now = await news(state.now?.version ?? null, asked, waiting.signal);
+      // A hidden tab holds no connection: a browser keeps six, which all tabs share.
+      const held = !document.hidden || !state.now;
+      if (!held) await hiddenFor(3000);
+      const now = await news(held ? state.now?.version ?? null : null, asked, waiting.signal);
       if (state.lost) banner("");
       state.lost = false;
       if (asked === state.blind) take(now);
@@ -36,6 +39,12 @@ async function listen() {
     }
   }
 }
+
+// Resolves after `ms`, or as soon as the tab is looked at again.
+const hiddenFor = (ms) => new Promise((resolve) => {
+  setTimeout(resolve, ms);
+  document.addEventListener("visibilitychange", resolve, { once: true });
+});
 
 async function lost(error) {
   const again = state.now?.study.again ?? "prefcal calibrate ...";
