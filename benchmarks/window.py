@@ -1,7 +1,7 @@
 """The query window as a person feels it: waiting, page weight, memory.
 
 Starts `prefcal calibrate cstr` and a headless browser on this machine, answers by keyboard, and
-prints medians. The browser runs before the command does; everything else is what a person waits for.
+prints medians. The browser runs before the command does; all else is what a person waits for.
 
     python benchmarks/window.py [--studies 5] [--answers 30] [--scenario cstr]
 """

@@ -28,14 +28,12 @@ task = Task(
 )  # fmt: skip
 
 
+# The controller: anything with `T_s` and `move`.
 class PID:
-    """The controller: anything with `T_s` and `move`."""
-
     T_s = 0.01
 
     def __init__(self, theta):
-        self.K_p, self.K_i, self.K_d = theta
-        self.sum = 0.0
+        (self.K_p, self.K_i, self.K_d), self.sum = theta, 0.0
 
     def move(self, m):
         error = m.y_ref[0] - m.x[0]
@@ -43,8 +41,8 @@ class PID:
         return Move(np.array([self.K_p * error + self.K_i * self.sum - self.K_d * m.x[1]]))
 
 
+# What you read beside the curves.
 def kpis(experiment):
-    """What you read beside the curves."""
     outside = np.flatnonzero(np.abs(experiment.x[:, 0] - 1) > 0.02)
     late = outside[-1] == len(experiment.t) - 1
     return {
@@ -69,13 +67,13 @@ motor = Scenario(
         KPI("overshoot", "overshoot", "%", at_most=5.0),
     ),
     panels=(Panel("x", ANGLE), Panel("u", VOLTAGE)),
-    # For runs without a person; who sits there himself needs no cost.
-    cost=lambda e: e.kpis["overshoot"] / 5 + min(e.kpis["settled"], 3.0),
+    cost=lambda e: (
+        e.kpis["overshoot"] / 5 + min(e.kpis["settled"], 3.0)
+    ),  # only for unattended runs
 )
 
 
 def prefer(a, b):
-    """-1 if θ a is better, 1 if b is; without the query window."""
     return int(np.sign(motor.cost(motor.run(a)) - motor.cost(motor.run(b))))
 
 
