@@ -44,9 +44,8 @@ class PID:
 # What you read beside the curves.
 def kpis(experiment):
     outside = np.flatnonzero(np.abs(experiment.x[:, 0] - 1) > 0.02)
-    late = outside[-1] == len(experiment.t) - 1
     return {
-        "settled": np.inf if late else experiment.t[outside[-1]],
+        "settled": np.inf if outside[-1] == len(experiment.t) - 1 else experiment.t[outside[-1]],
         "overshoot": 100 * max(experiment.x[:, 0].max() - 1, 0.0),
     }
 
@@ -72,11 +71,10 @@ motor = Scenario(
     ),  # only for unattended runs
 )
 
-
-def prefer(a, b):
-    return int(np.sign(motor.cost(motor.run(a)) - motor.cost(motor.run(b))))
-
-
 if __name__ == "__main__":
+
+    def prefer(a, b):
+        return int(np.sign(motor.cost(motor.run(a)) - motor.cost(motor.run(b))))
+
     found = minimize_by_preference(prefer, motor.space, n_max=15)
     print("best", motor.space.named(found.best), dict(motor.run(found.best).kpis))
