@@ -2,8 +2,7 @@
 
 import csv
 import io
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +10,12 @@ from jaxtyping import Float
 
 from prefcal_env.errors import RecordError
 
-_HEADING = re.compile(r"^\s*(?P<name>.*?)\s*(?:\[\s*(?P<unit>[^\]]*?)\s*\]\s*)?$")
+from .cells import Cells, cells_of, number_of, parts_of, same_unit
+
 _MOST_TOLD = 5
 """Problems that are listed; a person mends some and tries again."""
+_WIDEST = 1e30
+"""No sensor shows more, in whatever unit; beyond it plots and sums overflow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +28,7 @@ class Columns:
         ranges: Name to what its sensor can show, in its unit.
         max_gap: Longest step in time, in median steps.
         max_rows: Most rows that are read.
+        optional: Name to unit of columns that may be there besides.
     """
 
     names: tuple[str, ...]
@@ -33,17 +36,22 @@ class Columns:
     ranges: Mapping[str, tuple[float, float]]
     max_gap: float
     max_rows: int
+    optional: Mapping[str, str]
 
     @property
     def headings(self) -> tuple[str, ...]:
-        """As they should stand in the first line."""
-        return tuple(
-            f"{name} [{unit}]" if unit else name
-            for name, unit in zip(self.names, self.units, strict=True)
-        )
+        """Of the columns that must be there, as they should stand in the first line."""
+        return tuple(_heading(n, u) for n, u in zip(self.names, self.units, strict=True))
+
+    @property
+    def template(self) -> str:
+        """The first line of a record, quoted where a name needs it."""
+        line = io.StringIO()
+        csv.writer(line, lineterminator="\n").writerow(self.headings)
+        return line.getvalue()
 
     def read(self, text: str) -> Float[np.ndarray, "K n"]:
-        """The values in the order of the columns, shape (K, n).
+        """The values of `names` and then of `optional`, shape (K, n); an absent one is NaN.
 
         Separators may be commas, semicolons or tabs, with a decimal comma beside the latter two;
         lines that begin with # are left out; further columns too.
@@ -51,92 +59,77 @@ class Columns:
         Raises:
             RecordError: it lists what is wrong, with lines as an editor counts them.
         """
-        lines = self._lines(text)
-        order = self._order(lines[0][1])
-        rows = [(number, [cells[i] if i < len(cells) else "" for i in order])
-                for number, cells in lines[1:]]  # fmt: skip
-        if len(rows) < 2:
-            raise RecordError(f"a record needs 2 rows of values or more, got {len(rows)}")
-        if len(rows) > self.max_rows:
-            raise RecordError(f"a record may have {self.max_rows} rows, got {len(rows)}")
-        values, problems = self._numbers(rows)
-        numbers = [number for number, _ in rows]
+        known = self._known()
+        cells = cells_of(text, {*known, *(_heading(n, u) for n, u in known.items())})
+        if not cells.headings:
+            raise RecordError(f"the record is empty: expected {', '.join(self.headings)}")
+        places = self._places(cells.headings)
+        if len(cells.rows) < 2:
+            raise RecordError(f"a record needs 2 rows of values or more, got {len(cells.rows)}")
+        if len(cells.rows) > self.max_rows:
+            raise RecordError(f"a record may have {self.max_rows} rows, got {len(cells.rows)}")
+        values = np.full((len(cells.rows), len(known)), np.nan)
+        lines = [line for line, _ in cells.rows]
+        problems = [*_too_long(cells), *_mixed(cells, places.values())]
+        for i, name in enumerate(known):
+            if name in places:
+                problems += self._column(cells, name, places[name], values[:, i])
+        problems += [*self._time(values[:, 0], lines), *self._in_range(values, lines)]
         _refuse(problems)
-        _refuse([*self._time(values[:, 0], numbers), *self._in_range(values, numbers)])
         return values
 
-    def _lines(self, text: str) -> list[tuple[int, list[str]]]:
-        """Number and cells of each line that holds something, the headings first."""
-        content = text.removeprefix("\ufeff")
-        kept = [
-            (number, line)
-            for number, line in enumerate(content.splitlines(), start=1)
-            if line.strip() and not line.lstrip().startswith("#")
-        ]
-        if not kept:
-            raise RecordError(f"the record is empty: expected {', '.join(self.headings)}")
-        separator = max(";\t,", key=kept[0][1].count)
-        try:
-            cells = list(csv.reader(io.StringIO("\n".join(line for _, line in kept)),
-                                    delimiter=separator, strict=True))  # fmt: skip
-        except csv.Error as error:
-            raise RecordError(f"the record is no CSV: {error}") from error
-        if len(cells) != len(kept):
-            raise RecordError("a quoted cell goes over several lines")
-        decimal = separator != ","
-        return [
-            (number, [c.replace(",", ".") if decimal and i else c for c in row])
-            for i, ((number, _), row) in enumerate(zip(kept, cells, strict=True))
-        ]
+    def _known(self) -> dict[str, str]:
+        return dict(zip(self.names, self.units, strict=True)) | dict(self.optional)
 
-    def _order(self, headings: Sequence[str]) -> list[int]:
-        """Where each column stands."""
-        found = [_HEADING.match(h) for h in headings]
-        names = [m["name"] if m else "" for m in found]
-        problems, order = [], []
-        for name, unit in zip(self.names, self.units, strict=True):
-            count = names.count(name)
-            if count != 1:
-                what = "is missing" if count == 0 else f"stands there {count} times"
-                problems.append(f"column {name!r} {what}; the headings are {', '.join(names)}")
-                continue
-            place = names.index(name)
-            match = found[place]
-            given = match["unit"] if match else None
-            if given is not None and _plain(given) != _plain(unit):
-                problems.append(
-                    f"column {name!r} is in {given or 'no unit'}, expected {unit or 'no unit'}: "
-                    "convert it"
-                )
-            order.append(place)
-        _refuse(problems)
-        return order
-
-    def _numbers(
-        self, rows: Sequence[tuple[int, list[str]]]
-    ) -> tuple[Float[np.ndarray, "K n"], list[str]]:
-        values = np.full((len(rows), len(self.names)), np.nan)
-        problems = []
-        for k, (number, cells) in enumerate(rows):
-            for i, cell in enumerate(cells):
-                value = _number(cell)
-                values[k, i] = np.nan if value is None else value
-                if not np.isfinite(values[k, i]):
-                    got = repr(cell.strip()[:40]) if cell.strip() else "nothing"
+    def _places(self, headings: Sequence[str]) -> dict[str, int]:
+        """Name to where its column stands."""
+        known, problems, places = self._known(), [], {}
+        parts = [_parts(heading, known) for heading in headings]
+        for name, unit in known.items():
+            found = [(i, given) for i, (called, given) in enumerate(parts) if called == name]
+            if len(found) != 1 and (found or name not in self.optional):
+                what = f"stands there {len(found)} times" if found else "is missing"
+                there = ", ".join(called[:40] for called, _ in parts[:12])
+                problems.append(f"column {name!r} {what}; the headings are {there}")
+            for place, given in found:
+                places[name] = place
+                if given is not None and not same_unit(given, unit):
                     problems.append(
-                        f"line {number}, column {self.names[i]!r}: expected a number, got {got}"
+                        f"column {name!r} is in {given[:40] or 'no unit'}, "
+                        f"expected {unit or 'no unit'}: convert it"
                     )
-        return values, problems
+        _refuse(problems)
+        return places
+
+    def _column(
+        self, cells: Cells, name: str, place: int, values: Float[np.ndarray, " K"]
+    ) -> list[str]:
+        """Fill `values` with the column `name`; what was no number, in one sentence."""
+        first, count = "", 0
+        for k, (line, row) in enumerate(cells.rows):
+            cell = row[place] if place < len(row) else ""
+            value = number_of(cell, decimal_comma=cells.decimal_comma)
+            if value is not None and np.isfinite(value):
+                values[k] = value
+                continue
+            got = repr(cell.strip()[:40]) if cell.strip() else "nothing"
+            first = first or f"line {line}, column {name!r}: expected a number, got {got}"
+            count += 1
+        return [first + _and_more(count)] if count else []
 
     def _time(self, t: Float[np.ndarray, " K"], lines: Sequence[int]) -> Iterator[str]:
-        steps = np.diff(t)
+        if np.any(np.isnan(t)):
+            return
+        with np.errstate(over="ignore"):
+            steps = np.diff(t)
         unit = self.units[0]
-        for k in map(int, np.flatnonzero(steps <= 0)):
+        back = np.flatnonzero(steps <= 0)
+        if len(back):
+            k = int(back[0])
             yield (
                 f"line {lines[k + 1]}: time must increase, got {t[k + 1]:g} {unit} "
-                f"after {t[k]:g} {unit}"
+                f"after {t[k]:g} {unit}{_and_more(len(back))}"
             )
-        if np.any(steps <= 0):
             return
         usual = float(np.median(steps))
         for k in map(int, np.flatnonzero(steps > self.max_gap * usual)):
@@ -146,16 +139,62 @@ class Columns:
             )
 
     def _in_range(self, values: Float[np.ndarray, "K n"], lines: Sequence[int]) -> Iterator[str]:
-        for i, name in enumerate(self.names):
-            low, high = self.ranges.get(name, (-np.inf, np.inf))
+        for i, (name, unit) in enumerate(self._known().items()):
+            low, high = self.ranges.get(name, (-_WIDEST, _WIDEST))
+            low, high = max(low, -_WIDEST), min(high, _WIDEST)
             outside = np.flatnonzero((values[:, i] < low) | (values[:, i] > high))
             if len(outside):
-                unit = self.units[i]
+                k = int(outside[0])
                 yield (
-                    f"line {lines[outside[0]]}, column {name!r}: {values[outside[0], i]:g} {unit} "
-                    f"is outside [{low:g}, {high:g}] {unit}, as are {len(outside) - 1} more: is "
-                    "the unit right?"
+                    f"line {lines[k]}, column {name!r}: {values[k, i]:g} {unit} is outside "
+                    f"[{low:g}, {high:g}] {unit}{_and_more(len(outside))}: is the unit right?"
                 )
+
+
+def _heading(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def _parts(heading: str, known: Mapping[str, str]) -> tuple[str, str | None]:
+    """Name and unit that are meant; a known name may itself hold brackets."""
+    plain = heading.strip()
+    for name, unit in known.items():
+        if plain in (name, _heading(name, unit)):
+            return name, unit
+    return parts_of(plain)
+
+
+def _too_long(cells: Cells) -> list[str]:
+    """Rows with more cells than headings: a decimal comma would shift all columns unseen."""
+    width = len(cells.headings)
+    long = [(n, len(row)) for n, row in cells.rows if any(c.strip() for c in row[width:])]
+    if not long:
+        return []
+    hint = "" if cells.decimal_comma else ": a decimal comma needs semicolons between the cells"
+    return [
+        f"line {long[0][0]} has {long[0][1]} cells under {width} headings"
+        f"{_and_more(len(long))}{hint}"
+    ]
+
+
+def _mixed(cells: Cells, places: Collection[int]) -> list[str]:
+    """A comma here and a point there: one of them sets thousands apart."""
+    if not cells.decimal_comma:
+        return []
+    seen: dict[str, int] = {}
+    for line, row in cells.rows:
+        for place in places:
+            cell = row[place] if place < len(row) else ""
+            for sign in ",.":
+                if sign in cell and number_of(cell, decimal_comma=True) is not None:
+                    seen.setdefault(sign, line)
+    if len(seen) < 2:
+        return []
+    return [f"line {seen[',']} has a decimal comma, line {seen['.']} a decimal point: use one"]
+
+
+def _and_more(count: int) -> str:
+    return f" (and {count - 1} more)" if count > 1 else ""
 
 
 def _refuse(problems: Sequence[str]) -> None:
@@ -165,16 +204,3 @@ def _refuse(problems: Sequence[str]) -> None:
     if len(problems) > _MOST_TOLD:
         told.append(f"and {len(problems) - _MOST_TOLD} more")
     raise RecordError("; ".join(told))
-
-
-def _number(cell: str) -> float | None:
-    try:
-        return float(cell)
-    except ValueError:
-        return None
-
-
-def _plain(unit: str) -> str:
-    """Spellings of one unit: spaces, the micro sign, superscripts."""
-    spelled = unit.replace(" ", "").replace("\u00b5", "\u03bc").replace("^", "")
-    return spelled.translate(str.maketrans("\u00b2\u00b3", "23"))

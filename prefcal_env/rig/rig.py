@@ -19,11 +19,12 @@ class Rig:
     """The `run` of a scenario whose experiments somebody does himself.
 
     Its records are CSV files with a column `time` and one for each state and input of `channels`,
-    in the channels' units. In front ends the person sees θ, the columns and `instructions`.
+    in the channels' units; where the reference of an output changes, it may have a column
+    "NAME ref" besides. In front ends the person sees θ, the columns and `instructions`.
 
     Args:
         channels: Names, units, limits and targets of states, inputs and outputs.
-        y_ref: Reference of each output, constant, in the outputs' units.
+        y_ref: Reference of each output, in its unit, for records without a column of it.
         kpis: Key performance indicators of a record by name.
         ranges: Name of a channel to what its sensor can show, in its unit: a value outside is
             refused, for it is most likely in another unit.
@@ -50,7 +51,7 @@ class Rig:
                 f"y_ref must hold a finite reference for each of {len(self.channels.y)} outputs, "
                 f"got {self.y_ref}"
             )
-        names = self.columns.names
+        names = (*self.columns.names, *(f"{c.name} ref" for c in self.channels.y))
         if len(set(names)) != len(names):
             raise SettingsError(f"the names of the columns must differ, got {names}")
         for name, (low, high) in self.ranges.items():
@@ -84,11 +85,12 @@ class Rig:
             self.ranges,
             self.max_gap,
             self.max_rows,
+            {f"{c.name} ref": c.unit for c in self.channels.y},
         )
 
     def template(self) -> str:
         """The first line of a record."""
-        return ",".join(self.columns.headings) + "\n"
+        return self.columns.template
 
     def read_bytes(self, content: bytes) -> str:
         """The text of a file. Raises RecordError if it is no UTF-8."""
@@ -112,33 +114,47 @@ class Rig:
         Raises:
             RecordError: it lists what is wrong with the record.
         """
-        values = self.columns.read(text)
-        n_x = len(self.channels.x)
-        t, x, u = values[:, 0], values[:, 1 : 1 + n_x], values[:, 1 + n_x :]
-        return self._experiment(theta, t, x, u, End.UNSAFE if unsafe else End.TIME_UP)
+        made = self._of(self.columns.read(text), theta, End.UNSAFE if unsafe else End.TIME_UP)
+        return made if self.kpis is None else replace(made, kpis=_computed(self.kpis, made))
 
-    def failed(self, theta: Float[np.ndarray, " n"]) -> Experiment:
-        """An experiment of θ, physical, (n,), that left no record."""
-        n_x, n_u = len(self.channels.x), len(self.channels.u)
-        return self._experiment(
-            theta, np.zeros(0), np.zeros((0, n_x)), np.zeros((0, n_u)), End.FAILED
-        )
+    def failed(self, theta: Float[np.ndarray, " n"], text: str | None = None) -> Experiment:
+        """An experiment of θ, physical, (n,), that failed, without KPIs.
 
-    def _experiment(
-        self,
-        theta: Float[np.ndarray, " n"],
-        t: Float[np.ndarray, " K"],
-        x: Float[np.ndarray, "K n_x"],
-        u: Float[np.ndarray, "K n_u"],
-        end: End,
+        Args:
+            theta: What was run.
+            text: Of the CSV of what was logged until then; one that `read` would refuse, or None,
+                leaves an experiment without a record.
+        """
+        nothing = np.zeros((0, len(self.columns.names) + len(self.columns.optional)))
+        if text is None:
+            return self._of(nothing, theta, End.FAILED)
+        try:
+            return self._of(self.columns.read(text), theta, End.FAILED)
+        except RecordError:
+            return self._of(nothing, theta, End.FAILED)
+
+    def _of(
+        self, values: Float[np.ndarray, "K m"], theta: Float[np.ndarray, " n"], end: End
     ) -> Experiment:
-        count = len(t)
-        made = Experiment(
-            theta=theta, t=t, x=x, u=u, t_control=t, u_control=u,
-            y_ref=np.tile(self.y_ref, (count, 1)), iterations=np.zeros(count, dtype=np.int64),
-            solve_time=np.zeros(count), solved=np.ones(count, dtype=bool),
-            channels=self.channels, end=end,
+        """An experiment without KPIs; `values` are those of `Columns.read`."""
+        n_x, n_u, count = len(self.channels.x), len(self.channels.u), len(values)
+        t, x, u, y_ref = np.split(values, np.cumsum([1, n_x, n_u]), axis=1)
+        return Experiment(
+            theta=theta, t=t[:, 0], x=x, u=u, t_control=t[:, 0], u_control=u,
+            y_ref=np.where(np.isnan(y_ref), np.reshape(self.y_ref, (1, -1)), y_ref),
+            iterations=np.zeros(count, dtype=np.int64), solve_time=np.zeros(count),
+            solved=np.ones(count, dtype=bool), channels=self.channels, end=end,
         )  # fmt: skip
-        if self.kpis is None or not count:
-            return made
-        return replace(made, kpis=self.kpis(made))
+
+
+def _computed(
+    kpis: Callable[[Experiment], Mapping[str, float]], made: Experiment
+) -> dict[str, float]:
+    try:
+        return {str(name): float(value) for name, value in kpis(made).items()}
+    except Exception as error:
+        # The user's own function: the record may be at fault, or the function.
+        raise RecordError(
+            "the scenario cannot compute the KPIs of this record "
+            f"({type(error).__name__}: {error}): mend the record or the scenario"
+        ) from error

@@ -1,11 +1,18 @@
-"""Every synthetic calibrator keeps the contract."""
+"""Every calibrator keeps the contract."""
 
 from typing import Any
 
 import pytest
 
 from contracts.calibrators import calibrator_contract
-from prefcal_env.calibrators import BradleyTerry, Criterion, LatentCost, Lexicographic, Thurstone
+from prefcal_env.calibrators import (
+    BradleyTerry,
+    Criterion,
+    HumanCalibrator,
+    LatentCost,
+    Lexicographic,
+    Thurstone,
+)
 from prefcal_scenarios.cstr import cstr
 from support.short_runs import final_level
 
@@ -14,6 +21,8 @@ SUBJECTS: dict[str, Any] = {
     "latent cost with a tie band": lambda: LatentCost(final_level, tie_band=0.1),
     "latent cost, Thurstone": lambda: LatentCost(final_level, noise=Thurstone(0.5), seed=3),
     "latent cost, Bradley-Terry": lambda: LatentCost(final_level, noise=BradleyTerry(0.5)),
+    "a person": lambda: HumanCalibrator(LatentCost(final_level).prefer),
+    "a person, sides shuffled": lambda: HumanCalibrator(LatentCost(final_level).prefer, shuffle=1),
     "lexicographic": lambda: Lexicographic([Criterion("level", final_level)]),
     "lexicographic with thresholds": lambda: Lexicographic(
         [

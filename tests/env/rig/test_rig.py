@@ -1,5 +1,7 @@
 """A rig's records: what is taken, and how everything else is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -82,11 +84,76 @@ def test_what_is_wrong_with_a_record_is_refused_in_words(text, words):
 
 
 def test_several_problems_are_told_at_once_when_refused():
-    text = HEAD + "\n" + "\n".join(f"{k},x,y,1" for k in range(4))
+    text = f"{HEAD}\n0,x,1,1\n1,y,,1\n0.5,z,1,500,7\n"
+    rig = replace(RIG, ranges={"power": (0.0, 100.0)})
     with pytest.raises(RecordError) as refused:
+        rig.read(text, THETA)
+    told = str(refused.value).split("; ")
+    assert [t.split(":")[0] for t in told] == [
+        "line 4 has 5 cells under 4 headings",
+        "line 2, column 'temperature'",
+        "line 3, column 'flow'",
+        "line 4",
+        "line 4, column 'power'",
+    ]
+    assert told[1].endswith("got 'x' (and 2 more)")
+
+
+def test_no_more_than_five_problems_are_told_when_refused():
+    text = HEAD + "\n" + "".join(f"{t},20,1,1\n" for t in np.cumsum([0.1, 0.1, 0.1] + [0.1, 9] * 7))
+    with pytest.raises(RecordError, match="and 2 more") as refused:
         RIG.read(text, THETA)
     assert str(refused.value).count("; ") == 5
-    assert "and 3 more" in str(refused.value)
+
+
+@pytest.mark.parametrize("cell", ["1_000", "٢٠", "0x10", "1.234.5", "infinity", "1e999", "2 0"])
+def test_what_only_python_takes_for_a_number_is_refused(cell):
+    with pytest.raises(RecordError, match="line 4, column 'temperature': expected a number"):
+        RIG.read(GOOD.replace("23.5", cell), THETA)
+
+
+def test_a_decimal_comma_that_would_shift_the_columns_is_refused():
+    with pytest.raises(RecordError, match="a decimal comma needs semicolons"):
+        RIG.read(f"{HEAD}\n0,20,5,1.5,100\n1,21,5,1.5,100\n", THETA)
+
+
+def test_decimal_commas_among_decimal_points_are_refused():
+    text = f"{HEAD}\n0,20.5,1.5,100\n1,21.5,1.5,100\n".replace(",", ";")
+    with pytest.raises(RecordError, match="line 2 has a decimal comma, line 3 a decimal point"):
+        RIG.read(text.replace("20.5;1.5", "1,205;1,5"), THETA)
+
+
+def test_values_beyond_every_sensor_are_refused():
+    with pytest.raises(RecordError, match=r"column 'flow': 1e\+300 m³/h is outside"):
+        RIG.read(GOOD.replace("1.6", "1e300"), THETA)
+
+
+def test_empty_cells_at_the_end_of_a_line_are_no_harm():
+    assert RIG.read(GOOD.replace("90\n", "90,,\n"), THETA) == RIG.read(GOOD, THETA)
+
+
+def test_the_template_reads_back_whatever_the_channels_are_called():
+    names = ("x[0]", "flow, main", 'the "hot" one', "a;b;c;d;e")
+    channels = Channels(tuple(Channel(n, "l") for n in names), (), (), "s")
+    rig = Rig(channels, ())
+    assert rig.read(rig.template() + "0,1,2,3,4\n1,5,6,7,8\n", THETA).x[1, 3] == 8
+
+
+def test_a_changing_reference_has_a_column():
+    head = GOOD.replace("[%]", "[%],temperature ref [°C]", 1)
+    text = head.replace(",100\n", ",100,30\n").replace(",90\n", ",90,35\n")
+    assert np.array_equal(RIG.read(text, THETA).y_ref[:, 0], [30, 30, 35])
+
+
+def test_a_reference_in_another_unit_is_refused():
+    with pytest.raises(RecordError, match="column 'temperature ref' is in K, expected °C"):
+        RIG.read(GOOD.replace("[%]", "[%],temperature ref [K]", 1), THETA)
+
+
+@pytest.mark.parametrize("kpis", [lambda e: {"t": e.t[[99]]}, lambda e: 3, lambda e: {"t": "x"}])
+def test_a_record_whose_kpis_cannot_be_computed_is_refused(kpis):
+    with pytest.raises(RecordError, match=r"cannot compute the KPIs of this record \(\w+Error: "):
+        replace(RIG, kpis=kpis).read(GOOD, THETA)
 
 
 def test_a_file_that_is_no_text_is_refused():
@@ -122,7 +189,13 @@ def test_only_a_person_can_run_it():
 
 def test_a_failed_run_leaves_an_experiment_without_a_record():
     e = RIG.failed(THETA)
-    assert (len(e.t), e.end, dict(e.kpis)) == (0, End.FAILED, {})
+    assert (len(e.t), e.end, dict(e.kpis), e.duration) == (0, End.FAILED, {}, 0.0)
+
+
+def test_a_failed_run_keeps_what_was_logged_until_then():
+    e = RIG.failed(THETA, GOOD)
+    assert (len(e.t), e.end, dict(e.kpis)) == (3, End.FAILED, {})
+    assert len(RIG.failed(THETA, "nothing of use").t) == 0
 
 
 @pytest.mark.parametrize(
