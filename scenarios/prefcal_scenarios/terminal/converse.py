@@ -23,6 +23,8 @@ MARKS = {
     "a": ("left", GOOD_ENOUGH), "d": ("right", GOOD_ENOUGH),
 }  # fmt: skip
 STOP = ("x", "stop")
+_LARGEST = 20 << 20
+"""Bytes of a record, as on the page."""
 
 
 @dataclass(slots=True)
@@ -67,7 +69,7 @@ class _Conversation:
     def _question(self, now: Now) -> bool:
         assert now.question is not None
         if self.shown != now.version:
-            show_question(now, self.interview.scenario, self.console, blind=self.blind)
+            show_question(self.interview, now, self.console, blind=self.blind)
             self.shown = now.version
         key = self.keys()
         if key in STOP:
@@ -80,6 +82,7 @@ class _Conversation:
             side, mark = MARKS[key]
             on = mark not in getattr(now.question, side).marks
             self.interview.mark(now.question.id, side, mark, on)
+            self._say(f"{side.capitalize()}: {mark}" + ("." if on else ", no longer."))
         else:
             self._other(key, now)
         return True
@@ -89,13 +92,16 @@ class _Conversation:
             self.interview.undo(now.version)
             self._say("The last answer is taken back.")
         elif key == "n":
-            self.comment = self.line("comment")
+            self.comment = self.line("comment on the next answer")
         elif key == "b":
             self.blind, self.shown = not self.blind, -1
         elif key == "p":
             self.interview.repeat()
         elif key == "f":
-            self.interview.finish()
+            # It lies beside the keys of the marks.
+            self._say("Press f again to finish the study.")
+            if self.keys() == "f":
+                self.interview.finish()
         elif key in ("h", "i") and self.blind:
             self._say("That would show which experiment is which: end blind first (b).")
         elif key == "h":
@@ -110,29 +116,37 @@ class _Conversation:
         if self.shown != now.version:
             show_next(self.interview, now, self.console)
             self.shown = now.version
-        words = "its file, or: failed, unsafe FILE, undo, stop"
-        said = self.line(words)
-        if said in ("", *STOP):
+        said = self.line("its file, or: failed, unsafe FILE, undo, stop")
+        if said in STOP:
             return False
         if said == "undo":
             self.interview.undo(now.version)
         elif said == "failed":
             self.interview.fail(now.pending.index)
-        else:
-            unsafe = said.startswith("unsafe ")
-            path = Path(said.removeprefix("unsafe ").strip().strip("\"'")).expanduser()
-            try:
-                content = path.read_bytes()
-            except OSError as error:
-                self._say(f"cannot read {path}: {error.strerror}")
-                return True
-            self.interview.record(now.pending.index, content, unsafe=unsafe)
-            self._say("The record is saved.")
+        elif said:
+            content = self._content(said.removeprefix("unsafe ").strip().strip("\"'"))
+            if content is not None:
+                unsafe = said.startswith("unsafe ")
+                self.interview.record(now.pending.index, content, unsafe=unsafe)
+                self._say("The record is saved.")
         return True
+
+    def _content(self, name: str) -> bytes | None:
+        """Of a file; None, said in words, if it cannot be read."""
+        try:
+            with Path(name).expanduser().open("rb") as file:
+                content = file.read(_LARGEST + 1)
+        except (OSError, ValueError, RuntimeError) as error:  # no such file, NUL, no such user
+            self._say(f"cannot read {name}: {getattr(error, 'strerror', None) or error}")
+            return None
+        if len(content) > _LARGEST:
+            self._say(f"{name} is larger than {_LARGEST >> 20} MiB")
+            return None
+        return content
 
     def _failed(self, now: Now) -> bool:
         self._say(f"That did not work: {now.problem}")
-        self._say("[t] try again   [f] count it as failed   [x] stop; everything is saved")
+        self._say("[t] try again   [f] count it as failed   [u] undo   [x] stop")
         key = self.keys()
         if key in STOP:
             return False
@@ -140,6 +154,8 @@ class _Conversation:
             self.interview.retry()
         elif key == "f" and now.pending is not None:
             self.interview.fail(now.pending.index, now.problem or "")
+        elif key == "u":
+            self.interview.undo(now.version)
         return True
 
     def _say(self, words: str) -> None:

@@ -26,18 +26,25 @@ def keys_of(console: Console) -> Keys:
 
 
 def _key() -> str:
-    pressed = click.getchar()
+    try:
+        pressed = click.getchar()
+    except EOFError:  # Ctrl-D
+        return END
     return ARROWS.get(pressed, pressed.lower())
 
 
 def _line(console: Console) -> str:
     line = sys.stdin.readline()
-    return line.strip() if line else END
+    return line.strip().lower() if line else END
 
 
 def ask_line(console: Console, words: str) -> str:
-    """A whole line from the person: a comment, or a file's name; nothing at the input's end."""
+    """A whole line from the person: a comment, or a file's name; `END` at the input's end."""
     if sys.stdin.isatty():
-        return console.input(f"{words}: ", markup=False)
+        try:
+            return console.input(f"{words}: ", markup=False).strip()
+        except EOFError:  # Ctrl-D
+            return END
     console.print(f"{words}: ", markup=False, end="")
-    return sys.stdin.readline().strip()
+    line = sys.stdin.readline()
+    return line.strip() if line else END

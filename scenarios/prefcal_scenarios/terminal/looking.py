@@ -12,17 +12,26 @@ from prefcal_scenarios.window.view.status import in_words
 
 def show_history(interview: Interview, console: Console) -> None:
     """Every answer."""
+    answers = history_view(interview)["answers"]
+    if not answers:
+        console.print("No answers yet.")
+        return
     table = Table(title="History", title_justify="left")
     for heading in ("", "new", "best", "verdict", "marks", "comment"):
         table.add_column(heading, overflow="fold")
-    for answer in history_view(interview)["answers"]:
+    for answer in answers:
         said = "retracted" if answer["retracted"] else "again" if answer["repeated"] else ""
         table.add_row(
             str(answer["answer"]), str(answer["challenger"]), str(answer["incumbent"]),
             answer["text"] + (f" ({said})" if said else ""), escape(", ".join(answer["marks"])),
-            escape(answer["comment"]),
+            escape(printable(answer["comment"])),
         )  # fmt: skip
     console.print(table)
+
+
+def printable(text: str) -> str:
+    """`text` without what would steer the terminal: a study may come from somebody else."""
+    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def show_status(interview: Interview, console: Console) -> None:

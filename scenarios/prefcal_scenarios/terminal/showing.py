@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from rich.columns import Columns
 from rich.console import Console, Group, RenderableType
 from rich.panel import Panel as Box
 from rich.table import Table
@@ -27,20 +28,20 @@ KEYS = (
     ("c", "can't tell"), ("u", "undo"), ("q / e", "mark left / right unsafe or very bad"),
     ("a / d", "mark left / right good enough"), ("n", "comment on the next answer"),
     ("b", "blind: hide θ and which one is new"), ("h", "history"), ("i", "where are we"),
-    ("p", "ask an earlier question again"), ("f", "finish the study"),
+    ("p", "ask an earlier question again"), ("f f", "finish the study"),
     ("x", "stop for now; everything is saved"), ("?", "these keys"),
 )  # fmt: skip
 
 
-def show_question(now: Now, scenario: Scenario, console: Console, *, blind: bool) -> None:
+def show_question(interview: Interview, now: Now, console: Console, *, blind: bool) -> None:
     """Both sides, side by side where there is room, and the keys."""
-    question = now.question
+    question, scenario = now.question, interview.scenario
     assert question is not None
     wide = console.width >= WIDE
     width = (console.width // 2 if wide else console.width) - 6
     sides = [_side(question, name, scenario, width, blind=blind) for name in ("left", "right")]
     head = "An earlier question again" if question.repeats is not None else (
-        f"Comparison {question.number} of {now.state.n_max - 1}"
+        f"Comparison {question.number} of {interview.n_max - 1}"
     )  # fmt: skip
     console.rule(f"{head}: which experiment is better?")
     if wide:
@@ -79,27 +80,30 @@ def _side(
     return Box(Group(*parts), title=Text(title), border_style=STYLES[name], title_align="left")
 
 
-def _kpis(kpis: list[dict[str, Any]]) -> Text:
-    text = Text()
+def _kpis(kpis: list[dict[str, Any]]) -> RenderableType:
+    """One a line: what, how much, whether it meets its objective, and the objective."""
+    table = Table.grid(padding=(0, 2, 0, 0))
+    table.add_column(overflow="fold")
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column(no_wrap=True)
     for kpi in kpis[:_MOST]:
-        sign = {True: " ✓", False: " ✗", None: ""}[kpi["met"]]
         style = {True: "green", False: "red", None: ""}[kpi["met"]]
-        text.append(f"{kpi['title']} ")
-        value = with_unit(kpi["text"], kpi["unit"])
-        text.append(value + sign, style=f"bold {style}".strip())
-        text.append("   ")
-    return text
+        sign = {True: "✓ ", False: "✗ ", None: ""}[kpi["met"]]
+        value = Text(with_unit(kpi["text"], kpi["unit"]), style="bold")
+        table.add_row(Text(kpi["title"]), value, Text(sign + kpi["objective"], style=style))
+    return table
 
 
-def _theta(knobs: list[dict[str, Any]]) -> Text:
+def _theta(knobs: list[dict[str, Any]]) -> RenderableType:
     """What differs is set off by brackets, not by style alone."""
-    text = Text("θ: ")
+    values = []
     for knob in knobs:
         value = f"{knob['name']} = {with_unit(knob['text'], knob['unit'])}"
         differs = knob["differs"]
-        text.append(f"[{value}]" if differs else value, style="bold" if differs else "dim")
-        text.append("  ")
-    return text
+        values.append(Text(f"[{value}]" if differs else value, style="bold" if differs else "dim"))
+    table = Table.grid(padding=(0, 2, 0, 0))
+    table.add_row(Text("θ"), Columns(values, padding=(0, 2)))
+    return table
 
 
 def show_keys(console: Console) -> None:

@@ -1,14 +1,17 @@
 """The terminal front end, with recorded consoles and typed keys."""
 
 import io
+import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from rich.console import Console
 
-from prefcal_env.experiment import Channels
+from prefcal_env.experiment import Channel, Channels
 from prefcal_env.rig import Rig
 from prefcal_scenarios.interview import Background, Phase
+from prefcal_scenarios.scenario import Panel
 from prefcal_scenarios.terminal import converse
 from support.interviews import begin
 from toy_scenario_tools import CHANNELS, record_of_toy
@@ -79,6 +82,39 @@ def test_history_status_keys_and_a_repeat(interview):
     assert interview.consistency.repeated == 1
 
 
+def test_a_study_without_answers_has_no_history(interview):
+    assert "No answers yet." in talk(interview, "hx")
+
+
+def test_every_number_stands_beside_its_unit_and_objective(interview):
+    out = talk(interview, "x", width=80)
+    assert re.search(r"settling time t_f +(never|[\d.]+ h) +[✓✗] ≤ 20 h", out)
+    assert re.search(r"T_s = [\d.]+ h\]", out)
+
+
+def test_the_time_axis_begins_and_ends_with_its_curve(interview):
+    lines = talk(interview, "x", width=80).splitlines()
+    axis = next(line for line in lines if re.search(r" 0 +48", line))
+    bar = next(line for line in lines if "\u2800" in line).index("│", 1)
+    assert axis.index(" 0 ") == bar
+    assert "limits 0 to 10" in "".join(lines)
+
+
+def test_one_press_does_not_finish_a_study_and_two_do(interview):
+    assert "Press f again" in talk(interview, "fxx")
+    assert interview.now().phase is Phase.QUESTION
+
+
+def test_a_study_is_finished_by_two_presses(interview):
+    assert "The study is over: stopped." in talk(interview, "ff")
+
+
+def test_a_comment_of_somebody_else_does_not_steer_the_terminal(interview):
+    out = talk(interview, "nlhx", ["a\x1b]0;b\x07[red]c"])
+    assert "[red]c" in out
+    assert "\x1b" not in out
+
+
 def test_an_undo_too_many_is_told(interview):
     assert "there is no answer to undo" in talk(interview, "ux")
 
@@ -118,3 +154,43 @@ def test_a_rigs_records_are_asked_for(tmp_path):
     assert interview.experiment(1).end.interrupted
     assert interview.now().phase is Phase.RECORD
     assert isinstance(CHANNELS, Channels)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    ["-2,1,1\n-1,2,1", "-1,1,1\n0,2,1", "0,1e29,1\n1,-1e29,1", "0,1e9,1\n1,1e9,1", "5,1,1\n6,1,2"],
+)
+def test_whatever_a_record_holds_is_drawn(rows, tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text(f"time [h],level <h> [m],valve [%]\n{rows}\n", encoding="utf-8")
+    interview = begin(replace(toy_scenario(), run=Rig(CHANNELS, (2.0,))), n_max=3)
+    out = talk(interview, "x", [str(file), str(file)])
+    assert "RIGHT · experiment" in out
+    assert any("\u2801" <= c <= "\u28ff" for c in out)
+
+
+def test_what_cannot_be_read_is_asked_for_again(tmp_path):
+    large = tmp_path / "large.csv"
+    large.write_bytes(b"0" * (20 * 2**20 + 1))
+    interview = begin(replace(toy_scenario(), run=Rig(CHANNELS, (2.0,))), n_max=3)
+    out = talk(interview, "", ["", "~nobody-here/a.csv", "a\0b", str(tmp_path), str(large), "stop"])
+    assert out.count("cannot read") == 3
+    assert "is larger than 20 MiB" in out
+    assert interview.now().phase is Phase.RECORD
+
+
+def test_values_that_are_no_number_leave_a_hole_in_the_curve():
+    toy = toy_scenario()
+
+    def run(theta, seed=0):
+        e = toy.run(theta, seed)
+        hole = np.where((e.t > 10) & (e.t < 20), np.nan, e.t)
+        return replace(e, signals={"gap": hole, "nothing": np.full(len(e.t), np.nan)})
+
+    panels = (
+        Panel("signal", Channel("gap", "m"), key="gap"),
+        Panel("signal", Channel("nothing"), key="nothing"),
+    )
+    out = talk(begin(replace(toy, run=run, panels=panels), n_max=3), "x")
+    assert "no values" in out
+    assert "gap [m]" in out
