@@ -1,6 +1,6 @@
 """The study file: everything that happened in a study, appended and never changed.
 
-`StudyFile` is one SQLite file; its `State` is the fold of its events. docs/study-file.md
+`StudyFile` is one SQLite file; its `State` is the fold of its events. docs/study_file.md
 describes the format.
 """
 

@@ -19,12 +19,15 @@ from prefcal_env.experiment import Experiment
 from . import schema
 from .chain import START, link
 from .codec import decode, encode, pack, unpack
+from .disk import connect, existing, vacant
+from .disk import link as give_name
 from .events import Created, Event, Finished, from_text, to_text
 from .fold import State, begin, step
 from .trouble import told
 
 Entry = Event | tuple[Finished, Experiment]
 Clock = Callable[[], str]
+_DAMAGED = "It is damaged: nothing was changed; take a copy from before, or an export"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,19 +68,17 @@ class StudyFile:
         """
         created = Created(configuration)
         if str(path) == ":memory:":
-            file = cls(_connect(":memory:"), ":memory:", clock)
+            file = cls(connect(":memory:"), ":memory:", clock)
             file._begin(created)
             return file
-        target = Path(path)
-        if target.exists():
-            raise StudyError(f"there is a file {target} already: a study never overwrites one")
+        target = vacant(path)
         # Beside, then linked: a file of this name is a whole study or is not there.
         beside = target.with_name(f".{target.name}.{os.getpid()}.part")
         with told(target, "begin", "Nothing was recorded"):
             try:
-                with closing(_connect(beside)) as connection:
+                with closing(connect(beside)) as connection:
                     cls(connection, str(beside), clock)._begin(created)
-                _link(beside, target)
+                give_name(beside, target)
             finally:
                 beside.unlink(missing_ok=True)
         return cls.open(target, clock=clock)
@@ -89,10 +90,8 @@ class StudyFile:
         Raises:
             StudyError: there is none, it is damaged, something else, or a newer version's.
         """
-        if not Path(path).is_file():
-            raise StudyError(f"there is no study file {path}")
-        with told(path, "open"):
-            connection = _connect(path)
+        with told(existing(path), "open"):
+            connection = connect(path)
             try:
                 schema.upgrade(connection, schema.check(connection, str(path)))
                 connection.execute("PRAGMA journal_mode = WAL")
@@ -110,12 +109,18 @@ class StudyFile:
         self._connection.execute("COMMIT")
 
     def _load(self) -> None:
-        for recorded in self.events():
+        last = 0
+        for last, recorded in enumerate(self.events(), start=1):
+            if recorded.seq != last:
+                raise StudyError(f"event {last} of {self.path} is missing. {_DAMAGED}")
             self._take(recorded)
-        count, head = self._connection.execute("SELECT count, hash FROM head").fetchone()
-        self._head = (int(count), str(head))
-        if self._state is None:
-            raise StudyError(f"{self.path} holds no event: it is damaged")
+        head = self._connection.execute("SELECT count, hash FROM head").fetchone()
+        if head is None or head[0] != last or not last:
+            were = "none" if head is None else head[0]
+            raise StudyError(
+                f"{self.path} holds {last} events, but {were} were recorded. {_DAMAGED}"
+            )
+        self._head = (int(head[0]), str(head[1]))
 
     def _take(self, recorded: Recorded) -> None:
         """Fold one event into the state."""
@@ -149,7 +154,10 @@ class StudyFile:
             row = found.fetchone()
         if row is None or row[0] is None:
             raise StudyError(f"event {seq} of {self.path} brought no experiment")
-        return decode(unpack(bytes(row[0])))
+        try:
+            return decode(unpack(bytes(row[0])))
+        except StudyError as error:
+            raise StudyError(f"event {seq} of {self.path}: {error}") from error
 
     def find_experiment(self, theta: Float[np.ndarray, " n"]) -> int | None:
         """Number of an event that brought an experiment of θ, (n,), one taken back too."""
@@ -209,6 +217,7 @@ class StudyFile:
         seq, before = self._head
         for (event, experiment), at in zip(pairs, times, strict=True):
             seq += 1
+            self._check_source(seq, event, experiment)
             kind, body = to_text(event)
             payload = None if experiment is None else encode(experiment)
             before = link(before, seq, at, kind, body, payload)
@@ -218,6 +227,20 @@ class StudyFile:
         self._head = (seq, before)
         if self._state is None:
             self._state = begin(1, times[0], pairs[0][0])
+
+    def _check_source(self, seq: int, event: Event, experiment: Experiment | None) -> None:
+        """Raise StudyError unless a Finished, and it alone, has one experiment that is there."""
+        source = event.same_as if isinstance(event, Finished) else None
+        if isinstance(event, Finished) != ((experiment is None) != (source is None)):
+            raise StudyError(
+                f"event {seq} is impossible: a Finished brings an experiment or names the event "
+                "that brought it, and no other event does"
+            )
+        if source is None:
+            return
+        brought = "SELECT 1 FROM event WHERE seq = ? AND payload IS NOT NULL"
+        if self._connection.execute(brought, (source,)).fetchone() is None:
+            raise StudyError(f"event {seq} is impossible: event {source} brought no experiment")
 
     def close(self) -> None:
         """Close it; the file then stands alone, without its write-ahead log."""
@@ -234,25 +257,6 @@ class StudyFile:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-
-def _connect(path: Path | str) -> sqlite3.Connection:
-    connection = sqlite3.connect(path, timeout=5.0, isolation_level=None, check_same_thread=False)
-    connection.execute("PRAGMA trusted_schema = OFF")
-    connection.execute("PRAGMA synchronous = FULL")
-    return connection
-
-
-def _link(source: Path, target: Path) -> None:
-    """Give `source` the name `target`, never in place of a file that is there."""
-    try:
-        os.link(source, target)
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without links
-        if target.exists():
-            raise
-        os.rename(source, target)
 
 
 def _key(theta: tuple[float, ...]) -> bytes:
