@@ -23,6 +23,7 @@ from .disk import connect, existing, vacant
 from .disk import link as give_name
 from .events import Created, Event, Finished, from_text, to_text
 from .fold import State, begin, step
+from .sources import check_source
 from .trouble import told
 
 Entry = Event | tuple[Finished, Experiment]
@@ -110,16 +111,15 @@ class StudyFile:
 
     def _load(self) -> None:
         last = 0
+        self._connection.execute("BEGIN")  # one view of both, whoever appends meanwhile
         for last, recorded in enumerate(self.events(), start=1):
             if recorded.seq != last:
                 raise StudyError(f"event {last} of {self.path} is missing. {_DAMAGED}")
             self._take(recorded)
         head = self._connection.execute("SELECT count, hash FROM head").fetchone()
+        self._connection.execute("COMMIT")
         if head is None or head[0] != last or not last:
-            were = "none" if head is None else head[0]
-            raise StudyError(
-                f"{self.path} holds {last} events, but {were} were recorded. {_DAMAGED}"
-            )
+            raise StudyError(f"events of {self.path} are missing at its end. {_DAMAGED}")
         self._head = (int(head[0]), str(head[1]))
 
     def _take(self, recorded: Recorded) -> None:
@@ -217,7 +217,7 @@ class StudyFile:
         seq, before = self._head
         for (event, experiment), at in zip(pairs, times, strict=True):
             seq += 1
-            self._check_source(seq, event, experiment)
+            check_source(self._connection, seq, event, experiment)
             kind, body = to_text(event)
             payload = None if experiment is None else encode(experiment)
             before = link(before, seq, at, kind, body, payload)
@@ -227,20 +227,6 @@ class StudyFile:
         self._head = (seq, before)
         if self._state is None:
             self._state = begin(1, times[0], pairs[0][0])
-
-    def _check_source(self, seq: int, event: Event, experiment: Experiment | None) -> None:
-        """Raise StudyError unless a Finished, and it alone, has one experiment that is there."""
-        source = event.same_as if isinstance(event, Finished) else None
-        if isinstance(event, Finished) != ((experiment is None) != (source is None)):
-            raise StudyError(
-                f"event {seq} is impossible: a Finished brings an experiment or names the event "
-                "that brought it, and no other event does"
-            )
-        if source is None:
-            return
-        brought = "SELECT 1 FROM event WHERE seq = ? AND payload IS NOT NULL"
-        if self._connection.execute(brought, (source,)).fetchone() is None:
-            raise StudyError(f"event {seq} is impossible: event {source} brought no experiment")
 
     def close(self) -> None:
         """Close it; the file then stands alone, without its write-ahead log."""

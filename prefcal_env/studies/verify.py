@@ -28,6 +28,7 @@ def verify(path: Path | str) -> tuple[str, ...]:
     with told(existing(path), "read"), closing(sqlite3.connect(path, timeout=5.0)) as connection:
         check(connection, str(path))
         try:
+            connection.execute("BEGIN")  # one view of both, whoever appends meanwhile
             rows = connection.execute(
                 "SELECT seq, at, kind, body, payload, hash FROM event ORDER BY seq"
             ).fetchall()

@@ -41,7 +41,7 @@ def experiments(draw, depth=1):
         u=matrix(K, n_u), t_control=matrix(N), u_control=matrix(N, n_u),
         y_ref=draw(arrays(float, (N, n_y))), iterations=draw(arrays(np.int64, N)),
         solve_time=matrix(N), solved=draw(arrays(bool, N)), end=draw(st.sampled_from(End)),
-        channels=Channels(draw(channels(n_x)), draw(channels(n_u)), draw(channels(n_y)), draw(texts)),
+        channels=Channels(*(draw(channels(n)) for n in (n_x, n_u, n_y)), draw(texts)),
         kpis=draw(st.dictionaries(texts, st.floats())),
         signals={k: draw(arrays(float, K)) for k in draw(st.sets(texts, max_size=2))},
         runs=tuple(runs),
