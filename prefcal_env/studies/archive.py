@@ -12,7 +12,8 @@ from prefcal_env.errors import StudyError
 from . import schema
 from .chain import START
 from .codec import pack, unpack
-from .file import StudyFile, _connect, _link
+from .connection import connect, publish
+from .file import StudyFile
 from .trouble import told
 from .verify import verify
 
@@ -26,11 +27,7 @@ def export_json(study: StudyFile) -> str:
     The body of an event is text, as it was hashed; docs/study-file.md describes both.
     """
     events = []
-    with study._lock, told(study.path, "read"):
-        rows = study._connection.execute(
-            "SELECT seq, at, kind, body, payload, hash FROM event ORDER BY seq"
-        ).fetchall()
-    for seq, at, kind, body, payload, hash_ in rows:
+    for seq, at, kind, body, payload, hash_ in study.rows():
         encoded = None if payload is None else b64encode(payload).decode("ascii")
         events.append(
             {"seq": seq, "at": at, "kind": kind, "body": body, "payload": encoded, "hash": hash_}
@@ -54,7 +51,7 @@ def import_json(text: str, path: Path | str) -> Path:
         target.parent.mkdir(parents=True, exist_ok=True)
         beside = target.with_name(f".{target.name}.{os.getpid()}.part")
         try:
-            with closing(_connect(beside)) as connection:
+            with closing(connect(beside)) as connection:
                 schema.create(connection, START)
                 connection.executemany("INSERT INTO event VALUES (?, ?, ?, ?, ?, ?)", rows)
                 head = (len(rows), rows[-1][-1])
@@ -63,7 +60,7 @@ def import_json(text: str, path: Path | str) -> Path:
             findings = verify(beside)
             if findings:
                 raise StudyError(f"the export is not sound, nothing was imported: {findings[0]}")
-            _link(beside, target)
+            publish(beside, target)
         finally:
             beside.unlink(missing_ok=True)
     return target

@@ -19,6 +19,7 @@ from prefcal_env.experiment import Experiment
 from . import schema
 from .chain import START, link
 from .codec import decode, encode, pack, unpack
+from .connection import connect, publish
 from .events import Created, Event, Finished, from_text, to_text
 from .fold import State, begin, step
 from .trouble import told
@@ -65,7 +66,7 @@ class StudyFile:
         """
         created = Created(configuration)
         if str(path) == ":memory:":
-            file = cls(_connect(":memory:"), ":memory:", clock)
+            file = cls(connect(":memory:"), ":memory:", clock)
             file._begin(created)
             return file
         target = Path(path)
@@ -75,9 +76,9 @@ class StudyFile:
         beside = target.with_name(f".{target.name}.{os.getpid()}.part")
         with told(target, "begin", "Nothing was recorded"):
             try:
-                with closing(_connect(beside)) as connection:
+                with closing(connect(beside)) as connection:
                     cls(connection, str(beside), clock)._begin(created)
-                _link(beside, target)
+                publish(beside, target)
             finally:
                 beside.unlink(missing_ok=True)
         return cls.open(target, clock=clock)
@@ -92,7 +93,7 @@ class StudyFile:
         if not Path(path).is_file():
             raise StudyError(f"there is no study file {path}")
         with told(path, "open"):
-            connection = _connect(path)
+            connection = connect(path)
             try:
                 schema.upgrade(connection, schema.check(connection, str(path)))
                 connection.execute("PRAGMA journal_mode = WAL")
@@ -150,6 +151,12 @@ class StudyFile:
         if row is None or row[0] is None:
             raise StudyError(f"event {seq} of {self.path} brought no experiment")
         return decode(unpack(bytes(row[0])))
+
+    def rows(self) -> list[tuple[Any, ...]]:
+        """Every event as it is stored: seq, at, kind, body, payload (compressed) and hash."""
+        query = "SELECT seq, at, kind, body, payload, hash FROM event ORDER BY seq"
+        with self._lock, told(self.path, "read"):
+            return self._connection.execute(query).fetchall()
 
     def find_experiment(self, theta: Float[np.ndarray, " n"]) -> int | None:
         """Number of an event that brought an experiment of θ, (n,), one taken back too."""
@@ -234,25 +241,6 @@ class StudyFile:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-
-def _connect(path: Path | str) -> sqlite3.Connection:
-    connection = sqlite3.connect(path, timeout=5.0, isolation_level=None, check_same_thread=False)
-    connection.execute("PRAGMA trusted_schema = OFF")
-    connection.execute("PRAGMA synchronous = FULL")
-    return connection
-
-
-def _link(source: Path, target: Path) -> None:
-    """Give `source` the name `target`, never in place of a file that is there."""
-    try:
-        os.link(source, target)
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without links
-        if target.exists():
-            raise
-        os.rename(source, target)
 
 
 def _key(theta: tuple[float, ...]) -> bytes:
