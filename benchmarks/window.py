@@ -1,7 +1,7 @@
 """The query window as a person feels it: waiting, page weight, memory.
 
-Starts `prefcal calibrate cstr` and a headless browser on this machine, answers by keyboard, and prints
-medians. The browser runs before the command does; everything else is what a person waits for.
+Starts `prefcal calibrate cstr` and a headless browser on this machine, answers by keyboard, and
+prints medians. The browser runs before the command does; all else is what a person waits for.
 
     python benchmarks/window.py [--studies 5] [--answers 30] [--scenario cstr]
 """
@@ -86,12 +86,13 @@ def main() -> None:
     parser.add_argument("--scenario", default="cstr")
     given = parser.parse_args()
     with chromium() as browser:
-        first_question(browser, given.scenario)  # compiles, where that was never done
+        _, compiled = first_question(browser, given.scenario)
         starts = np.array([first_question(browser, given.scenario) for _ in range(given.studies)])
         waits, figures = answering(browser, given.scenario, given.answers)
     link, shown = np.median(starts, axis=0)
     print(f"{given.scenario}: command to link {link:.2f} s, to the first question with its curves")
     print(f"  {shown:.2f} s (median of {len(starts)}; worst {starts[:, 1].max():.2f} s)")
+    print(f"  {compiled:.2f} s the first time, which compiles where NUMBA_CACHE_DIR is empty")
     median, late = np.percentile(waits, [50, 95])
     print(f"answer to next question: median {median * 1e3:.0f} ms, 95 % {late * 1e3:.0f} ms "
           f"({len(waits)} answers)")  # fmt: skip

@@ -28,14 +28,12 @@ task = Task(
 )  # fmt: skip
 
 
+# The controller: anything with `T_s` and `move`.
 class PID:
-    """The controller: anything with `T_s` and `move`."""
-
     T_s = 0.01
 
     def __init__(self, theta):
-        self.K_p, self.K_i, self.K_d = theta
-        self.sum = 0.0
+        (self.K_p, self.K_i, self.K_d), self.sum = theta, 0.0
 
     def move(self, m):
         error = m.y_ref[0] - m.x[0]
@@ -43,12 +41,11 @@ class PID:
         return Move(np.array([self.K_p * error + self.K_i * self.sum - self.K_d * m.x[1]]))
 
 
+# What you read beside the curves.
 def kpis(experiment):
-    """What you read beside the curves."""
     outside = np.flatnonzero(np.abs(experiment.x[:, 0] - 1) > 0.02)
-    late = outside[-1] == len(experiment.t) - 1
     return {
-        "settled": np.inf if late else experiment.t[outside[-1]],
+        "settled": np.inf if outside[-1] == len(experiment.t) - 1 else experiment.t[outside[-1]],
         "overshoot": 100 * max(experiment.x[:, 0].max() - 1, 0.0),
     }
 
@@ -69,11 +66,15 @@ motor = Scenario(
         KPI("overshoot", "overshoot", "%", at_most=5.0),
     ),
     panels=(Panel("x", ANGLE), Panel("u", VOLTAGE)),
-    # For runs without a person; who sits there himself needs no cost.
-    cost=lambda e: e.kpis["overshoot"] / 5 + min(e.kpis["settled"], 3.0),
+    cost=lambda e: (
+        e.kpis["overshoot"] / 5 + min(e.kpis["settled"], 3.0)
+    ),  # only for unattended runs
 )
 
 if __name__ == "__main__":
-    taste = lambda a, b: int(np.sign(motor.cost(motor.run(a)) - motor.cost(motor.run(b))))
-    found = minimize_by_preference(taste, motor.space, n_max=15)
+
+    def prefer(a, b):
+        return int(np.sign(motor.cost(motor.run(a)) - motor.cost(motor.run(b))))
+
+    found = minimize_by_preference(prefer, motor.space, n_max=15)
     print("best", motor.space.named(found.best), dict(motor.run(found.best).kpis))

@@ -1,4 +1,4 @@
-"""A rig that only you can run: `prefcal calibrate rig_example.py:oven` shows the next θ and waits."""
+"""A rig that only you can run: `prefcal calibrate rig_example.py:oven` shows θ and waits."""
 
 import numpy as np
 

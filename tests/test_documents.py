@@ -1,7 +1,8 @@
 """What the README and the docs show is executed as it stands.
 
-In a folder with the examples of docs/: first the lines of `console` blocks that begin with `$ prefcal`, then the Python
-blocks, which share one namespace. A block after `<!-- not executed: why -->` is left out.
+In a folder with the examples of docs/: first the lines of `console` blocks that begin with
+`$ prefcal`, then the Python blocks, which share one namespace. A block after
+`<!-- not executed: why -->` is left out.
 """
 
 import os

@@ -12,7 +12,7 @@ from prefcal_env.errors import StudyError
 from . import schema
 from .chain import START
 from .codec import pack, unpack
-from .disk import connect, link, vacant
+from .connection import connect, publish, vacant
 from .file import StudyFile
 from .trouble import told
 from .verify import verify
@@ -27,11 +27,7 @@ def export_json(study: StudyFile) -> str:
     The body of an event is text, as it was hashed; docs/study_file.md describes both.
     """
     events = []
-    with study._lock, told(study.path, "read"):
-        rows = study._connection.execute(
-            "SELECT seq, at, kind, body, payload, hash FROM event ORDER BY seq"
-        ).fetchall()
-    for seq, at, kind, body, payload, hash_ in rows:
+    for seq, at, kind, body, payload, hash_ in study.rows():
         encoded = None if payload is None else b64encode(payload).decode("ascii")
         events.append(
             {"seq": seq, "at": at, "kind": kind, "body": body, "payload": encoded, "hash": hash_}
@@ -62,7 +58,7 @@ def import_json(text: str, path: Path | str) -> Path:
             findings = verify(beside)
             if findings:
                 raise StudyError(f"the export is not sound, nothing was imported: {findings[0]}")
-            link(beside, target)
+            publish(beside, target)
         finally:
             beside.unlink(missing_ok=True)
     return target

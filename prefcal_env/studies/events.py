@@ -125,6 +125,16 @@ Event = (
     | Noted | Extended | Ended | Reopened
 )  # fmt: skip
 
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """An event with its number, from 1, and when it was recorded, as the clock said."""
+
+    seq: int
+    at: str
+    event: Event
+
+
 KINDS: Mapping[str, type[Event]] = {
     kind.__name__.lower(): kind
     for kind in (

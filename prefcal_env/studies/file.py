@@ -5,7 +5,6 @@ import sqlite3
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -19,9 +18,8 @@ from prefcal_env.experiment import Experiment
 from . import schema
 from .chain import START, link
 from .codec import decode, encode, pack, unpack
-from .disk import connect, existing, vacant
-from .disk import link as give_name
-from .events import Created, Event, Finished, from_text, to_text
+from .connection import connect, existing, publish, vacant
+from .events import Created, Event, Finished, Recorded, from_text, to_text
 from .fold import State, begin, step
 from .sources import check_source
 from .trouble import told
@@ -29,15 +27,6 @@ from .trouble import told
 Entry = Event | tuple[Finished, Experiment]
 Clock = Callable[[], str]
 _DAMAGED = "It is damaged: nothing was changed; take a copy from before, or an export"
-
-
-@dataclass(frozen=True, slots=True)
-class Recorded:
-    """An event with its number, from 1, and when it was recorded, as the clock said."""
-
-    seq: int
-    at: str
-    event: Event
 
 
 class StudyFile:
@@ -79,7 +68,7 @@ class StudyFile:
             try:
                 with closing(connect(beside)) as connection:
                     cls(connection, str(beside), clock)._begin(created)
-                give_name(beside, target)
+                publish(beside, target)
             finally:
                 beside.unlink(missing_ok=True)
         return cls.open(target, clock=clock)
@@ -158,6 +147,12 @@ class StudyFile:
             return decode(unpack(bytes(row[0])))
         except StudyError as error:
             raise StudyError(f"event {seq} of {self.path}: {error}") from error
+
+    def rows(self) -> list[tuple[Any, ...]]:
+        """Every event as it is stored: seq, at, kind, body, payload (compressed) and hash."""
+        query = "SELECT seq, at, kind, body, payload, hash FROM event ORDER BY seq"
+        with self._lock, told(self.path, "read"):
+            return self._connection.execute(query).fetchall()
 
     def find_experiment(self, theta: Float[np.ndarray, " n"]) -> int | None:
         """Number of an event that brought an experiment of θ, (n,), one taken back too."""

@@ -9,7 +9,7 @@ from prefcal_env.errors import StudyError
 
 from .chain import START, link
 from .codec import decode, unpack
-from .disk import existing
+from .connection import existing
 from .events import Finished, from_text
 from .fold import State, begin, step
 from .schema import check

@@ -53,16 +53,21 @@ def undisturbed():
     return queries
 
 
-def kill_one(path, delay):
-    """Drive the study on, kill it after `delay` seconds of answering: the acknowledged numbers."""
+def kill_one(path, dice):
+    """Drive the study on and kill it at some instant: the acknowledged numbers.
+
+    Mostly while it answers, which takes a quarter of a second; else while it starts or begins.
+    """
+    starting = dice.random() < 0.25
     process = subprocess.Popen(
         [sys.executable, "-c", DRIVER, str(path)],
         stdout=subprocess.PIPE, text=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
     )  # fmt: skip
     assert process.stdout is not None
-    assert process.stdout.readline() == "ready\n"
-    time.sleep(delay)
+    if not starting:
+        assert process.stdout.readline() == "ready\n"
+    time.sleep(dice.uniform(0.5, 1.3) if starting else dice.uniform(0.0, 0.25))
     process.send_signal(signal.SIGKILL)
     lines = process.stdout.read().splitlines()
     process.wait()
@@ -73,7 +78,11 @@ def survive(folder, undisturbed, kills, seed):
     dice, study, counts = random.Random(seed), 0, []
     path = folder / "study-0.prefcal"
     while len(counts) < kills:
-        acknowledged = kill_one(path, dice.uniform(0.0, 0.25))
+        acknowledged = kill_one(path, dice)
+        if not path.exists():  # it had not begun yet
+            assert acknowledged == []
+            counts.append(0)
+            continue
         assert verify(path) == ()
         interview = reopened(toy_scenario(), path)
         now = proceed(interview)

@@ -157,7 +157,7 @@ class Flow:
         if isinstance(result, Experiment):
             self.ahead.keep(result)
         if self.phase is not Phase.RUNNING or self.pending != sample:
-            return
+            return None
         try:
             if isinstance(result, Experiment):
                 self.study.append((Finished(sample.index), result))

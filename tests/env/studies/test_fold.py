@@ -133,11 +133,10 @@ def test_a_failed_run_is_forgotten_once_it_has_run():
     ids=repr,
 )
 def test_an_impossible_event_is_refused_by_its_number(event):
-    with (
-        small_study(":memory:", answers=1) as file,
-        pytest.raises(StudyError, match=r"event \d+"),
-    ):
-        step(file.state, 99, "now", event)
+    with small_study(":memory:", answers=1) as file:
+        state = file.state
+    with pytest.raises(StudyError, match=r"event \d+"):
+        step(state, 99, "now", event)
 
 
 @pytest.mark.parametrize("event", [Noted("x"), Created({}), Created({"n_max": "many"})])

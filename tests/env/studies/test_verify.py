@@ -11,10 +11,9 @@ from support.interviews import clock
 from support.studies import experiment, small_study
 
 TAMPERING = {
-    "a verdict turned": (
-        """UPDATE event SET body = replace(body, '"preference":-1', '"preference":1') """
-        """WHERE seq = (SELECT max(seq) FROM event WHERE body LIKE '%"preference":-1%')"""
-    ),
+    "a verdict turned": "UPDATE event SET "
+    "body = replace(body, '\"preference\":-1', '\"preference\":1') "
+    "WHERE kind = 'answered' AND body LIKE '%\"preference\":-1%'",
     "another time": "UPDATE event SET at = 'never' WHERE seq = 3",
     "another kind": "UPDATE event SET kind = 'undone', body = '{}' WHERE seq = 8",
     "an event in the middle gone": "DELETE FROM event WHERE seq = 5",

@@ -52,7 +52,7 @@ def _check_name(path: Path | str) -> None:
         raise StudyError(f"{str(path)!r} cannot be the name of a file")
 
 
-def link(source: Path, target: Path) -> None:
+def publish(source: Path, target: Path) -> None:
     """Give `source` the name `target`, never in place of a file that is there."""
     try:
         os.link(source, target)
