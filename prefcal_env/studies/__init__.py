@@ -1,6 +1,6 @@
 """The study file: everything that happened in a study, appended and never changed.
 
-`StudyFile` is one SQLite file; its `State` is the fold of its events. docs/study-file.md
+`StudyFile` is one SQLite file; its `State` is the fold of its events. docs/study_file.md
 describes the format.
 """
 
@@ -17,12 +17,12 @@ from .events import Failed as Failed
 from .events import Finished as Finished
 from .events import Marked as Marked
 from .events import Noted as Noted
+from .events import Recorded as Recorded
 from .events import Reopened as Reopened
 from .events import Retracted as Retracted
 from .events import Shown as Shown
 from .events import Suggested as Suggested
 from .events import Undone as Undone
-from .file import Recorded as Recorded
 from .file import StudyFile as StudyFile
 from .fold import Closed as Closed
 from .fold import State as State

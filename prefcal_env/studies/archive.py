@@ -12,7 +12,8 @@ from prefcal_env.errors import StudyError
 from . import schema
 from .chain import START
 from .codec import pack, unpack
-from .file import StudyFile, _connect, _link
+from .connection import connect, publish, vacant
+from .file import StudyFile
 from .trouble import told
 from .verify import verify
 
@@ -23,14 +24,10 @@ _KEYS = {"seq", "at", "kind", "body", "payload", "hash"}
 def export_json(study: StudyFile) -> str:
     """All events with their hashes; an experiment is base64 of its zlib-compressed bytes.
 
-    The body of an event is text, as it was hashed; docs/study-file.md describes both.
+    The body of an event is text, as it was hashed; docs/study_file.md describes both.
     """
     events = []
-    with study._lock, told(study.path, "read"):
-        rows = study._connection.execute(
-            "SELECT seq, at, kind, body, payload, hash FROM event ORDER BY seq"
-        ).fetchall()
-    for seq, at, kind, body, payload, hash_ in rows:
+    for seq, at, kind, body, payload, hash_ in study.rows():
         encoded = None if payload is None else b64encode(payload).decode("ascii")
         events.append(
             {"seq": seq, "at": at, "kind": kind, "body": body, "payload": encoded, "hash": hash_}
@@ -47,14 +44,12 @@ def import_json(text: str, path: Path | str) -> Path:
             not hold. No file is left then.
     """
     rows = _rows(text)
-    target = Path(path)
-    if target.exists():
-        raise StudyError(f"there is a file {target} already: a study never overwrites one")
+    target = vacant(path)
     with told(target, "import into", "Nothing was imported"):
         target.parent.mkdir(parents=True, exist_ok=True)
         beside = target.with_name(f".{target.name}.{os.getpid()}.part")
         try:
-            with closing(_connect(beside)) as connection:
+            with closing(connect(beside)) as connection:
                 schema.create(connection, START)
                 connection.executemany("INSERT INTO event VALUES (?, ?, ?, ?, ?, ?)", rows)
                 head = (len(rows), rows[-1][-1])
@@ -63,7 +58,7 @@ def import_json(text: str, path: Path | str) -> Path:
             findings = verify(beside)
             if findings:
                 raise StudyError(f"the export is not sound, nothing was imported: {findings[0]}")
-            _link(beside, target)
+            publish(beside, target)
         finally:
             beside.unlink(missing_ok=True)
     return target
@@ -89,6 +84,11 @@ def _row(number: int, event: Any) -> tuple[Any, ...]:
     if not all(isinstance(event[key], str) for key in texts):
         raise StudyError(f"event {number} of the export: {texts} must be text")
     payload = event["payload"]
+    try:
+        for key in texts:
+            event[key].encode()
+    except UnicodeEncodeError as error:
+        raise StudyError(f"event {number} of the export holds half a character") from error
     try:
         content = None if payload is None else b64decode(payload, validate=True)
         # Compressed anew: what is stored is ours, whatever was sent.

@@ -117,10 +117,23 @@ class Reopened:
     """The study goes on after an end."""
 
 
+MARKS = ("unsafe", "good enough")
+"""What an experiment may be marked as."""
+
 Event = (
     Created | Suggested | Finished | Failed | Shown | Answered | Marked | Retracted | Undone
     | Noted | Extended | Ended | Reopened
 )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """An event with its number, from 1, and when it was recorded, as the clock said."""
+
+    seq: int
+    at: str
+    event: Event
+
 
 KINDS: Mapping[str, type[Event]] = {
     kind.__name__.lower(): kind
@@ -152,7 +165,9 @@ def to_text(event: Event) -> tuple[str, str]:
     if isinstance(event, Created):
         body["configuration"] = dict(event.configuration)
     try:
-        return type(event).__name__.lower(), canonical(body)
+        text = canonical(body)
+        text.encode()  # half of a surrogate pair is no text
+        return type(event).__name__.lower(), text
     except (TypeError, ValueError) as error:
         raise StudyError(f"{type(event).__name__} is no plain data: {error}") from error
 
@@ -173,13 +188,15 @@ def from_text(kind: str, body: str) -> Event:
     if kind not in KINDS:
         raise StudyError(f"an event cannot be a {kind!r}: expected one of {sorted(KINDS)}")
     try:
-        content = json.loads(body)
+        content = json.loads(body, parse_constant=_no_constant)
         event = KINDS[kind]
         names = {f.name for f in fields(event)}
         if not isinstance(content, dict) or set(content) != names:
             raise ValueError(f"expected the fields {sorted(names)}")
         return event(**{name: _value(kind, name, value) for name, value in content.items()})
-    except (ValueError, TypeError, KeyError, RecursionError, PrefcalError) as error:
+    except (
+        ValueError, TypeError, KeyError, OverflowError, RecursionError, PrefcalError
+    ) as error:  # fmt: skip
         raise StudyError(f"event {kind!r} cannot be read: {error}") from error
 
 
@@ -189,9 +206,15 @@ def _value(kind: str, name: str, value: Any) -> Any:
         expected = (dict,) if kind == "answered" else (int,)
     if not isinstance(value, expected) or (isinstance(value, bool) and bool not in expected):
         raise ValueError(f"{name} must be {' or '.join(t.__name__ for t in expected)}")
+    if isinstance(value, int) and abs(value) >= 1 << 63:
+        raise ValueError(f"{name} is out of range")
     if isinstance(value, list):
         return _numbers(name, value)
     return Answer.from_dict(value) if name == "answer" and isinstance(value, dict) else value
+
+
+def _no_constant(name: str) -> None:
+    raise ValueError(f"{name} is no JSON")
 
 
 def _numbers(name: str, values: list[Any]) -> tuple[float, ...]:

@@ -5,7 +5,6 @@ import sqlite3
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -19,21 +18,15 @@ from prefcal_env.experiment import Experiment
 from . import schema
 from .chain import START, link
 from .codec import decode, encode, pack, unpack
-from .events import Created, Event, Finished, from_text, to_text
+from .connection import connect, existing, publish, vacant
+from .events import Created, Event, Finished, Recorded, from_text, to_text
 from .fold import State, begin, step
+from .sources import check_source
 from .trouble import told
 
 Entry = Event | tuple[Finished, Experiment]
 Clock = Callable[[], str]
-
-
-@dataclass(frozen=True, slots=True)
-class Recorded:
-    """An event with its number, from 1, and when it was recorded, as the clock said."""
-
-    seq: int
-    at: str
-    event: Event
+_DAMAGED = "It is damaged: nothing was changed; take a copy from before, or an export"
 
 
 class StudyFile:
@@ -65,19 +58,17 @@ class StudyFile:
         """
         created = Created(configuration)
         if str(path) == ":memory:":
-            file = cls(_connect(":memory:"), ":memory:", clock)
+            file = cls(connect(":memory:"), ":memory:", clock)
             file._begin(created)
             return file
-        target = Path(path)
-        if target.exists():
-            raise StudyError(f"there is a file {target} already: a study never overwrites one")
+        target = vacant(path)
         # Beside, then linked: a file of this name is a whole study or is not there.
         beside = target.with_name(f".{target.name}.{os.getpid()}.part")
         with told(target, "begin", "Nothing was recorded"):
             try:
-                with closing(_connect(beside)) as connection:
+                with closing(connect(beside)) as connection:
                     cls(connection, str(beside), clock)._begin(created)
-                _link(beside, target)
+                publish(beside, target)
             finally:
                 beside.unlink(missing_ok=True)
         return cls.open(target, clock=clock)
@@ -89,10 +80,8 @@ class StudyFile:
         Raises:
             StudyError: there is none, it is damaged, something else, or a newer version's.
         """
-        if not Path(path).is_file():
-            raise StudyError(f"there is no study file {path}")
-        with told(path, "open"):
-            connection = _connect(path)
+        with told(existing(path), "open"):
+            connection = connect(path)
             try:
                 schema.upgrade(connection, schema.check(connection, str(path)))
                 connection.execute("PRAGMA journal_mode = WAL")
@@ -110,12 +99,17 @@ class StudyFile:
         self._connection.execute("COMMIT")
 
     def _load(self) -> None:
-        for recorded in self.events():
+        last = 0
+        self._connection.execute("BEGIN")  # one view of both, whoever appends meanwhile
+        for last, recorded in enumerate(self.events(), start=1):
+            if recorded.seq != last:
+                raise StudyError(f"event {last} of {self.path} is missing. {_DAMAGED}")
             self._take(recorded)
-        count, head = self._connection.execute("SELECT count, hash FROM head").fetchone()
-        self._head = (int(count), str(head))
-        if self._state is None:
-            raise StudyError(f"{self.path} holds no event: it is damaged")
+        head = self._connection.execute("SELECT count, hash FROM head").fetchone()
+        self._connection.execute("COMMIT")
+        if head is None or head[0] != last or not last:
+            raise StudyError(f"events of {self.path} are missing at its end. {_DAMAGED}")
+        self._head = (int(head[0]), str(head[1]))
 
     def _take(self, recorded: Recorded) -> None:
         """Fold one event into the state."""
@@ -149,7 +143,16 @@ class StudyFile:
             row = found.fetchone()
         if row is None or row[0] is None:
             raise StudyError(f"event {seq} of {self.path} brought no experiment")
-        return decode(unpack(bytes(row[0])))
+        try:
+            return decode(unpack(bytes(row[0])))
+        except StudyError as error:
+            raise StudyError(f"event {seq} of {self.path}: {error}") from error
+
+    def rows(self) -> list[tuple[Any, ...]]:
+        """Every event as it is stored: seq, at, kind, body, payload (compressed) and hash."""
+        query = "SELECT seq, at, kind, body, payload, hash FROM event ORDER BY seq"
+        with self._lock, told(self.path, "read"):
+            return self._connection.execute(query).fetchall()
 
     def find_experiment(self, theta: Float[np.ndarray, " n"]) -> int | None:
         """Number of an event that brought an experiment of θ, (n,), one taken back too."""
@@ -209,6 +212,7 @@ class StudyFile:
         seq, before = self._head
         for (event, experiment), at in zip(pairs, times, strict=True):
             seq += 1
+            check_source(self._connection, seq, event, experiment)
             kind, body = to_text(event)
             payload = None if experiment is None else encode(experiment)
             before = link(before, seq, at, kind, body, payload)
@@ -234,25 +238,6 @@ class StudyFile:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-
-def _connect(path: Path | str) -> sqlite3.Connection:
-    connection = sqlite3.connect(path, timeout=5.0, isolation_level=None, check_same_thread=False)
-    connection.execute("PRAGMA trusted_schema = OFF")
-    connection.execute("PRAGMA synchronous = FULL")
-    return connection
-
-
-def _link(source: Path, target: Path) -> None:
-    """Give `source` the name `target`, never in place of a file that is there."""
-    try:
-        os.link(source, target)
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without links
-        if target.exists():
-            raise
-        os.rename(source, target)
 
 
 def _key(theta: tuple[float, ...]) -> bytes:

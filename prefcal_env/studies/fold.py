@@ -9,6 +9,7 @@ from prefcal_env.errors import StudyError
 from prefcal_env.preference import Answer
 
 from .events import (
+    MARKS,
     Answered,
     Created,
     Ended,
@@ -97,7 +98,7 @@ def begin(seq: int, at: str, event: Event) -> State:
         StudyError: it is no Created with an integer `n_max`.
     """
     n_max = event.configuration.get("n_max") if isinstance(event, Created) else None
-    if not isinstance(event, Created) or not isinstance(n_max, int) or n_max < 1:
+    if not isinstance(event, Created) or type(n_max) is not int or n_max < 1:
         raise StudyError(f"event {seq}: a study begins with its configuration and its n_max")
     return State(MappingProxyType(dict(event.configuration)), at, n_max)
 
@@ -113,6 +114,8 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
             return _suggested(state, seq, event)
         case Finished(index):
             _sample(state, seq, index)
+            earlier = event.same_as is None or 0 < event.same_as < seq
+            _require(earlier, seq, f"event {event.same_as} is no earlier one")
             failures = {i: e for i, e in state.failures.items() if i != index}
             source = seq if event.same_as is None else event.same_as
             return replace(state, finished={**state.finished, index: source}, failures=failures)
@@ -126,6 +129,7 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
             return _answered(state, seq, at, event)
         case Marked(index, mark, on):
             _sample(state, seq, index)
+            _require(mark in MARKS, seq, f"a mark must be one of {MARKS}, got {mark!r}")
             now = state.marks.get(index, frozenset())
             return replace(
                 state, marks={**state.marks, index: now | {mark} if on else now - {mark}}

@@ -1,7 +1,7 @@
 """The tables of a study file, their version, and the way up from every older one."""
 
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from prefcal_env.errors import StudyError
 
@@ -79,11 +79,25 @@ def upgrade(
         raise StudyError(f"there is no way up from version {missing[0]} of the study file")
     connection.execute("BEGIN IMMEDIATE")
     try:
-        for step in range(version, to):
-            for statement in migrations[step].split(";\n"):
+        # Another process may have upgraded it since `version` was read.
+        (now,) = connection.execute("PRAGMA user_version").fetchone()
+        for step in range(max(version, int(now)), to):
+            for statement in _statements(migrations[step]):
                 connection.execute(statement)
-        connection.execute(f"PRAGMA user_version = {to}")
+        connection.execute(f"PRAGMA user_version = {max(to, int(now))}")
         connection.execute("COMMIT")
     except BaseException:
         connection.execute("ROLLBACK")
         raise
+
+
+def _statements(script: str) -> Iterator[str]:
+    """The statements of a script, one by one: `executescript` would commit before it runs them."""
+    statement = ""
+    for line in script.splitlines(keepends=True):
+        statement += line
+        if sqlite3.complete_statement(statement):  # not at a semicolon inside a trigger
+            yield statement
+            statement = ""
+    if statement.strip():
+        yield statement

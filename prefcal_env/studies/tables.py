@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from prefcal_env.errors import StudyError
 from prefcal_env.experiment import Channel, Experiment
 
 from .file import StudyFile
@@ -33,7 +34,8 @@ def export_csv(study: StudyFile, folder: Path | str) -> Path:
 
 def _write(path: Path, rows: Iterable[Iterable[Any]]) -> None:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
+    safe = ([_safe(cell) if isinstance(cell, str) else cell for cell in row] for row in rows)
+    csv.writer(text, lineterminator="\n").writerows(safe)
     path.write_text(text.getvalue(), encoding="utf-8")
 
 
@@ -57,7 +59,7 @@ def _comparison(closed: Closed) -> list[Any]:
         "; ".join(mark.value for mark in answer.marks),
         closed.challenger_left,
         closed.blind,
-        _safe(closed.comment),
+        closed.comment,
         closed.retracted,
         "" if closed.repeats is None else closed.repeats,
         closed.question,
@@ -65,14 +67,22 @@ def _comparison(closed: Closed) -> list[Any]:
 
 
 def _experiments(state: State, experiments: dict[int, Experiment]) -> Iterable[list[Any]]:
-    knobs = [_with_unit(k["name"], k["unit"]) for k in state.configuration["knobs"]]
-    units = {k["name"]: k["unit"] for k in state.configuration.get("kpis", [])}
+    knobs = [_with_unit(name, unit) for name, unit in _units(state, "knobs")]
+    units = dict(_units(state, "kpis"))
     kpis = sorted({name for e in experiments.values() for name in e.kpis})
     yield ["experiment", *knobs, *(_with_unit(k, units.get(k, "")) for k in kpis), "ended", "marks"]
     for index, e in experiments.items():
         marks = "; ".join(sorted(state.marks.get(index, ())))
         values = [e.kpis.get(k, "") for k in kpis]
         yield [index + 1, *e.theta.tolist(), *values, e.end.value, marks]
+
+
+def _units(state: State, what: str) -> list[tuple[str, str]]:
+    """Name and unit of each knob or KPI that the configuration lists; it may come from anybody."""
+    try:
+        return [(str(k["name"]), str(k["unit"])) for k in state.configuration.get(what, ())]
+    except (TypeError, KeyError, IndexError) as error:
+        raise StudyError(f"the configuration's {what!r} must list names and units") from error
 
 
 def _trajectory(e: Experiment) -> Iterable[list[Any]]:
@@ -88,7 +98,7 @@ def _heading(channel: Channel) -> str:
 
 
 def _with_unit(name: str, unit: str) -> str:
-    return _safe(f"{name} [{unit}]" if unit else name)
+    return f"{name} [{unit}]" if unit else name
 
 
 def _safe(text: str) -> str:

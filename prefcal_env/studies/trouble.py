@@ -15,7 +15,7 @@ _WORDS = {
     sqlite3.SQLITE_IOERR: "the disk does not answer, or is full",
     sqlite3.SQLITE_CORRUPT: "it is damaged: take a copy from before, or an export",
     sqlite3.SQLITE_NOTADB: "it is no study file",
-    sqlite3.SQLITE_CANTOPEN: "it cannot be opened: is its folder there, and may you write in it?",
+    sqlite3.SQLITE_CANTOPEN: "it cannot be opened: see that you may write in its folder",
 }
 
 

@@ -9,7 +9,8 @@ from prefcal_env.errors import StudyError
 
 from .chain import START, link
 from .codec import decode, unpack
-from .events import from_text
+from .connection import existing
+from .events import Finished, from_text
 from .fold import State, begin, step
 from .schema import check
 from .trouble import told
@@ -24,11 +25,10 @@ def verify(path: Path | str) -> tuple[str, ...]:
     Raises:
         StudyError: there is no such file, it is no study, or cannot be read at all.
     """
-    if not Path(path).is_file():
-        raise StudyError(f"there is no study file {path}")
-    with told(path, "read"), closing(sqlite3.connect(path, timeout=5.0)) as connection:
+    with told(existing(path), "read"), closing(sqlite3.connect(path, timeout=5.0)) as connection:
         check(connection, str(path))
         try:
+            connection.execute("BEGIN")  # one view of both, whoever appends meanwhile
             rows = connection.execute(
                 "SELECT seq, at, kind, body, payload, hash FROM event ORDER BY seq"
             ).fetchall()
@@ -41,6 +41,7 @@ def verify(path: Path | str) -> tuple[str, ...]:
 def _findings(rows: list[tuple[object, ...]], head: tuple[object, ...] | None) -> Iterator[str]:
     before, expected = START, 0
     state: State | None = None
+    sources: set[int] = set()
     sound = True
     for seq, at, kind, body, stored, hash_ in rows:
         expected += 1
@@ -58,6 +59,11 @@ def _findings(rows: list[tuple[object, ...]], head: tuple[object, ...] | None) -
         if sound:
             try:
                 event = from_text(str(kind), str(body))
+                if payload is not None:
+                    sources.add(expected)
+                brings = event.same_as or expected if isinstance(event, Finished) else None
+                if (payload is not None) != (brings == expected) or brings not in {None, *sources}:
+                    raise StudyError(f"event {seq} has not the experiment that it should have")
                 state = begin(1, str(at), event) if state is None else step(
                     state, int(str(seq)), str(at), event
                 )  # fmt: skip

@@ -1,10 +1,11 @@
-"""A room with an open question, for the tests of the window."""
+"""A room with an open question, and a real browser, for the tests of the window."""
 
 import pytest
 
 from prefcal_scenarios.scenario import load
+from support.browser import chromium, serve
 from support.interviews import begin, proceed
-from support.windows import TOY, make_room
+from support.windows import TOY, TOY_STUDY, make_room
 
 
 @pytest.fixture
@@ -29,3 +30,25 @@ def room(toy, static):
     interview = begin(toy)
     proceed(interview)
     return make_room(interview, static)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium, headless."""
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def window(tmp_path):
+    """Start `prefcal calibrate` on a study in an empty folder; killed in the end."""
+    started = []
+
+    def start(scenario=TOY_STUDY, *words, n_max=13):
+        served = serve(tmp_path, scenario, "--n-max", str(n_max), *words)
+        started.append(served)
+        return served
+
+    yield start
+    for served in started:
+        served.kill()

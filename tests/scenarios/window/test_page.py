@@ -8,35 +8,13 @@ import pytest
 from PIL import Image
 
 from prefcal_env.studies import StudyFile, verify
-from support.browser import CHROMIUM, Watched, chromium, serve
+from support.browser import CHROMIUM, Watched
 from support.interviews import clock
-from toy_study import TOY_FILE
+from support.windows import TOY_STUDY as TOY
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
-TOY = f"{TOY_FILE}:toy"
 BLUE, ORANGE = (11, 99, 194), (185, 58, 6)
 """The curves of the two sides, in light."""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as browser:
-        yield browser
-
-
-@pytest.fixture
-def window(tmp_path):
-    """Start a study of the toy; stopped in the end."""
-    started = []
-
-    def start(scenario=TOY, *words, n_max=13):
-        served = serve(tmp_path, scenario, "--n-max", str(n_max), *words)
-        started.append(served)
-        return served
-
-    yield start
-    for served in started:
-        served.kill()
 
 
 def state_of(served):

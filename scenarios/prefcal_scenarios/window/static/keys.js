@@ -1,6 +1,6 @@
 // The keys. They never fire while somebody types, with a modifier, or twice for one long press.
 
-import { answer, finish, mark, open, toggleBlind, undo, current } from "./main.js";
+import { answer, finish, mark, open, toggleBlind, undo, current } from "./flow.js";
 import { moveCursor, repeat, resetZoom, toggleOverlay, togglePlay, toggleZoom } from "./question.js";
 import { $, ask, el } from "./dom.js";
 

@@ -1,8 +1,8 @@
-// The flow: what the server says is shown, what the person does is sent.
+// The page: each phase and view is drawn by a module of its own, when the flow has changed.
 
-import { Refusal, news, post } from "./api.js";
-import { $, ask, el, say } from "./dom.js";
+import { $, say } from "./dom.js";
 import { showFailed } from "./failed.js";
+import { act, answer, finish, open, start, state, toggleBlind, undo } from "./flow.js";
 import { showHistory } from "./history.js";
 import { keyboard, showKeys } from "./keys.js";
 import { showOver } from "./over.js";
@@ -10,65 +10,10 @@ import * as question from "./question.js";
 import { showRecord } from "./record.js";
 import { showStatus } from "./status.js";
 
-const state = { now: null, view: "now", blind: false, sending: 0, answered: null, shownAt: 0, lost: false };
 const HEADINGS = {
   question: "Which experiment is better?", record: "Run the next experiment",
   failed: "An experiment failed", over: "The study is over", running: "Running", loading: "Starting",
 };
-const LINGER = 150; // ms in which a verdict after a new question is a second press of the last one
-
-export const current = () => state.now;
-export const isBlind = () => state.blind;
-
-let waiting = null;
-
-async function listen() {
-  for (;;) {
-    waiting = new AbortController();
-    try {
-      const asked = state.blind;
-      // A hidden tab holds no connection: a browser keeps six, which all tabs share.
-      const held = !document.hidden || !state.now;
-      if (!held) await hiddenFor(3000);
-      const now = await news(held ? state.now?.version ?? null : null, asked, waiting.signal);
-      if (state.lost) banner("");
-      state.lost = false;
-      if (asked === state.blind) take(now);
-    } catch (error) {
-      if (error.name !== "AbortError") await lost(error);
-    }
-  }
-}
-
-// Resolves after `ms`, or as soon as the tab is looked at again.
-const hiddenFor = (ms) => new Promise((resolve) => {
-  setTimeout(resolve, ms);
-  document.addEventListener("visibilitychange", resolve, { once: true });
-});
-
-async function lost(error) {
-  const again = state.now?.study.again ?? "prefcal calibrate ...";
-  state.lost = true;
-  banner(error instanceof Refusal && error.status === 401
-    ? "This link is no longer valid: open the one that the terminal shows."
-    : `No connection to prefcal. Every answer so far is saved; go on with: ${again}`);
-  await new Promise((resolve) => setTimeout(resolve, 1000));
-}
-
-function banner(text) {
-  $("banner").hidden = !text;
-  $("banner").textContent = text;
-}
-
-function take(now) {
-  const before = state.now;
-  if (before && now.version < before.version && now.blind === before.blind) return;
-  state.now = now;
-  // A long poll that ran out: what is on show stays as it is, half-written remarks and the focus too.
-  if (!before || told(before) !== told(now)) render(before);
-}
-
-const told = ({ version, blind, over }) => JSON.stringify([version, blind, over]);
 
 function render(before) {
   const { now } = state;
@@ -89,8 +34,18 @@ function render(before) {
   if (now.phase === "over") showOver(now, act);
   arrange();
   if (before && before.phase !== now.phase && now.phase !== "question") say($("heading").textContent);
+  look();
+}
+
+function look() {
   if (state.view === "history") showHistory(act);
-  if (state.view === "status") showStatus(now, act);
+  if (state.view === "status") showStatus(state.now, act);
+}
+
+function opened() {
+  arrange();
+  look();
+  $("main").focus({ preventScroll: true });
 }
 
 function asked(now) {
@@ -139,99 +94,7 @@ function arrange() {
   if (shown === "question") question.fit();
 }
 
-export function open(view) {
-  if (state.blind && view !== "now") {
-    ask("You are comparing blind", el("p", {}, "That page shows which experiment is which."), [
-      ["Stay blind", null, "primary"], ["Show it, and end blind", () => {
-        toggleBlind();
-        open(view);
-      }]]);
-    return;
-  }
-  state.view = view;
-  arrange();
-  if (view === "history") showHistory(act);
-  if (view === "status") showStatus(state.now, act);
-  $("main").focus({ preventScroll: true });
-}
-
-// Send one action; whatever it is refused for is shown, and nothing is lost.
-export async function act(name, fields, words = "") {
-  state.sending += 1;
-  document.body.classList.add("busy");
-  if (words) $("saved").textContent = ""; // what was saved before says nothing about this
-  try {
-    const now = await post(name, fields, state.blind);
-    banner("");
-    take(now);
-    if (words) saved(words);
-    return true;
-  } catch (error) {
-    if (error.now) take(error.now);
-    banner(error instanceof Refusal ? error.message : "No connection to prefcal: this may not be saved.");
-    return false;
-  } finally {
-    state.sending -= 1;
-    document.body.classList.toggle("busy", state.sending > 0);
-  }
-}
-
-export function refresh(now) {
-  banner("");
-  take(now);
-}
-
-function saved(words) {
-  $("saved").textContent = `✓ saved: ${words}`;
-  $("saved").classList.remove("fresh");
-  requestAnimationFrame(() => $("saved").classList.add("fresh"));
-}
-
-const WORDS = { left: "left is better", right: "right is better", same: "about the same",
-  "cannot tell": "can't tell" };
-
-export async function answer(choice) {
-  const { now } = state;
-  if (state.view !== "now" || now?.phase !== "question") return;
-  const { id } = now.question;
-  if (state.answered === id || performance.now() - state.shownAt < LINGER) return;
-  state.answered = id;
-  const comment = $("comment").value;
-  $("comment").value = "";
-  const done = await act("answer", { question: id, choice, comment, blind: state.blind }, WORDS[choice]);
-  if (done) return;
-  // Not recorded: the question is open again, and the comment as it was.
-  state.answered = null;
-  $("comment").value ||= comment;
-}
-
-export function mark(side, kind) {
-  const { now } = state;
-  if (state.view !== "now" || now?.phase !== "question") return;
-  const on = !now.question[side].marks.includes(kind);
-  act("mark", { question: now.question.id, side, mark: kind, on },
-    on ? `${side} is ${kind}` : `${side} is no longer ${kind}`);
-}
-
-export function undo() {
-  if (state.now?.can_undo) act("undo", { version: state.now.version }, "last answer taken back");
-}
-
-export function finish() {
-  const { answered, comparisons } = state.now.progress;
-  ask("Finish the study?", el("p", {}, `${answered} of ${comparisons} comparisons are answered. ` +
-    "The best so far is the result. You can go on with it any time."), [
-    ["Finish", () => act("finish", {}), "primary"], ["Go on comparing", null]]);
-}
-
-export function toggleBlind() {
-  state.blind = !state.blind;
-  $("blind").setAttribute("aria-pressed", state.blind);
-  waiting?.abort();
-  news(null, state.blind).then(take, lost);
-}
-
-function start() {
+function begin() {
   if (location.pathname !== "/") history.replaceState(null, "", "/");
   for (const choice of ["left", "right", "same", "cannot-tell"]) {
     $(`verdict-${choice}`).addEventListener("click", () => answer(choice.replace("-", " ")));
@@ -247,7 +110,7 @@ function start() {
   $("to-status").addEventListener("click", () => open("status"));
   question.start();
   keyboard();
-  listen();
+  start(render, opened);
 }
 
-start();
+begin();

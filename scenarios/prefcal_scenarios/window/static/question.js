@@ -1,6 +1,6 @@
 // The two experiments: words above, curves below, one cursor, one zoom and one clock for both.
 
-import { act, current, mark } from "./main.js";
+import { act, current, mark } from "./flow.js";
 import { $, el, fill, symbol, withUnit } from "./dom.js";
 import { Cursor } from "./cursor.js";
 import { Plots } from "./plots.js";

@@ -2,7 +2,7 @@
 
 import { Refusal, sendRecord } from "./api.js";
 import { $, ask, copied, el, fill, say, symbol, withUnit } from "./dom.js";
-import { isBlind, refresh } from "./main.js";
+import { isBlind, refresh } from "./flow.js";
 
 const MOST = 20 * 1024 * 1024;
 

@@ -3,7 +3,7 @@
 import { get } from "./api.js";
 import { bestCard } from "./best.js";
 import { $, el, fill } from "./dom.js";
-import { open } from "./main.js";
+import { open } from "./flow.js";
 import { named, slice, tried } from "./miniature.js";
 
 export async function showStatus(now, act) {

@@ -1,0 +1,78 @@
+"""What a checker of accessibility (axe) finds on every view of the page: nothing serious."""
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+
+from support.browser import CHROMIUM, Watched
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
+
+
+def serious(page):
+    """What axe finds, by the rule and the first element."""
+    found = Axe().run(page).response["violations"]
+    return [
+        (v["id"], v["nodes"][0]["html"][:120])
+        for v in found
+        if v["impact"] in ("serious", "critical")
+    ]
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_nothing_serious_is_found_on_any_view(browser, window, theme):
+    served, watched = window("cstr", n_max=5), Watched(browser, color_scheme=theme)
+    page = watched.page
+    watched.open(served.link)
+    views = {"question": serious(page)}
+    for name, keys in {
+        "marked": "qe", "overlay": "o", "blind": "b", "side by side": "bo", "keys": "?",
+    }.items():  # fmt: skip
+        for key in keys:
+            page.keyboard.press(key)
+            page.wait_for_timeout(350)
+        views[name] = serious(page)
+    page.keyboard.press("Escape")
+    watched.answer("ArrowLeft")
+    watched.answer("ArrowRight")
+    page.keyboard.press("h")
+    page.click(".answers tbody tr:last-child td:first-child button")
+    page.wait_for_selector("#again .js-line")
+    views["history"] = serious(page)
+    page.keyboard.press("w")
+    page.wait_for_selector("[data-plot=tried] .points path")
+    views["where are we"] = serious(page)
+    page.keyboard.press("Escape")
+    watched.answer("ArrowLeft")
+    page.keyboard.press("s")
+    watched.phase("over")
+    page.wait_for_selector(".pictures img")
+    views["over"] = serious(page)
+    assert {name: found for name, found in views.items() if found} == {}
+
+
+def test_the_question_is_told_to_a_screen_reader(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    page = watched.page
+    page.wait_for_function("() => document.getElementById('status').textContent")
+    assert "comparison 1 of 12" in page.inner_text("#status")
+    label = page.get_attribute("#left-plot", "aria-label")
+    assert "level <h>: from" in label
+    assert "the band around 2" in label
+    watched.answer("ArrowLeft")
+    page.wait_for_function(
+        "() => document.getElementById('status').textContent.includes('comparison 2')"
+    )
+
+
+def test_everything_is_reached_by_tab(browser, window):
+    served, watched = window(), Watched(browser)
+    watched.open(served.link)
+    reached = set()
+    for _ in range(40):
+        watched.page.keyboard.press("Tab")
+        focused = "() => document.activeElement.id || document.activeElement.tagName"
+        reached.add(watched.page.evaluate(focused))
+    for id_ in ("to-history", "undo", "zoom", "left-unsafe", "right-good-enough", "comment",
+                "verdict-left", "verdict-cannot-tell", "verdict-right", "finish"):  # fmt: skip
+        assert id_ in reached or watched.page.is_disabled(f"#{id_}"), id_
