@@ -10,14 +10,16 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from prefcal_env.end import End
 from prefcal_env.errors import SettingsError
+from prefcal_scenarios import figure
 from prefcal_scenarios.report.comparisons import comparisons_as_csv
 from prefcal_scenarios.report.folder import folder_for
 from prefcal_scenarios.report.pictures import PICTURES, Picture
 from prefcal_scenarios.report.style import canvas
 from prefcal_scenarios.report.wording import measured
 from prefcal_scenarios.report.write import write_report
-from toy_study import toy_record
+from toy_study import toy_record, toy_scenario
 
 PNG = b"\x89PNG\r\n\x1a\n"
 VOID = {"meta", "img", "br", "link"}
@@ -189,3 +191,54 @@ def test_an_out_that_is_a_file_is_refused(tmp_path):
 def test_an_out_that_exists_is_taken(tmp_path):
     assert folder_for(tmp_path) == tmp_path
     assert folder_for(tmp_path / "a" / "b").is_dir()
+
+
+def without_record(experiment):
+    """The experiment of a run that failed at once."""
+    names = ("t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")
+    nothing = {name: getattr(experiment, name)[:0] for name in names}
+    return replace(experiment, **nothing, kpis={}, end=End.FAILED)
+
+
+def test_a_study_in_which_every_run_failed_can_be_reported(tmp_path):
+    record = toy_record(learn=False)
+    failed = [
+        replace(
+            c,
+            challenger=without_record(c.challenger),
+            incumbent=None if c.incumbent is None else without_record(c.incumbent),
+        )
+        for c in record.comparisons
+    ]
+    scenario = replace(record.scenario, cost=None)
+    write_report(
+        replace(record, scenario=scenario, comparisons=tuple(failed), references={}), tmp_path
+    )
+    assert (tmp_path / "report.html").is_file()
+    assert (tmp_path / "tried.png").is_file()
+    assert not (tmp_path / "best_trajectory.png").exists()
+
+
+@pytest.mark.parametrize("failed", [(), (0,), (1,), (0, 1)])
+def test_a_notebooks_figure_shows_both_runs_on_equal_axes(failed):
+    toy = toy_scenario()
+    pair = [toy.run(np.array(theta)) for theta in ([0.4, 20, 1.0], [1.0, 8, 5.0])]
+    shown = [without_record(e) if k in failed else e for k, e in enumerate(pair)]
+    drawn = figure(toy, *shown)
+    drawn.draw_without_rendering()
+    axes = np.array(drawn.axes).reshape(len(toy.panels), 2)
+    for left, right in axes:
+        assert left.get_xlim() == right.get_xlim()
+        assert left.get_ylim() == right.get_ylim()
+    for column, e in enumerate(shown):
+        curve = [line for line in axes[0, column].lines if len(line.get_xdata()) == len(e.t)]
+        assert bool(curve) == bool(len(e.t))
+
+
+def test_the_headings_of_a_notebooks_figure_keep_to_their_columns():
+    toy = toy_scenario()
+    drawn = figure(toy, toy.run(np.array([0.4, 20, 1.0])), toy.run(np.array([1.0, 8, 5.0])))
+    drawn.draw_without_rendering()
+    for left, right in np.array(drawn.axes).reshape(-1, 2):
+        edges = [a.title.get_window_extent() for a in (left, right)]
+        assert edges[0].x1 < edges[1].x0

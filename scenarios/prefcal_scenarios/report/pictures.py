@@ -10,7 +10,7 @@ from prefcal_scenarios.report.progress import best_so_far
 from prefcal_scenarios.report.record import Record
 from prefcal_scenarios.report.slices import slices
 from prefcal_scenarios.report.style import save, style
-from prefcal_scenarios.report.trajectories import best_against, side_by_side
+from prefcal_scenarios.report.trajectories import best_against, curves_of, side_by_side
 from prefcal_scenarios.report.tried import tried
 from prefcal_scenarios.report.wording import measured, number, theta_text
 
@@ -130,7 +130,7 @@ PICTURES: tuple[Picture, ...] = (
         "band around the target. Dashed: limits. A dot ends a run, a cross a stopped one.",
         _best_alt,
         best_against,
-        lambda record: bool(record.scenario.panels),
+        lambda record: bool(record.scenario.panels) and bool(curves_of(record)),
     ),
     Picture(
         "best_so_far.png",

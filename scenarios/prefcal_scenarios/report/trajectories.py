@@ -19,6 +19,7 @@ from prefcal_scenarios.report.style import (
     OTHERS,
     canvas,
     legend,
+    style,
 )
 from prefcal_scenarios.report.wording import mathtext, number
 from prefcal_scenarios.scenario import Panel, Scenario, panels_of
@@ -45,11 +46,8 @@ class _Row:
     zoomed: bool = False
 
 
-def best_against(record: Record) -> Figure:
-    """The best trajectory against the first and the references'; one panel above another.
-
-    A run that left no record is not among them.
-    """
+def curves_of(record: Record) -> list[Curve]:
+    """First, references' and best; without a run that left no record, so there may be none."""
     assert record.best is not None
     first, best = record.trials[0], record.best
     curves = [Curve(first.experiment, f"first (experiment {first.number})", FIRST, 1.4)]
@@ -57,7 +55,12 @@ def best_against(record: Record) -> Figure:
         color, dashes = OTHERS[i % len(OTHERS)], _DASHES[i % len(_DASHES)]
         curves.append(Curve(experiment, name, color, 1.5, dashes))
     curves.append(Curve(best.experiment, f"best (experiment {best.number})", BEST, 2.0))
-    curves = [curve for curve in curves if len(curve.experiment.t)]
+    return [curve for curve in curves if len(curve.experiment.t)]
+
+
+def best_against(record: Record) -> Figure:
+    """The best trajectory against the first and the references'; one panel above another."""
+    curves = curves_of(record)
     rows = list(_rows(record.scenario.panels, curves))
     heights = [1.25 if row.zoomed else 1.9 for row in rows]
     figure = canvas(0.7 + sum(heights))
@@ -88,7 +91,9 @@ def figure(scenario: Scenario, left: Experiment, right: Experiment) -> Figure:
         right: The other.
     """
     rows = [_Row(panel) for panel in panels_of(scenario, left.channels)]
-    return _pair(scenario, rows, (Curve(left, "1", BEST, 1.9), Curve(right, "2", OTHERS[0], 1.9)))
+    pair = (Curve(left, "1", BEST, 1.9), Curve(right, "2", OTHERS[0], 1.9))
+    with style():
+        return _pair(scenario, rows, pair)
 
 
 def _pair(scenario: Scenario, rows: Sequence[_Row], pair: Sequence[Curve]) -> Figure:

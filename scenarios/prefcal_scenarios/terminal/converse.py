@@ -119,7 +119,7 @@ class _Conversation:
         said = self.line("its file, or: failed, unsafe FILE, undo, stop")
         if said in STOP:
             return False
-        if said == "undo":
+        if said in ("u", "undo"):
             self.interview.undo(now.version)
         elif said == "failed":
             self.interview.fail(now.pending.index)

@@ -194,3 +194,12 @@ def test_values_that_are_no_number_leave_a_hole_in_the_curve():
     out = talk(begin(replace(toy, run=run, panels=panels), n_max=3), "x")
     assert "no values" in out
     assert "gap [m]" in out
+
+
+def test_an_answer_is_taken_back_while_a_record_is_waited_for(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text(record_of_toy(), encoding="utf-8")
+    interview = begin(replace(toy_scenario(), run=Rig(CHANNELS, (2.0,))), n_max=4)
+    talk(interview, "lx", [str(file), str(file), "u"])
+    assert interview.now().phase is Phase.QUESTION
+    assert len(interview.now().state.closed) == 1
