@@ -5,7 +5,9 @@ import sqlite3
 
 import pytest
 
-from toy_study import TOY_FILE
+from prefcal_scenarios.interview import Choice
+from support.interviews import begin, proceed
+from toy_study import TOY_FILE, toy_scenario
 
 TOY = f"{TOY_FILE}:toy"
 SYNTHETIC = ["--calibrator", "synthetic", "--agent", "random"]
@@ -88,6 +90,17 @@ def test_a_study_is_exported_and_imported_unchanged(prefcal, study, tmp_path):
     assert prefcal("studies", "verify", "twin")[0] == 0
     assert prefcal("studies", "export", "mine", "--format", "csv", "--out", "tables")[0] == 0
     assert len((tmp_path / "tables" / "comparisons.csv").read_text().splitlines()) == 5
+
+
+def test_a_comment_of_somebody_else_does_not_steer_the_terminal(prefcal, tmp_path):
+    interview = begin(toy_scenario(), n_max=3, path=tmp_path / "other.prefcal")
+    asked = proceed(interview).question
+    interview.answer(asked.id, Choice.LEFT, comment="a\x1b]0;title\x07[b]c")
+    interview.study.close()
+    code, out, err = prefcal("studies", "show", "./other.prefcal")
+    assert code == 0, err
+    assert "[b]c" in out
+    assert "\x1b" not in out
 
 
 def test_an_import_never_overwrites_a_study(prefcal, study):

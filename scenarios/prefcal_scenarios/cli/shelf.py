@@ -26,7 +26,7 @@ from prefcal_scenarios.cli.opening import wall_clock
 from prefcal_scenarios.export import jsonable
 from prefcal_scenarios.interview.memory import incumbent
 from prefcal_scenarios.report.record import VERDICTS
-from prefcal_scenarios.report.wording import labelled, number
+from prefcal_scenarios.report.wording import labelled, number, printable
 
 
 def existing(name: str) -> Path:
@@ -50,7 +50,7 @@ def print_list(*, json: bool) -> None:
     for heading in ("study", "scenario", "experiments", "answers", "begun", "state"):
         table.add_column(heading, overflow="fold")
     for row in rows:
-        table.add_row(*(escape(str(row.get(k, ""))) for k in _COLUMNS))
+        table.add_row(*(escape(printable(row.get(k, ""))) for k in _COLUMNS))
     Console().print(table)
 
 
@@ -96,13 +96,14 @@ def print_study(name: str, *, json: bool) -> None:
         return
     console = Console()
     for key in ("study", "file", "scenario", "calibrator", "agent", "seed", "begun", "state"):
-        console.print(f"{key:<12}{content[key]}", markup=False, highlight=False, soft_wrap=True)
+        line = printable(f"{key:<12}{content[key]}")
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
     done = f"{content['experiments']} of {state.n_max}"
     console.print(f"{'experiments':<12}{done}", highlight=False)
     units = {knob["name"]: knob["unit"] for knob in state.configuration["knobs"]}
     for knob, value in (content["best"] or {}).items():
         text = f"best {labelled(knob, units[knob])} = {number(value)}"
-        console.print(text, markup=False, highlight=False)
+        console.print(printable(text), markup=False, highlight=False)
     console.print(_table(content["questions"]))
 
 
@@ -142,7 +143,7 @@ def _table(answers: list[Mapping[str, Any]]) -> Table:
         table.add_column(heading, overflow="fold")
     for answer in answers:
         shown = {**answer, "marks": ", ".join(answer["marks"])}
-        table.add_row(*(escape(str(shown[key])) for key in columns))
+        table.add_row(*(escape(printable(shown[key])) for key in columns))
     return table
 
 

@@ -39,6 +39,11 @@ def with_unit(text: str, unit: str) -> str:
     return f"{text} {unit}" if unit not in ("", "-") and text[:1] in "-0123456789" else text
 
 
+def printable(text: object) -> str:
+    """`text` without what would steer a terminal: a study may come from somebody else."""
+    return "".join(c if c.isprintable() else " " for c in str(text))
+
+
 def labelled(name: str, unit: str) -> str:
     """A name with its unit, for plain text headings."""
     return f"{name} [{unit}]" if unit else name

@@ -5,7 +5,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from prefcal_scenarios.interview import Interview
-from prefcal_scenarios.report.wording import theta_text
+from prefcal_scenarios.report.wording import printable, theta_text
 from prefcal_scenarios.window.view.history import history_view
 from prefcal_scenarios.window.view.status import in_words
 
@@ -27,11 +27,6 @@ def show_history(interview: Interview, console: Console) -> None:
             escape(printable(answer["comment"])),
         )  # fmt: skip
     console.print(table)
-
-
-def printable(text: str) -> str:
-    """`text` without what would steer the terminal: a study may come from somebody else."""
-    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def show_status(interview: Interview, console: Console) -> None:

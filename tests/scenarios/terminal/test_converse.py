@@ -157,15 +157,35 @@ def test_a_rigs_records_are_asked_for(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "rows",
-    ["-2,1,1\n-1,2,1", "-1,1,1\n0,2,1", "0,1e29,1\n1,-1e29,1", "0,1e9,1\n1,1e9,1", "5,1,1\n6,1,2"],
+    ("rows", "start", "end"),
+    [
+        ("-2,1,1\n-1,2,1", "-2", "-1"),
+        ("-1,1,1\n0,2,1", "-1", "0"),
+        ("0,1e29,1\n1,-1e29,1", "0", "1"),
+        ("0,1e9,1\n1,1e9,1", "0", "1"),
+        ("5,1,1\n6,1,2", "5", "6"),
+    ],
 )
-def test_whatever_a_record_holds_is_drawn(rows, tmp_path):
+def test_whatever_a_record_holds_is_drawn(rows, start, end, tmp_path):
     file = tmp_path / "a.csv"
     file.write_text(f"time [h],level <h> [m],valve [%]\n{rows}\n", encoding="utf-8")
     interview = begin(replace(toy_scenario(), run=Rig(CHANNELS, (2.0,))), n_max=3)
     out = talk(interview, "x", [str(file), str(file)])
-    assert "RIGHT · experiment" in out
+    lines = out[out.index("LEFT") :].splitlines()
+    axis = next(k for k, line in enumerate(lines) if re.search(rf" {start} +{end} h", line))
+    curve = "".join(lines[axis - 5 : axis])
+    assert sum("\u2801" <= c <= "\u28ff" for c in curve) > 50
+
+
+def test_an_experiment_of_one_instant_is_drawn():
+    toy = toy_scenario()
+
+    def run(theta, seed=0):
+        e = toy.run(theta, seed)
+        dense = {name: getattr(e, name)[:1] for name in ("t", "x", "u")}
+        return replace(e, **dense, signals={})
+
+    out = talk(begin(replace(toy, run=run), n_max=3), "x")
     assert any("\u2801" <= c <= "\u28ff" for c in out)
 
 
