@@ -1,6 +1,8 @@
 """Study files on the command line: begun, resumed, listed, exported, imported, verified."""
 
+import io
 import json
+import socket
 import sqlite3
 
 import pytest
@@ -146,3 +148,44 @@ def test_help_teaches(prefcal):
     assert "NAME_OR_PATH" in prefcal("calibrate", "--help")[1]
     for word in ("list", "show", "export", "import", "verify"):
         assert word in prefcal("studies", "--help")[1]
+
+
+def test_a_taken_port_is_told_before_there_is_a_study(prefcal, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        code, _, err = prefcal("calibrate", TOY, "--no-browser", "--port", port)
+    assert code == 2
+    assert f"port {port} of 127.0.0.1 is taken" in err
+    assert not (tmp_path / "data").exists()
+
+
+def test_the_terminal_answers_from_a_pipe_and_the_study_goes_on(prefcal, monkeypatch):
+    words = ["calibrate", TOY, "--terminal", "--n-max", "4", "--n-init", "2", "--study", "piped"]
+    monkeypatch.setattr("sys.stdin", io.StringIO("l\nr\n"))
+    code, out, err = prefcal(*words)
+    assert code == 0, err
+    assert "Comparison 2 of 3" in out
+    assert "Go on: prefcal calibrate" in err
+    monkeypatch.setattr("sys.stdin", io.StringIO("s\n"))
+    code, out, err = prefcal(*words[:3], "--study", "piped")
+    assert "Comparison 3 of 3" in out
+    assert "The study is over: all compared." in out
+    assert "Repeat it: prefcal calibrate" in out
+    verdicts = [
+        q["verdict"]
+        for q in json.loads(prefcal("studies", "show", "piped", "--json")[1])["questions"]
+    ]
+    assert verdicts[-1] == "as good"
+
+
+def test_a_rig_cannot_be_calibrated_unattended(prefcal, tmp_path):
+    (tmp_path / "own.py").write_text(
+        "from dataclasses import replace\n"
+        "from prefcal_env import Channel, Channels, Rig\n"
+        f"from prefcal_scenarios import load\ntoy = load({TOY!r})\n"
+        "channels = Channels((Channel('level', 'm'),), (), (Channel('level', 'm'),), 'h')\n"
+        "rig = replace(toy, run=Rig(channels, (2.0,)))\n"
+    )
+    code, _, err = prefcal("calibrate", "own.py:rig", *SYNTHETIC, "--n-max", "4")
+    assert code == 2
+    assert "only a person can run" in err

@@ -28,6 +28,12 @@ class Front:
     host: str = "127.0.0.1"
     port: int = 0
 
+    def check(self) -> None:
+        """Raise SettingsError if the page cannot be served there."""
+        from prefcal_scenarios.window.binding import bind
+
+        bind(self.host, self.port).close()
+
 
 def in_window(sitting: Sitting, front: Front, ctrl_c: Interruption) -> bool:
     """Serve the query window until it is closed; whether the study is over by then."""

@@ -11,6 +11,7 @@ from prefcal_scenarios.cli.display import Display
 from prefcal_scenarios.cli.fronts import Front, in_terminal, in_window
 from prefcal_scenarios.cli.interrupt import Interruption, interruption
 from prefcal_scenarios.cli.opening import open_study
+from prefcal_scenarios.cli.options import Options
 from prefcal_scenarios.cli.sitting import Sitting
 from prefcal_scenarios.interview import Interview, unattended
 from prefcal_scenarios.report.folder import folder_for
@@ -33,6 +34,8 @@ def run(
     """
     with interruption() as ctrl_c:
         scenario = load(given["scenario"])
+        if Options.of(given).by_a_person and not front.terminal:
+            front.check()  # a port that is taken must not cost a study
         opened = open_study(given, scenario, study)
         with opened.file as file:
             options = opened.options

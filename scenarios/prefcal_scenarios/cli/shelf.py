@@ -73,7 +73,7 @@ def summary(state: State) -> dict[str, Any]:
         "experiments": len(state.finished),
         "n_max": state.n_max,
         "answers": max(len(state.closed) - 1, 0),
-        "begun": state.created,
+        "begun": _minute(state.created),
         "state": state.ended or "open",
     }
 
@@ -104,7 +104,13 @@ def print_study(name: str, *, json: bool) -> None:
     for knob, value in (content["best"] or {}).items():
         text = f"best {labelled(knob, units[knob])} = {number(value)}"
         console.print(printable(text), markup=False, highlight=False)
-    console.print(_table(content["questions"]))
+    if content["questions"]:
+        console.print(_table(content["questions"]))
+
+
+def _minute(at: str) -> str:
+    """A time of the record, UTC, without seconds."""
+    return at[:16].replace("T", " ")
 
 
 def best_theta(state: State) -> dict[str, float] | None:
@@ -119,7 +125,7 @@ def best_theta(state: State) -> dict[str, float] | None:
 def _answers(state: State) -> Iterator[dict[str, Any]]:
     for closed in sorted((*state.closed[1:], *state.repeats), key=lambda c: c.seq):
         yield {
-            "at": closed.at,
+            "at": _minute(closed.at),
             "challenger": closed.challenger + 1,
             "incumbent": None if closed.incumbent is None else closed.incumbent + 1,
             "verdict": VERDICTS[closed.answer.preference],

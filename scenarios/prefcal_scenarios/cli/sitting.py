@@ -1,5 +1,6 @@
 """One run of the command on an open study: what it works on, and where its words go."""
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,7 +59,8 @@ class Sitting:
     @property
     def again(self) -> str:
         """The command that takes the study up again."""
-        return f"prefcal calibrate {self.opened.options.scenario} --study {self.opened.name}"
+        options, name = self.opened.options, self.opened.name or ""
+        return shlex.join(["prefcal", "calibrate", options.scenario, "--study", name])
 
     def say(self, text: str) -> None:
         """One line for people."""

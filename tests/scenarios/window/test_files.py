@@ -102,5 +102,5 @@ def test_no_module_that_others_import_is_linked_with_a_version():
     scripts = {name: a.content.decode() for name, a in assets.items() if name.endswith(".js")}
     page = assets.get("index.html").content.decode()
     imported = {name for name in scripts if any(f'"./{name}"' in s for s in scripts.values())}
-    assert "main.js" in imported
+    assert "flow.js" in imported
     assert [name for name in imported if f"/static/{name}?" in page] == []
