@@ -21,6 +21,7 @@ from prefcal_env.studies import (
 
 from .ahead import Ahead
 from .album import Album
+from .memory import incumbent
 from .moment import Phase, Question
 from .order import challenger_left
 
@@ -64,10 +65,18 @@ class Flow:
     def resume(self) -> None:
         """Take the interview up where the study file stands; an open question stays open."""
         shown = self.state.open
-        if self.state.ended or shown is None:
+        if self.state.ended or shown is None or self._is_overtaken(shown[1]):
             self.proceed()
         else:
             self._put(*shown)
+
+    def _is_overtaken(self, shown: Shown) -> bool:
+        """Whether a retraction has changed who is best since.
+
+        A crash between a retraction and the question that follows it leaves the old question on
+        show: an answer would be about another pair than the one that the agent asks about.
+        """
+        return shown.repeats is None and shown.incumbent != incumbent(self.state)
 
     def proceed(self) -> None:
         """Go on until something has to be run, or answered, or all is over.
