@@ -91,6 +91,9 @@ def record(flow: Flow, index: int, content: bytes, *, unsafe: bool) -> None:
 def fail(flow: Flow, index: int, reason: str) -> None:
     """Count the run of the pending sample as failed."""
     awaited(flow, index, Phase.RECORD, Phase.FAILED)
+    if index in flow.state.finished:
+        # What failed is the step after it, on a full disk say: its experiment must not be replaced.
+        raise StaleError(f"experiment {index + 1} is saved, it has not failed: try again")
     noted = [Noted(f"experiment {index + 1} failed: {reason}")] if reason else []
     flow.study.append(*noted, (Finished(index), flow.album.failed(index)))
     flow.proceed()

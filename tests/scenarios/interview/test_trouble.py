@@ -1,0 +1,35 @@
+"""What goes wrong beside the answers costs neither a verdict, an experiment nor the thread."""
+
+import pytest
+
+from prefcal_env.errors import StaleError, StudyError
+from prefcal_env.studies import Shown, StudyFile
+from prefcal_scenarios.interview import Choice, Phase
+from support.interviews import begin, proceed
+from toy_study import toy_scenario
+
+LEFT = Choice.LEFT
+
+
+@pytest.fixture
+def toy():
+    return toy_scenario()
+
+
+def test_an_experiment_is_not_counted_as_failed_because_the_disk_was_full(toy, monkeypatch):
+    interview = begin(toy)
+    interview.answer(proceed(interview).question.id, LEFT)
+    append = StudyFile.append
+
+    def full(self, *events):
+        if isinstance(events[0], Shown):
+            raise StudyError("the disk is full")
+        return append(self, *events)
+
+    monkeypatch.setattr(StudyFile, "append", full)
+    assert proceed(interview).phase is Phase.FAILED
+    with pytest.raises(StaleError, match="experiment 3 is saved"):
+        interview.fail(2, "slip")
+    monkeypatch.undo()
+    interview.retry()
+    assert not proceed(interview).question.challenger.experiment.end.interrupted
