@@ -44,7 +44,11 @@ def attempt(flow: Flow, theta: tuple[float, ...]) -> Experiment | Exception:
 
 
 def _looking_ahead(flow: Flow) -> Attempt | None:
-    """Tell a twin the next likely answer, and run what it would propose."""
+    """Tell a twin the next likely answer, and run what it would propose.
+
+    What goes wrong here has cost nothing, and perhaps is never asked for: the question stays open.
+    If that answer is given, it is computed again, and told if it fails again.
+    """
     asked = flow.question
     assert asked is not None
     if asked.repeats is not None:
@@ -55,8 +59,11 @@ def _looking_ahead(flow: Flow) -> Attempt | None:
     query, twin = flow.agent.ask(), flow.agent.copy()
 
     def look() -> Callable[[], None]:
-        twin.tell(query, answer)
-        theta = None if twin.done else tuple(twin.ask().challenger.theta.tolist())
+        try:
+            twin.tell(query, answer)
+            theta = None if twin.done else tuple(twin.ask().challenger.theta.tolist())
+        except Exception:
+            return lambda: None
         run = theta is not None and flow.ahead.experiment(np.array(theta)) is None
         result = attempt(flow, theta) if run and theta is not None else None
 

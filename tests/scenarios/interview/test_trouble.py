@@ -2,6 +2,7 @@
 
 import pytest
 
+from prefcal_agents import GLISp
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.studies import Shown, StudyFile
 from prefcal_scenarios.interview import Choice, Phase
@@ -33,3 +34,19 @@ def test_an_experiment_is_not_counted_as_failed_because_the_disk_was_full(toy, m
     monkeypatch.undo()
     interview.retry()
     assert not proceed(interview).question.challenger.experiment.end.interrupted
+
+
+def test_trouble_while_looking_ahead_leaves_the_question_open(toy, monkeypatch):
+    interview = begin(toy, ahead=True)
+    question = proceed(interview).question
+
+    def broken(self, query, answer):
+        raise FloatingPointError("an unlikely answer")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(GLISp, "tell", broken)
+        while interview.work():
+            pass
+    assert interview.now().question == question
+    interview.answer(question.id, LEFT)
+    assert proceed(interview).question.challenger.index == 2
