@@ -1,9 +1,11 @@
 """What goes wrong beside the answers costs neither a verdict, an experiment nor the thread."""
 
+from dataclasses import replace
+
 import pytest
 
 from prefcal_agents import GLISp
-from prefcal_env.errors import StaleError, StudyError
+from prefcal_env.errors import ScenarioError, StaleError, StudyError
 from prefcal_env.studies import Shown, StudyFile
 from prefcal_scenarios.interview import Choice, Phase
 from support.interviews import begin, proceed
@@ -50,3 +52,24 @@ def test_trouble_while_looking_ahead_leaves_the_question_open(toy, monkeypatch):
     assert interview.now().question == question
     interview.answer(question.id, LEFT)
     assert proceed(interview).question.challenger.index == 2
+
+
+def exits(theta, seed=0):
+    raise SystemExit("no such port")
+
+
+@pytest.mark.parametrize(
+    ("run", "words"),
+    [
+        (lambda theta, seed=0: None, "must return an Experiment, got NoneType"),
+        (lambda theta, seed=0: 3.0, "must return an Experiment, got float"),
+        (exits, "called exit: no such port"),
+    ],
+)
+def test_a_plant_that_gives_no_experiment_has_failed_in_words(toy, run, words):
+    interview = begin(replace(toy, run=run))
+    now = proceed(interview)
+    assert now.phase is Phase.FAILED
+    assert words in now.problem
+    with pytest.raises(ScenarioError, match=words):
+        interview.raise_problem()
