@@ -81,13 +81,14 @@ class Flow:
     def proceed(self) -> None:
         """Go on until something has to be run, or answered, or all is over.
 
-        What led here is durable, so a full disk from here on is a problem to be shown and tried
-        again, no error of whoever answered.
+        What led here is durable, so whatever fails from here on, a full disk or an experiment
+        that no file can hold, is a problem to be shown and tried again, no error of whoever
+        answered: he would be left with a question that is closed already.
         """
         self.ahead.forget()
         try:
             self._proceed()
-        except StudyError as error:
+        except Exception as error:
             self.move(Phase.FAILED, error)
 
     def _proceed(self) -> None:
@@ -181,4 +182,6 @@ class Flow:
 
 def in_words(error: Exception) -> str:
     """An error for people: ours speak for themselves, others need their name."""
-    return str(error) if isinstance(error, PrefcalError) else f"{type(error).__name__}: {error}"
+    words = str(error) if isinstance(error, PrefcalError) else f"{type(error).__name__}: {error}"
+    # The name of a file may hold half a character, which neither a study nor a terminal can.
+    return words.encode(errors="backslashreplace").decode()

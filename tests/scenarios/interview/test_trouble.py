@@ -1,5 +1,6 @@
 """What goes wrong beside the answers costs neither a verdict, an experiment nor the thread."""
 
+import itertools
 from dataclasses import replace
 
 import pytest
@@ -8,6 +9,7 @@ from prefcal_agents import GLISp
 from prefcal_env.errors import ScenarioError, StaleError, StudyError
 from prefcal_env.studies import Shown, StudyFile
 from prefcal_scenarios.interview import Choice, Phase
+from prefcal_scenarios.interview.album import Album
 from support.interviews import begin, proceed
 from toy_study import toy_scenario
 
@@ -73,3 +75,45 @@ def test_a_plant_that_gives_no_experiment_has_failed_in_words(toy, run, words):
     assert words in now.problem
     with pytest.raises(ScenarioError, match=words):
         interview.raise_problem()
+
+
+def test_whatever_fails_after_an_answer_is_a_problem_and_no_error_of_who_answered(toy, monkeypatch):
+    interview = begin(toy, ahead=True)
+    question = proceed(interview).question
+    while interview.work():
+        pass
+
+    def broken(self, index):
+        raise MemoryError("no room for the curves")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Album, "experiment", broken)
+        now = interview.answer(question.id, LEFT)
+    assert (now.phase, now.problem) == (Phase.FAILED, "MemoryError: no room for the curves")
+    interview.retry()
+    assert proceed(interview).question.challenger.index == 2
+
+
+@pytest.mark.parametrize("kpis", [{"smooth": "fairly"}, {1: 2.0}, {"late": [1.0]}, {"late": None}])
+def test_an_experiment_that_no_file_could_hold_is_a_failed_run(toy, kpis):
+    runs = itertools.count()
+
+    def run(theta, seed=0):
+        made = toy.run(theta, seed)
+        return made if next(runs) != 2 else replace(made, kpis=kpis)
+
+    interview = begin(replace(toy, run=run), ahead=True)
+    question = proceed(interview).question
+    while interview.work():
+        pass
+    interview.answer(question.id, LEFT)
+    assert proceed(interview).phase is not Phase.FAILED  # the fourth run of the same θ
+
+
+def test_an_error_that_names_a_strange_file_is_told(toy):
+    def run(theta, seed=0):
+        raise FileNotFoundError("no file b\udce4r")
+
+    now = proceed(begin(replace(toy, run=run)))
+    assert "no file b\\udce4r" in now.problem
+    assert now.problem == now.state.failures[0]
