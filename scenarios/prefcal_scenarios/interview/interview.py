@@ -202,7 +202,8 @@ class Interview:
     def work(self) -> bool:
         """Do the next piece of work; False if there is none. The long part holds no lock."""
         with self._change() as flow:
-            attempt = runs.due(flow, ahead=self._runs_ahead)
+            # Whoever has closed the window may stand at the plant by now: it is not started again.
+            attempt = None if self._closing else runs.due(flow, ahead=self._runs_ahead)
             self._idle_at = flow.version if attempt is None else None
         if attempt is None:
             return False

@@ -22,12 +22,21 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
     if flow.phase is Phase.RUNNING:
         pending = flow.pending
         if pending is None or pending.index in flow.state.finished:
-            return lambda: flow.proceed
+            return lambda: lambda: _go_on_running(flow)
         known = flow.ahead.experiment(np.array(pending.theta))
         return lambda: _running(flow, pending, known)
     if flow.phase is Phase.QUESTION and ahead:
         return _looking_ahead(flow)
     return None
+
+
+def _go_on_running(flow: Flow) -> None:
+    """Proceed, unless somebody has done so (undone, retracted, finished) before the lock was had.
+
+    Twice, the question that is on show already would be put on show again, under another id.
+    """
+    if flow.phase is Phase.RUNNING:
+        flow.proceed()
 
 
 def _running(flow: Flow, sample: Suggested, known: Experiment | None) -> Callable[[], None]:

@@ -10,6 +10,7 @@ from prefcal_env.errors import ScenarioError, StaleError, StudyError
 from prefcal_env.studies import Shown, StudyFile
 from prefcal_scenarios.interview import Choice, Phase
 from prefcal_scenarios.interview.album import Album
+from prefcal_scenarios.interview.runs import due
 from support.interviews import begin, proceed
 from toy_study import toy_scenario
 
@@ -117,3 +118,27 @@ def test_an_error_that_names_a_strange_file_is_told(toy):
     now = proceed(begin(replace(toy, run=run)))
     assert "no file b\\udce4r" in now.problem
     assert now.problem == now.state.failures[0]
+
+
+def test_nothing_is_run_after_the_interview_was_closed(toy):
+    ran = []
+
+    def run(theta, seed=0):
+        ran.append(theta)
+        return toy.run(theta, seed)
+
+    interview = begin(replace(toy, run=run), ahead=True)
+    proceed(interview)
+    before = len(ran)
+    interview.close()
+    assert not interview.work()
+    assert len(ran) == before
+
+
+def test_an_undo_while_a_proposal_is_due_is_not_asked_twice(toy):
+    interview = begin(toy)
+    interview.answer(proceed(interview).question.id, LEFT)
+    attempt = due(interview._flow, ahead=False)  # the worker has it, and waits for the lock
+    question = interview.undo(interview.now().version).question
+    attempt()()
+    assert interview.now().question.id == question.id
