@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from prefcal_agents.restore import PreferenceAgent
 from prefcal_env.errors import PrefcalError, StudyError
 from prefcal_env.experiment import Experiment
@@ -165,7 +167,7 @@ class Flow:
     def ran(self, sample: Suggested, result: Experiment | Exception) -> None:
         """Take the result of running `sample`, if it is still the one that is waited for."""
         if isinstance(result, Experiment):
-            self.ahead.keep(result)
+            self.ahead.keep(np.array(sample.theta), result)
         if self.phase is not Phase.RUNNING or self.pending != sample:
             return None
         try:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.experiment import Experiment
@@ -40,17 +41,17 @@ def _go_on_running(flow: Flow) -> None:
 
 
 def _running(flow: Flow, sample: Suggested, known: Experiment | None) -> Callable[[], None]:
-    result = known or attempt(flow, sample.theta)
+    result = known or attempt(flow, np.array(sample.theta))
     return lambda: flow.ran(sample, result)
 
 
-def attempt(flow: Flow, theta: tuple[float, ...]) -> Experiment | Exception:
+def attempt(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment | Exception:
     """Run θ. Whatever the user's plant raises is a result too, and so is what it should not give.
 
     SystemExit as well: a plant that calls exit() would end the thread, and all would wait for ever.
     """
     try:
-        result: object = flow.album.scenario.run(np.array(theta), seed=flow.seed)
+        result: object = flow.album.scenario.run(theta.copy(), seed=flow.seed)
     except (Exception, SystemExit) as error:
         return error if isinstance(error, Exception) else ScenarioError(f"run called exit: {error}")
     if isinstance(result, Experiment):
@@ -76,21 +77,26 @@ def _looking_ahead(flow: Flow) -> Attempt | None:
     def look() -> Callable[[], None]:
         try:
             twin.tell(query, answer)
-            theta = None if twin.done else tuple(twin.ask().challenger.theta.tolist())
+            theta = None if twin.done else twin.ask().challenger.theta
         except Exception:
             return lambda: None
-        run = theta is not None and flow.ahead.experiment(np.array(theta)) is None
-        result = attempt(flow, theta) if run and theta is not None else None
+        result = None if theta is None or _is_known(flow, theta) else attempt(flow, theta)
 
         def keep() -> None:
-            if isinstance(result, Experiment):
-                flow.ahead.keep(result)
+            if theta is not None and isinstance(result, Experiment):
+                flow.ahead.keep(theta, result)
             if flow.question is asked:
                 flow.ahead.keep_twin(answer, twin)
 
         return keep
 
     return look
+
+
+def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
+    """Whether θ was run: in the study (before an undo, or a night), or on suspicion."""
+    known = flow.study.find_experiment(theta) is not None
+    return known or flow.ahead.experiment(theta) is not None
 
 
 def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:

@@ -8,10 +8,10 @@ import pytest
 from prefcal_agents import GLISp
 from prefcal_env.errors import ScenarioError, StaleError, StudyError
 from prefcal_env.studies import Shown, StudyFile
-from prefcal_scenarios.interview import Choice, Phase
+from prefcal_scenarios.interview import Choice, Interview, Phase
 from prefcal_scenarios.interview.album import Album
 from prefcal_scenarios.interview.runs import due
-from support.interviews import begin, proceed
+from support.interviews import begin, clock, proceed
 from toy_study import toy_scenario
 
 LEFT = Choice.LEFT
@@ -142,3 +142,40 @@ def test_an_undo_while_a_proposal_is_due_is_not_asked_twice(toy):
     question = interview.undo(interview.now().version).question
     attempt()()
     assert interview.now().question.id == question.id
+
+
+def counted(toy, change=lambda made: made):
+    """The toy, and the list of θ that it has run."""
+    ran = []
+
+    def run(theta, seed=0):
+        ran.append(tuple(theta))
+        return change(toy.run(theta, seed))
+
+    return replace(toy, run=run), ran
+
+
+def test_a_plant_that_rounds_its_parameters_is_not_run_twice(toy):
+    rounding, ran = counted(toy, lambda made: replace(made, theta=made.theta.round(3)))
+    interview = begin(rounding, ahead=True)
+    question = proceed(interview).question
+    while interview.work():
+        pass
+    interview.answer(question.id, LEFT)
+    proceed(interview)
+    assert len(ran) == len(set(ran))
+
+
+def test_what_the_study_holds_is_not_run_ahead_again(toy, tmp_path):
+    path = tmp_path / "mine.prefcal"
+    interview = begin(toy, path=path)
+    interview.answer(proceed(interview).question.id, LEFT)
+    proceed(interview)
+    interview.study.close()
+
+    same, ran = counted(toy)
+    resumed = Interview(same, StudyFile.open(path, clock=clock()))
+    resumed.undo(resumed.now().version)
+    while resumed.work():
+        pass
+    assert ran == []  # the start is space-filling: every answer leads to the θ that was run
