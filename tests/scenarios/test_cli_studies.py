@@ -7,6 +7,7 @@ import sqlite3
 
 import pytest
 
+from prefcal_env.studies import Noted
 from prefcal_scenarios.interview import Choice
 from support.interviews import begin, proceed
 from toy_study import TOY_FILE, toy_scenario
@@ -135,6 +136,18 @@ def test_a_report_is_written_of_any_study(prefcal, study, tmp_path):
     assert json.loads(out)["experiments"] == 5
     first = (tmp_path / "prefcal-toy-0" / "best.json").read_text()
     assert (tmp_path / "again" / "best.json").read_text() == first
+
+
+def test_a_report_writes_nothing_to_a_study_that_is_being_answered(prefcal, tmp_path):
+    interview = begin(toy_scenario(), n_max=12, path=tmp_path / "mine.prefcal")
+    for _ in range(2):
+        interview.answer(proceed(interview).question.id, Choice.LEFT)
+    interview.study.append(Noted(f"{interview.now().phase}, and no proposal yet"))
+    code, out, err = prefcal("report", "./mine.prefcal", "--scenario", TOY, "--json")
+    assert code == 0, err
+    assert json.loads(out)["questions"] == 2
+    assert proceed(interview).question.number == 3, interview.now().problem
+    interview.study.close()
 
 
 @pytest.mark.parametrize("command", [["studies", "show"], ["studies", "verify"], ["report"]])

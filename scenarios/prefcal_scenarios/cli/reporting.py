@@ -34,7 +34,8 @@ def report_of(name: str, source: str | None, out: Path | None, *, json: bool) ->
             {**stored, "n_max": file.state.n_max}, {"scenario": source or stored["scenario"]}
         )
         folder = folder_for(options.folder(scenario.name) if out is None else out)
-        interview = Interview(scenario, file, ahead=False)
+        # A window may be open on it: one event from here, and its next answer would be refused.
+        interview = Interview(scenario, file, ahead=False, asks=False)
         opened = Opened(file, options, name, resumed=True)
         sitting = Sitting(interview, opened, folder, Console(stderr=True), json)
         sitting.tell(sitting.write())
