@@ -7,9 +7,9 @@ import sqlite3
 
 import pytest
 
-from prefcal_env.studies import Noted
+from prefcal_env.studies import Noted, StudyFile, export_json
 from prefcal_scenarios.interview import Choice
-from support.interviews import begin, proceed
+from support.interviews import begin, clock, proceed
 from toy_study import TOY_FILE, toy_scenario
 
 TOY = f"{TOY_FILE}:toy"
@@ -111,6 +111,36 @@ def test_an_import_never_overwrites_a_study(prefcal, study):
     code, _, err = prefcal("studies", "import", "mine.json")
     assert code == 2
     assert "mine" in err
+
+
+WHOLE = {
+    "n_max": 5, "scenario": "cstr", "name": "cstr", "title": "", "seed": 0, "knobs": [],
+    "agent": {"agent": "GLISp"}, "options": {"calibrator": "human"}, "versions": {},
+}  # fmt: skip
+STRANGE = {
+    "bare": {"n_max": 5},
+    "another name": {**WHOLE, "name": {}},
+    "no options": {**WHOLE, "options": 3},
+    "no calibrator": {**WHOLE, "options": {}},
+    "text for a number": {**WHOLE, "options": {"calibrator": "human", "n_init": "x"}},
+    "knobs of numbers": {**WHOLE, "knobs": [1]},
+    "no agent": {**WHOLE, "agent": {"agent": None}},
+    "seed": {**WHOLE, "seed": "a"},
+}
+
+
+@pytest.mark.parametrize("configuration", STRANGE.values(), ids=STRANGE)
+def test_a_strange_study_breaks_nothing_but_itself(prefcal, tmp_path, configuration):
+    with StudyFile.create(":memory:", configuration, clock=clock()) as file:
+        (tmp_path / "odd.json").write_text(export_json(file))
+    assert prefcal("studies", "import", "odd.json")[0] == 0
+    for words in (["studies", "show"], ["report"], ["calibrate", "cstr", "--terminal", "--study"]):
+        code, _, err = prefcal(*words, "odd")
+        assert code == 2
+        assert "no study of prefcal calibrate" in err
+    code, out, _ = prefcal("studies", "list", "--json")
+    assert code == 0
+    assert "cannot be read" in json.loads(out)[0]["state"]
 
 
 def test_verify_finds_a_changed_answer(prefcal, study, tmp_path):
