@@ -106,6 +106,16 @@ def test_a_comment_of_somebody_else_does_not_steer_the_terminal(prefcal, tmp_pat
     assert "\x1b" not in out
 
 
+def test_an_export_never_overwrites_its_study(prefcal, study, tmp_path):
+    (path,) = (tmp_path / "data").rglob("mine.prefcal")
+    before = path.read_bytes()
+    for format_ in ("json", "csv"):
+        code, _, err = prefcal("studies", "export", "mine", "--format", format_, "--out", str(path))
+        assert code == 2
+        assert "is the study itself" in err
+    assert path.read_bytes() == before
+
+
 def test_an_import_never_overwrites_a_study(prefcal, study):
     prefcal("studies", "export", "mine")
     code, _, err = prefcal("studies", "import", "mine.json")

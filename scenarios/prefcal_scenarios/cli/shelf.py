@@ -157,6 +157,8 @@ def _table(answers: list[Mapping[str, Any]]) -> Table:
 def export_study(name: str, format_: str, out: Path | None) -> Path:
     """Write a study as JSON or CSV; return where."""
     path = existing(name)
+    if out is not None and out.exists() and out.samefile(path):
+        raise StudyError(f"{out} is the study itself: export it to another file")
     with StudyFile.open(path, clock=wall_clock) as file:
         if format_ == "csv":
             target = Path(path.stem) if out is None else out
