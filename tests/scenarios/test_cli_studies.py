@@ -7,9 +7,9 @@ import sqlite3
 
 import pytest
 
-from prefcal_env.studies import Noted, StudyFile, export_json
+from prefcal_env.studies import Noted
 from prefcal_scenarios.interview import Choice
-from support.interviews import begin, clock, proceed
+from support.interviews import begin, proceed
 from toy_study import TOY_FILE, toy_scenario
 
 TOY = f"{TOY_FILE}:toy"
@@ -123,36 +123,6 @@ def test_an_import_never_overwrites_a_study(prefcal, study):
     assert "mine" in err
 
 
-WHOLE = {
-    "n_max": 5, "scenario": "cstr", "name": "cstr", "title": "", "seed": 0, "knobs": [],
-    "agent": {"agent": "GLISp"}, "options": {"calibrator": "human"}, "versions": {},
-}  # fmt: skip
-STRANGE = {
-    "bare": {"n_max": 5},
-    "another name": {**WHOLE, "name": {}},
-    "no options": {**WHOLE, "options": 3},
-    "no calibrator": {**WHOLE, "options": {}},
-    "text for a number": {**WHOLE, "options": {"calibrator": "human", "n_init": "x"}},
-    "knobs of numbers": {**WHOLE, "knobs": [1]},
-    "no agent": {**WHOLE, "agent": {"agent": None}},
-    "seed": {**WHOLE, "seed": "a"},
-}
-
-
-@pytest.mark.parametrize("configuration", STRANGE.values(), ids=STRANGE)
-def test_a_strange_study_breaks_nothing_but_itself(prefcal, tmp_path, configuration):
-    with StudyFile.create(":memory:", configuration, clock=clock()) as file:
-        (tmp_path / "odd.json").write_text(export_json(file))
-    assert prefcal("studies", "import", "odd.json")[0] == 0
-    for words in (["studies", "show"], ["report"], ["calibrate", "cstr", "--terminal", "--study"]):
-        code, _, err = prefcal(*words, "odd")
-        assert code == 2
-        assert "no study of prefcal calibrate" in err
-    code, out, _ = prefcal("studies", "list", "--json")
-    assert code == 0
-    assert "cannot be read" in json.loads(out)[0]["state"]
-
-
 def test_verify_finds_a_changed_answer(prefcal, study, tmp_path):
     (path,) = (tmp_path / "data").rglob("mine.prefcal")
     with sqlite3.connect(path) as connection:
@@ -176,6 +146,14 @@ def test_a_report_is_written_of_any_study(prefcal, study, tmp_path):
     assert json.loads(out)["experiments"] == 5
     first = (tmp_path / "prefcal-toy-0" / "best.json").read_text()
     assert (tmp_path / "again" / "best.json").read_text() == first
+
+
+def test_a_report_that_cannot_be_written_is_told_in_one_line(prefcal, study, tmp_path):
+    (tmp_path / "again" / "report.html").mkdir(parents=True)
+    code, _, err = prefcal("report", "mine", "--scenario", TOY, "--out", "again")
+    assert code == 2
+    assert "cannot write the report into again" in err
+    assert "lost nothing" in err
 
 
 def test_a_report_writes_nothing_to_a_study_that_is_being_answered(prefcal, tmp_path):
