@@ -220,3 +220,15 @@ def test_a_rig_cannot_be_calibrated_unattended(prefcal, tmp_path):
     code, _, err = prefcal("calibrate", "own.py:rig", *SYNTHETIC, "--n-max", "4")
     assert code == 2
     assert "only a person can run" in err
+
+
+def test_the_same_line_goes_on_with_a_study_that_was_given_more(prefcal):
+    words = ["calibrate", TOY, *SYNTHETIC, "--study", "mine", "--json"]
+    assert prefcal(*words, "--n-max", "5")[0] == 0
+    assert prefcal(*words, "--n-max", "7")[0] == 0
+    code, out, _ = prefcal(*words, "--n-max", "5")
+    assert code == 0
+    assert json.loads(out)["experiments"] == 7
+    code, _, err = prefcal(*words, "--n-max", "6")
+    assert code == 2
+    assert "below the 7 that the study has by now" in err

@@ -92,7 +92,11 @@ def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario)
                 f"study {name!r} calibrates {state.configuration['name']!r}, "
                 f"not {scenario.name!r}: name that scenario, or another study"
             )
-        stored = {**state.configuration["options"], "n_max": state.n_max}
+        begun = state.configuration["options"]
+        if given.get("n_max") == begun["n_max"]:
+            # The same line again: experiments that the page has added since stay.
+            given = {**given, "n_max": None}
+        stored = {**begun, "n_max": state.n_max}
         options = Options.resumed(stored, given)
         if options.n_max > state.n_max:
             file.append(Extended(options.n_max), *([Reopened()] if state.ended else []))
