@@ -1,0 +1,93 @@
+"""What the figures share: gap axes, panels, and lines that can be told apart."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
+
+from prefcal_scenarios.bench.results.campaign import HUGE
+from prefcal_scenarios.bench.results.order import Look
+from prefcal_scenarios.report.style import canvas
+
+_COLUMNS = 3
+
+
+def panels(count: int, height: float = 1.75) -> tuple[Figure, list[Axes]]:
+    """A figure with `count` panels of `height` inches, up to three in a row."""
+    columns = min(count, _COLUMNS)
+    rows = -(-count // columns)
+    figure = canvas((height if rows > 1 else 1.55 * height) * rows + 0.6)
+    grid = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for axes in grid[count:]:
+        axes.set_axis_off()
+    return figure, grid[:count]
+
+
+def line_options(look: Look) -> dict[str, object]:
+    """How a line of an agent looks."""
+    return {
+        "color": look.color, "linestyle": look.dashes, "marker": look.marker, "markersize": 4,
+        "markeredgewidth": 0, "linewidth": 1.6,
+    }  # fmt: skip
+
+
+def markers(count: int, agent: int, agents: int) -> tuple[int, int]:
+    """Where markers of a line with `count` points are, so that lines on each other show theirs."""
+    every = max(count // 5, 1)
+    return (agent * every // max(agents, 1), every)
+
+
+def name_agents(figure: Figure, looks: Mapping[str, Look], extra: tuple[Line2D, ...] = ()) -> None:
+    """One legend above the whole figure."""
+    handles = [Line2D([], [], label=name, **line_options(look)) for name, look in looks.items()]  # type: ignore[arg-type]
+    longest = max((len(name) for name in looks), default=0)
+    columns = max(1, min(len(handles) + len(extra), int(100 / (longest + 7))))
+    figure.legend(
+        handles=[*handles, *extra], loc="outside upper left", ncols=columns, columnspacing=1.5,
+        handlelength=2.2, handletextpad=0.6, borderaxespad=0.2,
+    )  # fmt: skip
+
+
+def gap_axis(axes: Axes, drawn: list[Float[np.ndarray, " K"]], floor: float) -> float:
+    """Make the vertical axis a logarithmic one for all gaps of `drawn`.
+
+    Returns:
+        What gaps at the floor are to be drawn as: the lower end, where a tick says so. Zero has no
+        place on a logarithm, and the floor itself may be decades below everything else.
+    """
+    values = np.concatenate([np.ravel(v) for v in drawn]) if drawn else np.array([1.0])
+    values = values[np.isfinite(values) & (values < HUGE)]
+    above = values[values > floor]
+    low, high = (above.min(), above.max()) if len(above) else (floor, 1.0)
+    axes.set_yscale("log")
+    floored = bool(len(values)) and bool((values <= floor).any())
+    decades = max(np.log10(high / low), 0.3)
+    bottom = float(low / 10 ** (0.18 * decades if floored else 0.05 * decades))
+    top = float(high * 10 ** (0.07 * decades))
+    axes.set_ylim(bottom, top)
+    ticks = list(_ticks(bottom if not floored else low, top))
+    labels = {bottom: f"≤{_power(floor)}"} if floored else {}
+    axes.yaxis.set_major_locator(FixedLocator([*labels, *ticks]))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: labels.get(v, _power(v))))
+    return bottom
+
+
+def _ticks(low: float, high: float) -> Iterator[float]:
+    """Up to five decades; within one or two of them, also 2 and 5 times the powers."""
+    subs = (1.0,) if high / low > 40 else (1.0, 2.0, 5.0)
+    for value in LogLocator(subs=subs, numticks=6).tick_values(low, high):
+        if low <= value <= high:
+            yield float(value)
+
+
+def _power(value: float) -> str:
+    if 0.009 < value < 1001:
+        return f"{value:g}"
+    mantissa, exponent = f"{value:.0e}".split("e")
+    times = "" if mantissa == "1" else rf"{mantissa}\cdot"
+    return rf"${times}10^{{{int(exponent)}}}$"
