@@ -53,6 +53,9 @@ def _missing(campaign: Campaign, regime: Regime, problem: str) -> Iterator[str]:
     absent = [a for a, seeds in there.items() if not seeds]
     if absent:
         yield f"{where}: not run with {', '.join(absent)}"
+    lacking: dict[tuple[int, ...], list[str]] = {}
     for agent, seeds in there.items():
-        if seeds and (lacking := sorted(expected - seeds)):
-            yield f"{where}: {agent} lacks {seeds_text(lacking)}"
+        if seeds and seeds != expected:
+            lacking.setdefault(tuple(sorted(expected - seeds)), []).append(agent)
+    for gone, agents in lacking.items():
+        yield f"{where}: no {seeds_text(gone)} of {', '.join(agents)}"

@@ -1,56 +1,19 @@
-"""In which order agents are named, and how each looks: the same in every figure."""
+"""In which order agents are named, everywhere."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable
 
-from prefcal_scenarios.report.style import BEST, FIRST, GOOD, OTHERS
-
-
-@dataclass(frozen=True, slots=True)
-class Look:
-    """Colour, marker and dashes of an agent; the marker tells it without colour too."""
-
-    color: str
-    marker: str
-    dashes: tuple[int, tuple[int, ...]] | str = "-"
-
-
-_DOTTED, _DASHED = (0, (1, 1)), (0, (4, 2))
-_KNOWN: Mapping[str, Look] = {
-    "GLISp": Look(BEST, "o"),
-    "GLISp.paper": Look("#56b4e9", "s"),
-    "GLIS": Look(OTHERS[0], "D"),
-    "PPO": Look(GOOD, "P"),
-    "SAC": Look("#c0609a", "X"),
-    "LatinHypercube": Look("#4b5563", "^", _DASHED),
-    "RandomSearch": Look(FIRST, "v", _DOTTED),
-}
-"""The project's own agents, in their order; dashed: they do not learn."""
-_SPARE = ("#8a4fb0", "#b88a00", "#7a2e04", "#00a3a3", "#e58fb5", "#94b000")
-_SPARE_MARKERS = ("<", ">", "p", "*", "h", "d")
+LEARNING = ("GLISp", "GLISp.paper", "GLIS", "PPO", "SAC")
+BLIND = ("LatinHypercube", "RandomSearch")
+"""The project's own agents: those that learn, and those that do not."""
 
 
 def in_order(agents: Iterable[str]) -> tuple[str, ...]:
     """The project's own learning agents first, then others by name, then the blind searches."""
-    names = list(_KNOWN)
-    blind = names.index("LatinHypercube")
 
-    def key(agent: str) -> tuple[int, str]:
-        place = names.index(agent) if agent in _KNOWN else blind
-        return (place + (agent in _KNOWN and place >= blind), agent)
+    def key(agent: str) -> tuple[int, int, str]:
+        for group, names in ((0, LEARNING), (2, BLIND)):
+            if agent in names:
+                return (group, names.index(agent), agent)
+        return (1, 0, agent)
 
     return tuple(sorted(set(agents), key=key))
-
-
-def looks(agents: Iterable[str]) -> dict[str, Look]:
-    """A look for each agent; one that is not ours gets the next free colour."""
-    found: dict[str, Look] = {}
-    spare = 0
-    for agent in in_order(agents):
-        if agent in _KNOWN:
-            found[agent] = _KNOWN[agent]
-            continue
-        turn, i = divmod(spare, len(_SPARE))
-        found[agent] = Look(_SPARE[i], _SPARE_MARKERS[i], _DASHED if turn % 2 else "-")
-        spare += 1
-    return found

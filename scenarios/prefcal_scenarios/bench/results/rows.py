@@ -4,6 +4,7 @@ import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import groupby
 from math import isfinite
 from typing import Any
 
@@ -47,7 +48,7 @@ class Row:
         questions: Median number of questions.
         seconds: Median of a proposal, over the cells where it was measured.
         against: The difference to the baseline; None for itself and without common seeds.
-        p_holm: Its p value after Holm's correction for all differences of the whole table.
+        p_holm: Its p value after Holm's correction for all agents compared on this problem.
     """
 
     regime: Regime
@@ -99,11 +100,11 @@ def rows_of(campaign: Campaign, choices: Choices) -> list[Row]:
         for agent in campaign.agents
     ]
     rows = [row for row in rows if row.seeds or row.failed]
-    tested = [i for i, row in enumerate(rows) if row.against is not None]
-    corrected = holm([d.p for row in rows if (d := row.against) is not None])
-    for i, p in zip(tested, corrected, strict=True):
-        rows[i] = replace(rows[i], p_holm=p)
-    return rows
+    return [
+        row
+        for _, group in groupby(rows, lambda row: (row.regime, row.problem))
+        for row in _corrected(list(group))
+    ]
 
 
 def table(
@@ -127,7 +128,12 @@ def table(
         SettingsError: an impossible option, or results that contradict each other.
     """
     choices = Choices(baseline, floor, average, seed)
-    return [_plain(row, choices) for row in rows_of(campaign_of(results), choices)]
+    return plain(rows_of(campaign_of(results), choices), choices)
+
+
+def plain(rows: Sequence[Row], choices: Choices) -> list[dict[str, Any]]:
+    """Rows as `table` gives them."""
+    return [_plain(row, choices) for row in rows]
 
 
 def as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -180,6 +186,15 @@ def _against(
         floor=choices.floor,
         average=choices.average,
     )
+
+
+def _corrected(rows: list[Row]) -> list[Row]:
+    """The rows of one problem, with p values corrected for the agents that are tested there."""
+    tested = [i for i, row in enumerate(rows) if row.against is not None]
+    corrected = holm([d.p for row in rows if (d := row.against) is not None])
+    for i, p in zip(tested, corrected, strict=True):
+        rows[i] = replace(rows[i], p_holm=p)
+    return rows
 
 
 def _plain(row: Row, choices: Choices) -> dict[str, Any]:

@@ -14,7 +14,9 @@ def short(value: float | None) -> str:
         return "–"
     if abs(value) >= HUGE:
         return "∞"
-    text = f"{value:.2g}" if not 100 <= abs(value) < 1e4 else f"{value:.0f}"
+    text = f"{value:.2g}"
+    if 100 <= abs(value) < 1e4:
+        text = f"{float(text):.0f}"
     return re.sub(r"e([-+])0*(\d+)", lambda m: f"e{m[1].replace('+', '')}{m[2]}", text)
 
 
@@ -78,6 +80,6 @@ def seeds_text(seeds: Sequence[int]) -> str:
     return f"seed{'s' * (len(seeds) != 1)} {', '.join(texts)}"
 
 
-def listed(names: Sequence[str]) -> str:
-    """Names as a list in a sentence."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+def finished(seeds: int, failed: int) -> str:
+    """How many seeds have finished, and of how many if some failed."""
+    return f"{seeds} of {seeds + failed}" if failed else str(seeds)

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
 
 from prefcal_scenarios.bench.results.campaign import HUGE
-from prefcal_scenarios.bench.results.order import Look
+from prefcal_scenarios.bench.results.figures.looks import Look
 from prefcal_scenarios.report.style import canvas
 
 _COLUMNS = 3

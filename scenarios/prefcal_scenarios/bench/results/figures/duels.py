@@ -1,7 +1,6 @@
 """Figure: who is preferred to whom, where there is no cost."""
 
 from collections.abc import Sequence
-from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,6 +17,8 @@ DUEL = LinearSegmentedColormap.from_list(
     "duel", ["#b54f06", "#f0ab7a", "#f6f7f9", "#9cc3ea", "#0a5bad"]
 )
 """From always losing (orange) to always winning (blue)."""
+_LEVEL = 4
+"""Columns whose names have room beside each other."""
 
 
 def heat_map(tallies: Sequence[Tally]) -> Figure:
@@ -39,8 +40,11 @@ def heat_map(tallies: Sequence[Tally]) -> Figure:
     for t in tallies:
         _write(axes, t, *places[t.agent, t.rival])
     axes.set_yticks(range(len(agents)), agents, color=INK, fontsize=9.5)
-    axes.set_xticks(range(len(rivals)), [fill(r, 13) for r in rivals], color=INK)
     axes.xaxis.tick_top()
+    axes.set_xticks(range(len(rivals)), rivals, color=INK, fontsize=9.5)
+    if len(rivals) > _LEVEL:
+        for label in axes.get_xticklabels():
+            label.set(rotation=24, ha="left", rotation_mode="anchor")
     axes.grid(False)
     axes.spines[:].set_visible(False)
     for line in np.arange(0.5, len(rivals) - 1):
@@ -54,7 +58,7 @@ def heat_map(tallies: Sequence[Tally]) -> Figure:
 
 
 def _write(axes: Axes, t: Tally, y: int, x: int) -> None:
-    color = "white" if abs(t.net) > 0.6 else INK
+    color = "white" if abs(t.net) > 0.85 else INK
     axes.text(x, y - 0.02, percent(t.share), ha="center", va="bottom", color=color, fontsize=10)
     axes.text(x, y + 0.08, f"{t.wins}–{t.ties}–{t.losses}", ha="center", va="top", color=color,
               fontsize=7.5, alpha=0.85)  # fmt: skip

@@ -18,11 +18,13 @@ from prefcal_scenarios.bench.results.figures.axes import (
     name_agents,
     panels,
 )
-from prefcal_scenarios.bench.results.order import Look
+from prefcal_scenarios.bench.results.figures.looks import Look
 from prefcal_scenarios.bench.results.statistics import FLOOR
 from prefcal_scenarios.bench.results.words import problem_name
 from prefcal_scenarios.report.style import GRID
 
+_FEW = 3
+"""Agents whose bands can lie on each other and be seen."""
 _Bands = dict[str, Float[np.ndarray, "3 K"]]
 _SEES_VALUES = Line2D([], [], color="#5d6874", linewidth=1.2, linestyle=(0, (6, 2, 1, 2)),
                       label="median at the end, of an agent that sees values")  # fmt: skip
@@ -31,7 +33,10 @@ _SEES_VALUES = Line2D([], [], color="#5d6874", linewidth=1.2, linestyle=(0, (6, 
 def against_experiments(
     campaign: Campaign, regime: Regime, looks: Mapping[str, Look], floor: float = FLOOR
 ) -> Figure:
-    """One panel for each problem: median over the seeds as a line, quartiles as a band."""
+    """One panel for each problem: median over the seeds as a line, quartiles as a band.
+
+    To the right of each panel, the quartiles at the end beside each other.
+    """
     shown = _problems(campaign, regime)
     figure, grid = panels(len(shown))
     start = Line2D([], [], color="#e1e6eb", linewidth=7, label="initial samples")
@@ -39,13 +44,12 @@ def against_experiments(
     name_agents(figure, present, (start,))
     for axes, problem in zip(grid, shown, strict=True):
         bands = {
-            a: _quartiles([curve(r) for r in runs.values()])
+            a: _quartiles([curve(r) for r in found.values()])
             for a in present
-            if (runs := campaign.runs(regime, problem, a))
+            if (found := campaign.runs(regime, problem, a))
         }
         axes.axvspan(0, regime.n_init + 0.5, color="#eef1f4", linewidth=0, zorder=0)
         _lines(axes, bands, 1, present, floor)
-        axes.set_xlim(0.5, regime.n_max + 0.5)
         axes.set_title(problem_name(campaign, problem))
     _label(figure, grid, "experiments")
     return figure
@@ -66,7 +70,7 @@ def against_questions(
         bands, ends = {}, {}
         for agent in present:
             runs = list(campaign.runs(regime, problem, agent).values())
-            if runs and max(r.questions[-1] for r in runs):
+            if max((r.questions[-1] for r in runs), default=0):
                 bands[agent] = _quartiles(_by_questions(runs))
             elif runs:
                 ends[agent] = np.array([np.median([curve(r)[-1] for r in runs])])
@@ -77,7 +81,6 @@ def against_questions(
                 linestyle=_SEES_VALUES.get_linestyle(), label=agent,
             )  # fmt: skip
         silent = silent or bool(ends)
-        axes.set_xlim(left=0)
         axes.set_title(problem_name(campaign, problem))
     name_agents(figure, present, (_SEES_VALUES,) if silent else ())
     _label(figure, grid, "questions")
@@ -97,7 +100,7 @@ def _present(
 
 
 def _quartiles(curves: Sequence[Float[np.ndarray, " K"]]) -> Float[np.ndarray, "3 K"]:
-    return np.quantile(np.array(curves), [0.25, 0.5, 0.75], axis=0)
+    return np.asarray(np.quantile(np.array(curves), [0.25, 0.5, 0.75], axis=0))
 
 
 def _by_questions(runs: Sequence[Result]) -> list[Float[np.ndarray, " K"]]:
@@ -120,24 +123,33 @@ def _lines(
 ) -> float:
     """Draw the bands over start, start + 1, ...; give what the floor was drawn as."""
     bottom = gap_axis(axes, [*bands.values(), *others], floor)
+    last = start + max((band.shape[1] for band in bands.values()), default=1) - 1
+    step = 0.028 * (last - start + 1)
+    alpha = 0.14 if len(looks) <= _FEW else 0.07  # many bands on each other are mud
     for i, agent in reversed(list(enumerate(looks))):  # the first agent lies on top
         if agent not in bands:
             continue
         seen = np.where(bands[agent] <= floor, bottom, bands[agent])
         low, median, high = np.where(seen < HUGE, seen, np.nan)
-        x = np.arange(start, start + len(median))
-        axes.fill_between(x, low, high, color=looks[agent].color, alpha=0.13, linewidth=0)
+        x, look = np.arange(start, start + len(median)), looks[agent]
+        axes.fill_between(x, low, high, color=look.color, alpha=alpha, linewidth=0)
         axes.plot(
             x, median, label=agent, markevery=markers(len(x), i, len(looks)),
-            **line_options(looks[agent]),  # type: ignore[arg-type]
+            **line_options(look),  # type: ignore[arg-type]
         )  # fmt: skip
+        end = last + (i + 1.5) * step
+        axes.vlines(end, low[-1], high[-1], color=look.color, linewidth=1.8, clip_on=False)
+        axes.plot(end, median[-1], look.marker, color=look.color, markersize=4.5,
+                  markeredgewidth=0, clip_on=False)  # fmt: skip
+    axes.axvline(last + 0.5 * step, color=GRID, linewidth=0.8, zorder=0)
+    axes.set_xlim(start - 0.5, last + (len(looks) + 1) * step)
+    axes.set_xticks([t for t in MaxNLocator(5, integer=True).tick_values(start, last)
+                     if start <= t <= last])  # fmt: skip
     return bottom
 
 
 def _label(figure: Figure, grid: Sequence[Axes], what: str) -> None:
     for axes in grid:
-        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-        axes.grid(True, axis="y", color=GRID)
         axes.grid(False, axis="x")
     figure.supxlabel(what, fontsize=9.5)
     figure.supylabel("gap of what the agent would return", fontsize=9.5)

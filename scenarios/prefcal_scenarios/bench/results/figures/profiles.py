@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from prefcal_scenarios.bench.results.figures.axes import line_options, markers, name_agents, panels
-from prefcal_scenarios.bench.results.order import Look
+from prefcal_scenarios.bench.results.figures.looks import Look
 from prefcal_scenarios.bench.results.profiles import Profiles
 
 

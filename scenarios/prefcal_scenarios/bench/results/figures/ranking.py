@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from prefcal_scenarios.bench.results.order import Look
+from prefcal_scenarios.bench.results.figures.looks import Look
 from prefcal_scenarios.bench.results.ranking import Ranking
 from prefcal_scenarios.report.style import FAINT, INK, canvas
 
@@ -25,7 +25,7 @@ def ranking(found: Ranking, looks: Mapping[str, Look]) -> Figure:
     for y, (agent, average) in enumerate(zip(found.agents, found.average, strict=True)):
         look = looks[agent]
         ranks, counts = np.unique(found.ranks[:, y], return_counts=True)
-        axes.scatter(ranks, np.full(len(ranks), y), s=14 * counts, color=look.color, alpha=0.22,
+        axes.scatter(ranks, np.full(len(ranks), y), s=14 * counts, color=look.color, alpha=0.35,
                      linewidth=0, zorder=2)  # fmt: skip
         axes.plot([average - half, average + half], [y, y], color=look.color, linewidth=3,
                   solid_capstyle="butt", zorder=3)  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from prefcal_scenarios.bench.results.order import Look
+from prefcal_scenarios.bench.results.figures.looks import Look
 from prefcal_scenarios.report.style import INK, canvas
 
 _LEAST = 1e-7
@@ -35,7 +35,10 @@ def seconds(measured: Mapping[str, Sequence[float]], looks: Mapping[str, Look]) 
         axes.annotate(_time(float(median)), (1.01, y), xycoords=axes.get_yaxis_transform(),
                       va="center", color=INK)  # fmt: skip
     axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(numticks=10))
+    low, high = axes.get_xlim()
+    axes.set_xlim(low / 1.3, high * 1.3)  # so that there is a tick, however narrow the range
+    subs = (1.0,) if high / low > 1e3 else (1.0, 2.0, 5.0)
+    axes.xaxis.set_major_locator(LogLocator(subs=subs, numticks=12))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda v, _: _time(v)))
     axes.set_yticks(range(len(agents)), agents, color=INK, fontsize=9.5)
