@@ -42,9 +42,9 @@ def profiles_caption(found: Profiles) -> str:
     """What data profiles show."""
     return (
         f"Share of the {found.instances} pairs of problem and seed "
-        f"(problems: {found.problems}) in which the gap of what the agent would return has fallen to that part of the initial "
-        "gap: the median gap of a first θ on that problem, one number for all agents. A failed "
-        "study is not solved."
+        f"(problems: {found.problems}) in which the gap of what the agent would return has fallen "
+        "to that part of the initial gap: the median gap of a first θ on that problem, one number for all "
+        "agents. A failed study is not solved."
     )
 
 

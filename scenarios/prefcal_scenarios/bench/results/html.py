@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from html import escape
 
 from prefcal_scenarios.bench.results import tables
+from prefcal_scenarios.bench.results.campaign import Regime
 from prefcal_scenarios.bench.results.missing import beaten, failures, missing
 from prefcal_scenarios.bench.results.pictures import Material, Shown, standings
 from prefcal_scenarios.bench.results.rows import Choices
@@ -38,8 +39,7 @@ def _body(
         drawn = image(picture.title, "png", picture.content, picture.alt)
         table = tables.duels(picture.tallies) if picture.tallies else ""
         yield section(picture.title, f"<figure>\n{drawn}\n{caption}\n</figure>\n{table}")
-    if material.rows:
-        yield section("All numbers", tables.numbers(material.campaign, material.rows, choices))
+    yield from _numbers(material, choices)
     if lost:
         yield section("Failed cells", tables.failed(lost))
     if absent:
@@ -77,12 +77,26 @@ def _count(number: int, one: str, more: str = "") -> str:
 
 def _overviews(material: Material, choices: Choices) -> Iterator[str]:
     campaign = material.campaign
-    regimes = [regime for regime in campaign.regimes if material.rows_of(regime)]
-    for regime in regimes:
-        end = f" ({regime_name(regime, campaign.regimes)})" if len(regimes) > 1 else ""
-        yield section(
-            f"Median gaps{end}", tables.overview(campaign, material.rows, regime, choices)
-        )
+    for regime, end in _ends(material):
+        content = tables.overview(campaign, material.rows, regime, choices)
+        yield section(f"Median gaps{end}", content)
+
+
+def _numbers(material: Material, choices: Choices) -> Iterator[str]:
+    for regime, end in _ends(material):
+        rows = [
+            row
+            for row in material.rows
+            if row.regime == regime and (row.gap is not None or row.failed)
+        ]
+        yield section(f"All numbers{end}", tables.numbers(rows, choices))
+
+
+def _ends(material: Material) -> list[tuple[Regime, str]]:
+    """The regimes that have gaps, and what their headings end with, if there are several."""
+    regimes = material.campaign.regimes
+    found = [regime for regime in regimes if material.rows_of(regime)]
+    return [(r, f" ({regime_name(r, regimes)})" if len(found) > 1 else "") for r in found]
 
 
 def _absent(material: Material, choices: Choices, origin: Origin) -> list[str]:

@@ -46,7 +46,8 @@ def overview(campaign: Campaign, rows: Sequence[Row], regime: Regime, choices: C
     caption = (
         f"Median gap after {regime.n_max} experiments, {regime_name(regime, campaign.regimes)}; "
         "the lowest is tinted. ▲ significantly nearer, ▼ significantly farther than "
-        f"{choices.baseline} (Wilcoxon, 5 % after Holm's correction for the agents on that problem)."
+        f"{choices.baseline} (Wilcoxon, 5 % after Holm's correction for the agents "
+        "on that problem)."
     )
     return _table("Median gaps", caption, head, lines, tall=False)
 
@@ -63,16 +64,15 @@ def _mark(row: Row | None, choices: Choices) -> str:
     return f' <span class="{kind}" title="{escape(title)}">{sign}</span>'
 
 
-def numbers(campaign: Campaign, rows: Sequence[Row], choices: Choices) -> str:
-    """All rows with all that is known of them."""
+def numbers(rows: Sequence[Row], choices: Choices) -> str:
+    """All that is known of the rows of one regime."""
+    timed = any(row.seconds is not None for row in rows)
     names = (
-        "problem", "calibrator", "agent", "seeds", "median gap", "quartiles", "best visited",
-        "questions", f"× {choices.baseline} (95 %)", "won–tied–lost", "p", "s per proposal",
+        "problem", "agent", "seeds", "median gap", "quartiles", "best visited", "questions",
+        f"× {choices.baseline} (95 %)", "won–tied–lost", "p", *(("s/proposal",) if timed else ()),
     )  # fmt: skip
-    budgets = len({(r.n_init, r.n_max) for r in campaign.regimes}) > 1
     head = "".join(
-        f'<th{_words(name in ("calibrator", "agent"))} scope="col">{escape(name)}</th>'
-        for name in names
+        f'<th{_words(name == "agent")} scope="col">{escape(name)}</th>' for name in names
     )
     caption = (
         f"× {choices.baseline}: {choices.average} over the seeds of the ratio of both gaps, "
@@ -80,21 +80,21 @@ def numbers(campaign: Campaign, rows: Sequence[Row], choices: Choices) -> str:
         "agent is nearer. p: Wilcoxon signed-rank test, two-sided, after Holm's correction for the "
         "agents on that problem. Failed seeds have no gap. Full precision in table.csv."
     )
-    lines = ["".join(_number_cells(row, budgets)) for row in rows]
+    lines = ["".join(_number_cells(row, timed)) for row in rows]
     return _table("All numbers", caption, head, lines)
 
 
-def _number_cells(row: Row, budgets: bool) -> Iterator[str]:
-    budget = f", {row.regime.n_max} exp." if budgets else ""
+def _number_cells(row: Row, timed: bool) -> Iterator[str]:
     yield f'<tr><th scope="row">{escape(row.problem)}</th>'
-    yield f'<td class="words">{escape(row.regime.calibrator)}{budget}</td>'
     yield f'<td class="words">{escape(row.agent)}</td>'
     for text in (
         finished(row.seeds, len(row.failed)), short(row.gap.median if row.gap else None),
         spread(row.gap), short(row.visited), short(row.questions), ratio(row.against),
-        score(row.against), probability(row.p_holm), short(row.seconds),
+        score(row.against), probability(row.p_holm),
     ):  # fmt: skip
         yield f"<td>{text}</td>"
+    if timed:
+        yield f"<td>{short(row.seconds)}</td>"
     yield "</tr>"
 
 

@@ -30,7 +30,7 @@ from prefcal_scenarios.report.wording import printable
 _MOST = 5
 """Lines of what is missing or failed; the page has them all."""
 _WIDE = 110
-"""Columns of a terminal that has room for quartiles."""
+"""Columns of a terminal that has room for quartiles and p."""
 
 
 def print_table(
@@ -65,12 +65,12 @@ def print_table(
 def _table(title: str, caption: str, words: Sequence[str], numbers: Sequence[str]) -> Table:
     table = Table(
         title=_safe(title), title_justify="left", title_style="bold", box=SIMPLE_HEAD,
-        caption=_safe(caption), caption_justify="left", pad_edge=False,
+        caption=_safe(caption), caption_justify="left", pad_edge=False, collapse_padding=True,
     )  # fmt: skip
     for name in words:
-        table.add_column(name, overflow="fold")
-    for name in numbers:
-        table.add_column(_safe(name), justify="right", no_wrap=True)
+        table.add_column(_safe(name), no_wrap=True)
+    for name in numbers:  # intervals have a place to break at, names have none
+        table.add_column(_safe(name), justify="right")
     return table
 
 
@@ -85,7 +85,7 @@ def _gaps(
         "agents on that problem. w–t–l: seeds won, tied, lost.",
         ("problem", "agent"),
         ("seeds", "median gap", *(("quartiles",) if wide else ()), f"× {choices.baseline}",
-         "w–t–l", "p"),
+         "w–t–l", *(("p",) if wide else ())),
     )  # fmt: skip
     for problem, group in groupby(rows, lambda row: row.problem):
         members, name = list(group), problem
@@ -107,7 +107,8 @@ def _cells(row: Row, lowest: str, wide: bool) -> Iterator[str]:
         yield spread(row.gap)
     yield ratio(row.against)
     yield score(row.against)
-    yield f"[bold]{p}[/]" if row.p_holm is not None and row.p_holm < SIGNIFICANCE else p
+    if wide:
+        yield f"[bold]{p}[/]" if row.p_holm is not None and row.p_holm < SIGNIFICANCE else p
 
 
 def _duels(found: Sequence[Tally]) -> Table | str:
