@@ -43,8 +43,8 @@ def profiles_caption(found: Profiles) -> str:
     return (
         f"Share of the {found.instances} pairs of problem and seed "
         f"(problems: {found.problems}) in which the gap of what the agent would return has fallen "
-        "to that part of the initial gap: the median gap of a first θ on that problem, one number for all "
-        "agents. A failed study is not solved."
+        "to that part of the initial gap: the median gap of a first θ on that problem, one "
+        "number for all agents. A failed study is not solved."
     )
 
 

@@ -1,6 +1,7 @@
 """What the figures share: gap axes, panels, and lines that can be told apart."""
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -10,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
 
 from prefcal_scenarios.bench.results.campaign import HUGE
-from prefcal_scenarios.bench.results.figures.looks import Look
+from prefcal_scenarios.bench.results.figures.looks import Look, drawn
 from prefcal_scenarios.report.style import canvas
 
 _COLUMNS = 3
@@ -27,7 +28,7 @@ def panels(count: int, height: float = 1.75) -> tuple[Figure, list[Axes]]:
     return figure, grid[:count]
 
 
-def line_options(look: Look) -> dict[str, object]:
+def line_options(look: Look) -> dict[str, Any]:
     """How a line of an agent looks."""
     return {
         "color": look.color, "linestyle": look.dashes, "marker": look.marker, "markersize": 4,
@@ -43,7 +44,7 @@ def markers(count: int, agent: int, agents: int) -> tuple[int, int]:
 
 def name_agents(figure: Figure, looks: Mapping[str, Look], extra: tuple[Line2D, ...] = ()) -> None:
     """One legend above the whole figure."""
-    handles = [Line2D([], [], label=name, **line_options(look)) for name, look in looks.items()]  # type: ignore[arg-type]
+    handles = [Line2D([], [], label=drawn(a), **line_options(look)) for a, look in looks.items()]
     longest = max((len(name) for name in looks), default=0)
     columns = max(1, min(len(handles) + len(extra), int(100 / (longest + 7))))
     figure.legend(

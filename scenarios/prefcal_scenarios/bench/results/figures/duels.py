@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from prefcal_scenarios.bench.duels import PAPER
 from prefcal_scenarios.bench.results.duelling import Tally
+from prefcal_scenarios.bench.results.figures.looks import drawn
 from prefcal_scenarios.bench.results.order import in_order
 from prefcal_scenarios.bench.results.words import percent
 from prefcal_scenarios.report.style import INK, canvas
@@ -39,9 +40,9 @@ def heat_map(tallies: Sequence[Tally]) -> Figure:
     image = axes.imshow(net, cmap=DUEL, vmin=-1, vmax=1, aspect="auto")
     for t in tallies:
         _write(axes, t, *places[t.agent, t.rival])
-    axes.set_yticks(range(len(agents)), agents, color=INK, fontsize=9.5)
+    axes.set_yticks(range(len(agents)), [drawn(a) for a in agents], color=INK, fontsize=9.5)
     axes.xaxis.tick_top()
-    axes.set_xticks(range(len(rivals)), rivals, color=INK, fontsize=9.5)
+    axes.set_xticks(range(len(rivals)), [drawn(r) for r in rivals], color=INK, fontsize=9.5)
     if len(rivals) > _LEVEL:
         for label in axes.get_xticklabels():
             label.set(rotation=24, ha="left", rotation_mode="anchor")

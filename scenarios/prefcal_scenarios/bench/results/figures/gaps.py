@@ -18,7 +18,7 @@ from prefcal_scenarios.bench.results.figures.axes import (
     name_agents,
     panels,
 )
-from prefcal_scenarios.bench.results.figures.looks import Look
+from prefcal_scenarios.bench.results.figures.looks import Look, drawn
 from prefcal_scenarios.bench.results.statistics import FLOOR
 from prefcal_scenarios.bench.results.words import problem_name
 from prefcal_scenarios.report.style import GRID
@@ -50,7 +50,7 @@ def against_experiments(
         }
         axes.axvspan(0, regime.n_init + 0.5, color="#eef1f4", linewidth=0, zorder=0)
         _lines(axes, bands, 1, present, floor)
-        axes.set_title(problem_name(campaign, problem))
+        axes.set_title(drawn(problem_name(campaign, problem)))
     _label(figure, grid, "experiments")
     return figure
 
@@ -81,7 +81,7 @@ def against_questions(
                 linestyle=_SEES_VALUES.get_linestyle(), label=agent,
             )  # fmt: skip
         silent = silent or bool(ends)
-        axes.set_title(problem_name(campaign, problem))
+        axes.set_title(drawn(problem_name(campaign, problem)))
     name_agents(figure, present, (_SEES_VALUES,) if silent else ())
     _label(figure, grid, "questions")
     return figure
@@ -135,7 +135,7 @@ def _lines(
         axes.fill_between(x, low, high, color=look.color, alpha=alpha, linewidth=0)
         axes.plot(
             x, median, label=agent, markevery=markers(len(x), i, len(looks)),
-            **line_options(look),  # type: ignore[arg-type]
+            **line_options(look),
         )  # fmt: skip
         end = last + (i + 1.5) * step
         axes.vlines(end, low[-1], high[-1], color=look.color, linewidth=1.8, clip_on=False)

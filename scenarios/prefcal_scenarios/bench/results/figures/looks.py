@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from prefcal_scenarios.bench.results.order import in_order
 from prefcal_scenarios.report.style import BEST, FIRST, GOOD, OTHERS
+from prefcal_scenarios.report.wording import printable
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,12 @@ _KNOWN: Mapping[str, Look] = {
 """The project's own agents; dashed or dotted: they do not learn."""
 _SPARE = ("#8a4fb0", "#b88a00", "#7a2e04", "#00a3a3", "#e58fb5", "#94b000")
 _SPARE_MARKERS = ("<", ">", "p", "*", "h", "d")
+
+
+def drawn(name: str) -> str:
+    """A name as matplotlib draws it as it stands: no formula, and not hidden from a legend."""
+    text = printable(name).replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
 
 
 def looks(agents: Iterable[str]) -> dict[str, Look]:

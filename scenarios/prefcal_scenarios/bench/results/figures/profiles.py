@@ -21,7 +21,7 @@ def data_profiles(found: Profiles, looks: Mapping[str, Look]) -> Figure:
             axes.plot(
                 x, 100 * shares[agent], label=agent, drawstyle="steps-post",
                 markevery=markers(len(x), i, len(present)), clip_on=False,
-                **line_options(present[agent]),  # type: ignore[arg-type]
+                **line_options(present[agent]),
             )  # fmt: skip
         axes.set_ylim(0, 100)
         axes.set_xlim(0.5, found.regime.n_max + 0.5)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from prefcal_scenarios.bench.results.figures.looks import Look
+from prefcal_scenarios.bench.results.figures.looks import Look, drawn
 from prefcal_scenarios.bench.results.ranking import Ranking
 from prefcal_scenarios.report.style import FAINT, INK, canvas
 
@@ -33,7 +33,7 @@ def ranking(found: Ranking, looks: Mapping[str, Look]) -> Figure:
                   markeredgewidth=1.2, zorder=4)  # fmt: skip
         axes.annotate(f"{average:.2f}", (1.01, y), xycoords=axes.get_yaxis_transform(),
                       va="center", color=INK)  # fmt: skip
-    axes.set_yticks(range(count), found.agents, color=INK, fontsize=9.5)
+    axes.set_yticks(range(count), [drawn(a) for a in found.agents], color=INK, fontsize=9.5)
     axes.set_ylim(count - 0.4, -0.6)
     axes.set_xlim(min(0.8, best - half - 0.1), max(count + 0.2, found.average[-1] + half + 0.1))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=2, nbins=12))

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from prefcal_scenarios.bench.results.figures.looks import Look
+from prefcal_scenarios.bench.results.figures.looks import Look, drawn
 from prefcal_scenarios.report.style import INK, canvas
 
 _LEAST = 1e-7
@@ -41,7 +41,7 @@ def seconds(measured: Mapping[str, Sequence[float]], looks: Mapping[str, Look]) 
     axes.xaxis.set_major_locator(LogLocator(subs=subs, numticks=12))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda v, _: _time(v)))
-    axes.set_yticks(range(len(agents)), agents, color=INK, fontsize=9.5)
+    axes.set_yticks(range(len(agents)), [drawn(a) for a in agents], color=INK, fontsize=9.5)
     axes.set_ylim(len(agents) - 0.4, -0.6)
     axes.set_xlabel("time of a proposal")
     axes.grid(False, axis="y")
