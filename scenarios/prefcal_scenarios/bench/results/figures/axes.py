@@ -45,8 +45,10 @@ def markers(count: int, agent: int, agents: int) -> tuple[int, int]:
 def name_agents(figure: Figure, looks: Mapping[str, Look], extra: tuple[Line2D, ...] = ()) -> None:
     """One legend above the whole figure."""
     handles = [Line2D([], [], label=drawn(a), **line_options(look)) for a, look in looks.items()]
-    longest = max((len(name) for name in looks), default=0)
+    longest = max((len(str(handle.get_label())) for handle in (*handles, *extra)), default=0)
     columns = max(1, min(len(handles) + len(extra), int(100 / (longest + 7))))
+    rows = -(-(len(handles) + len(extra)) // columns)
+    figure.set_figheight(figure.get_figheight() + 0.19 * (rows - 1))
     figure.legend(
         handles=[*handles, *extra], loc="outside upper left", ncols=columns, columnspacing=1.5,
         handlelength=2.2, handletextpad=0.6, borderaxespad=0.2,

@@ -27,7 +27,7 @@ _FEW = 3
 """Agents whose bands can lie on each other and be seen."""
 _Bands = dict[str, Float[np.ndarray, "3 K"]]
 _SEES_VALUES = Line2D([], [], color="#5d6874", linewidth=1.2, linestyle=(0, (6, 2, 1, 2)),
-                      label="median at the end, of an agent that sees values")  # fmt: skip
+                      label="sees values: median at the end")  # fmt: skip
 
 
 def against_experiments(
@@ -152,4 +152,4 @@ def _label(figure: Figure, grid: Sequence[Axes], what: str) -> None:
     for axes in grid:
         axes.grid(False, axis="x")
     figure.supxlabel(what, fontsize=9.5)
-    figure.supylabel("gap of what the agent would return", fontsize=9.5)
+    figure.supylabel("gap of the returned θ", fontsize=9.5)

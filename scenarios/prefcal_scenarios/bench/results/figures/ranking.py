@@ -25,8 +25,10 @@ def ranking(found: Ranking, looks: Mapping[str, Look]) -> Figure:
     for y, (agent, average) in enumerate(zip(found.agents, found.average, strict=True)):
         look = looks[agent]
         ranks, counts = np.unique(found.ranks[:, y], return_counts=True)
-        axes.scatter(ranks, np.full(len(ranks), y), s=14 * counts, color=look.color, alpha=0.35,
-                     linewidth=0, zorder=2)  # fmt: skip
+        axes.scatter(
+            ranks, np.full(len(ranks), y), s=6 + 180 * counts / len(found.problems),
+            color=look.color, alpha=0.35, linewidth=0, zorder=2,
+        )  # fmt: skip
         axes.plot([average - half, average + half], [y, y], color=look.color, linewidth=3,
                   solid_capstyle="butt", zorder=3)  # fmt: skip
         axes.plot(average, y, look.marker, color=look.color, markersize=9, markeredgecolor="white",
