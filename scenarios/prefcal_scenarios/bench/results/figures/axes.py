@@ -1,6 +1,6 @@
 """What the figures share: gap axes, panels, and lines that can be told apart."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,18 +8,16 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from prefcal_scenarios.bench.results.campaign import HUGE
 from prefcal_scenarios.bench.results.figures.looks import Look, drawn
 from prefcal_scenarios.report.style import canvas
 
-_COLUMNS = 3
-
 
 def panels(count: int, height: float = 1.75) -> tuple[Figure, list[Axes]]:
     """A figure with `count` panels of `height` inches, up to three in a row."""
-    columns = min(count, _COLUMNS)
+    columns = 2 if count == 4 else min(count, 3)
     rows = -(-count // columns)
     figure = canvas((height if rows > 1 else 1.55 * height) * rows + 0.6)
     grid = list(figure.subplots(rows, columns, squeeze=False).flat)
@@ -55,7 +53,7 @@ def name_agents(figure: Figure, looks: Mapping[str, Look], extra: tuple[Line2D, 
     )  # fmt: skip
 
 
-def gap_axis(axes: Axes, drawn: list[Float[np.ndarray, " K"]], floor: float) -> float:
+def gap_axis(axes: Axes, drawn: list[Float[np.ndarray, "..."]], floor: float) -> float:
     """Make the vertical axis a logarithmic one for all gaps of `drawn`.
 
     Returns:
@@ -72,7 +70,7 @@ def gap_axis(axes: Axes, drawn: list[Float[np.ndarray, " K"]], floor: float) -> 
     bottom = float(low / 10 ** (0.18 * decades if floored else 0.05 * decades))
     top = float(high * 10 ** (0.07 * decades))
     axes.set_ylim(bottom, top)
-    ticks = list(_ticks(bottom if not floored else low, top))
+    ticks = _ticks(low if floored else bottom, top)
     labels = {bottom: f"≤{_power(floor)}"} if floored else {}
     axes.yaxis.set_major_locator(FixedLocator([*labels, *ticks]))
     axes.yaxis.set_minor_locator(NullLocator())
@@ -80,17 +78,19 @@ def gap_axis(axes: Axes, drawn: list[Float[np.ndarray, " K"]], floor: float) -> 
     return bottom
 
 
-def _ticks(low: float, high: float) -> Iterator[float]:
-    """Up to five decades; within one or two of them, also 2 and 5 times the powers."""
-    subs = (1.0,) if high / low > 40 else (1.0, 2.0, 5.0)
-    for value in LogLocator(subs=subs, numticks=6).tick_values(low, high):
-        if low <= value <= high:
-            yield float(value)
+def _ticks(low: float, high: float) -> list[float]:
+    """Powers of ten; where there are fewer than two, 2 and 5 times them too, or else any."""
+    locators = (LogLocator(numticks=6), LogLocator(subs=(1, 2, 5), numticks=6), MaxNLocator(4))
+    for locator in locators:
+        ticks = [float(v) for v in locator.tick_values(low, high) if low <= v <= high]
+        if len(ticks) > 1:
+            break
+    return ticks
 
 
 def _power(value: float) -> str:
     if 0.009 < value < 1001:
         return f"{value:g}"
-    mantissa, exponent = f"{value:.0e}".split("e")
+    mantissa, exponent = f"{value:.1e}".replace(".0e", "e").split("e")
     times = "" if mantissa == "1" else rf"{mantissa}\cdot"
     return rf"${times}10^{{{int(exponent)}}}$"

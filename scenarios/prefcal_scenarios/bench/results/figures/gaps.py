@@ -119,7 +119,7 @@ def _lines(
     start: int,
     looks: Mapping[str, Look],
     floor: float,
-    others: tuple[Float[np.ndarray, " K"], ...] = (),
+    others: tuple[Float[np.ndarray, " 1"], ...] = (),
 ) -> float:
     """Draw the bands over start, start + 1, ...; give what the floor was drawn as."""
     bottom = gap_axis(axes, [*bands.values(), *others], floor)
