@@ -1,0 +1,1 @@
+"""The benchmark: agents on problems, by preferences, and what came out of it."""
