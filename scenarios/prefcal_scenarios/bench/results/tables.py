@@ -49,7 +49,9 @@ def overview(campaign: Campaign, rows: Sequence[Row], regime: Regime, choices: C
         f"{choices.baseline} (Wilcoxon, 5 % after Holm's correction for the agents "
         "on that problem)."
     )
-    return _table("Median gaps", caption, head, lines, tall=False)
+    return _table(
+        f"Median gaps, {regime.calibrator} {regime.n_max}", caption, head, lines, tall=False
+    )
 
 
 def _mark(row: Row | None, choices: Choices) -> str:
@@ -64,7 +66,7 @@ def _mark(row: Row | None, choices: Choices) -> str:
     return f' <span class="{kind}" title="{escape(title)}">{sign}</span>'
 
 
-def numbers(rows: Sequence[Row], choices: Choices) -> str:
+def numbers(rows: Sequence[Row], choices: Choices, label: str) -> str:
     """All that is known of the rows of one regime."""
     timed = any(row.seconds is not None for row in rows)
     names = (
@@ -81,7 +83,7 @@ def numbers(rows: Sequence[Row], choices: Choices) -> str:
         "agents on that problem. Failed seeds have no gap. Full precision in table.csv."
     )
     lines = ["".join(_number_cells(row, timed)) for row in rows]
-    return _table("All numbers", caption, head, lines)
+    return _table(label, caption, head, lines)
 
 
 def _number_cells(row: Row, timed: bool) -> Iterator[str]:
@@ -115,7 +117,7 @@ def duels(tallies: Sequence[Tally]) -> str:
         f"<td>{t.wins}–{t.ties}–{t.losses}</td><td>{probability(t.p)}</td></tr>"
         for t in tallies
     ]
-    return _table("Duels", caption, head, lines)
+    return _table(f"Duels: {tallies[0].problem}, {tallies[0].calibrator}", caption, head, lines)
 
 
 def failed(cells: Sequence[tuple[str, str]]) -> str:
