@@ -45,16 +45,19 @@ class Answer:
             weight c_h of eq. QP-pref.
         marks: Marks on either side.
         outcomes: How the challenger's and the incumbent's experiments ended, where known.
+        value: The challenger's score, lower is better, which a value-based agent learns from in
+            place of a preference.
 
     Raises:
         PreferenceError: a preference other than -1, 0, 1 or None, a strength that is not
-            positive and finite, or something that is not a mark.
+            positive and finite, something that is not a mark, or a value that is not finite.
     """
 
     preference: Preference | None
     strength: float = 1
     marks: tuple[Mark, ...] = ()
     outcomes: tuple[End, End | None] | None = None
+    value: float | None = None
 
     def __post_init__(self) -> None:
         if self.preference is not None:
@@ -66,6 +69,8 @@ class Answer:
         for mark in self.marks:
             if not isinstance(mark, Mark):
                 raise PreferenceError(f"a mark must be one of {list(Mark)}, got {mark!r}")
+        if self.value is not None:
+            object.__setattr__(self, "value", _score(self.value))
 
     @classmethod
     def of(cls, answer: "Answer | Preference | int | None") -> "Answer":
@@ -76,15 +81,31 @@ class Answer:
         """
         return answer if isinstance(answer, cls) else cls(answer)  # type: ignore[arg-type]
 
+    @classmethod
+    def scored(cls, value: "Answer | float | None") -> "Answer":
+        """Return the score `value` as an Answer; None where an experiment has no score.
+
+        Raises:
+            PreferenceError: it is not a finite number, or an Answer that holds a preference.
+        """
+        answer = value if isinstance(value, cls) else cls(None, value=value)  # type: ignore[arg-type]
+        if answer.preference is not None:
+            raise PreferenceError(
+                f"a value-based agent is told a score, not a preference: got {answer}"
+            )
+        return answer
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; `from_dict` reads it back."""
         ends = self.outcomes
-        return {
+        plain = {
             "preference": None if self.preference is None else int(self.preference),
             "strength": float(self.strength),
             "marks": [mark.value for mark in self.marks],
             "outcomes": None if ends is None else [e.value if e else None for e in ends],
         }
+        # Absent where there is none: so the studies of before are read and written unchanged.
+        return plain if self.value is None else {**plain, "value": self.value}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Answer":
@@ -100,11 +121,21 @@ class Answer:
                 challenger, incumbent = ends
                 outcomes = (End(challenger), None if incumbent is None else End(incumbent))
             marks = tuple(Mark(value) for value in data["marks"])
-            return cls(data["preference"], data["strength"], marks, outcomes)
+            value = data.get("value")
+            return cls(data["preference"], data["strength"], marks, outcomes, value)
         except (KeyError, TypeError, ValueError) as error:
             raise PreferenceError(
                 f"an answer cannot be read: {type(error).__name__} {error}"
             ) from error
+
+
+def _score(value: Any) -> float:
+    numbers = (int, float, np.integer, np.floating)
+    if isinstance(value, numbers) and not isinstance(value, bool) and np.isfinite(value):
+        return float(value)
+    raise PreferenceError(
+        f"a score must be a finite number, or None where there is none, got {value!r}"
+    )
 
 
 def _preference(value: Any) -> Preference:

@@ -1,5 +1,7 @@
 """Agents: they propose θ and learn from preferences."""
 
+from .glis import GLIS as GLIS
+from .glis_settings import GLISSettings as GLISSettings
 from .glisp import GLISp as GLISp
 from .latin_hypercube import LatinHypercube as LatinHypercube
 from .minimize import Minimum as Minimum

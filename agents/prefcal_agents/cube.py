@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 from jaxtyping import Bool, Float
 
-from prefcal_env.errors import ProtocolError
+from prefcal_env.errors import KnobError, ProtocolError
 from prefcal_env.knobs import KnobSpace
 
 from .ledger import Ledger
@@ -34,6 +34,17 @@ def snap_all(space: KnobSpace, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray,
             value = np.floor(knob.low + width * snapped[:, k] + 0.5)
             snapped[:, k] = (np.clip(value, knob.low, knob.high) - knob.low) / width
     return snapped
+
+
+def encode_all(space: KnobSpace, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
+    """Points of the cube of many physical θ, shape (m, n).
+
+    Raises:
+        KnobError: `thetas` has another shape or leaves the box.
+    """
+    if np.ndim(thetas) != 2:
+        raise KnobError(f"thetas must have shape (m, {len(space)}), got {np.shape(thetas)}")
+    return np.array([space.encode(theta) for theta in thetas]).reshape(-1, len(space))
 
 
 def latin_hypercube(space: KnobSpace, count: int, seed: int) -> Float[np.ndarray, "N n"]:

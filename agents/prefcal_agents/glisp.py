@@ -6,15 +6,16 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import KnobError, SettingsError
+from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.qp import make_backend
 
 from .checks import integer
+from .cube import encode_all
 from .proposal import Strategy
 from .settings import GLISpSettings
 from .state import AgentState
-from .turn_taking import TurnTaking
+from .turn_taking import PreferenceBased
 from .turns import Turns
 
 VERSION = 1
@@ -22,7 +23,7 @@ VERSION = 1
 
 
 @final
-class GLISp(TurnTaking):
+class GLISp(PreferenceBased):
     """Active preference learning: asks for the experiment that promises or teaches most.
 
     The first `n_init` samples are a Latin hypercube. Then Ĵ is learned from all preferences
@@ -123,11 +124,7 @@ class GLISp(TurnTaking):
         Raises:
             KnobError: `thetas` has another shape or leaves the box.
         """
-        if np.ndim(thetas) != 2:
-            raise KnobError(
-                f"thetas must have shape (m, {len(self.space)}), got {np.shape(thetas)}"
-            )
-        z = np.array([self.space.encode(theta) for theta in thetas]).reshape(-1, len(self.space))
+        z = encode_all(self.space, thetas)
         preferences = self._turns.ledger.preferences()
         if len(preferences) == 0:
             return np.zeros(len(z))

@@ -11,7 +11,7 @@ from .checks import integer
 from .cube import Tried, latin_hypercube
 from .ledger import Ledger
 from .state import AgentState
-from .turn_taking import TurnTaking
+from .turn_taking import PreferenceBased
 from .turns import Turns
 
 VERSION = 1
@@ -19,7 +19,7 @@ VERSION = 1
 
 
 @final
-class LatinHypercube(TurnTaking):
+class LatinHypercube(PreferenceBased):
     """All `n_max` samples are one Latin hypercube, drawn from `seed` alone.
 
     Args:

@@ -16,8 +16,8 @@ from prefcal_env.preference import Answer, Preference
 class Comparison:
     """One closed query: sample number `challenger` against sample number `incumbent`.
 
-    The incumbent is None for sample 0, which has nothing to be compared with. A retracted
-    answer stays on record and teaches nothing.
+    The incumbent is None for sample 0, which has nothing to be compared with, and wherever a
+    score was told. A retracted answer stays on record and teaches nothing.
     """
 
     challenger: int
@@ -31,6 +31,11 @@ class Comparison:
         return (
             self.incumbent is not None and not self.retracted and self.answer.preference is not None
         )
+
+    @property
+    def value(self) -> float | None:
+        """The score of its sample, if there is one that stands."""
+        return None if self.retracted else self.answer.value
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +90,13 @@ class Ledger:
 
     @property
     def incumbent(self) -> int | None:
-        """Index of the winner along the remaining answers; None before the first one."""
+        """Index of the winner along the remaining answers; None before the first one.
+
+        Where scores were told, the first sample with the lowest.
+        """
+        scored, values = self.scores()
+        if len(scored):
+            return int(scored[np.argmin(values)])
         winner = 0 if self.comparisons else None
         for comparison in self.comparisons:
             won = comparison.answer.preference is Preference.CHALLENGER
@@ -110,6 +121,14 @@ class Ledger:
             weights=np.array([c.answer.strength for c in lessons], dtype=float),
         )
 
+    def scores(self) -> tuple[Int[np.ndarray, " K"], Float[np.ndarray, " K"]]:
+        """Indices of the samples whose score stands, and the scores, both of shape (K,)."""
+        known = [(c.challenger, c.value) for c in self.comparisons if c.value is not None]
+        return (
+            np.array([index for index, _ in known], dtype=np.int64),
+            np.array([value for _, value in known], dtype=float),
+        )
+
     def until(self, count: int) -> "Ledger":
         """The first `count` samples and their answers."""
         return Ledger(self.samples[:count], self.comparisons[:count])
@@ -118,9 +137,9 @@ class Ledger:
         """Store `z`, shape (n,), as the sample of the open query."""
         return replace(self, samples=(*self.samples[: self.answered], tuple(map(float, z))))
 
-    def told(self, answer: Answer) -> "Ledger":
-        """Close the open query, whose sample must be stored."""
-        closed = Comparison(self.answered, self.incumbent, answer)
+    def told(self, answer: Answer, incumbent: int | None) -> "Ledger":
+        """Close the open query, in which `incumbent` was met; its sample must be stored."""
+        closed = Comparison(self.answered, incumbent, answer)
         return replace(self, comparisons=(*self.comparisons, closed))
 
     def undone(self) -> "Ledger":

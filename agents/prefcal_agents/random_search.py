@@ -11,7 +11,7 @@ from .checks import integer
 from .cube import Tried
 from .ledger import Ledger
 from .state import AgentState
-from .turn_taking import TurnTaking
+from .turn_taking import PreferenceBased
 from .turns import Turns
 
 VERSION = 1
@@ -19,7 +19,7 @@ VERSION = 1
 
 
 @final
-class RandomSearch(TurnTaking):
+class RandomSearch(PreferenceBased):
     """Sample i is uniform in the cube and depends on `(seed, i)` alone.
 
     Args:

@@ -6,20 +6,21 @@ from types import MappingProxyType
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import KnobSpace
 
+from .glis import GLIS
 from .glisp import GLISp
 from .latin_hypercube import LatinHypercube
 from .random_search import RandomSearch
 from .state import AgentState
 
-PreferenceAgent = GLISp | RandomSearch | LatinHypercube
+AnyAgent = GLIS | GLISp | LatinHypercube | RandomSearch
 
-AGENTS: Mapping[str, type[PreferenceAgent]] = MappingProxyType(
-    {"GLISp": GLISp, "RandomSearch": RandomSearch, "LatinHypercube": LatinHypercube}
+AGENTS: Mapping[str, type[AnyAgent]] = MappingProxyType(
+    {"GLIS": GLIS, "GLISp": GLISp, "RandomSearch": RandomSearch, "LatinHypercube": LatinHypercube}
 )
 """The agents by the name that their state bears."""
 
 
-def restore(space: KnobSpace, state: AgentState) -> PreferenceAgent:
+def restore(space: KnobSpace, state: AgentState) -> AnyAgent:
     """Make the agent that `state` was taken from; its next query is identical.
 
     An older algorithm's state is taken as it is: its samples stay, and the present algorithm

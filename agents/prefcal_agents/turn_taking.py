@@ -12,7 +12,7 @@ from .turns import Turns
 
 
 class TurnTaking(Protocol):
-    """What every agent here offers; it brings a `Turns`, and overrides nothing."""
+    """What every agent here offers beside `tell`; it brings a `Turns`, and overrides nothing."""
 
     _turns: Turns
 
@@ -30,6 +30,11 @@ class TurnTaking(Protocol):
     def n_max(self) -> int:
         """Experiments until the end; fewer than asked for if the space holds fewer θ."""
         return self._turns.n_max
+
+    @property
+    def by_value(self) -> bool:
+        """Whether it is told scores; else preferences."""
+        return self._turns.by_value
 
     @property
     def done(self) -> bool:
@@ -50,15 +55,6 @@ class TurnTaking(Protocol):
         """Return the open query, the same until told. Raises ProtocolError when done."""
         return self._turns.ask()
 
-    def tell(self, query: Query, answer: Answer | Preference | int | None) -> None:
-        """Close `query`.
-
-        Raises:
-            ProtocolError: it is not the open one.
-            PreferenceError: `answer` is none of -1, 0, 1, None (can't tell) and an Answer.
-        """
-        self._turns.tell(query, answer)
-
     def undo(self) -> None:
         """Take the last answer back and open its query again. Raises ProtocolError if none."""
         self._turns.undo()
@@ -70,3 +66,29 @@ class TurnTaking(Protocol):
             ProtocolError: there is no such answer, or it is retracted already.
         """
         self._turns.retract(index)
+
+
+class PreferenceBased(TurnTaking, Protocol):
+    """An agent that learns from preferences."""
+
+    def tell(self, query: Query, answer: Answer | Preference | int | None) -> None:
+        """Close `query`.
+
+        Raises:
+            ProtocolError: it is not the open one.
+            PreferenceError: `answer` is none of -1, 0, 1, None (can't tell) and an Answer.
+        """
+        self._turns.tell(query, answer)
+
+
+class ValueBased(TurnTaking, Protocol):
+    """An agent that sees the score of every experiment: its queries have no incumbent."""
+
+    def tell(self, query: Query, value: Answer | float | None) -> None:
+        """Close `query` by the score of its experiment, lower is better; None if it has none.
+
+        Raises:
+            ProtocolError: it is not the open one.
+            PreferenceError: `value` is not finite, or holds a preference.
+        """
+        self._turns.tell(query, value)

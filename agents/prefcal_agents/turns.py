@@ -35,12 +35,21 @@ class Turns:
         n_init: Samples of the space-filling start, 1 or more.
         n_max: Experiments asked for, not below `n_init`.
         propose: Cube point, shape (n,), of the next sample, from the ledger.
+        by_value: Whether scores are told: then no query has an incumbent.
 
     Raises:
         SettingsError: an impossible count.
     """
 
-    def __init__(self, space: KnobSpace, n_init: int, n_max: int, propose: Propose) -> None:
+    def __init__(
+        self,
+        space: KnobSpace,
+        n_init: int,
+        n_max: int,
+        propose: Propose,
+        *,
+        by_value: bool = False,
+    ) -> None:
         if not isinstance(space, KnobSpace):
             raise SettingsError(f"space must be a KnobSpace, got {space!r}")
         integer("n_init", n_init, low=1)
@@ -48,7 +57,7 @@ class Turns:
         if n_max < n_init:
             raise SettingsError(f"n_max must not be below n_init, got {n_max} below {n_init}")
         self.space, self.n_init, self._asked_for = space, int(n_init), int(n_max)
-        self._propose = propose
+        self._propose, self.by_value = propose, by_value
         self.ledger = Ledger()
 
     @property
@@ -76,20 +85,24 @@ class Turns:
                 why = f"every one of the {self.n_max} θ of the space has been tried"
             raise ProtocolError(f"there is no open query: {why}")
         self.settle()
-        incumbent = self.ledger.incumbent
+        challenger, incumbent = self.ledger.answered, self._rival
         return Query(
-            Suggestion(self.ledger.answered, self._theta(self.ledger.answered)),
+            Suggestion(challenger, self._theta(challenger)),
             None if incumbent is None else Suggestion(incumbent, self._theta(incumbent)),
         )
 
-    def tell(self, query: Query, answer: Answer | Preference | int | None) -> None:
-        """Close `query`; a bare -1, 0, 1 or None is accepted as an answer."""
-        given = Answer.of(answer)
+    @property
+    def _rival(self) -> int | None:
+        return None if self.by_value else self.ledger.incumbent
+
+    def tell(self, query: Query, answer: Answer | Preference | float | None) -> None:
+        """Close `query` by an answer: a bare -1, 0, 1 or None, or a score where those are told."""
+        given = Answer.scored(answer) if self.by_value else Answer.of(answer)  # type: ignore[arg-type]
         if self.done:
             raise ProtocolError(f"told {query}, but all {self.n_max} experiments are answered")
         if query != self.ask():
             raise ProtocolError(f"told {query}, but the open query is {self.ask()}")
-        self.ledger = self.ledger.told(given)
+        self.ledger = self.ledger.told(given, self._rival)
 
     def undo(self) -> None:
         """Take the last answer back."""
@@ -137,7 +150,8 @@ class Turns:
             )
         for h, comparison in enumerate(ledger.comparisons):
             rival = comparison.incumbent
-            if (rival is None) != (h == 0) or (rival is not None and not 0 <= rival < h):
+            alone = h == 0 or self.by_value
+            if (rival is None) != alone or (rival is not None and not 0 <= rival < h):
                 raise SettingsError(f"answer {h} of a state cannot be against sample {rival}")
         for index in range(stored):
             try:

@@ -60,7 +60,10 @@ class Shown:
 
 @dataclass(frozen=True, slots=True)
 class Answered:
-    """The open question is closed; `question` and `incumbent` are None for the first experiment."""
+    """The open question is closed; `question` and `incumbent` are None for the first experiment.
+
+    Where a score was told instead, no question was on show: `question` alone is None.
+    """
 
     question: int | None
     challenger: int

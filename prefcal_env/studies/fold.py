@@ -174,7 +174,8 @@ def _shown(state: State, seq: int, challenger: int, incumbent: int) -> None:
 
 
 def _answered(state: State, seq: int, at: str, event: Answered) -> State:
-    first = event.question is None
+    scored = event.question is None and event.incumbent is not None
+    first = event.question is None and not scored
     shown = None if state.open is None or state.open[0] != event.question else state.open[1]
     pair = None if shown is None else (shown.challenger, shown.incumbent)
     if first:
@@ -183,6 +184,9 @@ def _answered(state: State, seq: int, at: str, event: Answered) -> State:
             "only the first experiment is compared with nothing",
         )  # fmt: skip
         _require(0 in state.finished, seq, "there is no experiment of sample 0")
+    elif scored:
+        for index in (event.challenger, event.incumbent):
+            _require(index in state.finished, seq, f"there is no experiment of sample {index}")
     else:
         _require(
             pair == (event.challenger, event.incumbent), seq,

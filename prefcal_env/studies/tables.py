@@ -70,11 +70,13 @@ def _experiments(state: State, experiments: dict[int, Experiment]) -> Iterable[l
     knobs = [_with_unit(name, unit) for name, unit in _units(state, "knobs")]
     units = dict(_units(state, "kpis"))
     kpis = sorted({name for e in experiments.values() for name in e.kpis})
-    yield ["experiment", *knobs, *(_with_unit(k, units.get(k, "")) for k in kpis), "ended", "marks"]
+    yield ["experiment", *knobs, *(_with_unit(k, units.get(k, "")) for k in kpis), "ended", "marks",
+           "score"]  # fmt: skip
+    scores = {c.challenger: c.answer.value for c in state.closed if c.answer.value is not None}
     for index, e in experiments.items():
         marks = "; ".join(sorted(state.marks.get(index, ())))
         values = [e.kpis.get(k, "") for k in kpis]
-        yield [index + 1, *e.theta.tolist(), *values, e.end.value, marks]
+        yield [index + 1, *e.theta.tolist(), *values, e.end.value, marks, scores.get(index, "")]
 
 
 def _units(state: State, what: str) -> list[tuple[str, str]]:

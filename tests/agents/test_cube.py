@@ -46,7 +46,7 @@ def test_capacity_counts_theta():
 def tried(*points):
     book = Ledger()
     for z in points:
-        book = book.with_pending(np.array(z)).told(Answer(0))
+        book = book.with_pending(np.array(z)).told(Answer(0), book.incumbent)
     return Tried(GRID, book)
 
 

@@ -9,7 +9,7 @@ from prefcal_env.preference import Answer
 def ledger(*answers):
     book = Ledger()
     for h, answer in enumerate(answers):
-        book = book.with_pending(np.array([float(h), 0.5])).told(Answer.of(answer))
+        book = book.with_pending(np.array([float(h), 0.5])).told(Answer.of(answer), book.incumbent)
     return book
 
 

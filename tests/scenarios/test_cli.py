@@ -131,3 +131,51 @@ def test_the_reactor_is_calibrated_exported_and_rebuilt(prefcal, tmp_path):
 
 def test_the_version_is_printed(prefcal):
     assert prefcal("--version")[1].startswith("prefcal ")
+
+
+def test_glis_is_told_the_score_and_asks_nobody(prefcal, tmp_path):
+    words = [
+        "calibrate",
+        TOY,
+        "--agent",
+        "glis",
+        "--n-max",
+        "7",
+        "--json",
+        "--study",
+        "./g.prefcal",
+    ]
+    code, out, _ = prefcal(*words)
+    result = json.loads(out)
+    assert code == 0
+    assert (result["experiments"], result["questions"]) == (7, 0)
+    assert (result["agent"], result["calibrator"]) == ("glis", "score")
+    assert "nobody was asked: 7 experiments" in Path(result["report"]).read_text("utf-8")
+    # It goes on where it was, as one study of nine would have.
+    words[4] = "9"
+    _, out, _ = prefcal(*words)
+    _, whole, _ = prefcal(*words[:6])
+    assert json.loads(out)["best"] == json.loads(whole)["best"]
+    assert json.loads(out)["experiments"] == 9
+    assert prefcal("studies", "verify", "./g.prefcal")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["--calibrator", "human"], "asks nobody"),
+        (["--calibrator", "synthetic"], "asks nobody"),
+        (["--tie-band", "0.1"], "no tie band"),
+        (["--answer-noise", "0.1"], "no tie band and no answer noise"),
+    ],
+)
+def test_whoever_is_told_scores_takes_no_calibrator(prefcal, words, complaint):
+    code, _, err = prefcal("calibrate", TOY, "--agent", "glis", *words)
+    assert code == 2
+    assert complaint in err
+
+
+def test_an_agent_that_needs_a_score_is_refused_where_there_is_none(prefcal):
+    code, _, err = prefcal("calibrate", "overtake", "--agent", "glis")
+    assert code == 2
+    assert "'overtake' has none" in err

@@ -20,10 +20,10 @@ def clock() -> Any:
 
 def begin(
     scenario: Scenario, *, n_max: int = 6, seed: int = 0, path: Path | None = None,
-    ahead: bool = False,
+    ahead: bool = False, agent: Any = GLISp,
 ) -> Interview:  # fmt: skip
-    """An interview of GLISp about `scenario`."""
-    agent = GLISp(scenario.space, n_init=3, n_max=n_max, seed=seed)
+    """An interview of `agent`, a class, about `scenario`."""
+    agent = agent(scenario.space, n_init=3, n_max=n_max, seed=seed)
     configuration = {
         "scenario": scenario.name, "name": scenario.name, "title": scenario.title,
         "knobs": knobs_as_dicts(scenario.space), "agent": agent_as_dict(agent), "n_max": n_max,

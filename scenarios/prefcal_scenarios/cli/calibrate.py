@@ -24,6 +24,9 @@ EPILOG = """\
 [cyan]prefcal calibrate cstr --calibrator synthetic --tie-band 0.02 --answer-noise 0.05[/cyan]
   A calibrator who sees small differences as ties and errs now and then.
 
+[cyan]prefcal calibrate cstr --agent glis[/cyan]
+  What optimisation finds when it sees the score that you could not write down.
+
 [cyan]prefcal calibrate own.py:plant --agent random --n-max 20[/cyan]
   Your own scenario, simulated or a rig that you run yourself; random search.
 """
@@ -40,7 +43,12 @@ _Calibrator = Annotated[
     ),
 ]
 _Agent = Annotated[
-    str | None, typer.Option(help="Who proposes: glisp, random or lhs.", show_default="glisp")
+    str | None,
+    typer.Option(
+        help="Who proposes: glisp, glis (learns from the scenario's score, asks nobody), random or "
+        "lhs.",
+        show_default="glisp",
+    ),
 ]
 _Study = Annotated[
     str | None,

@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING, Any
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Calibrator
-from prefcal_scenarios.cli.options import Options
+from prefcal_scenarios.cli.options import BY_VALUE, SCORE, Options
 from prefcal_scenarios.scenario import Scenario
 
 if TYPE_CHECKING:
-    from prefcal_agents.restore import PreferenceAgent
+    from prefcal_agents.restore import AnyAgent
 
-AGENTS = {"glisp": "GLISp", "random": "RandomSearch", "lhs": "LatinHypercube"}
+AGENTS = {"glisp": "GLISp", "glis": "GLIS", "random": "RandomSearch", "lhs": "LatinHypercube"}
 """Word to class in `prefcal_agents`."""
 
 
-def make_agent(options: Options, scenario: Scenario) -> "PreferenceAgent":
+def make_agent(options: Options, scenario: Scenario) -> "AnyAgent":
     """The agent of the options.
 
     Raises:
@@ -26,22 +26,26 @@ def make_agent(options: Options, scenario: Scenario) -> "PreferenceAgent":
         raise SettingsError(f"agent must be one of {sorted(AGENTS)}, got {options.agent!r}")
     if options.delta is not None and options.agent != "glisp":
         raise SettingsError(f"only the agent glisp takes a delta, not {options.agent!r}")
+    if options.agent in BY_VALUE:
+        _check_score(options, scenario)
     import prefcal_agents
 
     extra: dict[str, Any] = {} if options.delta is None else {"delta": options.delta}
     make = getattr(prefcal_agents, AGENTS[options.agent])
-    agent: PreferenceAgent = make(
+    agent: AnyAgent = make(
         scenario.space, n_init=options.n_init, n_max=options.n_max, seed=options.seed, **extra
     )
     return agent
 
 
-def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experiment]:
-    """The calibrator of the options, one of the scenario's.
+def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experiment] | None:
+    """The calibrator of the options, one of the scenario's; None where scores are told.
 
     Raises:
         SettingsError: unknown, or it does not take the tie band or the answer noise.
     """
+    if options.agent in BY_VALUE:
+        return None
     from prefcal_env.calibrators import LatentCost, Thurstone
 
     calibrators = dict(scenario.calibrators)
@@ -67,3 +71,22 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
         sure = options.answer_noise == 0
         calibrator = replace(calibrator, noise=None if sure else Thurstone(options.answer_noise))
     return calibrator
+
+
+def _check_score(options: Options, scenario: Scenario) -> None:
+    """Refuse what does not go with an agent that is told scores."""
+    if scenario.cost is None:
+        raise SettingsError(
+            f"agent {options.agent!r} learns from a score, and scenario {scenario.name!r} has "
+            "none: take another agent, or give the scenario a cost"
+        )
+    if options.calibrator != SCORE:
+        raise SettingsError(
+            f"agent {options.agent!r} learns from the scenario's score and asks nobody: "
+            f"leave the calibrator out, got {options.calibrator!r}"
+        )
+    if options.tie_band is not None or options.answer_noise is not None:
+        raise SettingsError(
+            f"agent {options.agent!r} is told exact scores: it takes no tie band and no answer "
+            "noise"
+        )

@@ -11,6 +11,12 @@ from prefcal_env.errors import SettingsError
 HUMAN = "human"
 """The calibrator that is a person."""
 
+SCORE = "score"
+"""Stands for the scenario's own score, where the agent learns from that: nobody compares."""
+
+BY_VALUE = ("glis",)
+"""The agents that are told scores."""
+
 
 @dataclass(frozen=True, slots=True)
 class Options:
@@ -46,6 +52,8 @@ class Options:
         """From what the user has given, None where he has not."""
         said = {name: value for name, value in given.items() if value is not None}
         n_max = said.get("n_max", cls.__dataclass_fields__["n_max"].default)
+        if said.get("agent") in BY_VALUE:
+            said.setdefault("calibrator", SCORE)
         said.setdefault("n_init", min(10, max(1, n_max // 2)))
         return cls(**said)
 

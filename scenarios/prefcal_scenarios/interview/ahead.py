@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.restore import PreferenceAgent
+from prefcal_agents.restore import AnyAgent
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Answer, Mark, Preference, Query
 
@@ -23,7 +23,7 @@ class Ahead:
     Nothing here is saved: it can be lost at any time, and changes no result.
     """
 
-    _twins: dict[Answer, PreferenceAgent] = field(default_factory=dict)
+    _twins: dict[Answer, AnyAgent] = field(default_factory=dict)
     _tried: set[Answer] = field(default_factory=set)
     _experiments: OrderedDict[bytes, Experiment] = field(default_factory=OrderedDict)
 
@@ -37,17 +37,17 @@ class Ahead:
         return None
 
     def foresee(
-        self, agent: PreferenceAgent, query: Query, answer: Answer
+        self, agent: AnyAgent, query: Query, answer: Answer
     ) -> Float[np.ndarray, " n"] | None:
         """Tell a twin of `agent` the answer: θ of its next sample, None if it would be done."""
         agent.tell(query, answer)
         return None if agent.done else agent.ask().challenger.theta
 
-    def keep_twin(self, answer: Answer, twin: PreferenceAgent) -> None:
+    def keep_twin(self, answer: Answer, twin: AnyAgent) -> None:
         """Have `twin` at hand for `answer`."""
         self._twins[answer] = twin
 
-    def take(self, answer: Answer) -> PreferenceAgent | None:
+    def take(self, answer: Answer) -> AnyAgent | None:
         """The twin that was told `answer`; all are forgotten, since the question is closed."""
         twin = self._twins.get(answer)
         self.forget()

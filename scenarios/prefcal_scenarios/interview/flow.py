@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from prefcal_agents.restore import PreferenceAgent
+from prefcal_agents.restore import AnyAgent
 from prefcal_env.errors import PrefcalError, StudyError
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Answer, Query
@@ -23,6 +23,7 @@ from .ahead import Ahead
 from .album import Album
 from .moment import Phase, Question
 from .order import challenger_left
+from .scores import judged
 
 
 @dataclass(slots=True)
@@ -31,7 +32,7 @@ class Flow:
 
     study: StudyFile
     album: Album
-    agent: PreferenceAgent
+    agent: AnyAgent
     ahead: Ahead = field(default_factory=Ahead)
     phase: Phase = Phase.RUNNING
     question: Question | None = None
@@ -91,11 +92,16 @@ class Flow:
         index = query.challenger.index
         if index not in self.state.finished:
             return self._wait_for(index)
-        if query.incumbent is None:
+        if query.incumbent is not None:
+            return self._show(query)
+        if self.agent.by_value:
+            rival, answer = judged(self.state, self.album, index)
+            self.study.append(Answered(None, index, rival, answer))
+            self.agent.tell(query, Answer(None, value=answer.value))
+        else:
             self.study.append(Answered(None, index, None, Answer(None)))
             self.agent.tell(query, None)
-            return self._proceed()
-        return self._show(query)
+        return self._proceed()
 
     def _suggest(self, query: Query) -> None:
         """Store the sample, and its experiment if that is known already, in one step."""

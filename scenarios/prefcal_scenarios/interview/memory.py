@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from prefcal_agents import AgentState, restore
-from prefcal_agents.restore import PreferenceAgent
+from prefcal_agents.restore import AnyAgent
 from prefcal_env.errors import StudyError
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preference import Preference
@@ -22,7 +22,7 @@ def knobs_as_dicts(space: KnobSpace) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def agent_as_dict(agent: PreferenceAgent) -> dict[str, Any]:
+def agent_as_dict(agent: AnyAgent) -> dict[str, Any]:
     """An agent's settings as plain data, without what it has learned."""
     state = agent.state.to_dict()
     return {name: value for name, value in state.items() if name not in ("samples", "answers")}
@@ -45,7 +45,7 @@ def check_space(configuration: Mapping[str, Any], space: KnobSpace) -> None:
     )
 
 
-def agent_of(state: State, space: KnobSpace) -> PreferenceAgent:
+def agent_of(state: State, space: KnobSpace) -> AnyAgent:
     """The agent of a study, with the identical next query.
 
     Raises:
@@ -77,8 +77,10 @@ def incumbents(state: State) -> tuple[int, ...]:
 
 
 def _told(closed: Closed) -> dict[str, Any]:
-    return {
+    told = {
         "incumbent": closed.incumbent,
         "retracted": closed.retracted,
         **closed.answer.to_dict(),
     }
+    # Nobody was asked: a score was told, and the preference beside it is for readers.
+    return told if closed.question is not None else {**told, "incumbent": None, "preference": None}

@@ -15,10 +15,12 @@ from .moment import Phase
 
 def unattended(
     interview: Interview,
-    calibrator: Calibrator[Experiment],
+    calibrator: Calibrator[Experiment] | None,
     running: Callable[[Float[np.ndarray, " n"]], None] = lambda theta: None,
 ) -> Iterator[Comparison]:
     """Answer until the interview is over, yielding every comparison after it is durable.
+
+    `calibrator` is None where the agent is told scores.
 
     Comparisons that the study held before are not yielded again. `running` hears of each θ,
     physical, shape (n,), before it is run.
@@ -31,6 +33,7 @@ def unattended(
     while (now := interview.now()).phase is not Phase.OVER:
         if now.phase is Phase.QUESTION:
             assert now.question is not None
+            assert calibrator is not None, "an agent that is told scores asks nothing"
             new, old = now.question.challenger, now.question.incumbent
             given = Answer.of(calibrator.prefer(new.experiment, old.experiment))
             now = interview.give(now.question.id, given)

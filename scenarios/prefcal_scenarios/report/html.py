@@ -58,10 +58,11 @@ def _header(record: Record) -> Iterator[str]:
     verdicts = ", ".join(f"{words} {count}" for words, count in counts.items())
     yield "<header>"
     yield f"<h1>{escape(record.scenario.title)}</h1>"
-    yield (
-        f'<p class="lead">Calibrated by preferences: {len(record.trials)} experiments, '
-        f"{len(record.asked)} comparisons ({escape(verdicts)}).</p>"
-    )
+    tried = f"{len(record.trials)} experiments"
+    how = f"Calibrated by preferences: {tried}, {len(record.asked)} comparisons"
+    if record.scored:
+        how = f"Calibrated by its score, nobody was asked: {tried}"
+    yield f'<p class="lead">{how} ({escape(verdicts)}).</p>'
     if record.stopped and record.good_enough:
         yield (
             f"<p>Ended after {len(record.trials)} of {record.n_max} experiments: "

@@ -135,8 +135,8 @@ PICTURES: tuple[Picture, ...] = (
     Picture(
         "best_so_far.png",
         "Best so far",
-        "The performance index, which the agent never sees: of each experiment, and of the "
-        "best so far by the calibrator's verdicts.",
+        "The performance index of each experiment, and of the best so far. An agent that asks "
+        "for preferences never sees it.",
         _progress_alt,
         best_so_far,
         lambda record: record.scenario.cost is not None,
@@ -151,8 +151,8 @@ PICTURES: tuple[Picture, ...] = (
     Picture(
         "surrogate.png",
         "What was learned",
-        "The cost that the agent has learned from the verdicts alone, cut through the best θ. "
-        "Only its order has a meaning, its unit has none.",
+        "The cost that the agent has learned, cut through the best θ: from the verdicts alone, "
+        "unless it was told the score. Only its order has a meaning, its unit has none.",
         _slices_alt,
         slices,
         lambda record: record.surrogate is not None,
@@ -168,6 +168,7 @@ PICTURES: tuple[Picture, ...] = (
             bool(record.scenario.panels)
             and record.scenario.cost is not None  # else nothing can be automated
             and automated(record) is not None
+            and not record.scored  # both sides would be automated
         ),
     ),
 )

@@ -90,6 +90,11 @@ class Record:
         return tuple(c for c in self.comparisons if c.incumbent is not None)
 
     @property
+    def scored(self) -> bool:
+        """Whether the agent was told scores, and nobody compared anything."""
+        return any(c.answer.value is not None for c in self.comparisons)
+
+    @property
     def stopped(self) -> bool:
         """Whether the study ended before its planned number of experiments."""
         return len(self.comparisons) < self.n_max

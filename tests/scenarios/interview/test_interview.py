@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from prefcal_agents import GLIS
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.preference import Mark, Preference
 from prefcal_env.studies import Answered, StudyFile
@@ -406,3 +407,34 @@ def test_ids_of_questions_grow():
         ids.append(proceed(interview).question.id)
         answer(interview)
     assert all(a < b for a, b in itertools.pairwise(ids))
+
+
+def test_scores_take_the_place_of_questions(toy):
+    interview = begin(toy, agent=GLIS)
+    list(unattended(interview, None))
+    state = interview.now().state
+    assert [c.question for c in state.closed] == [None] * 6
+    costs = [toy.cost(interview.experiment(i)) for i in range(6)]
+    assert [c.answer.value for c in state.closed] == costs
+    assert interview.now().incumbent == int(np.argmin(costs))
+    verdicts = [c.answer.preference for c in interview.comparisons()[1:]]
+    best = np.minimum.accumulate(costs)
+    assert verdicts == [int(np.sign(new - old)) for new, old in zip(costs[1:], best, strict=False)]
+
+
+def test_a_run_without_a_record_has_no_score_and_loses(toy):
+    def run(theta, seed=0):
+        if theta[0] < 0.8:
+            raise RuntimeError("the pump is off")
+        return toy.run(theta)
+
+    interview = begin(replace(toy, run=run), agent=GLIS)
+    while interview.now().phase is not Phase.OVER:
+        now = proceed(interview)
+        if now.phase is Phase.FAILED:
+            interview.fail(now.pending.index)
+    state = interview.now().state
+    scores = [c.answer.value for c in state.closed]
+    assert None in scores
+    assert state.samples[interview.now().incumbent].theta[0] >= 0.8
+    assert interview.comparisons()[-1].winner_index == interview.now().incumbent

@@ -1,0 +1,214 @@
+"""What every value-based agent must satisfy: it is told scores, lower is better.
+
+A test file that imports everything from here and has a fixture `make_agent(space, **options)`
+puts its agent through all of it.
+"""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from contracts.agents import MIXED, SMALL, TINY, latent
+from prefcal_agents import AgentState, restore
+from prefcal_env.errors import PreferenceError, ProtocolError, SettingsError
+from prefcal_env.preference import Answer
+
+
+def score(query):
+    """The score that someone who knows `latent` gives."""
+    return latent(query.challenger.theta)
+
+
+def run(agent, values=None):
+    """Tell scores until done, or each of `values`; return the queries."""
+    queries = []
+    for value in [score] * (agent.n_max + 1) if values is None else values:
+        if agent.done:
+            break
+        queries.append(agent.ask())
+        agent.tell(queries[-1], value(queries[-1]) if callable(value) else value)
+    return queries
+
+
+def test_no_query_has_an_incumbent_and_asking_is_pure(make_agent):
+    agent = make_agent(MIXED, n_init=3, n_max=6)
+    queries = []
+    while not agent.done:
+        queries.append(agent.ask())
+        assert agent.ask() == queries[-1]
+        agent.tell(queries[-1], score(queries[-1]))
+    assert [q.incumbent for q in queries] == [None] * 6
+    assert [q.challenger.index for q in queries] == list(range(6))
+    with pytest.raises(ProtocolError, match="6 experiments are answered"):
+        agent.ask()
+
+
+def test_the_best_is_the_lowest_score_that_stands(make_agent):
+    agent = make_agent(MIXED, n_init=3, n_max=8)
+    with pytest.raises(ProtocolError, match="before the first answer"):
+        _ = agent.best
+    queries = run(agent, [5.0, None, -3.0, 2, 1e6])
+    assert np.array_equal(agent.best, queries[2].challenger.theta)
+    agent.retract(2)
+    assert np.array_equal(agent.best, queries[3].challenger.theta)
+
+
+def test_the_same_seed_gives_the_same_study_and_another_one_does_not(make_agent):
+    a, b, c = (run(make_agent(MIXED, n_init=4, n_max=8, seed=s)) for s in (3, 3, 4))
+    assert a == b
+    assert a != c
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, "low", True, [1.0], Answer(-1)])
+def test_something_that_is_no_score_is_refused(make_agent, value):
+    agent = make_agent(MIXED, n_init=3, n_max=6)
+    query = agent.ask()
+    with pytest.raises(PreferenceError):
+        agent.tell(query, value)
+    assert agent.ask() == query
+
+
+def test_a_stale_query_is_refused(make_agent):
+    agent = make_agent(MIXED, n_init=3, n_max=6)
+    stale = agent.ask()
+    agent.tell(stale, 1.0)
+    before = agent.state
+    with pytest.raises(ProtocolError, match="open query is"):
+        agent.tell(stale, 1.0)
+    assert agent.state == before
+
+
+def test_experiments_without_a_score_teach_nothing_and_the_study_goes_on(make_agent):
+    agent = make_agent(MIXED, n_init=3, n_max=9)
+    queries = run(agent, [None] * 9)
+    assert agent.done
+    assert len({q.challenger for q in queries}) == 9
+
+
+@pytest.mark.parametrize("space", [MIXED, SMALL])
+def test_theta_stays_in_the_box_integers_are_whole_and_none_runs_twice(make_agent, space):
+    agent = make_agent(space, n_init=5, n_max=14, seed=2)
+    thetas = [space.check(q.challenger.theta) for q in run(agent)]
+    assert len({theta.tobytes() for theta in thetas}) == 14
+
+
+def test_a_space_with_fewer_theta_than_experiments_is_tried_in_full(make_agent):
+    agent = make_agent(TINY, n_init=4, n_max=50)
+    assert {tuple(q.challenger.theta) for q in run(agent)} == {
+        (a, b) for a in (0, 1, 2) for b in (1, 2)
+    }
+    assert agent.done
+
+
+def test_scores_that_are_all_equal_or_a_world_apart_stop_nothing(make_agent):
+    for values in ([1.0] * 12, [1000.5, 0.7] * 6, [1e300, -1e300, 0.0] * 4, [0.0, 1e-300] * 6):
+        agent = make_agent(MIXED, n_init=4, n_max=12)
+        run(agent, values)
+        assert agent.done
+
+
+def test_undo_reopens_the_identical_query(make_agent):
+    agent = make_agent(MIXED, n_init=3, n_max=7)
+    states, queries = [], []
+    while not agent.done:
+        states.append(agent.state)
+        queries.append(agent.ask())
+        agent.tell(queries[-1], score(queries[-1]))
+    for state, query in zip(reversed(states), reversed(queries), strict=True):
+        agent.undo()
+        assert agent.ask() == query
+        assert agent.state == state
+    with pytest.raises(ProtocolError, match="no answer to undo"):
+        agent.undo()
+
+
+def test_a_retraction_keeps_every_sample(make_agent):
+    agent = make_agent(MIXED, n_init=3, n_max=9)
+    run(agent, [score] * 6)
+    query = agent.ask()
+    agent.retract(4)
+    assert agent.ask() == query
+    run(agent)
+    assert agent.done
+
+
+def test_a_copy_is_independent(make_agent):
+    agent = make_agent(MIXED, n_init=3, n_max=9)
+    run(agent, [score] * 4)
+    query, state = agent.ask(), agent.state
+    twin = agent.copy()
+    run(twin)
+    assert twin.done
+    assert agent.ask() == query
+    assert agent.state == state
+
+
+@pytest.mark.parametrize("answered", [0, 1, 4, 8])
+def test_restoring_from_json_gives_the_identical_next_query(make_agent, answered):
+    agent = make_agent(MIXED, n_init=3, n_max=9, seed=5)
+    run(agent, [score, None, 1000.25, score, score, score, None, score][:answered])
+    if answered > 4:
+        agent.retract(2)
+    twin = restore(MIXED, AgentState.from_dict(json.loads(json.dumps(agent.state.to_dict()))))
+    assert type(twin) is type(agent)
+    assert twin.state == agent.state
+    while not agent.done:
+        query = agent.ask()
+        assert twin.ask() == query
+        for a in (agent, twin):
+            a.tell(query, score(query))
+    assert np.array_equal(twin.best, agent.best)
+
+
+def test_a_state_that_does_not_fit_is_refused(make_agent):
+    agent = make_agent(MIXED, n_init=3, n_max=9)
+    run(agent, [1.0, 2.0, 3.0])
+    good = agent.state.to_dict()
+    for bad in (
+        {**good, "answers": [{**good["answers"][1], "incumbent": 0}] * 2},
+        {**good, "answers": [{**good["answers"][1], "value": "low"}]},
+        {**good, "n_max": 2},
+    ):
+        with pytest.raises(SettingsError):
+            restore(MIXED, AgentState.from_dict(bad))
+
+
+@pytest.mark.parametrize("options", [{"n_init": 8, "n_max": 7}, {"n_init": 0}, {"seed": -1}])
+def test_impossible_counts_and_seeds_are_refused(make_agent, options):
+    with pytest.raises(SettingsError) as refusal:
+        make_agent(MIXED, **options)
+    assert next(iter(options)) in str(refusal.value)
+
+
+@settings(
+    max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    actions=st.lists(
+        st.one_of(st.floats(-1e6, 1e6), st.sampled_from([None, "undo", "retract", "copy", "save"])),
+        max_size=20,
+    ),
+    seed=st.integers(0, 2**40),
+)
+def test_any_order_of_calls_keeps_the_promises(make_agent, actions, seed):
+    agent = make_agent(MIXED, n_init=3, n_max=8, seed=seed)
+    for action in actions:
+        answered = agent.state.ledger.answered
+        if action == "undo":
+            if answered:
+                agent.undo()
+        elif action == "retract":
+            if answered and not agent.state.ledger.comparisons[-1].retracted:
+                agent.retract(answered - 1)
+        elif action == "copy":
+            agent = agent.copy()
+        elif action == "save":
+            agent = restore(MIXED, AgentState.from_dict(agent.state.to_dict()))
+        elif not agent.done:
+            agent.tell(agent.ask(), action)
+        samples = agent.state.ledger.samples
+        assert len(set(samples)) == len(samples)
+        assert agent.state == agent.copy().state
