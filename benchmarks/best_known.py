@@ -2,7 +2,7 @@
 
     python benchmarks/best_known.py [--seed 1]
 
-Differential evolution, then a random descent whose steps shrink, some 4,000 experiments and three
+Differential evolution, then a random descent whose steps shrink, some 4,600 experiments and three
 minutes. The index jumps where the number of steps until the run has settled changes, so there is
 no gradient to follow. `prefcal bench` measures gaps from the value that it finds.
 """

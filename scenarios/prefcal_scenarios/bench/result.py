@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from math import isfinite
+from math import isfinite, isnan
 from typing import Any
 
 from prefcal_env.errors import SettingsError
@@ -32,7 +32,7 @@ class Result:
             runs only, and never compared.
 
     Raises:
-        SettingsError: lengths that do not fit each other, or a number that is not finite.
+        SettingsError: lengths that do not fit each other, or NaN.
     """
 
     cell: Cell
@@ -53,8 +53,8 @@ class Result:
         if (count == 0) != bool(self.failure):
             raise SettingsError("a result must have experiments, or else say why the cell failed")
         rows = (*self.thetas, self.best, self.gaps or (), self.visited or ())
-        if not all(isfinite(value) for row in rows for value in row):
-            raise SettingsError(f"a result of {self.cell} must be finite")
+        if any(isnan(value) for row in rows for value in row):
+            raise SettingsError(f"a result of {self.cell} must hold numbers, got NaN")
 
     @classmethod
     def failed(cls, cell: Cell, why: str) -> "Result":
@@ -62,8 +62,9 @@ class Result:
         return cls(cell, (), (), (), (), (), failure=why or "for no stated reason")
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON; floats survive their repr exactly."""
-        return asdict(self)
+        """Plain data for JSON; floats survive exactly, an infinite one as a word."""
+        plain: dict[str, Any] = _plain(asdict(self))
+        return plain
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Result":
@@ -88,6 +89,14 @@ class Result:
             )
         except (TypeError, ValueError) as error:
             raise SettingsError(f"a result cannot be read: {error}") from error
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _plain(one) for name, one in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(one) for one in value]
+    return str(value) if isinstance(value, float) and not isfinite(value) else value
 
 
 def _floats(values: Any) -> Theta:

@@ -80,17 +80,17 @@ def _state_version(place: str) -> str:
     return f"{state.version} {state.settings!r}"
 
 
-def _ours(name: str, kind: Kind = "preference", needs: tuple[str, ...] = ()) -> Entry:
+def _ours(name: str, kind: Kind = "preference") -> Entry:
     """An agent of prefcal_agents that has a state."""
     place = f"prefcal_agents:{name}"
-    return Entry(name, kind, partial(_make_at, place), partial(_state_version, place), needs)
+    return Entry(name, kind, partial(_make_at, place), partial(_state_version, place))
 
 
 def _make_roster() -> Mapping[str, Entry]:
     entries = (
         _ours("GLISp"),
         _ours("GLISp.paper"),
-        _ours("GLIS", "value", needs=("prefcal_agents.glis",)),
+        _ours("GLIS", "value"),
         _ours("RandomSearch"),
         _ours("LatinHypercube"),
     )

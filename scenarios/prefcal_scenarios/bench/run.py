@@ -2,8 +2,8 @@
 
 import sys
 import threading
-from collections.abc import Callable
-from contextlib import redirect_stdout
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
 from statistics import median
 from typing import Any
 
@@ -39,11 +39,18 @@ def run_cell(cell: Cell, clock: Clock | None = None, key: str = "") -> Result:
         key: The cell's key where the result is kept; a worker whose agent or problem is of
             another version refuses.
     """
-    with _ALONE, redirect_stdout(sys.stderr), one_thread():
+    with alone():
         try:
             return _run(cell, clock, key)
         except (Exception, SystemExit) as error:
             return Result.failed(cell, f"{type(error).__name__}: {error}")
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Inside, nothing else of the benchmark runs in this process, on one thread, and silently."""
+    with _ALONE, redirect_stdout(sys.stderr), one_thread():
+        yield
 
 
 def _run(cell: Cell, clock: Clock | None, key: str) -> Result:
