@@ -18,6 +18,8 @@ from prefcal_scenarios.export import jsonable
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
+_WIDTH = 110
+"""Characters a line in files and pipes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +101,7 @@ def run(wishes: Wishes, out: Path, *, json: bool, csv: bool) -> int:
     elif csv:
         print(as_csv(presented.rows), end="")
     else:
-        show(finished, presented, Console())
+        show(finished, presented, _paper())
     return 1 if finished.failures or finished.trouble else 0
 
 
@@ -118,6 +120,12 @@ def _as_json(finished: Finished, suite: Suite, presented: Presented) -> str:
         "page": None if presented.page is None else str(presented.page),
     }
     return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def _paper() -> Console:
+    """Standard output; where it is no terminal, wide enough for the names of the agents."""
+    console = Console()
+    return console if console.is_terminal else Console(width=_WIDTH)
 
 
 def _say(console: Console, words: str) -> None:
