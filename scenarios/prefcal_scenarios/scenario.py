@@ -1,7 +1,5 @@
 """A scenario: everything about one calibration task, as data, and how to find it by name."""
 
-import importlib.util
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -16,6 +14,7 @@ from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiment import Channel, Channels, Experiment
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preference import Calibrator
+from prefcal_scenarios.own_file import module_at
 
 if TYPE_CHECKING:
     from prefcal_scenarios.report.pictures import Picture
@@ -149,7 +148,7 @@ def load(name: str) -> Scenario:
     if attribute.endswith(".py"):
         raise ScenarioError(f"{name!r} is a file: say which scenario in it, {name}:NAME")
     if path.endswith(".py"):
-        found = getattr(_module_at(Path(path)), attribute, None)
+        found = getattr(module_at(Path(path)), attribute, None)
     elif name in BUILT_IN:
         module, _, attribute = BUILT_IN[name].partition(":")
         found = getattr(import_module(module), attribute)
@@ -161,21 +160,3 @@ def load(name: str) -> Scenario:
     if not isinstance(found, Scenario):
         raise ScenarioError(f"{name!r} must name a prefcal_scenarios.Scenario, got {found!r}")
     return found
-
-
-def _module_at(path: Path) -> Any:
-    if not path.is_file():
-        raise ScenarioError(f"no file {str(path)!r} to load a scenario from")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules.setdefault(path.stem, module)  # dataclasses look their module up
-    sys.path.insert(0, str(path.resolve().parent))  # for modules beside it, as a script has it
-    try:
-        spec.loader.exec_module(module)
-    except (ImportError, SyntaxError) as error:
-        raise ScenarioError(f"cannot load {str(path)!r}: {error}") from error
-    finally:
-        sys.path.pop(0)
-    return module

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from prefcal_scenarios.cli.bench import EPILOG as BENCH_EPILOG
+from prefcal_scenarios.cli.bench import bench
 from prefcal_scenarios.cli.calibrate import EPILOG, calibrate
 from prefcal_scenarios.cli.report import report
 from prefcal_scenarios.cli.studies import app as studies
@@ -19,6 +21,7 @@ app = typer.Typer(
 )
 app.command(no_args_is_help=True, epilog=EPILOG)(calibrate)
 app.command(no_args_is_help=True)(report)
+app.command(epilog=BENCH_EPILOG)(bench)
 app.add_typer(studies)
 
 

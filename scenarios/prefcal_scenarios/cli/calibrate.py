@@ -1,10 +1,11 @@
 """`prefcal calibrate`: one study from start to report."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from prefcal_scenarios.cli.threads import one_thread
 
 EPILOG = """\
 [bold]Examples[/bold]
@@ -137,7 +138,7 @@ def calibrate(
     yours on a local page, or a synthetic calibrator's. Every answer is saved before the next
     question; Ctrl-C stops and leaves a report of the comparisons so far.
     """
-    _one_thread()
+    one_thread()
     # Here, not above: --help must not wait for it, and numpy reads the environment once.
     from prefcal_scenarios.cli.fronts import Front
     from prefcal_scenarios.cli.session import run
@@ -149,12 +150,3 @@ def calibrate(
     }  # fmt: skip
     front = Front(terminal, not no_browser, host, port)
     raise typer.Exit(run(given, study, out, front, json=json))
-
-
-def _one_thread() -> None:
-    """Keep linear algebra on one thread, unless the user has said otherwise.
-
-    Our matrices are small: threads spend twice the time, most of it waiting for each other.
-    """
-    for library in ("OPENBLAS", "OMP", "MKL"):
-        os.environ.setdefault(f"{library}_NUM_THREADS", "1")

@@ -1,0 +1,31 @@
+"""A user's own Python file, named on the command line."""
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+from prefcal_env.errors import ScenarioError
+
+
+def module_at(path: Path) -> ModuleType:
+    """Execute the file at `path` as a module; modules beside it can be imported.
+
+    Raises:
+        ScenarioError: there is no such file, or it does not import.
+    """
+    if not path.is_file():
+        raise ScenarioError(f"no file {str(path)!r} to load from")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules.setdefault(path.stem, module)  # dataclasses look their module up
+    sys.path.insert(0, str(path.resolve().parent))  # for modules beside it, as a script has it
+    try:
+        spec.loader.exec_module(module)
+    except (ImportError, SyntaxError) as error:
+        raise ScenarioError(f"cannot load {str(path)!r}: {error}") from error
+    finally:
+        sys.path.pop(0)
+    return module
