@@ -9,7 +9,7 @@ from prefcal_scenarios.bench.results.campaign import Regime
 from prefcal_scenarios.bench.results.missing import beaten, failures, missing, not_run
 from prefcal_scenarios.bench.results.pictures import Material, Shown, standings
 from prefcal_scenarios.bench.results.rows import Choices
-from prefcal_scenarios.bench.results.words import regime_name
+from prefcal_scenarios.bench.results.words import regime_name, short
 from prefcal_scenarios.export import versions
 from prefcal_scenarios.report.parts import document, image, listing, section
 
@@ -133,7 +133,7 @@ def _repeat(choices: Choices, origin: Origin) -> Iterator[str]:
     yield '<div class="pair">'
     settings = {
         "baseline": choices.baseline,
-        "floor of the gaps": f"{choices.floor:g}",
+        "floor of the gaps": f"{short(choices.floor)}",
         "average of the log ratios": choices.average,
         "seed of the bootstrap": choices.seed,
     }

@@ -77,8 +77,8 @@ def numbers(rows: Sequence[Row], choices: Choices, label: str) -> str:
         f'<th{_words(name == "agent")} scope="col">{escape(name)}</th>' for name in names
     )
     caption = (
-        f"× {choices.baseline}: {choices.average} over the seeds of the ratio of both gaps, "
-        f"each counted as at least {choices.floor:g}, with a 95 % bootstrap interval; below 1 the "
+        f"× {choices.baseline}: {choices.average} over the seeds of the ratio of both gaps, each "
+        f"counted as at least {short(choices.floor)}, with a 95 % bootstrap interval; below 1 the "
         "agent is nearer. p: Wilcoxon signed-rank test, two-sided, after Holm's correction for the "
         "agents on that problem. Failed seeds have no gap. Full precision in table.csv."
     )
