@@ -195,8 +195,11 @@ def test_keys_rest_while_somebody_types(browser, window):
     assert len(state_of(served).closed) == 1
     watched.page.keyboard.press("Escape")
     watched.answer("ArrowRight")
-    closed = state_of(served).closed[1]
-    assert closed.comment == "quieter, so q and s"
+    watched.page.keyboard.press("c")
+    watched.page.keyboard.type("louder")
+    watched.page.keyboard.press("Enter")
+    watched.answer("ArrowRight")
+    assert [c.comment for c in state_of(served).closed[1:]] == ["quieter, so q and s", "louder"]
     assert watched.page.input_value("#comment") == ""
     assert state_of(served).marks == {}
 
