@@ -2,17 +2,19 @@
 
 import importlib.util
 import sys
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.control import Controller
-from prefcal_env.errors import KnobError, ScenarioError
+from prefcal_env.errors import KnobError, PrefcalError, ScenarioError
 from prefcal_env.experiment import Channel, Channels, Experiment
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preference import Calibrator
@@ -149,21 +151,28 @@ def load(name: str) -> Scenario:
     if attribute.endswith(".py"):
         raise ScenarioError(f"{name!r} is a file: say which scenario in it, {name}:NAME")
     if path.endswith(".py"):
-        found = getattr(_module_at(Path(path)), attribute, None)
-    elif name in BUILT_IN:
+        return _scenario_in(_module_at(Path(path)), attribute, name)
+    if name in BUILT_IN:
         module, _, attribute = BUILT_IN[name].partition(":")
-        found = getattr(import_module(module), attribute)
-    else:
-        raise ScenarioError(
-            f"no scenario is called {name!r}: expected one of {sorted(BUILT_IN)} "
-            "or path/to/own.py:name"
-        )
-    if not isinstance(found, Scenario):
-        raise ScenarioError(f"{name!r} must name a prefcal_scenarios.Scenario, got {found!r}")
-    return found
+        return _scenario_in(import_module(module), attribute, name)
+    raise ScenarioError(
+        f"no scenario is called {name!r}: expected one of {sorted(BUILT_IN)} or path/to/own.py:name"
+    )
 
 
-def _module_at(path: Path) -> Any:
+def _scenario_in(module: ModuleType, attribute: str, name: str) -> Scenario:
+    found = getattr(module, attribute, None)
+    if isinstance(found, Scenario):
+        return found
+    got = repr(found) if hasattr(module, attribute) else "nothing of that name"
+    there = [key for key, value in vars(module).items() if isinstance(value, Scenario)]
+    raise ScenarioError(
+        f"{name!r} must name a prefcal_scenarios.Scenario, got {got}; "
+        f"in that file there is {', '.join(there) or 'none'}"
+    )
+
+
+def _module_at(path: Path) -> ModuleType:
     if not path.is_file():
         raise ScenarioError(f"no file {str(path)!r} to load a scenario from")
     spec = importlib.util.spec_from_file_location(path.stem, path)
@@ -174,8 +183,21 @@ def _module_at(path: Path) -> Any:
     sys.path.insert(0, str(path.resolve().parent))  # for modules beside it, as a script has it
     try:
         spec.loader.exec_module(module)
-    except (ImportError, SyntaxError) as error:
-        raise ScenarioError(f"cannot load {str(path)!r}: {error}") from error
+    except Exception as error:
+        # Whatever the user's own file raises: where in it, not where in prefcal.
+        raise ScenarioError(f"cannot load {str(path)!r}: {_told(error, path)}") from error
     finally:
         sys.path.pop(0)
     return module
+
+
+def _told(error: Exception, path: Path) -> str:
+    """An error of somebody's own file in one line, with its line there."""
+    words = " ".join(str(error).split())
+    if isinstance(error, SyntaxError):  # it says its line
+        return words
+    if not isinstance(error, (ImportError, PrefcalError)):
+        words = f"{type(error).__name__}: {words}"
+    frames = traceback.extract_tb(error.__traceback__)
+    lines = [f.lineno for f in frames if Path(f.filename).resolve() == path.resolve()]
+    return f"{words} (line {lines[-1]})" if lines else words

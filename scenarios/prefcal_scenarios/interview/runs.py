@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from prefcal_env.errors import StaleError
+from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.experiment import Experiment
 from prefcal_env.rig import Rig
 from prefcal_env.studies import Ended, Extended, Finished, Noted, Reopened, Suggested
@@ -38,9 +38,12 @@ def _running(flow: Flow, sample: Suggested, known: Experiment | None) -> Callabl
 def attempt(flow: Flow, theta: tuple[float, ...]) -> Experiment | Exception:
     """Run θ. Whatever the user's plant raises is a result too."""
     try:
-        return flow.album.scenario.run(np.array(theta), seed=flow.seed)
+        result: object = flow.album.scenario.run(np.array(theta), seed=flow.seed)
     except Exception as error:
         return error
+    if isinstance(result, Experiment):
+        return result
+    return ScenarioError(f"run must return an Experiment, got {type(result).__name__}")
 
 
 def _looking_ahead(flow: Flow) -> Attempt | None:
