@@ -174,7 +174,7 @@ def test_the_terminal_answers_from_a_pipe_and_the_study_goes_on(prefcal, monkeyp
     assert code == 0, err
     assert "Comparison 2 of 3" in out
     assert "Go on: prefcal calibrate" in err
-    monkeypatch.setattr("sys.stdin", io.StringIO("s\n"))
+    monkeypatch.setattr("sys.stdin", io.StringIO("=\n"))
     code, out, err = prefcal(*words[:3], "--study", "piped")
     assert "Comparison 3 of 3" in out
     assert "The study is over: all compared." in out
