@@ -134,27 +134,17 @@ def test_the_version_is_printed(prefcal):
 
 
 def test_glis_is_told_the_score_and_asks_nobody(prefcal, tmp_path):
-    words = [
-        "calibrate",
-        TOY,
-        "--agent",
-        "glis",
-        "--n-max",
-        "7",
-        "--json",
-        "--study",
-        "./g.prefcal",
-    ]
-    code, out, _ = prefcal(*words)
+    words = ["calibrate", TOY, "--agent", "glis", "--n-init", "3", "--json"]
+    study = ["--study", "./g.prefcal"]
+    code, out, _ = prefcal(*words, *study, "--n-max", "7")
     result = json.loads(out)
     assert code == 0
     assert (result["experiments"], result["questions"]) == (7, 0)
     assert (result["agent"], result["calibrator"]) == ("glis", "score")
     assert "nobody was asked: 7 experiments" in Path(result["report"]).read_text("utf-8")
     # It goes on where it was, as one study of nine would have.
-    words[4] = "9"
-    _, out, _ = prefcal(*words)
-    _, whole, _ = prefcal(*words[:6])
+    _, out, _ = prefcal(*words, *study, "--n-max", "9")
+    _, whole, _ = prefcal(*words, "--n-max", "9")
     assert json.loads(out)["best"] == json.loads(whole)["best"]
     assert json.loads(out)["experiments"] == 9
     assert prefcal("studies", "verify", "./g.prefcal")[0] == 0

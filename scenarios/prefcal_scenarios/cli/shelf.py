@@ -22,7 +22,8 @@ from prefcal_env.studies import (
     study_path,
     verify,
 )
-from prefcal_scenarios.cli.opening import wall_clock
+from prefcal_scenarios.cli.clock import wall_clock
+from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.export import jsonable
 from prefcal_scenarios.interview.memory import incumbent
 from prefcal_scenarios.report.record import VERDICTS
@@ -59,7 +60,7 @@ _COLUMNS = ("study", "scenario", "experiments", "answers", "begun", "state")
 
 def _row(path: Path) -> dict[str, Any]:
     try:
-        with StudyFile.open(path, clock=wall_clock) as file:
+        with open_described(path) as file:
             state = file.state
     except PrefcalError as error:
         return {"study": path.stem, "state": f"cannot be read: {error}"}
@@ -81,7 +82,7 @@ def summary(state: State) -> dict[str, Any]:
 def print_study(name: str, *, json: bool) -> None:
     """One study: configuration, best θ, every answer."""
     path = existing(name)
-    with StudyFile.open(path, clock=wall_clock) as file:
+    with open_described(path) as file:
         state = file.state
     content = {
         "study": name, "file": str(path), **summary(state), "best": best_theta(state),
@@ -156,6 +157,8 @@ def _table(answers: list[Mapping[str, Any]]) -> Table:
 def export_study(name: str, format_: str, out: Path | None) -> Path:
     """Write a study as JSON or CSV; return where."""
     path = existing(name)
+    if out is not None and out.exists() and out.samefile(path):
+        raise StudyError(f"{out} is the study itself: export it to another file")
     with StudyFile.open(path, clock=wall_clock) as file:
         if format_ == "csv":
             target = Path(path.stem) if out is None else out

@@ -10,7 +10,7 @@ from prefcal_env.errors import PrefcalError
 from prefcal_scenarios.interview import Choice, Interview, Now, Phase
 from prefcal_scenarios.interview.moment import GOOD_ENOUGH, UNSAFE
 
-from .keys import ask_line
+from .keys import END, ask_line
 from .looking import show_history, show_status
 from .showing import show_keys, show_next, show_question
 
@@ -75,8 +75,10 @@ class _Conversation:
         if key in STOP:
             return False
         if key in CHOICES:
-            comment, self.comment = self.comment, ""
-            self.interview.answer(now.question.id, CHOICES[key], comment=comment, blind=self.blind)
+            self.interview.answer(
+                now.question.id, CHOICES[key], comment=self.comment, blind=self.blind
+            )
+            self.comment = ""  # not before: on a full disk the answer is given again
             self._say(f"Saved: {CHOICES[key].value}.")
         elif key in MARKS:
             side, mark = MARKS[key]
@@ -92,7 +94,9 @@ class _Conversation:
             self.interview.undo(now.version)
             self._say("The last answer is taken back.")
         elif key == "n":
-            self.comment = self.line("comment on the next answer")
+            said = self.line("comment on the next answer")
+            # Ctrl-D says END: the person wants no comment.
+            self.comment = "" if said == END else said
         elif key == "b":
             self.blind, self.shown = not self.blind, -1
         elif key == "p":

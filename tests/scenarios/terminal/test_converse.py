@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from prefcal_env.errors import StudyError
 from prefcal_env.experiment import Channel, Channels
 from prefcal_env.rig import Rig
+from prefcal_env.studies import Answered, StudyFile
 from prefcal_scenarios.interview import Background, Phase
 from prefcal_scenarios.scenario import Panel
 from prefcal_scenarios.terminal import converse
+from prefcal_scenarios.terminal.keys import END
 from support.interviews import begin
 from toy_scenario_tools import CHANNELS, record_of_toy
 from toy_study import toy_scenario
@@ -73,6 +76,24 @@ def test_undo_marks_comment_and_blind(interview):
     assert "The last answer is taken back." in out
     blind = out[out.rindex("better?") :]
     assert "experiment 1" not in blind.split("Saved")[0]
+
+
+def test_a_comment_survives_an_answer_that_could_not_be_saved(interview, monkeypatch):
+    append, full = StudyFile.append, iter([True])
+
+    def once_full(self, *events):
+        if isinstance(events[0], Answered) and events[0].question and next(full, False):
+            raise StudyError("the disk is full")
+        return append(self, *events)
+
+    monkeypatch.setattr(StudyFile, "append", once_full)
+    assert "the disk is full" in talk(interview, "nllx", ["quieter"])
+    assert interview.now().state.closed[1].comment == "quieter"
+
+
+def test_ctrl_d_at_a_comment_leaves_no_comment(interview):
+    talk(interview, "nlx", [END])
+    assert interview.now().state.closed[1].comment == ""
 
 
 def test_history_status_keys_and_a_repeat(interview):
