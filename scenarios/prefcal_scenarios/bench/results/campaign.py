@@ -14,7 +14,7 @@ from prefcal_scenarios.bench.results.order import in_order
 
 HUGE = 1e300
 """Stands for an infinite gap, so that quantiles remain numbers."""
-_FIRST_CALIBRATORS = ("perfect", "noisy", "lexicographic")
+_FIRST_CALIBRATORS = ("perfect", "lexicographic")
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -48,7 +48,7 @@ class Campaign:
 
     @cached_property
     def regimes(self) -> tuple[Regime, ...]:
-        """All of them; sure calibrators first."""
+        """All of them; calibrators that are sure of themselves first."""
         found = {regime for regime, _, _ in self.finished} | {_regime(r.cell) for r in self.failed}
         return tuple(sorted(found, key=lambda r: (*_calibrator_key(r.calibrator), r)))
 

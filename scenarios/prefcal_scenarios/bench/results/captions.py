@@ -33,7 +33,7 @@ DUELS = (
     "loses, orange: less often."
 )
 SECONDS = (
-    "From serial runs only: time from an answer to the next θ, after the initial samples. Marker: "
+    "From serial runs only: time from an answer to the next θ, near the end of a study. Marker: "
     "median over the problems; pale: each problem, and the middle half of them."
 )
 

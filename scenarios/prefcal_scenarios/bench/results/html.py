@@ -6,10 +6,10 @@ from html import escape
 
 from prefcal_scenarios.bench.results import tables
 from prefcal_scenarios.bench.results.campaign import Regime
-from prefcal_scenarios.bench.results.missing import beaten, failures, missing
+from prefcal_scenarios.bench.results.missing import beaten, failures, missing, not_run
 from prefcal_scenarios.bench.results.pictures import Material, Shown, standings
 from prefcal_scenarios.bench.results.rows import Choices
-from prefcal_scenarios.bench.results.words import regime_name
+from prefcal_scenarios.bench.results.words import regime_name, short
 from prefcal_scenarios.export import versions
 from prefcal_scenarios.report.parts import document, image, listing, section
 
@@ -89,7 +89,7 @@ def _numbers(material: Material, choices: Choices) -> Iterator[str]:
             for row in material.rows
             if row.regime == regime and (row.gap is not None or row.failed)
         ]
-        yield section(f"All numbers{end}", tables.numbers(rows, choices))
+        yield section(f"All numbers{end}", tables.numbers(rows, choices, f"All numbers{end}"))
 
 
 def _ends(material: Material) -> list[tuple[Regime, str]]:
@@ -102,7 +102,12 @@ def _ends(material: Material) -> list[tuple[Regime, str]]:
 def _absent(material: Material, choices: Choices, origin: Origin) -> list[str]:
     """Everything that a reader might look for in vain, with the reason."""
     campaign = material.campaign
-    found = [*origin.notes, *missing(campaign), *beaten(campaign, choices.floor)]
+    found = [
+        *origin.notes,
+        *missing(campaign),
+        *not_run(campaign),
+        *beaten(campaign, choices.floor),
+    ]
     if material.rows and choices.baseline not in campaign.agents:
         found.append(f"No differences are shown: there are no results of {choices.baseline}")
     for regime, ranked, profiled in standings(material):
@@ -128,7 +133,7 @@ def _repeat(choices: Choices, origin: Origin) -> Iterator[str]:
     yield '<div class="pair">'
     settings = {
         "baseline": choices.baseline,
-        "floor of the gaps": f"{choices.floor:g}",
+        "floor of the gaps": f"{short(choices.floor)}",
         "average of the log ratios": choices.average,
         "seed of the bootstrap": choices.seed,
     }

@@ -7,16 +7,36 @@ from prefcal_scenarios.bench.results.words import problem_name, regime_name, see
 
 
 def missing(campaign: Campaign) -> list[str]:
-    """Cells that are neither finished nor failed, though others of their kind are there.
+    """Seeds that an agent lacks, neither finished nor failed, though another agent has them."""
+    found = []
+    for regime, problem, there in _tried(campaign):
+        lacking: dict[tuple[int, ...], list[str]] = {}
+        expected = set().union(*there.values())
+        for agent, seeds in there.items():
+            if seeds and seeds != expected:
+                lacking.setdefault(tuple(sorted(expected - seeds)), []).append(agent)
+        where = f"{problem}, {regime_name(regime, campaign.regimes)}"
+        found += [f"{where}: no {seeds_text(s)} of {', '.join(a)}" for s, a in lacking.items()]
+    return found
 
-    An agent is expected wherever any agent was run, with every seed that any agent had there.
-    """
-    return [
-        words
-        for regime in campaign.regimes
-        for problem in campaign.problems(regime)
-        for words in _missing(campaign, regime, problem)
-    ]
+
+def not_run(campaign: Campaign) -> list[str]:
+    """Where agents were not run at all; often there is a reason, such as that they need a cost."""
+    absent: dict[tuple[Regime, str], list[str]] = {}
+    for regime, problem, there in _tried(campaign):
+        for agent, seeds in there.items():
+            if not seeds:
+                absent.setdefault((regime, agent), []).append(problem)
+    places: dict[tuple[Regime, tuple[str, ...]], list[str]] = {}
+    for (regime, agent), problems in absent.items():
+        places.setdefault((regime, tuple(problems)), []).append(agent)
+    found = []
+    for (regime, names), agents in places.items():
+        where = regime_name(regime, campaign.regimes)
+        if names != campaign.problems(regime):
+            where = f"{', '.join(names)}, {where}"
+        found.append(f"{where}: not run with {', '.join(agents)}")
+    return found
 
 
 def failures(campaign: Campaign) -> list[tuple[str, str]]:
@@ -43,19 +63,18 @@ def beaten(campaign: Campaign, slack: float) -> list[str]:
     ]
 
 
-def _missing(campaign: Campaign, regime: Regime, problem: str) -> Iterator[str]:
-    there = {
-        a: {*campaign.runs(regime, problem, a), *campaign.failures(regime, problem, a)}
-        for a in campaign.agents
-    }
-    expected = set().union(*there.values())
-    where = f"{problem}, {regime_name(regime, campaign.regimes)}"
-    absent = [a for a, seeds in there.items() if not seeds]
-    if absent:
-        yield f"{where}: not run with {', '.join(absent)}"
-    lacking: dict[tuple[int, ...], list[str]] = {}
-    for agent, seeds in there.items():
-        if seeds and seeds != expected:
-            lacking.setdefault(tuple(sorted(expected - seeds)), []).append(agent)
-    for gone, agents in lacking.items():
-        yield f"{where}: no {seeds_text(gone)} of {', '.join(agents)}"
+def _tried(campaign: Campaign) -> Iterator[tuple[Regime, str, dict[str, set[int]]]]:
+    """The seeds of every agent of the campaign, for each regime and problem."""
+    for regime in campaign.regimes:
+        for problem in campaign.problems(regime):
+            yield (
+                regime,
+                problem,
+                {
+                    agent: {
+                        *campaign.runs(regime, problem, agent),
+                        *campaign.failures(regime, problem, agent),
+                    }
+                    for agent in campaign.agents
+                },
+            )

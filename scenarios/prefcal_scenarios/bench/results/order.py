@@ -2,13 +2,16 @@
 
 from collections.abc import Iterable
 
-LEARNING = ("GLISp", "GLISp.paper", "GLIS", "PPO", "SAC")
+LEARNING = (
+    "GLISp", "GLISp.paper", "GLIS", "PPO", "SAC",
+    "ReferenceGLISp", "ReferenceGLIS", "OptunaPreferential",
+)  # fmt: skip
 BLIND = ("LatinHypercube", "RandomSearch")
-"""The project's own agents: those that learn, and those that do not."""
+"""Agents that come with the project: those that learn, ours before peers, and the others."""
 
 
 def in_order(agents: Iterable[str]) -> tuple[str, ...]:
-    """The project's own learning agents first, then others by name, then the blind searches."""
+    """Learning agents that come with the project, then others by name, then blind searches."""
 
     def key(agent: str) -> tuple[int, int, str]:
         for group, names in ((0, LEARNING), (2, BLIND)):

@@ -49,7 +49,9 @@ def overview(campaign: Campaign, rows: Sequence[Row], regime: Regime, choices: C
         f"{choices.baseline} (Wilcoxon, 5 % after Holm's correction for the agents "
         "on that problem)."
     )
-    return _table("Median gaps", caption, head, lines, tall=False)
+    return _table(
+        f"Median gaps, {regime.calibrator} {regime.n_max}", caption, head, lines, tall=False
+    )
 
 
 def _mark(row: Row | None, choices: Choices) -> str:
@@ -64,7 +66,7 @@ def _mark(row: Row | None, choices: Choices) -> str:
     return f' <span class="{kind}" title="{escape(title)}">{sign}</span>'
 
 
-def numbers(rows: Sequence[Row], choices: Choices) -> str:
+def numbers(rows: Sequence[Row], choices: Choices, label: str) -> str:
     """All that is known of the rows of one regime."""
     timed = any(row.seconds is not None for row in rows)
     names = (
@@ -75,13 +77,13 @@ def numbers(rows: Sequence[Row], choices: Choices) -> str:
         f'<th{_words(name == "agent")} scope="col">{escape(name)}</th>' for name in names
     )
     caption = (
-        f"× {choices.baseline}: {choices.average} over the seeds of the ratio of both gaps, "
-        f"each counted as at least {choices.floor:g}, with a 95 % bootstrap interval; below 1 the "
+        f"× {choices.baseline}: {choices.average} over the seeds of the ratio of both gaps, each "
+        f"counted as at least {short(choices.floor)}, with a 95 % bootstrap interval; below 1 the "
         "agent is nearer. p: Wilcoxon signed-rank test, two-sided, after Holm's correction for the "
         "agents on that problem. Failed seeds have no gap. Full precision in table.csv."
     )
     lines = ["".join(_number_cells(row, timed)) for row in rows]
-    return _table("All numbers", caption, head, lines)
+    return _table(label, caption, head, lines)
 
 
 def _number_cells(row: Row, timed: bool) -> Iterator[str]:
@@ -115,7 +117,7 @@ def duels(tallies: Sequence[Tally]) -> str:
         f"<td>{t.wins}–{t.ties}–{t.losses}</td><td>{probability(t.p)}</td></tr>"
         for t in tallies
     ]
-    return _table("Duels", caption, head, lines)
+    return _table(f"Duels: {tallies[0].problem}, {tallies[0].calibrator}", caption, head, lines)
 
 
 def failed(cells: Sequence[tuple[str, str]]) -> str:

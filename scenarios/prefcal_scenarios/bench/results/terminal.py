@@ -80,9 +80,9 @@ def _gaps(
     name = regime_name(regime, campaign.regimes)
     table = _table(
         f"Gap after {regime.n_max} experiments, {name}",
-        f"× {choices.baseline}: {choices.average} ratio of both gaps, seed by seed, each at least "
-        f"{choices.floor:g}, with its 95 % interval. p: Wilcoxon's test, corrected (Holm) for the "
-        "agents on that problem. w–t–l: seeds won, tied, lost.",
+        f"× {choices.baseline}: {choices.average} ratio of both gaps, seed by seed, each at "
+        f"least {short(choices.floor)}, with its 95 % interval. p: Wilcoxon's test, corrected "
+        "(Holm) for the agents on that problem. w–t–l: seeds won, tied, lost.",
         ("problem", "agent"),
         ("seeds", "median gap", *(("quartiles",) if wide else ()), f"× {choices.baseline}",
          "w–t–l", *(("p",) if wide else ())),

@@ -70,14 +70,14 @@ def test_the_table_is_plain_data():
 @pytest.mark.parametrize(
     ("duels", "words"),
     [
-        ([duel("A", "B", 0, 2)], "-1, 0 or 1"),
-        ([duel("A", "A", 0, 1)], "somebody else"),
-        ([duel(PAPER, "A", 0, 1)], "somebody else"),
-        ([duel("A", "B", 0, 1), duel("A", "B", 0, -1)], "two different outcomes"),
-        ([duel("A", "B", 0, 1), duel("B", "A", 0, 1)], "two different outcomes"),
-        (["A beats B"], "type Duel"),
+        (lambda: [duel("A", "B", 0, 2)], "-1, 0 or 1"),
+        (lambda: [duel("A", "A", 0, 1)], "somebody else"),
+        (lambda: [duel(PAPER, "A", 0, 1)], "somebody else"),
+        (lambda: [duel("A", "B", 0, 1), duel("A", "B", 0, -1)], "two different outcomes"),
+        (lambda: [duel("A", "B", 0, 1), duel("B", "A", 0, 1)], "two different outcomes"),
+        (lambda: ["A beats B"], "type Duel"),
     ],
 )
 def test_impossible_duels_are_refused(duels, words):
     with pytest.raises(SettingsError, match=words):
-        tallies(duels)
+        tallies(duels())

@@ -74,7 +74,7 @@ def test_the_page_is_accessible_and_follows_the_colour_scheme(page):
 
 
 def test_what_was_typed_the_digest_and_versions_are_there(page):
-    for text in ("prefcal bench --jobs 2", "ab12", "numpy", "python", "1e-09"):
+    for text in ("prefcal bench --jobs 2", "ab12", "numpy", "python", "1e-9"):
         assert text in page
 
 

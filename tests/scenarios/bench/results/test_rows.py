@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench.results import as_csv, table
 from prefcal_scenarios.bench.results.campaign import campaign_of, curve
-from prefcal_scenarios.bench.results.missing import beaten, failures, missing
+from prefcal_scenarios.bench.results.missing import beaten, failures, missing, not_run
 from prefcal_scenarios.bench.results.statistics import FLOOR
 from support.campaigns import ends, failed, grid, result
 
@@ -93,7 +93,7 @@ def test_any_part_of_a_campaign_has_a_table_and_says_what_is_missing(kinds, road
     campaign = campaign_of(results)
     assert sum(row["seeds"] for row in rows) == [*kinds, *roads].count("there")
     assert sum(row["failed"] for row in rows) == len(failures(campaign))
-    assert bool(missing(campaign)) == _is_uneven(cells, [*kinds, *roads])
+    assert bool(missing(campaign) + not_run(campaign)) == _is_uneven(cells, [*kinds, *roads])
 
 
 def _is_uneven(cells, kinds):
@@ -105,14 +105,21 @@ def _is_uneven(cells, kinds):
 
 def test_what_is_missing_is_named():
     results = [*ends("A", "p", [1.0] * 4), *ends("B", "p", [1.0] * 2), *ends("A", "q", [1.0])]
-    assert missing(campaign_of(results)) == [
-        "p, perfect calibrator: no seeds 2, 3 of B",
-        "q, perfect calibrator: not run with B",
-    ]
+    campaign = campaign_of(results)
+    assert missing(campaign) == ["p, perfect calibrator: no seeds 2, 3 of B"]
+    assert not_run(campaign) == ["q, perfect calibrator: not run with B"]
+
+
+def test_an_agent_that_is_nowhere_with_a_calibrator_is_told_once():
+    results = [*grid({"A": 1.0, "GLIS": 1.0}), *ends("A", "p", [0.1], calibrator="noisy")]
+    results += ends("A", "q", [0.1], calibrator="noisy")
+    words = not_run(campaign_of(results))
+    assert words == ["noisy calibrator, 2 experiments (1 initial): not run with GLIS"]
 
 
 def test_nothing_is_missing_of_a_whole_campaign():
-    assert missing(campaign_of(grid({"A": 1.0, "B": 2.0}))) == []
+    campaign = campaign_of(grid({"A": 1.0, "B": 2.0}))
+    assert missing(campaign) == not_run(campaign) == []
 
 
 def test_a_baseline_without_results_leaves_the_differences_out():
@@ -186,19 +193,19 @@ def test_nothing_gives_an_empty_table():
 @pytest.mark.parametrize(
     ("results", "words"),
     [
-        (["a result"], "type Result"),
-        ([result(), result(gaps=(1.0, 0.2))], "two different results"),
-        ([replace(result(), best=())], "must have numbers"),
-        ([replace(result(), questions=())], "must have numbers"),
-        ([result(gaps=(1.0, float("nan")))], "gaps must be numbers"),
-        ([result(gaps=(1.0, -float("inf")))], "gaps must be numbers"),
-        ([replace(result(), visited=(1.0,))], "visited and questions"),
-        ([result(seed=0), result(seed=1, gaps=None)], "other results of 'bowl' have gaps"),
+        (lambda: ["a result"], "type Result"),
+        (lambda: [result(), result(gaps=(1.0, 0.2))], "two different results"),
+        (lambda: [replace(result(), best=())], "must have numbers"),
+        (lambda: [replace(result(), questions=())], "must have"),
+        (lambda: [result(gaps=(1.0, float("nan")))], "numbers"),
+        (lambda: [result(gaps=(1.0, -float("inf")))], "gaps must be numbers"),
+        (lambda: [replace(result(), visited=(1.0,))], "visited"),
+        (lambda: [result(seed=0), result(seed=1, gaps=None)], "other results of 'bowl' have gaps"),
     ],
 )
 def test_results_that_contradict_themselves_are_refused(results, words):
     with pytest.raises(SettingsError, match=words):
-        table(results)
+        table(results())
 
 
 @pytest.mark.parametrize(

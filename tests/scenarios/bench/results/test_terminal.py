@@ -21,7 +21,7 @@ def test_it_shows_medians_ratios_and_scores():
     (line,) = [line for line in text.splitlines() if " Own " in line]
     for cell in ("0.035", "0.022 to 0.048", "×10 (10 to 10)", "0–0–6", "0.031"):
         assert cell in line
-    assert "each at least 1e-09" in text
+    assert "each at least 1e-9" in text
 
 
 def test_a_narrow_terminal_cuts_no_name_off():

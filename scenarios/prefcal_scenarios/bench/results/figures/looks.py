@@ -1,7 +1,7 @@
 """How each agent looks: the same in every figure."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from prefcal_scenarios.bench.results.order import in_order
 from prefcal_scenarios.report.style import BEST, FIRST, GOOD, OTHERS
@@ -24,29 +24,37 @@ _KNOWN: Mapping[str, Look] = {
     "GLIS": Look(OTHERS[0], "D"),
     "PPO": Look(GOOD, "P"),
     "SAC": Look("#c0609a", "X"),
+    "ReferenceGLISp": Look("#8a4fb0", "<"),
+    "ReferenceGLIS": Look("#7a2e04", "p"),
+    "OptunaPreferential": Look("#b88a00", ">"),
     "LatinHypercube": Look("#4b5563", "^", _DASHED),
     "RandomSearch": Look(FIRST, "v", _DOTTED),
 }
-"""The project's own agents; dashed or dotted: they do not learn."""
-_SPARE = ("#8a4fb0", "#b88a00", "#7a2e04", "#00a3a3", "#e58fb5", "#94b000")
-_SPARE_MARKERS = ("<", ">", "p", "*", "h", "d")
+"""Agents that come with the project; dashed or dotted: they do not learn."""
+_SPARE = (Look("#00a3a3", "*"), Look("#e58fb5", "h"), Look("#94b000", "d"))
 
 
 def drawn(name: str) -> str:
-    """A name as matplotlib draws it as it stands: no formula, and not hidden from a legend."""
-    text = printable(name).replace("$", r"\$")
+    """A name as matplotlib draws it as it stands: no formula, and not hidden from a legend.
+
+    Of the path of a user's own file, the last part.
+    """
+    text = printable(name.rpartition("/")[2] or name).replace("$", r"\$")
     return f" {text}" if text.startswith("_") else text
 
 
 def looks(agents: Iterable[str]) -> dict[str, Look]:
-    """A look for each agent; one that is not ours gets the next free colour."""
+    """A look for each agent; any other than ours gets a free one, of an absent agent if need be."""
+    names = in_order(agents)
+    absent = [look for name, look in _KNOWN.items() if name not in names and look.dashes == "-"]
+    free = [*_SPARE, *absent]
     found: dict[str, Look] = {}
-    spare = 0
-    for agent in in_order(agents):
-        if agent in _KNOWN:
-            found[agent] = _KNOWN[agent]
+    others = 0
+    for name in names:
+        if name in _KNOWN:
+            found[name] = _KNOWN[name]
             continue
-        turn, i = divmod(spare, len(_SPARE))
-        found[agent] = Look(_SPARE[i], _SPARE_MARKERS[i], _DASHED if turn % 2 else "-")
-        spare += 1
+        turn, i = divmod(others, len(free))
+        found[name] = replace(free[i], dashes=_DASHED) if turn else free[i]
+        others += 1
     return found

@@ -88,7 +88,12 @@ def test_looks_do_not_depend_on_the_order_and_differ():
     assert found == looks(reversed(names))
     assert len({look.color for look in found.values()}) == len(names)
     assert len({look.marker for look in found.values()}) == len(names)
-    assert len(looks([f"agent {i}" for i in range(20)])) == 20
+    many = looks([f"agent {i}" for i in range(20)])
+    assert len(set(many.values())) == 20
+
+
+def test_the_path_of_an_own_agent_is_not_drawn():
+    assert drawn("somewhere/else/own.py:Mine") == "own.py:Mine"
 
 
 def test_gaps_at_the_floor_are_at_the_lower_end_which_says_so():
