@@ -2,10 +2,11 @@
 
 import importlib.util
 import sys
+import traceback
 from pathlib import Path
 from types import ModuleType
 
-from prefcal_env.errors import ScenarioError
+from prefcal_env.errors import PrefcalError, ScenarioError
 
 
 def module_at(path: Path) -> ModuleType:
@@ -24,8 +25,21 @@ def module_at(path: Path) -> ModuleType:
     sys.path.insert(0, str(path.resolve().parent))  # for modules beside it, as a script has it
     try:
         spec.loader.exec_module(module)
-    except (ImportError, SyntaxError) as error:
-        raise ScenarioError(f"cannot load {str(path)!r}: {error}") from error
+    except Exception as error:
+        # Whatever the user's own file raises: where in it, not where in prefcal.
+        raise ScenarioError(f"cannot load {str(path)!r}: {_told(error, path)}") from error
     finally:
         sys.path.pop(0)
     return module
+
+
+def _told(error: Exception, path: Path) -> str:
+    """An error of somebody's own file in one line, with its line there."""
+    words = " ".join(str(error).split())
+    if isinstance(error, SyntaxError):  # it says its line
+        return words
+    if not isinstance(error, (ImportError, PrefcalError)):
+        words = f"{type(error).__name__}: {words}"
+    frames = traceback.extract_tb(error.__traceback__)
+    lines = [f.lineno for f in frames if Path(f.filename).resolve() == path.resolve()]
+    return f"{words} (line {lines[-1]})" if lines else words

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -148,15 +149,22 @@ def load(name: str) -> Scenario:
     if attribute.endswith(".py"):
         raise ScenarioError(f"{name!r} is a file: say which scenario in it, {name}:NAME")
     if path.endswith(".py"):
-        found = getattr(module_at(Path(path)), attribute, None)
-    elif name in BUILT_IN:
+        return _scenario_in(module_at(Path(path)), attribute, name)
+    if name in BUILT_IN:
         module, _, attribute = BUILT_IN[name].partition(":")
-        found = getattr(import_module(module), attribute)
-    else:
-        raise ScenarioError(
-            f"no scenario is called {name!r}: expected one of {sorted(BUILT_IN)} "
-            "or path/to/own.py:name"
-        )
-    if not isinstance(found, Scenario):
-        raise ScenarioError(f"{name!r} must name a prefcal_scenarios.Scenario, got {found!r}")
-    return found
+        return _scenario_in(import_module(module), attribute, name)
+    raise ScenarioError(
+        f"no scenario is called {name!r}: expected one of {sorted(BUILT_IN)} or path/to/own.py:name"
+    )
+
+
+def _scenario_in(module: ModuleType, attribute: str, name: str) -> Scenario:
+    found = getattr(module, attribute, None)
+    if isinstance(found, Scenario):
+        return found
+    got = repr(found) if hasattr(module, attribute) else "nothing of that name"
+    there = [key for key, value in vars(module).items() if isinstance(value, Scenario)]
+    raise ScenarioError(
+        f"{name!r} must name a prefcal_scenarios.Scenario, got {got}; "
+        f"in that file there is {', '.join(there) or 'none'}"
+    )

@@ -72,11 +72,11 @@ def test_the_command_in_the_report_repeats_the_study(prefcal, tmp_path):
     ("words", "message"),
     [
         (["nowhere"], "no scenario is called 'nowhere'"),
-        ([f"{TOY_FILE}:nothing"], "must name a prefcal_scenarios.Scenario"),
+        ([f"{TOY_FILE}:nothing"], "got nothing of that name; in that file there is toy"),
         ([f"{TOY_FILE}:not_a_scenario"], "must name a prefcal_scenarios.Scenario"),
         (["missing.py:toy"], "no file"),
         ([TOY, "--agent", "oracle"], "agent must be one of"),
-        ([TOY, "--calibrator", "oracle"], "calibrator must be one of"),
+        ([TOY, "--calibrator", "oracle"], "calibrator must be one of ['human', "),
         ([TOY, "--n-init", "9", "--n-max", "5"], "n_max must be at least n_init"),
         ([TOY, "--n-max", "0"], "n_max must be at least n_init"),
         ([TOY, "--delta", "-1"], "delta must be 0 or above"),
@@ -117,6 +117,7 @@ def test_the_scenarios_are_listed(prefcal):
     assert code == 0
     assert "cstr" in out
     assert "T_s, N_p, log Q_Δu" in out
+    assert "overtake-robust  Lane" in out
     assert "own.py:name" in out
 
 

@@ -24,6 +24,7 @@ def start(folder, *words, log):
     return subprocess.Popen(
         [sys.executable, "-c", MAIN, "bench", *words],
         cwd=folder, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
     )  # fmt: skip
 
 
@@ -107,12 +108,18 @@ def test_impossible_wishes_are_refused_before_anything_runs(prefcal, tmp_path, w
     assert out == ""
 
 
-def test_ctrl_c_stops_at_once_and_keeps_what_has_landed(tmp_path):
+@pytest.mark.parametrize("count", [0, 2])
+def test_ctrl_c_stops_at_once_and_keeps_what_has_landed(tmp_path, count):
     words = ["--agents", f"{OWN}:Slow", "--problems", "camel", "--calibrators", "perfect",
              "--n-max", "4", "--jobs", "2", "--out", "out", "--json"]  # fmt: skip
-    process = start(tmp_path, *words, "--seeds", "500", log=tmp_path / "log")
-    landed(tmp_path / "out", 2)
-    process.send_signal(signal.SIGINT)
+    log = tmp_path / "log"
+    log.touch()
+    process = start(tmp_path, *words, "--seeds", "500", log=log)
+    while not (tmp_path / "out" / "duels").exists():  # from here on, workers are started
+        time.sleep(0.01)
+    time.sleep(0.3)
+    landed(tmp_path / "out", count)
+    os.killpg(process.pid, signal.SIGINT)  # a terminal sends it to all of them
     begun = time.monotonic()
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
@@ -120,8 +127,7 @@ def test_ctrl_c_stops_at_once_and_keeps_what_has_landed(tmp_path):
     assert out == ""
     assert "results are kept in out" in err
     assert "Traceback" not in err
-    pids = {int(line.split()[1]) for line in (tmp_path / "log").read_text().splitlines()}
-    assert not any(alive(pid) for pid in pids)
+    assert not any(alive(int(line.split()[1])) for line in log.read_text().splitlines())
 
 
 def test_after_a_kill_it_goes_on_to_the_same_digest_and_repeats_nothing(tmp_path):

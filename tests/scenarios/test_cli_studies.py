@@ -120,7 +120,15 @@ def test_an_import_never_overwrites_a_study(prefcal, study):
     prefcal("studies", "export", "mine")
     code, _, err = prefcal("studies", "import", "mine.json")
     assert code == 2
-    assert "mine" in err
+    assert "mine.prefcal already: name this one with --study" in err
+    assert prefcal("studies", "import", "mine.json", "--study", "again")[0] == 0
+
+
+def test_an_export_that_cannot_be_written_names_its_folder(prefcal, study, tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    code, _, err = prefcal("studies", "export", "mine", "--format", "csv", "--out", "taken")
+    assert code == 2
+    assert err.startswith("prefcal: cannot write the folder taken: ")
 
 
 def test_verify_finds_a_changed_answer(prefcal, study, tmp_path):
@@ -197,7 +205,7 @@ def test_the_terminal_answers_from_a_pipe_and_the_study_goes_on(prefcal, monkeyp
     assert code == 0, err
     assert "Comparison 2 of 3" in out
     assert "Go on: prefcal calibrate" in err
-    monkeypatch.setattr("sys.stdin", io.StringIO("s\n"))
+    monkeypatch.setattr("sys.stdin", io.StringIO("=\n"))
     code, out, err = prefcal(*words[:3], "--study", "piped")
     assert "Comparison 3 of 3" in out
     assert "The study is over: all compared." in out
@@ -220,6 +228,11 @@ def test_a_rig_cannot_be_calibrated_unattended(prefcal, tmp_path):
     code, _, err = prefcal("calibrate", "own.py:rig", *SYNTHETIC, "--n-max", "4")
     assert code == 2
     assert "only a person can run" in err
+    bare = "oven = replace(rig, calibrators={}, cost=None)\n"
+    with (tmp_path / "own.py").open("a") as own:
+        own.write(bare)
+    err = prefcal("calibrate", "own.py:oven", *SYNTHETIC, "--n-max", "4")[2]
+    assert "is a rig that only a person can run: its calibrator is human" in err
 
 
 def test_the_same_line_goes_on_with_a_study_that_was_given_more(prefcal):

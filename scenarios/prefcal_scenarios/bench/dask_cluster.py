@@ -14,7 +14,7 @@ _PATIENCE = 60.0
 
 @final
 class DaskCluster:
-    """The workers of a Dask scheduler, which must have this prefcal installed.
+    """The workers of a Dask scheduler, which must have this prefcal installed (and own.py).
 
     One cell runs at a time in each worker process, so processes of one thread are best. A worker
     that dies is the scheduler's matter at first: it tries the task elsewhere, a few times.
@@ -42,18 +42,24 @@ class DaskCluster:
     def width(self) -> int:
         """How many worker processes, now; waits if there is none."""
         until = time.monotonic() + self._patience
-        while True:
-            if self._client is not None and self._client.status != "running":
-                raise BenchmarkError(f"the Dask scheduler at {self._address} is gone")
-            count = len(self._client.nthreads()) if self._client is not None else 1
-            if count:
-                return count
+        while not (count := self._count()):
             if time.monotonic() > until:
                 raise BenchmarkError(
                     f"the Dask cluster at {self._address} has had no worker for "
                     f"{self._patience:g} s"
                 )
             time.sleep(0.2)
+        return count
+
+    def _count(self) -> int:
+        if self._client is None:
+            return 1  # not yet asked
+        try:
+            if self._client.status == "running":
+                return len(self._client.nthreads())
+        except OSError:  # a connection that is closed, or no answer in time
+            pass
+        raise BenchmarkError(f"the Dask scheduler at {self._address} is gone")
 
     def open(self) -> Executor:
         """Connect to the scheduler."""

@@ -13,11 +13,16 @@ from concurrent.futures import (
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from prefcal_env.errors import BenchmarkError
+
 from .executors import Workers
 
 T = TypeVar("T")
 _PATIENCE = 0.5
 """Seconds after which the engine looks around: for new workers, or none."""
+
+_ATTEMPTS = 3
+"""To open an executor that takes a task."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,15 +99,16 @@ class _Crew(Generic[T]):
             self._submit(self._waiting.popleft())
 
     def _submit(self, number: int) -> None:
-        if self._pool is None:
-            self._pool = self._workers.open()
-        try:
-            future = self._pool.submit(self._tasks[number])
-        except BrokenExecutor:
-            self._workers.close(at_once=True)
-            self._pool = self._workers.open()
-            future = self._pool.submit(self._tasks[number])
-        self._flying[future] = number
+        for _ in range(_ATTEMPTS):
+            if self._pool is None:
+                self._pool = self._workers.open()
+            try:
+                self._flying[self._pool.submit(self._tasks[number])] = number
+                return
+            except BrokenExecutor:
+                self._workers.close(at_once=True)
+                self._pool = None
+        raise BenchmarkError("workers die as soon as they are started")
 
 
 def _error(future: Future[Any]) -> BaseException | None:

@@ -4,7 +4,9 @@ import multiprocessing
 import os
 import signal
 import threading
+from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
+from contextlib import contextmanager
 from multiprocessing.process import BaseProcess
 from typing import Protocol, final
 
@@ -71,6 +73,8 @@ class Processes:
         self._others = set(multiprocessing.active_children())
         context = multiprocessing.get_context("spawn")
         self._pool = ProcessPoolExecutor(self._jobs, mp_context=context, initializer=_begin)
+        with _deaf():
+            self._pool.submit(os.getpid)  # starts them all
         return self._pool
 
     def close(self, *, at_once: bool) -> None:
@@ -86,6 +90,19 @@ class Processes:
     def died(self, error: BaseException) -> bool:
         """Whether a process of the pool is gone; all its tasks end so."""
         return isinstance(error, (BrokenExecutor, CancelledError))
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Processes started inside take no notice of Ctrl-C, not even before `_begin`."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def usable_cores() -> int:

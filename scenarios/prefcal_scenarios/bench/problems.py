@@ -113,12 +113,8 @@ def _of_function(function: TestFunction) -> Problem:
 
 
 def _reactor() -> Problem:
-    """The paper's reactor. Who follows its guidelines (lexicographic) does not see the index.
-
-    So the gap of that calibrator says how good the index becomes that he never judged by.
-    """
+    """The paper's reactor, judged by its performance index."""
     from prefcal_scenarios.cstr import cstr as scenario  # loads solvers
-    from prefcal_scenarios.cstr.room import lexicographic
 
     cost = scenario.cost
     assert cost is not None
@@ -127,12 +123,11 @@ def _reactor() -> Problem:
         experiment = scenario.run(theta)
         return Outcome(theta, float(cost(experiment)), experiment)
 
-    by_guidelines = ByCriteria(lexicographic())
     return Problem(
         name="cstr",
         space=scenario.space,
         run=run,
-        calibrators=judges(ByCost(), "perfect") | {"lexicographic": partial(_sure, by_guidelines)},
+        calibrators=judges(ByCost(), "perfect"),
         referee=ByCost(),
         best_known=CSTR_BEST,
     )
@@ -161,5 +156,3 @@ PROBLEMS = (*FUNCTIONS, "cstr", "overtake")
 """Names of the problems, in the order of the tables."""
 CALIBRATORS = ("perfect", "lexicographic", *NOISES)
 """Names of all calibrators, in the order of the tables; a problem has some of them."""
-SURE = ("perfect", "lexicographic")
-"""Calibrators that are never wrong."""

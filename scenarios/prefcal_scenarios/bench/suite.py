@@ -10,9 +10,9 @@ from .cell import Cell
 from .problems import CALIBRATORS, PROBLEMS, problem
 from .roster import AGENTS, entry
 
-QUICK_AGENTS = ("GLISp", "GLISp.paper", "GLIS", "RandomSearch", "LatinHypercube")
+QUICK_AGENTS = ("GLISp", "GLISp.paper", "GLIS", "RandomSearch")
 QUICK_PROBLEMS = ("camel", "hartman3", "hartman6", "terraces3", "cstr", "overtake")
-QUICK_CALIBRATORS = ("perfect", "lexicographic", "noisy10")
+QUICK_CALIBRATORS = ("perfect", "lexicographic")
 QUICK_SEEDS = 3
 FULL_SEEDS = 20
 

@@ -48,9 +48,10 @@ def scenarios() -> None:
     """List the scenarios that `prefcal calibrate` knows by name."""
     from prefcal_scenarios.scenario import BUILT_IN, load
 
+    width = max(map(len, BUILT_IN)) + 2
     for name in BUILT_IN:
         scenario = load(name)
-        typer.echo(f"{name:<12}{scenario.title}; knobs {', '.join(scenario.space.names)}")
+        typer.echo(f"{name:<{width}}{scenario.title}; knobs {', '.join(scenario.space.names)}")
     typer.echo("Your own: path/to/own.py:name, where name is a prefcal_scenarios.Scenario.")
 
 

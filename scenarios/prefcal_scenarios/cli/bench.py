@@ -26,7 +26,7 @@ EPILOG = """\
   One cell at a time: only then is the time of a proposal measured.
 
 [cyan]prefcal bench --dask tcp://10.0.0.5:8786[/cyan]
-  On a Dask cluster whose workers have this prefcal, too.
+  On a Dask cluster whose workers have this prefcal, too (and own.py, at the same path).
 
 [cyan]prefcal bench --quick --json > quick.json[/cyan]
   For programs: the digest, the table, the duels and what failed.

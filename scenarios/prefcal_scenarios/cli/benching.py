@@ -1,6 +1,7 @@
 """What `prefcal bench` does."""
 
 import json as json_
+import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from rich.text import Text
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench import DaskCluster, Finished, Processes, Store, Suite, run_suite
 from prefcal_scenarios.bench.executors import Workers, usable_cores
-from prefcal_scenarios.bench.presenting import Presented, as_csv, present
+from prefcal_scenarios.bench.results import as_csv, duel_table, table, write
 from prefcal_scenarios.cli.bench_display import BenchDisplay
 from prefcal_scenarios.cli.bench_table import show
 from prefcal_scenarios.export import jsonable
@@ -35,6 +36,14 @@ class Wishes:
     n_max: int | None = None
     jobs: int | None = None
     dask: str | None = None
+
+    def command(self, out: Path) -> str:
+        """The command line that repeats it, wherever it ran."""
+        words = ["prefcal", "bench", *(["--quick"] if self.quick else [])]
+        for name in ("agents", "problems", "calibrators", "seeds", "n_init", "n_max"):
+            if (value := getattr(self, name)) is not None:
+                words += [f"--{name.replace('_', '-')}", str(value)]
+        return shlex.join([*words, "--out", str(out)])
 
     def suite(self) -> Suite:
         """The cells that are wanted.
@@ -95,29 +104,32 @@ def run(wishes: Wishes, out: Path, *, json: bool, csv: bool) -> int:
                 f"Stopped; {display.done} results are kept in {out}: go on with the same line."
             )
             return INTERRUPTED
-    presented = present(finished, store.folder)
+    page = write(
+        finished.results, finished.duels, store.folder, command=wishes.command(out),
+        digest=finished.digest, notes=(*suite.left_out, *finished.trouble),
+    )  # fmt: skip
     if json:
-        print(_as_json(finished, suite, presented))
+        print(_as_json(finished, suite, page))
     elif csv:
-        print(as_csv(presented.rows), end="")
+        print(as_csv(table(finished.results)), end="")
     else:
-        show(finished, presented, _paper())
+        show(finished, page, _paper())
     return 1 if finished.failures or finished.trouble else 0
 
 
-def _as_json(finished: Finished, suite: Suite, presented: Presented) -> str:
+def _as_json(finished: Finished, suite: Suite, page: Path) -> str:
     """One JSON object; strict, so null where there is no number."""
     content: dict[str, Any] = {
         "digest": finished.digest,
         "cells": len(finished.results),
-        "table": presented.rows,
-        "duels": presented.duels,
+        "table": table(finished.results),
+        "duels": duel_table(finished.duels),
         "failures": [
             {**result.cell.to_dict(), "failure": result.failure} for result in finished.failures
         ],
         "trouble": finished.trouble,
         "left_out": suite.left_out,
-        "page": None if presented.page is None else str(presented.page),
+        "page": str(page),
     }
     return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)
 

@@ -134,9 +134,10 @@ def calibrate(
 ) -> None:
     """Calibrate SCENARIO by preferences, and write a report of it.
 
-    Proposes θ, runs the experiment, shows it beside the best so far, and learns from the answer:
-    yours on a local page, or a synthetic calibrator's. Every answer is saved before the next
-    question; Ctrl-C stops and leaves a report of the comparisons so far.
+    Proposes θ, runs the experiment, shows it beside the best so far, and learns
+    from the answer: yours on a local page, or a synthetic calibrator's. Every
+    answer is saved before the next question; Ctrl-C stops and leaves a report of
+    the comparisons so far.
     """
     one_thread()
     # Here, not above: --help must not wait for it, and numpy reads the environment once.

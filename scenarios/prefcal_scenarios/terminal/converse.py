@@ -14,9 +14,10 @@ from .keys import END, ask_line
 from .looking import show_history, show_status
 from .showing import show_keys, show_next, show_question
 
+# A key that the page has too means the same there; only R, which asks again there, is right here.
 CHOICES = {
     "l": Choice.LEFT, "left": Choice.LEFT, "r": Choice.RIGHT, "right": Choice.RIGHT,
-    "s": Choice.SAME, "same": Choice.SAME, "c": Choice.CANNOT_TELL,
+    "=": Choice.SAME, "same": Choice.SAME, "s": Choice.CANNOT_TELL,
 }  # fmt: skip
 MARKS = {
     "q": ("left", UNSAFE), "e": ("right", UNSAFE),
@@ -90,10 +91,10 @@ class _Conversation:
         return True
 
     def _other(self, key: str, now: Now) -> None:
-        if key == "u":
+        if key == "z":
             self.interview.undo(now.version)
             self._say("The last answer is taken back.")
-        elif key == "n":
+        elif key == "c":
             said = self.line("comment on the next answer")
             # Ctrl-D says END: the person wants no comment.
             self.comment = "" if said == END else said
@@ -106,11 +107,11 @@ class _Conversation:
             self._say("Press f again to finish the study.")
             if self.keys() == "f":
                 self.interview.finish()
-        elif key in ("h", "i") and self.blind:
+        elif key in ("h", "w") and self.blind:
             self._say("That would show which experiment is which: end blind first (b).")
         elif key == "h":
             show_history(self.interview, self.console)
-        elif key == "i":
+        elif key == "w":
             show_status(self.interview, self.console)
         else:
             show_keys(self.console)
@@ -123,7 +124,7 @@ class _Conversation:
         said = self.line("its file, or: failed, unsafe FILE, undo, stop")
         if said in STOP:
             return False
-        if said in ("u", "undo"):
+        if said in ("z", "undo"):
             self.interview.undo(now.version)
         elif said == "failed":
             self.interview.fail(now.pending.index)
@@ -150,7 +151,7 @@ class _Conversation:
 
     def _failed(self, now: Now) -> bool:
         self._say(f"That did not work: {now.problem}")
-        self._say("[t] try again   [f] count it as failed   [u] undo   [x] stop")
+        self._say("[t] try again   [f] count it as failed   [z] undo   [x] stop")
         key = self.keys()
         if key in STOP:
             return False
@@ -158,7 +159,7 @@ class _Conversation:
             self.interview.retry()
         elif key == "f" and now.pending is not None:
             self.interview.fail(now.pending.index, now.problem or "")
-        elif key == "u":
+        elif key == "z":
             self.interview.undo(now.version)
         return True
 
