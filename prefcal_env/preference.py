@@ -11,9 +11,9 @@ from typing import Any, Protocol, Self, TypeVar, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.end import End
 from prefcal_env.errors import PreferenceError
 from prefcal_env.knobs import KnobSpace
+from prefcal_env.outcome import Outcome
 
 ExperimentT = TypeVar("ExperimentT", contravariant=True)
 
@@ -44,7 +44,8 @@ class Answer:
         strength: How sure the calibrator is, above 0; 1 is an ordinary verdict. It is the
             weight c_h of eq. QP-pref.
         marks: Marks on either side.
-        outcomes: How the challenger's and the incumbent's experiments ended, where known.
+        outcomes: What came of the challenger's and the incumbent's experiments, where known: KPIs
+            by name, lower is better; infinite means never, NaN or no entry unknown.
         value: The challenger's score, lower is better, which a value-based agent learns from in
             place of a preference.
 
@@ -56,7 +57,7 @@ class Answer:
     preference: Preference | None
     strength: float = 1
     marks: tuple[Mark, ...] = ()
-    outcomes: tuple[End, End | None] | None = None
+    outcomes: tuple[Mapping[str, float] | None, Mapping[str, float] | None] | None = None
     value: float | None = None
 
     def __post_init__(self) -> None:
@@ -69,6 +70,8 @@ class Answer:
         for mark in self.marks:
             if not isinstance(mark, Mark):
                 raise PreferenceError(f"a mark must be one of {list(Mark)}, got {mark!r}")
+        if self.outcomes is not None:
+            object.__setattr__(self, "outcomes", _outcomes(self.outcomes))
         if self.value is not None:
             object.__setattr__(self, "value", _score(self.value))
 
@@ -97,15 +100,19 @@ class Answer:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; `from_dict` reads it back."""
-        ends = self.outcomes
         plain = {
             "preference": None if self.preference is None else int(self.preference),
             "strength": float(self.strength),
             "marks": [mark.value for mark in self.marks],
-            "outcomes": None if ends is None else [e.value if e else None for e in ends],
+            "outcomes": self._plain_outcomes(),
         }
         # Absent where there is none: so the studies of before are read and written unchanged.
         return plain if self.value is None else {**plain, "value": self.value}
+
+    def _plain_outcomes(self) -> list[dict[str, float | str] | None] | None:
+        if self.outcomes is None:
+            return None
+        return [o.to_dict() if isinstance(o, Outcome) else None for o in self.outcomes]
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Answer":
@@ -115,18 +122,32 @@ class Answer:
             PreferenceError: something is missing or malformed.
         """
         try:
-            ends = data["outcomes"]
-            outcomes = None
-            if ends is not None:
-                challenger, incumbent = ends
-                outcomes = (End(challenger), None if incumbent is None else End(incumbent))
+            outcomes = data["outcomes"]
+            if outcomes is not None:
+                challenger, incumbent = outcomes
+                outcomes = (
+                    None if challenger is None else Outcome.from_dict(challenger),
+                    None if incumbent is None else Outcome.from_dict(incumbent),
+                )
             marks = tuple(Mark(value) for value in data["marks"])
             value = data.get("value")
             return cls(data["preference"], data["strength"], marks, outcomes, value)
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise PreferenceError(
                 f"an answer cannot be read: {type(error).__name__} {error}"
             ) from error
+
+
+def _outcomes(given: Any) -> tuple[Outcome | None, Outcome | None]:
+    """A pair of outcomes, or None for one that is not known."""
+    if not isinstance(given, (tuple, list)) or len(given) != 2:
+        raise PreferenceError(
+            f"outcomes must be the challenger's and the incumbent's, got {given!r}"
+        )
+    challenger, incumbent = (
+        o if o is None or isinstance(o, Outcome) else Outcome(o) for o in given
+    )
+    return challenger, incumbent
 
 
 def _score(value: Any) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .rbf import squared_distances
-from .surrogate import Surrogate
+from .surrogate import Composite, Surrogate
 
 _NEAREST = 1e-75  # squares to 1e-150: the sum of inverses stays finite on a sample
 
@@ -51,12 +51,12 @@ class Acquisition:
         spread: ΔĴ; 1 where the surrogate is flat (nothing is known, or all are ties).
     """
 
-    surrogate: Surrogate
+    surrogate: Surrogate | Composite
     delta: float
     spread: float
 
     @classmethod
-    def of(cls, surrogate: Surrogate, delta: float) -> "Acquisition":
+    def of(cls, surrogate: Surrogate | Composite, delta: float) -> "Acquisition":
         """Normalise `surrogate` by its range over the samples."""
         spread = surrogate.spread
         return cls(surrogate, delta, spread if spread > 0 else 1.0)

@@ -47,11 +47,17 @@ class Validation:
         share = rng.permutation(len(preferences)) % folds
         return cls(preferences, learning, backend, share == np.arange(folds)[:, None])
 
-    def reproduced(self, shape: Shape) -> int:
-        """How many left-out preferences are predicted right (eq. RBF-pref)."""
+    def reproduced(self, shape: Shape, columns: Float[np.ndarray, "N p"] | None = None) -> int:
+        """How many left-out preferences are predicted right (eq. RBF-pref).
+
+        `columns` are KPIs of the samples that may explain them too, shape (N, p).
+        """
         known, samples = self.preferences, self.preferences.samples
         phi = shape.basis(samples, samples)
         constraints = Constraints.of(known, phi, margins(known, self.learning.margin_power))
+        if columns is not None:
+            constraints = constraints.with_outcomes(known, columns)
+            phi = np.hstack([phi, columns])
         right = 0
         for left_out in self.slices:
             beta = fit(constraints.without(left_out), self.learning, self.backend)

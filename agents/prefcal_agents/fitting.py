@@ -16,6 +16,7 @@ from .ledger import Preferences
 _SHORTEST = 1e-12  # a shorter row (two samples that φ cannot tell apart) counts as this long
 _FAR = 0.3  # root mean square distance per knob from which on the margin is σ in full
 _NEAR = 1e-9  # closer samples count as this share of it: a margin stays above 0
+_NOBODY = -1  # owner of a row that holds whatever was answered
 _RIDGE = 1e-11  # on a Gram matrix of unit rows: below any accuracy asked for, above rounding
 
 
@@ -42,7 +43,7 @@ class Constraints:
         rows: Shape (R, N).
         margins: Shape (R,), above 0 for a strict preference, -1 for both rows of a tie.
         weights: c_h, shape (R,).
-        owner: The comparison that each row belongs to, shape (R,).
+        owner: The comparison that each row belongs to, shape (R,); -1: none, it always holds.
     """
 
     rows: Float[np.ndarray, "R N"]
@@ -74,9 +75,25 @@ class Constraints:
             owner=owner,
         )
 
+    def with_outcomes(
+        self, preferences: Preferences, columns: Float[np.ndarray, "N p"]
+    ) -> "Constraints":
+        """The same with p KPIs beside the N samples as what Ĵ may be made of, weights 0 or more.
+
+        Source: none; β of eq. RBF-pref gets p more entries, for `columns`, shape (N, p).
+        """
+        of_kpis = Constraints.of(preferences, columns, np.ones(len(preferences)))
+        n, p = self.rows.shape[1], columns.shape[1]
+        return Constraints(
+            rows=np.block([[self.rows, of_kpis.rows], [np.zeros((p, n)), np.eye(p)]]),
+            margins=np.append(self.margins, np.zeros(p)),
+            weights=np.append(self.weights, np.ones(p)),
+            owner=np.append(self.owner, np.full(p, _NOBODY)),
+        )
+
     def without(self, left_out: Bool[np.ndarray, " M"]) -> "Constraints":
         """Those of the comparisons that are not left out."""
-        kept = ~left_out[self.owner]
+        kept = (self.owner == _NOBODY) | ~left_out[self.owner]
         return Constraints(
             self.rows[kept], self.margins[kept], self.weights[kept], self.owner[kept]
         )

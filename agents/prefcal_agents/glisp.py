@@ -125,11 +125,9 @@ class GLISp(PreferenceBased):
             KnobError: `thetas` has another shape or leaves the box.
         """
         z = encode_all(self.space, thetas)
-        preferences = self._turns.ledger.preferences()
-        if len(preferences) == 0:
+        if len(self._turns.ledger.preferences()) == 0:
             return np.zeros(len(z))
-        shape = self._strategy.shape(self._turns.ledger)
-        learned = self._strategy.surrogate(preferences, shape)
-        on_samples = learned(preferences.samples)
+        learned = self._strategy.learned(self._turns.ledger)
+        on_samples = learned(learned.centres)
         spread = float(np.ptp(on_samples))
         return np.asarray((learned(z) - on_samples.min()) / (spread if spread > 0 else 1.0))

@@ -58,13 +58,38 @@ def interpolate(
     it, which follows from one factorisation: S. Rippa, Advances in Computational Mathematics 11
     (1999), equation 13.
     """
-    offset = float(values.mean())
+    return _interpolate(samples, values[:, None], epsilon, rbf)[0]
+
+
+def _interpolate(
+    samples: Float[np.ndarray, "N n"],
+    columns: Float[np.ndarray, "N p"],
+    epsilon: float,
+    rbf: str,
+) -> list[tuple[Interpolant, float]]:
+    """The same of p columns of values, with one factorisation."""
+    offsets = columns.mean(axis=0)
     phi = RADIAL_FUNCTIONS[rbf].value(epsilon**2 * squared_distances(samples, samples))
     eigenvalues, vectors = np.linalg.eigh(phi)
-    inverse = 1 / (np.maximum(eigenvalues, 0.0) + _RIDGE * len(values))
-    beta = vectors @ (inverse * (vectors.T @ (values - offset)))
-    left_out = beta / ((vectors**2) @ inverse)
-    return Interpolant(samples, beta, offset, epsilon, rbf), float(np.sqrt(np.mean(left_out**2)))
+    inverse = 1 / (np.maximum(eigenvalues, 0.0) + _RIDGE * len(columns))
+    betas = vectors @ (inverse[:, None] * (vectors.T @ (columns - offsets)))
+    left_out = betas / ((vectors**2) @ inverse)[:, None]
+    errors = np.sqrt(np.mean(left_out**2, axis=0))
+    return [
+        (Interpolant(samples, betas[:, k], float(offsets[k]), epsilon, rbf), float(errors[k]))
+        for k in range(columns.shape[1])
+    ]
+
+
+def best_interpolants(
+    samples: Float[np.ndarray, "N n"],
+    columns: Float[np.ndarray, "N p"],
+    epsilons: Sequence[float],
+    rbf: str,
+) -> tuple[Interpolant, ...]:
+    """For each of p columns, that with the ε of `epsilons` that foretells left-out values best."""
+    tries = [_interpolate(samples, columns, epsilon, rbf) for epsilon in epsilons]
+    return tuple(min(found, key=lambda f: f[1])[0] for found in zip(*tries, strict=True))
 
 
 def best_interpolant(
@@ -74,8 +99,7 @@ def best_interpolant(
     rbf: str,
 ) -> Interpolant:
     """The interpolant with the ε of `epsilons` that foretells left-out values best."""
-    tries = [interpolate(samples, values, epsilon, rbf) for epsilon in epsilons]
-    return min(tries, key=lambda found: found[1])[0]
+    return best_interpolants(samples, values[:, None], epsilons, rbf)[0]
 
 
 def normalised(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndarray, " N"]:

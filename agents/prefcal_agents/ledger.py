@@ -3,6 +3,7 @@
 It is the part that all preference-based agents share. Frozen: every change gives a new one.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -128,6 +129,13 @@ class Ledger:
             np.array([index for index, _ in known], dtype=np.int64),
             np.array([value for _, value in known], dtype=float),
         )
+
+    def outcomes(self) -> tuple[Mapping[str, float], ...]:
+        """KPIs of each sample whose query is closed, lower is better; empty where none are known.
+
+        They are what happened: a retracted verdict leaves them.
+        """
+        return tuple((c.answer.outcomes or ({},))[0] or {} for c in self.comparisons)
 
     def until(self, count: int) -> "Ledger":
         """The first `count` samples and their answers."""

@@ -12,10 +12,11 @@ from .acquisition import Acquisition
 from .cross_validation import Validation, choose_epsilon, rescale_knob
 from .cube import Tried, integer_mask, latin_hypercube, snap_all
 from .fitting import Constraints, fit, margins
-from .ledger import Ledger, Preferences
+from .ledger import Ledger
 from .minimise import Domain
+from .outcomes import Judgement, Outcomes
 from .settings import EVERY_STEP, MINIMISERS, GLISpSettings
-from .surrogate import Shape, Surrogate
+from .surrogate import Composite, Shape, Surrogate
 from .threads import one_thread
 
 
@@ -57,11 +58,10 @@ class Strategy:
         tried = Tried(self.space, ledger)
         if index < self.n_init:
             return tried.fresh(latin_hypercube(self.space, self.n_init, self.seed)[index], rng)
-        preferences = ledger.preferences()
         noise, delta = None, self.settings.delta
         if self._perturbs(index):
-            noise, delta = rng.exponential(size=len(preferences)), 0.0
-        surrogate = self.surrogate(preferences, self.shape(ledger), noise)
+            noise, delta = rng.exponential(size=len(ledger.preferences())), 0.0
+        surrogate = self.learned(ledger, noise)
         domain = Domain(
             integer_mask(self.space),
             lambda z: snap_all(self.space, z),
@@ -73,19 +73,49 @@ class Strategy:
                 return np.asarray(z)
         return tried.fresh(domain.start, rng)
 
-    def surrogate(
-        self,
-        preferences: Preferences,
-        shape: Shape,
-        noise: Float[np.ndarray, " M"] | None = None,
-    ) -> Surrogate:
-        """Ĵ that `preferences` teach, with a factor `noise`, shape (M,), on their margins."""
+    def learned(
+        self, ledger: Ledger, noise: Float[np.ndarray, " M"] | None = None
+    ) -> Surrogate | Composite:
+        """Ĵ that the M answers in `ledger` teach, with a factor `noise`, (M,), on their margins.
+
+        Deviation: KPIs that explain the answers are part of it, as far as cross-validation finds
+        that they help to foretell answers; scale 0 among the `outcome_scales` is without them.
+        """
+        preferences, shape = ledger.preferences(), self.shape(ledger)
         margin = margins(preferences, self.settings.margin_power)
         margin = margin if noise is None else margin * noise
         phi = shape.basis(preferences.samples, preferences.samples)
         constraints = Constraints.of(preferences, phi, margin)
+        outcomes = Outcomes.of(ledger)
+        scale = self._outcome_scale(ledger, shape, outcomes)
+        if scale == 0:
+            beta = fit(constraints, self.settings.learning, self.backend)
+            return Surrogate(preferences.samples, beta, shape)
+        constraints = constraints.with_outcomes(preferences, scale * outcomes.columns)
         beta = fit(constraints, self.settings.learning, self.backend)
-        return Surrogate(preferences.samples, beta, shape)
+        n = len(phi)
+        judgement = Judgement(outcomes, scale * np.maximum(beta[n:], 0.0))
+        return Composite(Surrogate(preferences.samples, beta[:n], shape), judgement)
+
+    def _outcome_scale(self, ledger: Ledger, shape: Shape, outcomes: Outcomes) -> float:
+        """By how much KPIs count beside θ, so that left-out answers are foretold best."""
+        scales, preferences = self.settings.outcome_scales, ledger.preferences()
+        if not len(outcomes) or len(preferences) < self.settings.folds:
+            return 0.0
+        validation = self._validation(ledger)
+        scores = [
+            validation.reproduced(shape, scale * outcomes.columns if scale else None)
+            for scale in scales
+        ]
+        winners = [s for s, score in zip(scales, scores, strict=True) if score == max(scores)]
+        return winners[len(winners) // 2]
+
+    def _validation(self, ledger: Ledger) -> Validation:
+        settings = self.settings
+        rng = np.random.default_rng([self.seed, ledger.answered, 1])
+        return Validation.deal(
+            ledger.preferences(), settings.learning, self.backend, settings.folds, rng
+        )
 
     def shape(self, ledger: Ledger) -> Shape:
         """Shape of φ in use after `ledger`: each cross-validation starts from the one before."""
@@ -108,10 +138,7 @@ class Strategy:
         settings, preferences = self.settings, ledger.preferences()
         if len(preferences) < settings.folds:
             return shape
-        rng = np.random.default_rng([self.seed, ledger.answered, 1])
-        validation = Validation.deal(
-            preferences, settings.learning, self.backend, settings.folds, rng
-        )
+        validation = self._validation(ledger)
         candidates = [settings.epsilon * factor for factor in settings.epsilons]
         shape, score = choose_epsilon(validation, shape, candidates)
         if settings.rescale and len(self.space) > 1:

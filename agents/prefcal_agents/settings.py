@@ -45,6 +45,8 @@ class GLISpSettings:
         margin_power: How the margin of a strict preference grows with the distance of its two
             samples; 0: it is σ for all, as in eq. RBF-pref.
         perturb_every: Every how many proposals the margins are drawn at random; 0: never.
+        outcome_scales: By how much the KPIs that come with the answers may count beside θ, 0 or
+            more, increasing; cross-validation chooses. (0,) leaves them out.
         minimiser: Of eq. xNp1: "multistart" or "particle_swarm".
 
     Raises:
@@ -62,6 +64,7 @@ class GLISpSettings:
     rescale: bool = True
     margin_power: float = 1.0
     perturb_every: int = 2
+    outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
     minimiser: str = "multistart"
 
     def __post_init__(self) -> None:
@@ -88,6 +91,7 @@ class GLISpSettings:
             rescale=False,
             margin_power=0.0,
             perturb_every=0,
+            outcome_scales=(0.0,),
             minimiser="particle_swarm",
         )
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from .outcomes import Judgement
 from .rbf import RADIAL_FUNCTIONS, squared_distances
 
 
@@ -68,4 +69,34 @@ class Surrogate:
     @property
     def spread(self) -> float:
         """ΔĴ: the range of Ĵ over the samples, which normalises eq. acquisition."""
+        return float(np.ptp(self(self.centres)))
+
+
+@dataclass(frozen=True, slots=True)
+class Composite:
+    """Ĵ of eq. rbf, and what the KPIs add to it.
+
+    Source: none.
+    Deviation: what a person prefers depends on what happened, not on θ.
+    """
+
+    over_theta: Surrogate
+    over_kpis: Judgement
+
+    @property
+    def centres(self) -> Float[np.ndarray, "N n"]:
+        """The samples, unit cube, shape (N, n)."""
+        return self.over_theta.centres
+
+    def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+        """Ĵ at the rows of `z`, shape (m, n), unit cube; shape (m,)."""
+        return np.asarray(self.over_theta(z) + self.over_kpis(z))
+
+    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """∂Ĵ/∂z at one point of the cube, shape (n,)."""
+        return np.asarray(self.over_theta.gradient(z) + self.over_kpis.gradient(z))
+
+    @property
+    def spread(self) -> float:
+        """ΔĴ: the range of Ĵ over the samples."""
         return float(np.ptp(self(self.centres)))

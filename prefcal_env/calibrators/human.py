@@ -62,7 +62,7 @@ class HumanCalibrator:
 def _turned(answer: Answer) -> Answer:
     """The same answer, about the sides the other way round."""
     preference = None if answer.preference is None else Preference(-answer.preference)
-    ends = answer.outcomes
-    # An end that is not known cannot become the challenger's.
-    ends = None if ends is None or ends[1] is None else (ends[1], ends[0])
-    return Answer(preference, answer.strength, tuple(_OTHER_SIDE[m] for m in answer.marks), ends)
+    outcomes = None if answer.outcomes is None else answer.outcomes[::-1]
+    return Answer(
+        preference, answer.strength, tuple(_OTHER_SIDE[m] for m in answer.marks), outcomes
+    )

@@ -1,0 +1,108 @@
+"""What happened, beside θ: the KPIs of all samples, and what they would be at another θ."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from .interpolation import Interpolant, best_interpolants, normalised
+from .ledger import Ledger
+
+_CEILING = 2.0  # see `normalised`: an interrupted run must not flatten the differences of others
+_EPSILONS = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2)
+_RBF = "inverse_quadratic"
+_FEWEST = 3  # values that a KPI needs before anything can be foretold
+
+
+@dataclass(frozen=True, slots=True)
+class Outcomes:
+    """p KPIs of N samples, and each as a function of θ.
+
+    Args:
+        columns: Lower is better; 0 for the best sample and 1 for the worst, shape (N, p).
+        models: Each column interpolated over the cube scaled to [-1, 1].
+        names: Of the KPIs, p of them.
+    """
+
+    columns: Float[np.ndarray, "N p"]
+    models: tuple[Interpolant, ...]
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, ledger: Ledger) -> "Outcomes":
+        """Those that the answers in `ledger` hold.
+
+        A value that is missing or no number is filled in by its KPI's interpolation; an infinite
+        one counts as the worst. A KPI with fewer than three values, or always the same, is left
+        out: nothing can be learned from it.
+        """
+        known = ledger.outcomes()
+        x = 2 * ledger.cube() - 1
+        # KPIs that are known of the same samples share the costly part.
+        alike: dict[tuple[int, ...], list[tuple[str, np.ndarray]]] = {}
+        for name in sorted({name for outcome in known for name in outcome}):
+            there, shares = _shares(known, name)
+            if len(there) >= _FEWEST and np.ptp(shares) > 0:
+                alike.setdefault(tuple(there), []).append((name, shares))
+        columns, models, names = [], [], []
+        for key, group in alike.items():
+            there = np.array(key)
+            shares = np.array([share for _, share in group]).T
+            for k, model in enumerate(best_interpolants(x[there], shares, _EPSILONS, _RBF)):
+                column = np.clip(model(x), 0.0, 1.0) if len(there) < len(x) else np.zeros(len(x))
+                column[there] = shares[:, k]
+                columns.append(column)
+                models.append(model)
+                names.append(group[k][0])
+        return cls(np.array(columns).reshape(len(columns), len(x)).T, tuple(models), tuple(names))
+
+    def __len__(self) -> int:
+        return len(self.models)
+
+
+def _shares(
+    known: tuple[Mapping[str, float], ...], name: str
+) -> tuple[np.ndarray, Float[np.ndarray, " K"]]:
+    """The samples at which KPI `name` is known, and how bad it is there, between 0 and 1."""
+    values = np.array([outcome.get(name, np.nan) for outcome in known], dtype=float)
+    there = np.flatnonzero(~np.isnan(values))
+    values = values[there]
+    finite = np.isfinite(values)
+    shares = np.where(values > 0, 1.0, 0.0)  # of the infinite ones
+    if finite.any():
+        shares[finite] = normalised(values[finite], _CEILING)
+    return there, shares
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What the KPIs add to the surrogate: Σ w_k times KPI k, foretold at any θ.
+
+    Args:
+        outcomes: The KPIs.
+        weights: w, 0 or more, shape (p,).
+    """
+
+    outcomes: Outcomes
+    weights: Float[np.ndarray, " p"]
+
+    def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+        """Value at the rows of `z`, unit cube, shape (m,)."""
+        total = np.zeros(len(z))
+        for weight, model in self._terms():
+            total += weight * model(2 * z - 1)
+        return total
+
+    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Gradient at one point of the cube, shape (n,)."""
+        total = np.zeros(len(z))
+        for weight, model in self._terms():
+            total += 2 * weight * model.gradient(2 * z - 1)
+        return total
+
+    def _terms(self) -> list[tuple[float, Interpolant]]:
+        """The KPIs that count."""
+        most = float(np.max(self.weights, initial=0.0))
+        pairs = zip(self.weights, self.outcomes.models, strict=True)
+        return [(float(w), model) for w, model in pairs if w > 1e-6 * most]

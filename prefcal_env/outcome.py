@@ -1,0 +1,56 @@
+"""The outcome of an experiment, as far as an agent may know it: KPIs, and no trajectory."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from prefcal_env.errors import PreferenceError
+
+
+_NUMBERS: Mapping[Any, float] = {"inf": np.inf, "-inf": -np.inf}
+
+
+class Outcome(Mapping[str, float]):
+    """KPIs of an experiment by name: lower is better, infinite means never. Frozen, hashable.
+
+    Args:
+        kpis: Name to value; one that is NaN is unknown, and left out.
+
+    Raises:
+        PreferenceError: a name that is no text, or a value that is no number.
+    """
+
+    def __init__(self, kpis: Mapping[str, float]) -> None:
+        if not isinstance(kpis, Mapping):
+            raise PreferenceError(f"an outcome must map names to numbers, got {kpis!r}")
+        for name, value in kpis.items():
+            numeric = isinstance(value, (int, float, np.integer, np.floating))
+            if not isinstance(name, str) or not numeric:
+                raise PreferenceError(f"a KPI must be a name and a number, got {name!r}: {value!r}")
+        known = {name: float(value) for name, value in kpis.items() if not np.isnan(value)}
+        self._kpis = dict(sorted(known.items()))
+
+    def __getitem__(self, name: str) -> float:
+        return self._kpis[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._kpis)
+
+    def __len__(self) -> int:
+        return len(self._kpis)
+
+    def __hash__(self) -> int:
+        return hash(tuple(self._kpis.items()))
+
+    def __repr__(self) -> str:
+        return f"Outcome({self._kpis!r})"
+
+    def to_dict(self) -> dict[str, float | str]:
+        """Plain data for JSON, which has no infinity: that is a word."""
+        return {k: v if np.isfinite(v) else str(v) for k, v in self._kpis.items()}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "Outcome":
+        """Read what `to_dict` gave. Raises PreferenceError if it is something else."""
+        return cls({name: _NUMBERS.get(value, value) for name, value in data.items()})
