@@ -7,7 +7,6 @@ import numpy as np
 
 from prefcal_env.errors import PreferenceError
 
-
 _NUMBERS: Mapping[Any, float] = {"inf": np.inf, "-inf": -np.inf}
 
 
