@@ -48,7 +48,7 @@ def test_an_agent_that_is_not_installed_is_left_out_with_a_word(monkeypatch):
     far = Entry("Far", "preference", lambda *_: 1 / 0, lambda: "1", ("not_there",), "x")
     monkeypatch.setattr("prefcal_scenarios.bench.roster.AGENTS", {**AGENTS, "Far": far})
     suite = replace(BOTH, agents=("GLISp", "Far"))
-    assert suite.left_out == ("Far: Far needs not_there: pip install 'prefcal[x]'",)
+    assert suite.left_out == ("Far needs not_there: pip install 'prefcal[x]'",)
     assert {c.agent for c in suite.cells} == {"GLISp"}
 
 
