@@ -18,6 +18,9 @@ from ..stored import Stored
 from ..turn_taking import PreferenceBased
 from ..turns import Turns
 
+_HELD_BACK = (0, 1, 2, 4, 8)
+"""Lessons that a fit leaves out at first: one that starts from nothing diverges now and then."""
+
 
 @final
 class OptunaPreferential(Stored, PreferenceBased):
@@ -29,7 +32,8 @@ class OptunaPreferential(Stored, PreferenceBased):
 
     Source: package `optuna-dashboard`, after Takeno et al. 2023.
     Deviation: a sampler that lives on starts its fit, and its chain of Gibbs samples, where the
-    last one ended; here both start afresh, so that a proposal depends on the answers alone.
+    last one ended; here both start afresh, so that a proposal depends on the answers alone. A
+    fit that diverges is started again from that of fewer answers.
 
     Args:
         space: The knobs; the sampler sees the unit cube, and integers are snapped afterwards.
@@ -55,38 +59,56 @@ class OptunaPreferential(Stored, PreferenceBased):
         self._preferential = load("optuna_dashboard.preferential", "peers")
 
     def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
-        index = ledger.answered
+        index, n = ledger.answered, len(self.space)
         rng = np.random.default_rng([self._seed, index])
-        lessons = ledger.preferences()
-        strict = lessons.subset(np.flatnonzero(lessons.b))
+        z = rng.random(n)
         if index < self.n_init:
             z = latin_hypercube(self.space, self.n_init, self._seed)[index]
-        elif not len(strict):
-            z = rng.random(len(self.space))
-        else:
-            z = self._ask(ledger)
+        elif lessons := _strict(ledger):
+            with seeded(self._seed, index) as seed, _quiet(self._optuna), _one_thread():
+                for held_back in _HELD_BACK:
+                    found = self._ask(ledger, lessons, max(len(lessons) - held_back, 0), seed)
+                    if found is not None:
+                        z = found
+                        break
         return Tried(self.space, ledger).fresh(np.clip(z, 0.0, 1.0), rng)
 
-    def _ask(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
-        names = [f"z{k}" for k in range(len(self.space))]
-        knobs = {name: self._optuna.distributions.FloatDistribution(0.0, 1.0) for name in names}
-        with seeded(self._seed, ledger.answered) as seed, _quiet(self._optuna), _one_thread():
-            sampler = self._sampler.PreferentialGPSampler(seed=seed)
-            study = self._preferential.create_study(n_generate=1, sampler=sampler)
-            for z in ledger.cube():
-                params = dict(zip(names, map(float, z), strict=True))
-                trial = self._optuna.trial.create_trial(
-                    params=params, distributions=knobs, value=0.0
-                )
-                study.add_trial(trial)
-            trials = study.get_trials(deepcopy=False)
-            lessons = ledger.preferences()
-            for b, i, j in zip(lessons.b, lessons.first, lessons.second, strict=True):
-                if b:
-                    better, worse = (i, j) if b < 0 else (j, i)
+    def _ask(
+        self, ledger: Ledger, lessons: list[tuple[int, int]], first: int, seed: int
+    ) -> Float[np.ndarray, " n"] | None:
+        """A new sample, shape (n,); None where the fit fails.
+
+        The sampler fits itself to the first `first` lessons, then from there to all of them.
+        """
+        knobs = {
+            f"z{k}": self._optuna.distributions.FloatDistribution(0.0, 1.0)
+            for k in range(len(self.space))
+        }
+        sampler = self._sampler.PreferentialGPSampler(seed=seed)
+        study = self._preferential.create_study(n_generate=1, sampler=sampler)
+        for z in ledger.cube():
+            params = dict(zip(knobs, map(float, z), strict=True))
+            study.add_trial(
+                self._optuna.trial.create_trial(params=params, distributions=knobs, value=0.0)
+            )
+        trials = study.get_trials(deepcopy=False)
+        try:
+            for told in (lessons[:first], lessons[first:]):
+                for better, worse in told:
                     study.report_preference(trials[better], trials[worse])
-            proposed = study.ask(knobs).params
-        return np.array([proposed[name] for name in names])
+                if told:
+                    proposed = study.ask(knobs).params
+        except (RuntimeError, ValueError):  # the fit diverged: a covariance that is none
+            return None
+        z = np.array([proposed[name] for name in knobs])
+        return z if np.all(np.isfinite(z)) else None
+
+
+def _strict(ledger: Ledger) -> list[tuple[int, int]]:
+    """The better and the worse sample of each comparison that was no tie."""
+    lessons = ledger.preferences()
+    rows = zip(lessons.b, lessons.first, lessons.second, strict=True)
+    return [(int(i), int(j)) if b < 0 else (int(j), int(i)) for b, i, j in rows if b]
 
 
 @contextmanager
