@@ -54,3 +54,7 @@ class RecordError(PrefcalError, ValueError):
 
 class MissingExtraError(PrefcalError, ImportError):
     """An optional dependency is not installed; the message says how to get it."""
+
+
+class BenchmarkError(PrefcalError, RuntimeError):
+    """A benchmark cannot go on: its folder of results or its cluster is not usable."""

@@ -101,7 +101,8 @@ class Experiment:
         runs: The other fields are those of the first of several seeded variants; all of them.
 
     Raises:
-        ExperimentError: arrays of the wrong shape, states or inputs that are not finite.
+        ExperimentError: arrays of the wrong shape, states or inputs that are not finite, a KPI
+            that is no number.
     """
 
     theta: Float[np.ndarray, " n"]
@@ -151,6 +152,14 @@ class Experiment:
             raise ExperimentError(f"end must be one of {list(End)}, got {self.end!r}")
         if np.any(np.diff(self.t) <= 0):
             raise ExperimentError("t must increase strictly")
+        self._check_kpis()
+
+    def _check_kpis(self) -> None:
+        """Here, where the run is to blame, and not when the study can no longer be saved."""
+        for name, value in self.kpis.items():
+            found = np.asarray(value)
+            if not isinstance(name, str) or found.ndim or found.dtype.kind not in "biuf":
+                raise ExperimentError(f"a KPI must be a name and a number, got {name!r}: {value!r}")
 
     @property
     def duration(self) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.calibrators.noise import Noise
+from prefcal_env.calibrators.noise import Noise, generator_of_pair
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Preference
@@ -70,9 +70,7 @@ class LatentCost:
     def _error(self, a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> float:
         """Error of cost(a) - cost(b): of opposite sign the other way round, so 0 for equal θ."""
         assert self.noise is not None
-        first, second = sorted((tuple(a + 0.0), tuple(b + 0.0)))  # + 0.0: there is one zero
-        if first == second:
+        if np.array_equal(a, b):
             return 0.0
-        key = np.array([first, second]).view(np.uint32).ravel()
-        error = self.noise.draw(np.random.default_rng([int(self.seed), *key.tolist()]))
-        return error if tuple(a) == first else -error
+        error = self.noise.draw(generator_of_pair(self.seed, a, b))
+        return error if tuple(a) < tuple(b) else -error

@@ -5,6 +5,7 @@ from math import isfinite
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 
@@ -55,6 +56,15 @@ class BradleyTerry:
     def draw(self, generator: np.random.Generator) -> float:
         """One error of a difference of costs, in the unit of the cost."""
         return float(generator.logistic(scale=self.scale))
+
+
+def generator_of_pair(
+    seed: int, a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]
+) -> np.random.Generator:
+    """A generator that depends on `seed` and the two θ, shape (n,), but not on their order."""
+    pair = sorted((tuple(a + 0.0), tuple(b + 0.0)))  # + 0.0: there is one zero
+    key = np.array(pair).view(np.uint32).ravel()
+    return np.random.default_rng([int(seed), *key.tolist()])
 
 
 def _check(name: str, value: float) -> None:

@@ -1,7 +1,6 @@
 """A study as one JSON text, and back: for other programs, other machines and the attic."""
 
 import json
-import os
 from base64 import b64decode, b64encode
 from contextlib import closing
 from pathlib import Path
@@ -12,7 +11,7 @@ from prefcal_env.errors import StudyError
 from . import schema
 from .chain import START
 from .codec import pack, unpack
-from .connection import connect, publish, vacant
+from .connection import beside, connect, publish, vacant
 from .file import StudyFile
 from .trouble import told
 from .verify import verify
@@ -47,20 +46,20 @@ def import_json(text: str, path: Path | str) -> Path:
     target = vacant(path)
     with told(target, "import into", "Nothing was imported"):
         target.parent.mkdir(parents=True, exist_ok=True)
-        beside = target.with_name(f".{target.name}.{os.getpid()}.part")
+        part = beside(target)
         try:
-            with closing(connect(beside)) as connection:
+            with closing(connect(part)) as connection:
                 schema.create(connection, START)
                 connection.executemany("INSERT INTO event VALUES (?, ?, ?, ?, ?, ?)", rows)
                 head = (len(rows), rows[-1][-1])
                 connection.execute("UPDATE head SET count = ?, hash = ?", head)
                 connection.execute("COMMIT")
-            findings = verify(beside)
+            findings = verify(part)
             if findings:
                 raise StudyError(f"the export is not sound, nothing was imported: {findings[0]}")
-            publish(beside, target)
+            publish(part, target)
         finally:
-            beside.unlink(missing_ok=True)
+            part.unlink(missing_ok=True)
     return target
 
 

@@ -1,6 +1,7 @@
 """Files and connections: how a study comes to be on the disk, and stays there."""
 
 import os
+import secrets
 import sqlite3
 from pathlib import Path
 
@@ -50,6 +51,15 @@ def _check_name(path: Path | str) -> None:
         known = False
     if not known:
         raise StudyError(f"{str(path)!r} cannot be the name of a file")
+
+
+def beside(target: Path) -> Path:
+    """A name next to `target` for a file that is not whole yet, never used before.
+
+    Not by process id: in a container it is the same every time, and what a kill left behind would
+    be in the way for ever.
+    """
+    return target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
 
 
 def publish(source: Path, target: Path) -> None:

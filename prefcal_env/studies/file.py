@@ -1,6 +1,5 @@
 """A study file: one SQLite database to which events are appended, durably, and never changed."""
 
-import os
 import sqlite3
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,7 +17,7 @@ from prefcal_env.experiment import Experiment
 from . import schema
 from .chain import START, link
 from .codec import decode, encode, pack, unpack
-from .connection import connect, existing, publish, vacant
+from .connection import beside, connect, existing, publish, vacant
 from .events import Created, Event, Finished, Recorded, from_text, to_text
 from .fold import State, begin, step
 from .sources import check_source
@@ -63,14 +62,14 @@ class StudyFile:
             return file
         target = vacant(path)
         # Beside, then linked: a file of this name is a whole study or is not there.
-        beside = target.with_name(f".{target.name}.{os.getpid()}.part")
+        part = beside(target)
         with told(target, "begin", "Nothing was recorded"):
             try:
-                with closing(connect(beside)) as connection:
-                    cls(connection, str(beside), clock)._begin(created)
-                publish(beside, target)
+                with closing(connect(part)) as connection:
+                    cls(connection, str(part), clock)._begin(created)
+                publish(part, target)
             finally:
-                beside.unlink(missing_ok=True)
+                part.unlink(missing_ok=True)
         return cls.open(target, clock=clock)
 
     @classmethod

@@ -21,7 +21,7 @@ def export_csv(study: StudyFile, folder: Path | str) -> Path:
     be written.
     """
     target, state = Path(folder), study.state
-    with told(target, "export into"):
+    with told(target, "write", what="the folder"):
         (target / "trajectories").mkdir(parents=True, exist_ok=True)
         _write(target / "comparisons.csv", _comparisons(state))
         experiments = {i: study.experiment(seq) for i, seq in sorted(state.finished.items())}

@@ -20,13 +20,16 @@ _WORDS = {
 
 
 @contextmanager
-def told(path: Path | str, doing: str, consequence: str = "") -> Iterator[None]:
+def told(
+    path: Path | str, doing: str, consequence: str = "", *, what: str = "the study"
+) -> Iterator[None]:
     """Turn errors of SQLite inside into a StudyError that names the file and what to do.
 
     Args:
         path: The file.
         doing: "open", "write to" ...
         consequence: What has become of what was to be done.
+        what: The file is, before its path.
 
     Raises:
         StudyError: in place of any sqlite3.Error or OSError.
@@ -36,11 +39,11 @@ def told(path: Path | str, doing: str, consequence: str = "") -> Iterator[None]:
     except sqlite3.Error as error:
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
         why = _WORDS.get(code, str(error))
-        raise StudyError(_sentence(path, doing, why, consequence)) from error
+        raise StudyError(_sentence(f"{what} {path}", doing, why, consequence)) from error
     except OSError as error:
         why = error.strerror or str(error)
-        raise StudyError(_sentence(path, doing, why, consequence)) from error
+        raise StudyError(_sentence(f"{what} {path}", doing, why, consequence)) from error
 
 
-def _sentence(path: Path | str, doing: str, why: str, consequence: str) -> str:
-    return f"cannot {doing} the study {path}: {why}" + (f". {consequence}" if consequence else "")
+def _sentence(what: str, doing: str, why: str, consequence: str) -> str:
+    return f"cannot {doing} {what}: {why}" + (f". {consequence}" if consequence else "")

@@ -173,9 +173,11 @@ def _make() -> Mapping[str, TestFunction]:
         ),
         TestFunction("rosenbrock2", rosenbrock, box(*[(-2, 2)] * 2), 0.0, ((1.0,) * 2,)),
         TestFunction("rosenbrock4", rosenbrock, box(*[(-2, 2)] * 4), 0.0, ((1.0,) * 4,)),
+        TestFunction("rosenbrock8", rosenbrock, box(*[(-2, 2)] * 8), 0.0, ((1.0,) * 8,)),
         TestFunction("ackley2", ackley, box(*[(-3.7, 6.3)] * 2), 0.0, ((0.0,) * 2,)),
         TestFunction("ackley5", ackley, box(*[(-3.7, 6.3)] * 5), 0.0, ((0.0,) * 5,)),
         TestFunction("levy4", levy, box(*[(-10, 10)] * 4), 0.0, ((1.0,) * 4,)),
+        TestFunction("levy8", levy, box(*[(-10, 10)] * 8), 0.0, ((1.0,) * 8,)),
         TestFunction(
             "styblinski3", styblinski_tang, box(*[(-5, 5)] * 3), -39.16616570377142,
             ((-2.9035340277,) * 3,),

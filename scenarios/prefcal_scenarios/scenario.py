@@ -1,11 +1,10 @@
 """A scenario: everything about one calibration task, as data, and how to find it by name."""
 
-import importlib.util
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -16,6 +15,7 @@ from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiment import Channel, Channels, Experiment
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preference import Calibrator
+from prefcal_scenarios.own_file import module_at
 
 if TYPE_CHECKING:
     from prefcal_scenarios.report.pictures import Picture
@@ -149,33 +149,22 @@ def load(name: str) -> Scenario:
     if attribute.endswith(".py"):
         raise ScenarioError(f"{name!r} is a file: say which scenario in it, {name}:NAME")
     if path.endswith(".py"):
-        found = getattr(_module_at(Path(path)), attribute, None)
-    elif name in BUILT_IN:
+        return _scenario_in(module_at(Path(path)), attribute, name)
+    if name in BUILT_IN:
         module, _, attribute = BUILT_IN[name].partition(":")
-        found = getattr(import_module(module), attribute)
-    else:
-        raise ScenarioError(
-            f"no scenario is called {name!r}: expected one of {sorted(BUILT_IN)} "
-            "or path/to/own.py:name"
-        )
-    if not isinstance(found, Scenario):
-        raise ScenarioError(f"{name!r} must name a prefcal_scenarios.Scenario, got {found!r}")
-    return found
+        return _scenario_in(import_module(module), attribute, name)
+    raise ScenarioError(
+        f"no scenario is called {name!r}: expected one of {sorted(BUILT_IN)} or path/to/own.py:name"
+    )
 
 
-def _module_at(path: Path) -> Any:
-    if not path.is_file():
-        raise ScenarioError(f"no file {str(path)!r} to load a scenario from")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules.setdefault(path.stem, module)  # dataclasses look their module up
-    sys.path.insert(0, str(path.resolve().parent))  # for modules beside it, as a script has it
-    try:
-        spec.loader.exec_module(module)
-    except (ImportError, SyntaxError) as error:
-        raise ScenarioError(f"cannot load {str(path)!r}: {error}") from error
-    finally:
-        sys.path.pop(0)
-    return module
+def _scenario_in(module: ModuleType, attribute: str, name: str) -> Scenario:
+    found = getattr(module, attribute, None)
+    if isinstance(found, Scenario):
+        return found
+    got = repr(found) if hasattr(module, attribute) else "nothing of that name"
+    there = [key for key, value in vars(module).items() if isinstance(value, Scenario)]
+    raise ScenarioError(
+        f"{name!r} must name a prefcal_scenarios.Scenario, got {got}; "
+        f"in that file there is {', '.join(there) or 'none'}"
+    )

@@ -72,11 +72,11 @@ def test_the_command_in_the_report_repeats_the_study(prefcal, tmp_path):
     ("words", "message"),
     [
         (["nowhere"], "no scenario is called 'nowhere'"),
-        ([f"{TOY_FILE}:nothing"], "must name a prefcal_scenarios.Scenario"),
+        ([f"{TOY_FILE}:nothing"], "got nothing of that name; in that file there is toy"),
         ([f"{TOY_FILE}:not_a_scenario"], "must name a prefcal_scenarios.Scenario"),
         (["missing.py:toy"], "no file"),
         ([TOY, "--agent", "oracle"], "agent must be one of"),
-        ([TOY, "--calibrator", "oracle"], "calibrator must be one of"),
+        ([TOY, "--calibrator", "oracle"], "calibrator must be one of ['human', "),
         ([TOY, "--n-init", "9", "--n-max", "5"], "n_max must be at least n_init"),
         ([TOY, "--n-max", "0"], "n_max must be at least n_init"),
         ([TOY, "--delta", "-1"], "delta must be 0 or above"),
@@ -117,6 +117,7 @@ def test_the_scenarios_are_listed(prefcal):
     assert code == 0
     assert "cstr" in out
     assert "T_s, N_p, log Q_Δu" in out
+    assert "overtake-robust  Lane" in out
     assert "own.py:name" in out
 
 
@@ -134,27 +135,17 @@ def test_the_version_is_printed(prefcal):
 
 
 def test_glis_is_told_the_score_and_asks_nobody(prefcal, tmp_path):
-    words = [
-        "calibrate",
-        TOY,
-        "--agent",
-        "glis",
-        "--n-max",
-        "7",
-        "--json",
-        "--study",
-        "./g.prefcal",
-    ]
-    code, out, _ = prefcal(*words)
+    words = ["calibrate", TOY, "--agent", "glis", "--n-init", "3", "--json"]
+    study = ["--study", "./g.prefcal"]
+    code, out, _ = prefcal(*words, *study, "--n-max", "7")
     result = json.loads(out)
     assert code == 0
     assert (result["experiments"], result["questions"]) == (7, 0)
     assert (result["agent"], result["calibrator"]) == ("glis", "score")
     assert "nobody was asked: 7 experiments" in Path(result["report"]).read_text("utf-8")
     # It goes on where it was, as one study of nine would have.
-    words[4] = "9"
-    _, out, _ = prefcal(*words)
-    _, whole, _ = prefcal(*words[:6])
+    _, out, _ = prefcal(*words, *study, "--n-max", "9")
+    _, whole, _ = prefcal(*words, "--n-max", "9")
     assert json.loads(out)["best"] == json.loads(whole)["best"]
     assert json.loads(out)["experiments"] == 9
     assert prefcal("studies", "verify", "./g.prefcal")[0] == 0

@@ -107,6 +107,8 @@ def test_the_three_lines_of_best_json_work_in_the_folder_of_the_report(prefcal, 
         ("own.py:own", "import nowhere_to_be_found", "cannot load 'own.py'"),
         ("own.py:own", "own = (", "cannot load 'own.py'"),
         ("own.py:own", "own = replace(t.toy, cost=None, calibrators={})", "give it a cost"),
+        ("own.py:own", "own = 1 / 0", "'own.py': ZeroDivisionError: division by zero (line 9)"),
+        ("own.py:own", "import prefcal_env as e; e.Knob('k', 2, 1)", "(line 9)"),
     ],
 )
 def test_a_broken_own_file_is_refused_in_one_line(prefcal, own, words, text, message):

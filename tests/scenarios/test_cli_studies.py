@@ -7,6 +7,7 @@ import sqlite3
 
 import pytest
 
+from prefcal_env.studies import Noted
 from prefcal_scenarios.interview import Choice
 from support.interviews import begin, proceed
 from toy_study import TOY_FILE, toy_scenario
@@ -105,11 +106,29 @@ def test_a_comment_of_somebody_else_does_not_steer_the_terminal(prefcal, tmp_pat
     assert "\x1b" not in out
 
 
+def test_an_export_never_overwrites_its_study(prefcal, study, tmp_path):
+    (path,) = (tmp_path / "data").rglob("mine.prefcal")
+    before = path.read_bytes()
+    for format_ in ("json", "csv"):
+        code, _, err = prefcal("studies", "export", "mine", "--format", format_, "--out", str(path))
+        assert code == 2
+        assert "is the study itself" in err
+    assert path.read_bytes() == before
+
+
 def test_an_import_never_overwrites_a_study(prefcal, study):
     prefcal("studies", "export", "mine")
     code, _, err = prefcal("studies", "import", "mine.json")
     assert code == 2
-    assert "mine" in err
+    assert "mine.prefcal already: name this one with --study" in err
+    assert prefcal("studies", "import", "mine.json", "--study", "again")[0] == 0
+
+
+def test_an_export_that_cannot_be_written_names_its_folder(prefcal, study, tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    code, _, err = prefcal("studies", "export", "mine", "--format", "csv", "--out", "taken")
+    assert code == 2
+    assert err.startswith("prefcal: cannot write the folder taken: ")
 
 
 def test_verify_finds_a_changed_answer(prefcal, study, tmp_path):
@@ -135,6 +154,26 @@ def test_a_report_is_written_of_any_study(prefcal, study, tmp_path):
     assert json.loads(out)["experiments"] == 5
     first = (tmp_path / "prefcal-toy-0" / "best.json").read_text()
     assert (tmp_path / "again" / "best.json").read_text() == first
+
+
+def test_a_report_that_cannot_be_written_is_told_in_one_line(prefcal, study, tmp_path):
+    (tmp_path / "again" / "report.html").mkdir(parents=True)
+    code, _, err = prefcal("report", "mine", "--scenario", TOY, "--out", "again")
+    assert code == 2
+    assert "cannot write the report into again" in err
+    assert "lost nothing" in err
+
+
+def test_a_report_writes_nothing_to_a_study_that_is_being_answered(prefcal, tmp_path):
+    interview = begin(toy_scenario(), n_max=12, path=tmp_path / "mine.prefcal")
+    for _ in range(2):
+        interview.answer(proceed(interview).question.id, Choice.LEFT)
+    interview.study.append(Noted(f"{interview.now().phase}, and no proposal yet"))
+    code, out, err = prefcal("report", "./mine.prefcal", "--scenario", TOY, "--json")
+    assert code == 0, err
+    assert json.loads(out)["questions"] == 2
+    assert proceed(interview).question.number == 3, interview.now().problem
+    interview.study.close()
 
 
 @pytest.mark.parametrize("command", [["studies", "show"], ["studies", "verify"], ["report"]])
@@ -166,7 +205,7 @@ def test_the_terminal_answers_from_a_pipe_and_the_study_goes_on(prefcal, monkeyp
     assert code == 0, err
     assert "Comparison 2 of 3" in out
     assert "Go on: prefcal calibrate" in err
-    monkeypatch.setattr("sys.stdin", io.StringIO("s\n"))
+    monkeypatch.setattr("sys.stdin", io.StringIO("=\n"))
     code, out, err = prefcal(*words[:3], "--study", "piped")
     assert "Comparison 3 of 3" in out
     assert "The study is over: all compared." in out
@@ -189,3 +228,20 @@ def test_a_rig_cannot_be_calibrated_unattended(prefcal, tmp_path):
     code, _, err = prefcal("calibrate", "own.py:rig", *SYNTHETIC, "--n-max", "4")
     assert code == 2
     assert "only a person can run" in err
+    bare = "oven = replace(rig, calibrators={}, cost=None)\n"
+    with (tmp_path / "own.py").open("a") as own:
+        own.write(bare)
+    err = prefcal("calibrate", "own.py:oven", *SYNTHETIC, "--n-max", "4")[2]
+    assert "is a rig that only a person can run: its calibrator is human" in err
+
+
+def test_the_same_line_goes_on_with_a_study_that_was_given_more(prefcal):
+    words = ["calibrate", TOY, *SYNTHETIC, "--study", "mine", "--json"]
+    assert prefcal(*words, "--n-max", "5")[0] == 0
+    assert prefcal(*words, "--n-max", "7")[0] == 0
+    code, out, _ = prefcal(*words, "--n-max", "5")
+    assert code == 0
+    assert json.loads(out)["experiments"] == 7
+    code, _, err = prefcal(*words, "--n-max", "6")
+    assert code == 2
+    assert "below the 7 that the study has by now" in err

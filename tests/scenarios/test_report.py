@@ -5,7 +5,6 @@ import csv
 import io
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -20,10 +19,10 @@ from prefcal_scenarios.report.pictures import PICTURES, Picture
 from prefcal_scenarios.report.style import canvas
 from prefcal_scenarios.report.wording import measured
 from prefcal_scenarios.report.write import write_report
+from support.pages import Outline
 from toy_study import toy_record, toy_scenario
 
 PNG = b"\x89PNG\r\n\x1a\n"
-VOID = {"meta", "img", "br", "link"}
 
 
 @pytest.fixture(scope="module")
@@ -36,27 +35,6 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def page(folder):
     return (folder / "report.html").read_text(encoding="utf-8")
-
-
-class Outline(HTMLParser):
-    """Collects tags and attributes, and refuses tags that are not closed in order."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.tags = [], []
-        self.feed(text)
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def all(self, tag):
-        return [attrs for name, attrs in self.tags if name == tag]
 
 
 def test_the_folder_holds_everything_that_was_promised(folder):

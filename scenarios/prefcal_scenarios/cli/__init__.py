@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from prefcal_scenarios.cli.bench import EPILOG as BENCH_EPILOG
+from prefcal_scenarios.cli.bench import bench
 from prefcal_scenarios.cli.calibrate import EPILOG, calibrate
 from prefcal_scenarios.cli.report import report
 from prefcal_scenarios.cli.studies import app as studies
@@ -19,6 +21,7 @@ app = typer.Typer(
 )
 app.command(no_args_is_help=True, epilog=EPILOG)(calibrate)
 app.command(no_args_is_help=True)(report)
+app.command(epilog=BENCH_EPILOG)(bench)
 app.add_typer(studies)
 
 
@@ -45,9 +48,10 @@ def scenarios() -> None:
     """List the scenarios that `prefcal calibrate` knows by name."""
     from prefcal_scenarios.scenario import BUILT_IN, load
 
+    width = max(map(len, BUILT_IN)) + 2
     for name in BUILT_IN:
         scenario = load(name)
-        typer.echo(f"{name:<12}{scenario.title}; knobs {', '.join(scenario.space.names)}")
+        typer.echo(f"{name:<{width}}{scenario.title}; knobs {', '.join(scenario.space.names)}")
     typer.echo("Your own: path/to/own.py:name, where name is a prefcal_scenarios.Scenario.")
 
 

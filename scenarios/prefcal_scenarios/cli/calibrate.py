@@ -1,10 +1,11 @@
 """`prefcal calibrate`: one study from start to report."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from prefcal_scenarios.cli.threads import one_thread
 
 EPILOG = """\
 [bold]Examples[/bold]
@@ -133,11 +134,12 @@ def calibrate(
 ) -> None:
     """Calibrate SCENARIO by preferences, and write a report of it.
 
-    Proposes θ, runs the experiment, shows it beside the best so far, and learns from the answer:
-    yours on a local page, or a synthetic calibrator's. Every answer is saved before the next
-    question; Ctrl-C stops and leaves a report of the comparisons so far.
+    Proposes θ, runs the experiment, shows it beside the best so far, and learns
+    from the answer: yours on a local page, or a synthetic calibrator's. Every
+    answer is saved before the next question; Ctrl-C stops and leaves a report of
+    the comparisons so far.
     """
-    _one_thread()
+    one_thread()
     # Here, not above: --help must not wait for it, and numpy reads the environment once.
     from prefcal_scenarios.cli.fronts import Front
     from prefcal_scenarios.cli.session import run
@@ -149,12 +151,3 @@ def calibrate(
     }  # fmt: skip
     front = Front(terminal, not no_browser, host, port)
     raise typer.Exit(run(given, study, out, front, json=json))
-
-
-def _one_thread() -> None:
-    """Keep linear algebra on one thread, unless the user has said otherwise.
-
-    Our matrices are small: threads spend twice the time, most of it waiting for each other.
-    """
-    for library in ("OPENBLAS", "OMP", "MKL"):
-        os.environ.setdefault(f"{library}_NUM_THREADS", "1")

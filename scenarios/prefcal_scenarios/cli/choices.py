@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Calibrator
+from prefcal_env.rig import Rig
 from prefcal_scenarios.cli.options import BY_VALUE, SCORE, Options
 from prefcal_scenarios.scenario import Scenario
 
@@ -38,6 +39,20 @@ def make_agent(options: Options, scenario: Scenario) -> "AnyAgent":
     return agent
 
 
+def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
+    """What is said of a calibrator that the scenario does not have."""
+    if isinstance(scenario.run, Rig):
+        return (
+            f"scenario {scenario.name!r} is a rig that only a person can run: its calibrator is "
+            f"human, got {calibrator!r}"
+        )
+    hint = "" if known else " (give it a cost, or calibrators, to calibrate it unattended)"
+    return (
+        f"calibrator must be one of {sorted(['human', *known])} for scenario {scenario.name!r}"
+        f"{hint}, got {calibrator!r}"
+    )
+
+
 def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experiment] | None:
     """The calibrator of the options, one of the scenario's; None where scores are told.
 
@@ -53,10 +68,7 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
         cost = scenario.cost
         calibrators["synthetic"] = lambda seed: LatentCost(cost, seed=seed)
     if options.calibrator not in calibrators:
-        raise SettingsError(
-            f"calibrator must be one of {sorted(calibrators)} for scenario {scenario.name!r} "
-            f"(give it a cost, or calibrators), got {options.calibrator!r}"
-        )
+        raise SettingsError(_unknown(options.calibrator, scenario, sorted(calibrators)))
     calibrator = calibrators[options.calibrator](options.seed)
     if options.tie_band is None and options.answer_noise is None:
         return calibrator

@@ -3,24 +3,20 @@
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from prefcal_env.errors import StudyError
 from prefcal_env.studies import Extended, Reopened, StudyFile, make_data_folder, study_path
 from prefcal_scenarios.cli.choices import make_agent, make_calibrator
+from prefcal_scenarios.cli.clock import wall_clock
+from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.cli.options import Options
 from prefcal_scenarios.export import jsonable, versions
 from prefcal_scenarios.interview.memory import agent_as_dict, knobs_as_dicts
 from prefcal_scenarios.scenario import Scenario
 
 IN_MEMORY = ":memory:"
-
-
-def wall_clock() -> str:
-    """Now, in UTC, for the record; no result depends on it."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +84,7 @@ def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
 
 
 def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario) -> Opened:
-    file = StudyFile.open(path, clock=wall_clock)
+    file = open_described(path)
     try:
         state = file.state
         if state.configuration["name"] != scenario.name:
@@ -96,7 +92,11 @@ def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario)
                 f"study {name!r} calibrates {state.configuration['name']!r}, "
                 f"not {scenario.name!r}: name that scenario, or another study"
             )
-        stored = {**state.configuration["options"], "n_max": state.n_max}
+        begun = state.configuration["options"]
+        if given.get("n_max") == begun["n_max"]:
+            # The same line again: experiments that the page has added since stay.
+            given = {**given, "n_max": None}
+        stored = {**begun, "n_max": state.n_max}
         options = Options.resumed(stored, given)
         if options.n_max > state.n_max:
             file.append(Extended(options.n_max), *([Reopened()] if state.ended else []))

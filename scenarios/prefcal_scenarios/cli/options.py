@@ -76,7 +76,7 @@ class Options:
         wanted = given.get("n_max") or options["n_max"]
         if wanted < options["n_max"]:
             raise SettingsError(
-                f"n_max must not fall below the {options['n_max']} that the study was begun with, "
+                f"n_max must not fall below the {options['n_max']} that the study has by now, "
                 f"got {wanted}"
             )
         return cls(**{**options, "n_max": wanted, "scenario": given["scenario"]})

@@ -5,8 +5,8 @@ from pathlib import Path
 from rich.console import Console
 
 from prefcal_env.errors import StudyError
-from prefcal_env.studies import StudyFile
-from prefcal_scenarios.cli.opening import Opened, wall_clock
+from prefcal_scenarios.cli.described import open_described
+from prefcal_scenarios.cli.opening import Opened
 from prefcal_scenarios.cli.options import Options
 from prefcal_scenarios.cli.shelf import existing
 from prefcal_scenarios.cli.sitting import Sitting
@@ -21,20 +21,21 @@ def report_of(name: str, source: str | None, out: Path | None, *, json: bool) ->
     Raises:
         StudyError: no such study, or of a scenario that has to be named.
     """
-    with StudyFile.open(existing(name), clock=wall_clock) as file:
-        stored = file.state.configuration["options"]
-        if source is None and stored["scenario"] not in BUILT_IN:
+    with open_described(existing(name)) as file:
+        stored, named = file.state.configuration["options"], file.state.configuration["scenario"]
+        if source is None and named not in BUILT_IN:
             # Whoever sent the study must not choose which program is run here.
             raise StudyError(
-                f"study {name!r} calibrates {stored['scenario']!r}, which is a program: "
-                f"say so if you trust it, --scenario {stored['scenario']}"
+                f"study {name!r} calibrates {named!r}, which is a program: "
+                f"say so if you trust it, --scenario {named}"
             )
-        scenario = load(source or stored["scenario"])
+        scenario = load(source or named)
         options = Options.resumed(
-            {**stored, "n_max": file.state.n_max}, {"scenario": source or stored["scenario"]}
+            {**stored, "n_max": file.state.n_max}, {"scenario": source or named}
         )
         folder = folder_for(options.folder(scenario.name) if out is None else out)
-        interview = Interview(scenario, file, ahead=False)
+        # A window may be open on it: one event from here, and its next answer would be refused.
+        interview = Interview(scenario, file, ahead=False, asks=False)
         opened = Opened(file, options, name, resumed=True)
         sitting = Sitting(interview, opened, folder, Console(stderr=True), json)
         sitting.tell(sitting.write())

@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from prefcal_env.errors import PrefcalError, StudyError
+from prefcal_env.preference import Mark
 from prefcal_env.studies import (
     Closed,
     State,
@@ -22,11 +23,12 @@ from prefcal_env.studies import (
     study_path,
     verify,
 )
-from prefcal_scenarios.cli.opening import wall_clock
+from prefcal_scenarios.cli.clock import wall_clock
+from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.export import jsonable
 from prefcal_scenarios.interview.memory import incumbent
 from prefcal_scenarios.report.record import VERDICTS
-from prefcal_scenarios.report.wording import labelled, number, printable
+from prefcal_scenarios.report.wording import labelled, mark_text, number, printable
 
 
 def existing(name: str) -> Path:
@@ -59,7 +61,7 @@ _COLUMNS = ("study", "scenario", "experiments", "answers", "begun", "state")
 
 def _row(path: Path) -> dict[str, Any]:
     try:
-        with StudyFile.open(path, clock=wall_clock) as file:
+        with open_described(path) as file:
             state = file.state
     except PrefcalError as error:
         return {"study": path.stem, "state": f"cannot be read: {error}"}
@@ -81,7 +83,7 @@ def summary(state: State) -> dict[str, Any]:
 def print_study(name: str, *, json: bool) -> None:
     """One study: configuration, best θ, every answer."""
     path = existing(name)
-    with StudyFile.open(path, clock=wall_clock) as file:
+    with open_described(path) as file:
         state = file.state
     content = {
         "study": name, "file": str(path), **summary(state), "best": best_theta(state),
@@ -148,7 +150,7 @@ def _table(answers: list[Mapping[str, Any]]) -> Table:
     for heading in ("when", "new", "best", "verdict", "marks", "comment", ""):
         table.add_column(heading, overflow="fold")
     for answer in answers:
-        shown = {**answer, "marks": ", ".join(answer["marks"])}
+        shown = {**answer, "marks": ", ".join(mark_text(Mark(m)) for m in answer["marks"])}
         table.add_row(*(escape(printable(shown[key])) for key in columns))
     return table
 
@@ -156,6 +158,8 @@ def _table(answers: list[Mapping[str, Any]]) -> Table:
 def export_study(name: str, format_: str, out: Path | None) -> Path:
     """Write a study as JSON or CSV; return where."""
     path = existing(name)
+    if out is not None and out.exists() and out.samefile(path):
+        raise StudyError(f"{out} is the study itself: export it to another file")
     with StudyFile.open(path, clock=wall_clock) as file:
         if format_ == "csv":
             target = Path(path.stem) if out is None else out
@@ -174,9 +178,13 @@ def import_study(source: Path, name: str | None) -> Path:
     """Make a study file of exported JSON; return where."""
     try:
         text = source.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise StudyError(f"cannot read {source}: {error}") from error
+    except OSError as error:
+        raise StudyError(f"cannot read {source}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise StudyError(f"cannot read {source}: it is no text, nor an exported study") from error
     target = study_path(source.stem if name is None else name)
+    if target.exists():
+        raise StudyError(f"there is a study {target} already: name this one with --study")
     import_json(text, target)
     return target
 

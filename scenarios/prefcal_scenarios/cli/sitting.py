@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from prefcal_env.errors import StudyError
 from prefcal_scenarios.cli.opening import Opened
 from prefcal_scenarios.cli.outcome import as_json, show
 from prefcal_scenarios.cli.recording import record_of, references
@@ -32,14 +33,25 @@ class Sitting:
     json: bool
 
     def write(self, *, rig_works: bool = True) -> Record:
-        """Write the report of the study as it stands."""
+        """Write the report of the study as it stands.
+
+        Raises:
+            StudyError: it cannot be written, the disk is full say.
+        """
         # Here, not above: plots take half a second to load, and a refused option must not wait.
         from prefcal_scenarios.report.write import write_report
 
         options, scenario = self.opened.options, self.interview.scenario
         shown = references(scenario, options.seed, self.messages) if rig_works else {}
         record = record_of(self.interview, options, shown)
-        write_report(record, self.folder, () if scenario.pictures is None else scenario.pictures())
+        pictures = () if scenario.pictures is None else scenario.pictures()
+        try:
+            write_report(record, self.folder, pictures)
+        except OSError as error:
+            raise StudyError(
+                f"cannot write the report into {self.folder}: {error.strerror or error}. "
+                "The study itself has lost nothing"
+            ) from error
         return record
 
     def tell(self, record: Record) -> None:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from prefcal_agents.restore import AnyAgent
 from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Answer, Mark, Preference, Query
+from prefcal_env.preference import Answer, Mark, Preference
 
 LIKELY = (Preference.CHALLENGER, Preference.INCUMBENT, Preference.TIE, None)
 """Answers, the likely ones first."""
@@ -36,13 +36,6 @@ class Ahead:
                 return answer
         return None
 
-    def foresee(
-        self, agent: AnyAgent, query: Query, answer: Answer
-    ) -> Float[np.ndarray, " n"] | None:
-        """Tell a twin of `agent` the answer: θ of its next sample, None if it would be done."""
-        agent.tell(query, answer)
-        return None if agent.done else agent.ask().challenger.theta
-
     def keep_twin(self, answer: Answer, twin: AnyAgent) -> None:
         """Have `twin` at hand for `answer`."""
         self._twins[answer] = twin
@@ -58,9 +51,9 @@ class Ahead:
         self._twins.clear()
         self._tried.clear()
 
-    def keep(self, experiment: Experiment) -> None:
-        """Have an experiment at hand."""
-        self._experiments[_key(experiment.theta)] = experiment
+    def keep(self, theta: Float[np.ndarray, " n"], experiment: Experiment) -> None:
+        """Have the experiment of θ at hand: as it was asked for, whatever θ its plant reports."""
+        self._experiments[_key(theta)] = experiment
         while len(self._experiments) > _KEPT:
             self._experiments.popitem(last=False)
 

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from prefcal_agents.restore import AnyAgent
 from prefcal_env.errors import PrefcalError, StudyError
 from prefcal_env.experiment import Experiment
@@ -21,6 +23,7 @@ from prefcal_env.studies import (
 
 from .ahead import Ahead
 from .album import Album
+from .memory import incumbent
 from .moment import Phase, Question
 from .order import challenger_left
 from .scores import judged
@@ -65,21 +68,30 @@ class Flow:
     def resume(self) -> None:
         """Take the interview up where the study file stands; an open question stays open."""
         shown = self.state.open
-        if self.state.ended or shown is None:
+        if self.state.ended or shown is None or self._is_overtaken(shown[1]):
             self.proceed()
         else:
             self._put(*shown)
 
+    def _is_overtaken(self, shown: Shown) -> bool:
+        """Whether a retraction has changed who is best since.
+
+        A crash between a retraction and the question that follows it leaves the old question on
+        show: an answer would be about another pair than the one that the agent asks about.
+        """
+        return shown.repeats is None and shown.incumbent != incumbent(self.state)
+
     def proceed(self) -> None:
         """Go on until something has to be run, or answered, or all is over.
 
-        What led here is durable, so a full disk from here on is a problem to be shown and tried
-        again, no error of whoever answered.
+        What led here is durable, so whatever fails from here on, a full disk or an experiment
+        that no file can hold, is a problem to be shown and tried again, no error of whoever
+        answered: he would be left with a question that is closed already.
         """
         self.ahead.forget()
         try:
             self._proceed()
-        except StudyError as error:
+        except Exception as error:
             self.move(Phase.FAILED, error)
 
     def _proceed(self) -> None:
@@ -161,7 +173,7 @@ class Flow:
     def ran(self, sample: Suggested, result: Experiment | Exception) -> None:
         """Take the result of running `sample`, if it is still the one that is waited for."""
         if isinstance(result, Experiment):
-            self.ahead.keep(result)
+            self.ahead.keep(np.array(sample.theta), result)
         if self.phase is not Phase.RUNNING or self.pending != sample:
             return None
         try:
@@ -178,4 +190,6 @@ class Flow:
 
 def in_words(error: Exception) -> str:
     """An error for people: ours speak for themselves, others need their name."""
-    return str(error) if isinstance(error, PrefcalError) else f"{type(error).__name__}: {error}"
+    words = str(error) if isinstance(error, PrefcalError) else f"{type(error).__name__}: {error}"
+    # The name of a file may hold half a character, which neither a study nor a terminal can.
+    return words.encode(errors="backslashreplace").decode()

@@ -37,19 +37,22 @@ class Interview:
         scenario: What is calibrated.
         study: An open study file of the same knobs; its state is taken up where it stands.
         ahead: Whether `work` also runs what each likely answer would lead to.
+        asks: Whether it goes on, which writes to the study file; else it is only looked at.
 
     Raises:
         StudyError: the study is of other knobs, or cannot be written.
     """
 
-    def __init__(self, scenario: Scenario, study: StudyFile, *, ahead: bool = True) -> None:
+    def __init__(
+        self, scenario: Scenario, study: StudyFile, *, ahead: bool = True, asks: bool = True
+    ) -> None:
         self.scenario, self.study = scenario, study
         self._runs_ahead = ahead
         self._changed = threading.Condition(threading.RLock())
         self._flow = Flow(study, Album(scenario, study), agent_of(study.state, scenario.space))
         self._closing = False
         self._idle_at: int | None = None
-        with self._changed:
+        if asks:
             self._flow.resume()
 
     # What a front end sees.
@@ -59,15 +62,11 @@ class Interview:
         with self._changed:
             flow = self._flow
             return Now(
-                version=flow.version,
-                phase=flow.phase,
-                question=flow.question,
+                version=flow.version, phase=flow.phase, question=flow.question,
                 problem=None if flow.problem is None else in_words(flow.problem),
-                pending=flow.pending,
-                incumbent=incumbent(flow.state),
-                can_undo=steps.can_undo(flow),
-                state=flow.state,
-            )
+                pending=flow.pending, incumbent=incumbent(flow.state),
+                can_undo=steps.can_undo(flow), state=flow.state,
+            )  # fmt: skip
 
     def wait(self, version: int, timeout: float) -> Now:
         """Return as soon as the version differs from `version`, or after `timeout` seconds."""
@@ -202,7 +201,8 @@ class Interview:
     def work(self) -> bool:
         """Do the next piece of work; False if there is none. The long part holds no lock."""
         with self._change() as flow:
-            attempt = runs.due(flow, ahead=self._runs_ahead)
+            # Whoever has closed the window may stand at the plant by now: it is not started again.
+            attempt = None if self._closing else runs.due(flow, ahead=self._runs_ahead)
             self._idle_at = flow.version if attempt is None else None
         if attempt is None:
             return False

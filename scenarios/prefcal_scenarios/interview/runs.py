@@ -3,8 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Float
 
-from prefcal_env.errors import StaleError
+from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.experiment import Experiment
 from prefcal_env.rig import Rig
 from prefcal_env.studies import Ended, Extended, Finished, Noted, Reopened, Suggested
@@ -22,7 +23,7 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
     if flow.phase is Phase.RUNNING:
         pending = flow.pending
         if pending is None or pending.index in flow.state.finished:
-            return lambda: flow.proceed
+            return lambda: lambda: _go_on_running(flow)
         known = flow.ahead.experiment(np.array(pending.theta))
         return lambda: _running(flow, pending, known)
     if flow.phase is Phase.QUESTION and ahead:
@@ -30,21 +31,40 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
     return None
 
 
+def _go_on_running(flow: Flow) -> None:
+    """Proceed, unless somebody has done so (undone, retracted, finished) before the lock was had.
+
+    Twice, the question that is on show already would be put on show again, under another id.
+    """
+    if flow.phase is Phase.RUNNING:
+        flow.proceed()
+
+
 def _running(flow: Flow, sample: Suggested, known: Experiment | None) -> Callable[[], None]:
-    result = known or attempt(flow, sample.theta)
+    result = known or attempt(flow, np.array(sample.theta))
     return lambda: flow.ran(sample, result)
 
 
-def attempt(flow: Flow, theta: tuple[float, ...]) -> Experiment | Exception:
-    """Run θ. Whatever the user's plant raises is a result too."""
+def attempt(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment | Exception:
+    """Run θ. Whatever the user's plant raises is a result too, and so is what it should not give.
+
+    SystemExit as well: a plant that calls exit() would end the thread, and all would wait for ever.
+    """
     try:
-        return flow.album.scenario.run(np.array(theta), seed=flow.seed)
-    except Exception as error:
-        return error
+        result: object = flow.album.scenario.run(theta.copy(), seed=flow.seed)
+    except (Exception, SystemExit) as error:
+        return error if isinstance(error, Exception) else ScenarioError(f"run called exit: {error}")
+    if isinstance(result, Experiment):
+        return result
+    return ScenarioError(f"run must return an Experiment, got {type(result).__name__}")
 
 
 def _looking_ahead(flow: Flow) -> Attempt | None:
-    """Tell a twin the next likely answer, and run what it would propose."""
+    """Tell a twin the next likely answer, and run what it would propose.
+
+    What goes wrong here has cost nothing, and perhaps is never asked for: the question stays open.
+    If that answer is given, it is computed again, and told if it fails again.
+    """
     asked = flow.question
     assert asked is not None
     if asked.repeats is not None:
@@ -55,20 +75,28 @@ def _looking_ahead(flow: Flow) -> Attempt | None:
     query, twin = flow.agent.ask(), flow.agent.copy()
 
     def look() -> Callable[[], None]:
-        twin.tell(query, answer)
-        theta = None if twin.done else tuple(twin.ask().challenger.theta.tolist())
-        run = theta is not None and flow.ahead.experiment(np.array(theta)) is None
-        result = attempt(flow, theta) if run and theta is not None else None
+        try:
+            twin.tell(query, answer)
+            theta = None if twin.done else twin.ask().challenger.theta
+        except Exception:
+            return lambda: None
+        result = None if theta is None or _is_known(flow, theta) else attempt(flow, theta)
 
         def keep() -> None:
-            if isinstance(result, Experiment):
-                flow.ahead.keep(result)
+            if theta is not None and isinstance(result, Experiment):
+                flow.ahead.keep(theta, result)
             if flow.question is asked:
                 flow.ahead.keep_twin(answer, twin)
 
         return keep
 
     return look
+
+
+def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
+    """Whether θ was run: in the study (before an undo, or a night), or on suspicion."""
+    known = flow.study.find_experiment(theta) is not None
+    return known or flow.ahead.experiment(theta) is not None
 
 
 def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:
@@ -91,6 +119,9 @@ def record(flow: Flow, index: int, content: bytes, *, unsafe: bool) -> None:
 def fail(flow: Flow, index: int, reason: str) -> None:
     """Count the run of the pending sample as failed."""
     awaited(flow, index, Phase.RECORD, Phase.FAILED)
+    if index in flow.state.finished:
+        # What failed is the step after it, on a full disk say: its experiment must not be replaced.
+        raise StaleError(f"experiment {index + 1} is saved, it has not failed: try again")
     noted = [Noted(f"experiment {index + 1} failed: {reason}")] if reason else []
     flow.study.append(*noted, (Finished(index), flow.album.failed(index)))
     flow.proceed()

@@ -1,4 +1,4 @@
-"""The folder that a report goes to."""
+"""The folder that a report goes to, and how a file gets into it."""
 
 import os
 from pathlib import Path
@@ -22,3 +22,10 @@ def folder_for(path: str | Path) -> Path:
     if not os.access(folder, os.W_OK):
         raise SettingsError(f"cannot write into the folder {path!s}")
     return folder
+
+
+def put(path: Path, content: bytes) -> None:
+    """Write beside, then rename: an interruption never leaves half a file."""
+    beside = path.with_name(f".{path.name}.part")
+    beside.write_bytes(content)
+    os.replace(beside, path)

@@ -6,6 +6,7 @@ from math import inf, isfinite
 
 from prefcal_env.experiment import Experiment
 from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preference import Mark
 from prefcal_scenarios.scenario import KPI
 
 _SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
@@ -27,6 +28,11 @@ def measured(kpi: KPI, experiment: Experiment) -> str:
     if value == inf and kpi.unit == experiment.channels.time_unit:
         return "never"
     return number(value)
+
+
+def mark_text(mark: Mark) -> str:
+    """A mark in the words of the tables, whose columns are "new" and "best"."""
+    return mark.value.replace("challenger", "new").replace("incumbent", "best")
 
 
 def quantity(value: float | None, unit: str) -> str:

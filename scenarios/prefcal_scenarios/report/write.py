@@ -1,11 +1,11 @@
 """Writes the folder of a report. Every file appears whole or not at all."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 from prefcal_scenarios.export import best_as_json
 from prefcal_scenarios.report.comparisons import comparisons_as_csv
+from prefcal_scenarios.report.folder import put
 from prefcal_scenarios.report.html import page
 from prefcal_scenarios.report.pictures import PICTURES, Picture, draw
 from prefcal_scenarios.report.record import Record
@@ -22,22 +22,15 @@ def write_report(record: Record, folder: Path, extra: Sequence[Picture] = ()) ->
         extra: Further figures, a scenario's own.
     """
     if record.best is not None:
-        _put(folder / "best.json", best_as_json(record).encode())
+        put(folder / "best.json", best_as_json(record).encode())
     else:
         (folder / "best.json").unlink(missing_ok=True)
-    _put(folder / "comparisons.csv", comparisons_as_csv(record).encode())
+    put(folder / "comparisons.csv", comparisons_as_csv(record).encode())
     drawn = draw(record, extra)
     for stale in {p.file for p in (*PICTURES, *extra)} - {d.picture.file for d in drawn}:
         (folder / stale).unlink(missing_ok=True)
     for d in drawn:
-        _put(folder / d.picture.file, d.content)
+        put(folder / d.picture.file, d.content)
     report = folder / "report.html"
-    _put(report, page(record, drawn).encode())
+    put(report, page(record, drawn).encode())
     return report
-
-
-def _put(path: Path, content: bytes) -> None:
-    """Write beside, then rename: an interruption never leaves half a file."""
-    beside = path.with_name(f".{path.name}.part")
-    beside.write_bytes(content)
-    os.replace(beside, path)

@@ -10,13 +10,14 @@ from prefcal_env.errors import PrefcalError
 from prefcal_scenarios.interview import Choice, Interview, Now, Phase
 from prefcal_scenarios.interview.moment import GOOD_ENOUGH, UNSAFE
 
-from .keys import ask_line
+from .keys import END, ask_line
 from .looking import show_history, show_status
 from .showing import show_keys, show_next, show_question
 
+# A key that the page has too means the same there; only R, which asks again there, is right here.
 CHOICES = {
     "l": Choice.LEFT, "left": Choice.LEFT, "r": Choice.RIGHT, "right": Choice.RIGHT,
-    "s": Choice.SAME, "same": Choice.SAME, "c": Choice.CANNOT_TELL,
+    "=": Choice.SAME, "same": Choice.SAME, "s": Choice.CANNOT_TELL,
 }  # fmt: skip
 MARKS = {
     "q": ("left", UNSAFE), "e": ("right", UNSAFE),
@@ -75,8 +76,10 @@ class _Conversation:
         if key in STOP:
             return False
         if key in CHOICES:
-            comment, self.comment = self.comment, ""
-            self.interview.answer(now.question.id, CHOICES[key], comment=comment, blind=self.blind)
+            self.interview.answer(
+                now.question.id, CHOICES[key], comment=self.comment, blind=self.blind
+            )
+            self.comment = ""  # not before: on a full disk the answer is given again
             self._say(f"Saved: {CHOICES[key].value}.")
         elif key in MARKS:
             side, mark = MARKS[key]
@@ -88,11 +91,13 @@ class _Conversation:
         return True
 
     def _other(self, key: str, now: Now) -> None:
-        if key == "u":
+        if key == "z":
             self.interview.undo(now.version)
             self._say("The last answer is taken back.")
-        elif key == "n":
-            self.comment = self.line("comment on the next answer")
+        elif key == "c":
+            said = self.line("comment on the next answer")
+            # Ctrl-D says END: the person wants no comment.
+            self.comment = "" if said == END else said
         elif key == "b":
             self.blind, self.shown = not self.blind, -1
         elif key == "p":
@@ -102,11 +107,11 @@ class _Conversation:
             self._say("Press f again to finish the study.")
             if self.keys() == "f":
                 self.interview.finish()
-        elif key in ("h", "i") and self.blind:
+        elif key in ("h", "w") and self.blind:
             self._say("That would show which experiment is which: end blind first (b).")
         elif key == "h":
             show_history(self.interview, self.console)
-        elif key == "i":
+        elif key == "w":
             show_status(self.interview, self.console)
         else:
             show_keys(self.console)
@@ -119,7 +124,7 @@ class _Conversation:
         said = self.line("its file, or: failed, unsafe FILE, undo, stop")
         if said in STOP:
             return False
-        if said in ("u", "undo"):
+        if said in ("z", "undo"):
             self.interview.undo(now.version)
         elif said == "failed":
             self.interview.fail(now.pending.index)
@@ -146,7 +151,7 @@ class _Conversation:
 
     def _failed(self, now: Now) -> bool:
         self._say(f"That did not work: {now.problem}")
-        self._say("[t] try again   [f] count it as failed   [u] undo   [x] stop")
+        self._say("[t] try again   [f] count it as failed   [z] undo   [x] stop")
         key = self.keys()
         if key in STOP:
             return False
@@ -154,7 +159,7 @@ class _Conversation:
             self.interview.retry()
         elif key == "f" and now.pending is not None:
             self.interview.fail(now.pending.index, now.problem or "")
-        elif key == "u":
+        elif key == "z":
             self.interview.undo(now.version)
         return True
 

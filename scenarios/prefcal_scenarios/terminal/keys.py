@@ -7,8 +7,8 @@ import click
 from rich.console import Console
 
 LEFT, RIGHT, DOWN = "\x1b[D", "\x1b[C", "\x1b[B"
-ARROWS = {LEFT: "l", RIGHT: "r", DOWN: "s", "\x1bOD": "l", "\x1bOC": "r", "\x1bOB": "s",
-          "\xe0K": "l", "\xe0M": "r", "\xe0P": "s"}  # fmt: skip
+ARROWS = {LEFT: "l", RIGHT: "r", DOWN: "=", "\x1bOD": "l", "\x1bOC": "r", "\x1bOB": "=",
+          "\xe0K": "l", "\xe0M": "r", "\xe0P": "="}  # fmt: skip
 """What arrow keys send, on Windows too."""
 END = "x"
 

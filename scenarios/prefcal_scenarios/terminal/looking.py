@@ -32,10 +32,9 @@ def show_history(interview: Interview, console: Console) -> None:
 def show_status(interview: Interview, console: Console) -> None:
     """The best so far, how far it is, and how consistent the answers are."""
     now = interview.now()
-    done = len(now.state.finished)
-    lines = [
-        f"{done} of {now.state.n_max} experiments, {max(len(now.state.closed) - 1, 0)} answers"
-    ]
+    done, answers = len(now.state.finished), max(len(now.state.closed) - 1, 0)
+    plural = "" if answers == 1 else "s"
+    lines = [f"{done} of {now.state.n_max} experiments, {answers} answer{plural}"]
     if now.incumbent is not None:
         best = theta_text(interview.scenario.space, interview.experiment(now.incumbent).theta)
         lines.append(f"best so far, experiment {now.incumbent + 1}: {best}")

@@ -24,10 +24,10 @@ _MOST = 6
 """KPIs of a side that are shown."""
 
 KEYS = (
-    ("← or l", "left is better"), ("→ or r", "right is better"), ("↓ or s", "about the same"),
-    ("c", "can't tell"), ("u", "undo"), ("q / e", "mark left / right unsafe or very bad"),
-    ("a / d", "mark left / right good enough"), ("n", "comment on the next answer"),
-    ("b", "blind: hide θ and which one is new"), ("h", "history"), ("i", "where are we"),
+    ("← or l", "left is better"), ("→ or r", "right is better"), ("↓ or =", "about the same"),
+    ("s", "can't tell"), ("z", "undo"), ("q / e", "mark left / right unsafe or very bad"),
+    ("a / d", "mark left / right good enough"), ("c", "comment on the next answer"),
+    ("b", "blind: hide θ and which one is new"), ("h", "history"), ("w", "where are we"),
     ("p", "ask an earlier question again"), ("f f", "finish the study"),
     ("x", "stop for now; everything is saved"), ("?", "these keys"),
 )  # fmt: skip
@@ -54,7 +54,7 @@ def show_question(interview: Interview, now: Now, console: Console, *, blind: bo
         for side in sides:
             console.print(side)
     console.print(
-        "[←] left   [→] right   [↓] same   [c] can't tell   [u] undo   [?] all keys   [x] stop",
+        "[←] left  [→] right  [↓] same  [s] can't tell  [z] undo  [?] all keys  [x] stop",
         markup=False, highlight=False,
     )  # fmt: skip
 

@@ -11,6 +11,7 @@ import pytest
 
 from prefcal_env.errors import StudyError
 from prefcal_env.studies import Noted, StudyFile, export_json, import_json, verify
+from prefcal_env.studies.connection import beside
 from support.interviews import clock
 from support.studies import CONFIGURATION, small_study
 
@@ -109,6 +110,7 @@ SOMEBODY_ELSE = """
 import os, sys
 from prefcal_env.errors import StudyError
 from prefcal_env.studies import Noted, StudyFile
+from prefcal_env.studies.connection import beside
 from support.interviews import clock
 os.setuid(65534)
 path = sys.argv[1]
@@ -153,3 +155,17 @@ def test_somebody_elses_study_is_told_and_left_alone(tmp_path, folder_mode, open
     assert re.match(rf"told cannot (open|write to) the study .*{opened}", first)
     assert second.startswith("done" if folder_mode == 0o777 else "told cannot begin the study")
     assert path.read_bytes() == before
+
+
+def test_what_a_kill_left_of_a_study_is_not_in_the_way_of_the_next(tmp_path):
+    """In a container, every process has the same id."""
+    left = tmp_path / f".a.prefcal.{os.getpid()}.part"
+    small_study(left).close()
+    small_study(tmp_path / "a.prefcal").close()
+    with small_study(":memory:") as file:
+        import_json(export_json(file), tmp_path / "b.prefcal")
+    assert verify(tmp_path / "a.prefcal") == verify(tmp_path / "b.prefcal") == ()
+
+
+def test_no_two_unfinished_files_bear_one_name(tmp_path):
+    assert beside(tmp_path / "a.prefcal") != beside(tmp_path / "a.prefcal")

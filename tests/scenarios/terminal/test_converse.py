@@ -3,16 +3,21 @@
 import io
 import re
 from dataclasses import replace
+from importlib.resources import files
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+from prefcal_env.errors import StudyError
 from prefcal_env.experiment import Channel, Channels
 from prefcal_env.rig import Rig
+from prefcal_env.studies import Answered, StudyFile
 from prefcal_scenarios.interview import Background, Phase
 from prefcal_scenarios.scenario import Panel
 from prefcal_scenarios.terminal import converse
+from prefcal_scenarios.terminal.keys import END
+from prefcal_scenarios.terminal.showing import KEYS
 from support.interviews import begin
 from toy_scenario_tools import CHANNELS, record_of_toy
 from toy_study import toy_scenario
@@ -33,7 +38,7 @@ def interview():
 
 
 def test_a_whole_study_by_keys(interview):
-    out = talk(interview, "lrsc")
+    out = talk(interview, "lr=s")
     assert interview.now().phase is Phase.OVER
     assert "Comparison 1 of 4: which experiment is better?" in out
     assert "The study is over: all compared." in out
@@ -45,6 +50,7 @@ def test_a_whole_study_by_keys(interview):
 def test_both_sides_are_shown_with_curves_and_numbers(interview, width):
     out = talk(interview, "x", width=width)
     assert all(len(line) <= width for line in out.splitlines())
+    assert re.search(r"can't tell .*\[x\] stop", out)  # on one line
     for words in (
         "LEFT · experiment",
         "RIGHT · experiment",
@@ -59,6 +65,17 @@ def test_both_sides_are_shown_with_curves_and_numbers(interview, width):
     assert bool(side_by_side) == (width == 140)
 
 
+def test_keys_mean_what_they_mean_on_the_page():
+    """Somebody who changes the front end must not give a verdict that he does not mean."""
+    page = (files("prefcal_scenarios.window") / "static" / "keys.js").read_text("utf-8")
+    on_page = {k.lower(): v for k, v in re.findall(r'\["([A-Z])", "([^"]+)"', page)}
+    same = {"s": "can't tell", "c": "comment", "b": "blind", "z": "undo", "h": "history"}
+    here = dict(KEYS)
+    for key, words in {**same, "w": "where are we"}.items():
+        assert here[key].startswith(words)
+        assert words in on_page[key] or (key, on_page[key]) == ("z", "take the last answer back")
+
+
 def test_it_stops_and_loses_nothing(interview):
     talk(interview, "lx")
     assert interview.now().phase is Phase.QUESTION
@@ -66,7 +83,7 @@ def test_it_stops_and_loses_nothing(interview):
 
 
 def test_undo_marks_comment_and_blind(interview):
-    out = talk(interview, "l" + "u" + "qnb" + "r" + "x", ["quieter"])
+    out = talk(interview, "l" + "z" + "qcb" + "r" + "x", ["quieter"])
     closed = interview.now().state.closed[1]
     assert (closed.comment, closed.blind) == ("quieter", True)
     assert closed.answer.marks != ()
@@ -75,8 +92,26 @@ def test_undo_marks_comment_and_blind(interview):
     assert "experiment 1" not in blind.split("Saved")[0]
 
 
+def test_a_comment_survives_an_answer_that_could_not_be_saved(interview, monkeypatch):
+    append, full = StudyFile.append, iter([True])
+
+    def once_full(self, *events):
+        if isinstance(events[0], Answered) and events[0].question and next(full, False):
+            raise StudyError("the disk is full")
+        return append(self, *events)
+
+    monkeypatch.setattr(StudyFile, "append", once_full)
+    assert "the disk is full" in talk(interview, "cllx", ["quieter"])
+    assert interview.now().state.closed[1].comment == "quieter"
+
+
+def test_ctrl_d_at_a_comment_leaves_no_comment(interview):
+    talk(interview, "clx", [END])
+    assert interview.now().state.closed[1].comment == ""
+
+
 def test_history_status_keys_and_a_repeat(interview):
-    out = talk(interview, "lrhi?plx")
+    out = talk(interview, "lrhw?plx")
     for words in ("History", "best so far, experiment", "No question was asked twice", "undo"):
         assert words in out
     assert interview.consistency.repeated == 1
@@ -110,13 +145,13 @@ def test_a_study_is_finished_by_two_presses(interview):
 
 
 def test_a_comment_of_somebody_else_does_not_steer_the_terminal(interview):
-    out = talk(interview, "nlhx", ["a\x1b]0;b\x07[red]c"])
+    out = talk(interview, "clhx", ["a\x1b]0;b\x07[red]c"])
     assert "[red]c" in out
     assert "\x1b" not in out
 
 
 def test_an_undo_too_many_is_told(interview):
-    assert "there is no answer to undo" in talk(interview, "ux")
+    assert "there is no answer to undo" in talk(interview, "zx")
 
 
 def test_a_run_that_fails_is_tried_again_or_counted(interview):
@@ -220,6 +255,6 @@ def test_an_answer_is_taken_back_while_a_record_is_waited_for(tmp_path):
     file = tmp_path / "a.csv"
     file.write_text(record_of_toy(), encoding="utf-8")
     interview = begin(replace(toy_scenario(), run=Rig(CHANNELS, (2.0,))), n_max=4)
-    talk(interview, "lx", [str(file), str(file), "u"])
+    talk(interview, "lx", [str(file), str(file), "z"])
     assert interview.now().phase is Phase.QUESTION
     assert len(interview.now().state.closed) == 1

@@ -21,7 +21,7 @@ def test_single_keys_at_a_terminal(monkeypatch):
     monkeypatch.setattr(sys, "stdin", Terminal())
     monkeypatch.setattr(click, "getchar", lambda: next(pressed))
     key = keys_of(Console(file=io.StringIO()))
-    assert [key() for _ in range(5)] == ["l", "r", "s", "q", "?"]
+    assert [key() for _ in range(5)] == ["l", "r", "=", "q", "?"]
 
 
 def test_the_end_of_the_input_stops_at_a_terminal_too(monkeypatch):

@@ -92,6 +92,10 @@ def test_both_sides_show_their_curves(browser, window, theme):
     watched.shot(f"overlay-{theme}")
 
 
+RANGES = """div => { const l = div._fullLayout;
+  return [l.xaxis.range, l.yaxis.range, l.yaxis2.range, l.shapes.length] }"""
+
+
 def test_axes_are_the_same_and_one_zoom_moves_both(browser, window):
     served, watched = window(), Watched(browser)
     watched.open(served.link)
@@ -195,8 +199,11 @@ def test_keys_rest_while_somebody_types(browser, window):
     assert len(state_of(served).closed) == 1
     watched.page.keyboard.press("Escape")
     watched.answer("ArrowRight")
-    closed = state_of(served).closed[1]
-    assert closed.comment == "quieter, so q and s"
+    watched.page.keyboard.press("c")
+    watched.page.keyboard.type("louder")
+    watched.page.keyboard.press("Enter")
+    watched.answer("ArrowRight")
+    assert [c.comment for c in state_of(served).closed[1:]] == ["quieter, so q and s", "louder"]
     assert watched.page.input_value("#comment") == ""
     assert state_of(served).marks == {}
 
@@ -261,8 +268,12 @@ def test_history_shows_again_and_retracts(browser, window):
     watched.answer("ArrowRight")
     watched.page.keyboard.press("h")
     watched.page.click(".answers tbody tr:last-child td:first-child button")
-    watched.page.wait_for_selector("#again .js-line")
+    watched.page.wait_for_selector("#again .right .js-line")
     watched.shot("history")
+    # As it was shown: the same axes, with targets and limits.
+    left, right = watched.page.eval_on_selector_all("#again .plot", f"all => all.map({RANGES})")
+    assert left == right
+    assert left[3] > 0
     watched.page.click(".answers tbody tr:last-child >> text=Retract")
     watched.page.click("text=Retract it")
     watched.page.wait_for_selector("tr.retracted")
@@ -298,6 +309,33 @@ def test_the_verdicts_are_in_sight_at_1280_by_720_and_on_a_tablet(browser, windo
             assert box["x"] + box["width"] <= size[0]
         wide = "document.documentElement.scrollWidth > document.documentElement.clientWidth"
         assert not watched.page.evaluate(wide)
+
+
+@pytest.mark.parametrize("height", [720, 560])
+def test_no_card_is_cut_off(browser, window, height):
+    served = window("overtake", n_max=5)
+    watched = Watched(browser, viewport={"width": 1280, "height": height})
+    watched.open(served.link)
+    for shown in ("left", "both"):
+        watched.page.wait_for_selector(f"#{shown}-plot .js-line")
+        card, figure, footer = (
+            watched.page.locator(at).first.bounding_box()
+            for at in (f"#{shown}", f"#{shown}-plot .main-svg", "#verdicts")
+        )
+        bottom = card["y"] + card["height"]
+        assert figure["y"] + figure["height"] <= bottom
+        # Nothing has to be scrolled at the size that is promised.
+        assert height < 720 or bottom <= footer["y"]
+        watched.shot(f"overtake-{shown}-{height}")
+        watched.page.keyboard.press("o")
+
+
+def test_titles_of_panels_are_whole_on_a_tablet(browser, window):
+    served = window("cstr", n_max=5)
+    watched = Watched(browser, viewport={"width": 820, "height": 1180})
+    watched.open(served.link)
+    cut = "all => all.filter(e => e.scrollWidth > e.clientWidth).map(e => e.textContent)"
+    assert watched.page.eval_on_selector_all("#pair .head span", cut) == []
 
 
 def test_the_overtaking_plays_on_one_clock(browser, window):

@@ -1,8 +1,9 @@
 // Every question and answer, to be looked at again and retracted.
 
 import { get } from "./api.js";
-import { $, ask, el, fill, say, symbol, when, withUnit } from "./dom.js";
+import { $, ask, el, fill, say, when } from "./dom.js";
 import { miniature } from "./miniature.js";
+import { item, thetas } from "./question.js";
 
 const HEADS = ["question", "new", "best so far", "verdict", "marks", "comment", "answered", "retract"];
 const VERDICTS = { left: "left is better", right: "right is better", same: "about the same", "cannot tell": "can't tell" };
@@ -93,11 +94,9 @@ async function lookAgain(number) {
 
 function side(name, shown, won) {
   const title = name === "left" ? "Left" : "Right";
-  const number = (kpi) => el("div", { class: { true: "met", false: "missed" }[kpi.met] ?? "" },
-    el("dt", {}, symbol(kpi.title)), el("dd", {}, withUnit(kpi.text, kpi.unit)));
   return el("section", { class: `side ${name}`, "aria-label": title },
     el("header", {}, el("h4", {}, title), el("p", { class: "which" }, `experiment ${shown.number} · ${shown.role}`),
       won ? el("span", { class: "chip good" }, "preferred") : null),
-    el("dl", { class: "kpis" }, shown.kpis.slice(0, 4).map(number)),
+    el("dl", { class: "kpis" }, shown.kpis.slice(0, 4).map(item)), thetas(shown),
     el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side: name } }));
 }

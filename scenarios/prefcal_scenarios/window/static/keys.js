@@ -13,7 +13,7 @@ const QUESTION = {
   a: ["A", "mark left as good enough", () => mark("left", "good enough")],
   e: ["E", "mark right as unsafe or very bad", () => mark("right", "unsafe")],
   d: ["D", "mark right as good enough", () => mark("right", "good enough")],
-  c: ["C", "write a comment; Esc leaves it", () => $("comment").focus()],
+  c: ["C", "write a comment; Enter or Esc leaves it", () => $("comment").focus()],
   f: ["F", "zoom to the target and back", toggleZoom],
   0: ["0", "whole time again (or double click)", resetZoom],
   o: ["O", "both in one plot, or side by side", toggleOverlay],
@@ -42,7 +42,9 @@ export function keyboard() {
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey || event.isComposing || $("dialog").open) return;
     if (typing(event.target)) {
-      if (event.key === "Escape") event.target.blur();
+      // Enter sends the other fields; here the next key is the verdict.
+      const ends = event.key === "Escape" || (event.key === "Enter" && event.target.id === "comment");
+      if (ends) event.target.blur();
       return;
     }
     const button = event.target instanceof Element && event.target.closest("button, summary, a");

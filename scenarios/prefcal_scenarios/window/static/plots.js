@@ -2,13 +2,13 @@
 /* global Plotly */
 
 import { target, whole } from "./axes.js";
+import { bounds, css } from "./bounds.js";
 import { $, el, fill, symbol } from "./dom.js";
 
 const MARGIN = { l: 46, r: 10, t: 4, b: 22 };
 const HEAD = 20; // px above each panel, for its title
+const LEAST = { apart: 96, overlaid: 76 }; // px of a panel with its title; overlaid, the words of both sides stand above
 const COLORS = { left: "--left", right: "--right" };
-
-const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 export class Plots {
   overlaid = false;
@@ -35,6 +35,11 @@ export class Plots {
 
   get shown() {
     return this.overlaid ? ["both"] : ["left", "right"];
+  }
+
+  // The lowest figure in which every panel can be read, in px.
+  get least() {
+    return (this.overlaid ? LEAST.overlaid : LEAST.apart) * this.panels.length;
   }
 
   get range() {
@@ -85,7 +90,7 @@ export class Plots {
       const div = $(`${name}-plot`);
       if (!div || !div.clientWidth) continue;
       const fresh = !div.classList.contains("js-plotly-plot");
-      const height = Math.max(div.clientHeight, 96 * this.panels.length);
+      const height = Math.max(div.clientHeight, this.least);
       Plotly.react(div, this.#traces(name), this.#layout(div.clientWidth, height),
         { displayModeBar: false, responsive: false, doubleClick: false, showTips: false });
       if (fresh) this.#listen(div);
@@ -160,24 +165,9 @@ export class Plots {
       const at = (px) => Math.min(Math.max(1 - (px - MARGIN.t) / inner, 0), 1);
       layout[i ? `yaxis${i + 1}` : "yaxis"] = { ...grid, range: [...this.#view.y[i]],
         domain: [at(bottom), at(top)], anchor: "x", nticks: 5 };
-      layout.shapes.push(...this.#lines(panel, i ? `y${i + 1}` : "y"));
+      layout.shapes.push(...bounds(panel, i ? `y${i + 1}` : "y"));
     });
     return layout;
-  }
-
-  #lines(panel, yref) {
-    const across = { xref: "paper", x0: 0, x1: 1, yref };
-    const level = (y, line) => ({ type: "line", ...across, y0: y, y1: y, line });
-    const shapes = [];
-    if (panel.target !== null && panel.band) {
-      shapes.push({ type: "rect", ...across, y0: panel.target - panel.band, y1: panel.target + panel.band,
-        fillcolor: css("--band"), line: { width: 0 }, layer: "below" });
-    }
-    if (panel.target !== null) shapes.push(level(panel.target, { color: css("--good"), width: 1.3, dash: "dot" }));
-    for (const limit of [panel.low, panel.high]) {
-      if (limit !== null) shapes.push(level(limit, { color: css("--bad"), width: 1.3, dash: "dash" }));
-    }
-    return shapes;
   }
 
   // Titles and read-outs, and the line of the cursor, above the figure.

@@ -60,11 +60,10 @@ export function show(now, same) {
 }
 
 function layout() {
-  const scenic = current()?.question?.has_scene ?? false;
   $("pair").classList.toggle("overlaid", overlaid);
-  $("pair").classList.toggle("scenic", scenic);
   $("both").hidden = !overlaid;
   plots.overlaid = overlaid;
+  $("pair").style.setProperty("--least", `${plots.least}px`);
   requestAnimationFrame(() => {
     plots.draw();
     scenes.draw();
@@ -163,7 +162,7 @@ function numbers(name, side) {
   }
 }
 
-function item(kpi) {
+export function item(kpi) {
   const verdict = { true: "met", false: "missed" }[kpi.met] ?? "";
   const sign = { met: " ✓", missed: " ✗" }[verdict] ?? "";
   return el("div", { class: verdict, title: kpi.objective ? `objective: ${kpi.objective}` : null },
@@ -172,7 +171,7 @@ function item(kpi) {
       verdict ? el("span", { class: "hidden" }, ` (objective ${verdict})`) : null));
 }
 
-function thetas(side) {
+export function thetas(side) {
   if (!side.theta.length) return null;
   return el("dl", { class: "theta" }, side.theta.map((knob) =>
     el("div", { class: knob.differs ? "differs" : "" }, el("dt", {}, symbol(knob.name)),

@@ -46,6 +46,16 @@ def test_a_repeated_question_names_the_one_that_it_asks_again():
     assert (first["challenger"], first["incumbent"]) == (last["challenger"], last["incumbent"])
 
 
+def test_marks_read_as_the_columns_do():
+    interview, now = asked()
+    interview.mark(now.question.id, "left", "unsafe", True)
+    question = interview.now().question
+    interview.answer(question.id, Choice.RIGHT)
+    proceed(interview)
+    (answer,) = history_view(interview)["answers"]
+    assert answer["marks"] == ["new unsafe" if question.left.challenger else "best unsafe"]
+
+
 def test_remarks_are_kept_with_their_time():
     interview, _ = asked()
     interview.note("the pump was noisy")

@@ -1,0 +1,55 @@
+"""An agent of your own in one file: a random step away from the best θ, kept if preferred."""
+
+import numpy as np
+
+from prefcal_agents.checks import integer
+from prefcal_agents.cube import Tried
+from prefcal_agents.turn_taking import PreferenceBased
+from prefcal_agents.turns import Turns
+
+VERSION = 1  # raise it when the same answers would lead to another next sample
+
+
+class StepSearch(PreferenceBased):
+    """Evolution strategy with one parent; steps grow after a success and shrink after a failure.
+
+    `Turns` does the bookkeeping: the open question, the incumbent, undo, retraction. What is left
+    is one function, from what was tried and answered to the next point of the unit cube.
+    """
+
+    def __init__(self, space, *, n_init=10, n_max=50, seed=0):
+        integer("seed", seed, low=0)
+        self._seed = int(seed)
+        self._turns = Turns(space, n_init, n_max, self._propose)
+
+    def _propose(self, ledger):
+        rng = np.random.default_rng([self._seed, ledger.answered])  # nothing else to remember
+        n = len(self.space)
+        if ledger.answered < self.n_init:
+            z = rng.random(n)
+        else:
+            lessons = ledger.preferences()
+            won = np.sum(lessons.b[self.n_init - 1 :] == -1)
+            lost = np.sum(lessons.b[self.n_init - 1 :] == 1)
+            step = min(0.2 * 1.5**won * 0.9**lost, 0.5)
+            parent = np.array(ledger.samples[ledger.incumbent])
+            z = np.clip(parent + step * rng.standard_normal(n), 0.0, 1.0)
+        return Tried(self.space, ledger).fresh(z, rng)  # nothing is tried twice
+
+    @property
+    def state(self):
+        """All that has to be saved."""
+        self._turns.settle()
+        return self._turns.state("StepSearch", VERSION, self._seed)
+
+
+if __name__ == "__main__":
+    from prefcal_scenarios.functions import FUNCTIONS
+
+    camel = FUNCTIONS["camel"]
+    agent = StepSearch(camel.space, n_max=50, seed=0)
+    while not agent.done:
+        query = agent.ask()
+        new, best = query.challenger, query.incumbent
+        agent.tell(query, None if best is None else camel.prefer(new.theta, best.theta))
+    print("best θ:", camel.space.named(agent.best), "gap:", round(camel.gap(agent.best), 4))

@@ -1,0 +1,17 @@
+"""The benchmark: agents x problems x calibrators x seeds, resumable and deterministic.
+
+`Suite` says which cells there are, `run_suite` runs those that a `Store` has no result of on
+`Processes` or a `DaskCluster`, `digest` tells whether two runs gave the same.
+"""
+
+from .cell import Cell as Cell
+from .dask_cluster import DaskCluster as DaskCluster
+from .digest import digest as digest
+from .duels import Duel as Duel
+from .executors import Processes as Processes
+from .result import Result as Result
+from .run import run_cell as run_cell
+from .runner import Finished as Finished
+from .runner import run_suite as run_suite
+from .store import Store as Store
+from .suite import Suite as Suite

@@ -1,0 +1,93 @@
+"""A cell of the benchmark: one agent on one problem, answered by one calibrator, with one seed."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from prefcal_env.errors import SettingsError
+
+from .problems import problem
+from .roster import entry
+
+FORMAT = 1
+"""Of keys and results; raised when an older result is not to be taken for a new one."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Cell:
+    """What decides a result, and all of it.
+
+    Args:
+        agent: Name in the roster, or path/to/own.py:Agent.
+        problem: Name of a problem.
+        calibrator: One of the problem's calibrators.
+        seed: Of the agent and of the calibrator, 0 or more.
+        n_init: Experiments before the agent learns.
+        n_max: Experiments in all.
+
+    Raises:
+        SettingsError: an impossible value.
+    """
+
+    agent: str
+    problem: str
+    calibrator: str
+    seed: int
+    n_init: int = 10
+    n_max: int = 50
+
+    def __post_init__(self) -> None:
+        for name in ("agent", "problem", "calibrator"):
+            value = getattr(self, name)
+            if not isinstance(value, str) or not value:
+                raise SettingsError(f"{name} of a cell must be a name, got {value!r}")
+        for name, low in (("seed", 0), ("n_init", 1), ("n_max", 2)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < low:
+                raise SettingsError(f"{name} must be an integer, {low} or more, got {value!r}")
+        if self.n_max < self.n_init:
+            raise SettingsError(
+                f"n_max must not be below n_init, got {self.n_max} below {self.n_init}"
+            )
+
+    @property
+    def key(self) -> str:
+        """Sha256 in hex of the cell and of the versions of its agent and its problem.
+
+        A new version of either has other keys, so that its results are computed anew.
+
+        Raises:
+            SettingsError: there is no such agent or problem.
+        """
+        content = self.to_dict() | {
+            "format": FORMAT,
+            "agent version": entry(self.agent).version,
+            "problem version": problem(self.problem).version,
+        }
+        return hashlib.sha256(canonical(content).encode()).hexdigest()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "Cell":
+        """Read what `to_dict` gave.
+
+        Raises:
+            SettingsError: something is missing, malformed or unknown.
+        """
+        names = {f.name for f in fields(cls)}
+        if not isinstance(data, Mapping) or set(data) != names:
+            raise SettingsError(f"a cell must have {sorted(names)}, got {data!r}")
+        return cls(**data)
+
+    def __str__(self) -> str:
+        return f"{self.agent} on {self.problem}, {self.calibrator}, seed {self.seed}"
+
+
+def canonical(content: Any) -> str:
+    """The one JSON text of `content`: sorted, without spaces, floats by their shortest repr."""
+    return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)

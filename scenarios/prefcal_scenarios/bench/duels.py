@@ -1,0 +1,101 @@
+"""Duels: what two agents returned, held against each other where there is no cost."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import combinations
+
+import numpy as np
+
+from prefcal_env.errors import SettingsError
+
+from .cell import FORMAT, canonical
+from .problems import problem
+from .result import Result, Theta
+from .run import alone
+
+PAPER = "the paper's optimum"
+"""The rival that is no agent."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Duel:
+    """The noise-free verdict on what `agent` and `rival` returned with the same seed.
+
+    Args:
+        problem: One without a cost.
+        calibrator: The one that the studies were answered by.
+        agent: Its name.
+        rival: Another agent's name, or `PAPER`.
+        seed: Of both studies.
+        outcome: -1 the agent's is preferred, 0 a tie, 1 the rival's.
+    """
+
+    problem: str
+    calibrator: str
+    agent: str
+    rival: str
+    seed: int
+    outcome: int
+
+    def __post_init__(self) -> None:
+        if self.outcome not in (-1, 0, 1):
+            raise SettingsError(f"outcome of a duel must be -1, 0 or 1, got {self.outcome!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """All who returned a θ in one study: each of them meets each other, and the paper's optimum.
+
+    Args:
+        problem: One without a cost.
+        calibrator: Who answered.
+        seed: Of the studies.
+        thetas: θ that each agent returned, physical.
+    """
+
+    problem: str
+    calibrator: str
+    seed: int
+    thetas: tuple[tuple[str, Theta], ...]
+
+    @property
+    def key(self) -> str:
+        """Sha256 in hex of the round and of the version of its problem."""
+        content = [FORMAT, problem(self.problem).version, asdict(self)]
+        return hashlib.sha256(canonical(content).encode()).hexdigest()
+
+
+def rounds(results: Sequence[Result]) -> tuple[Round, ...]:
+    """The rounds to be played, in canonical order: of results that have no cost and not failed.
+
+    Raises:
+        SettingsError: results of one study with different numbers of experiments.
+    """
+    groups: dict[tuple[str, str, int], dict[str, Theta]] = {}
+    for result in sorted(results, key=lambda result: result.cell):
+        cell = result.cell
+        if result.failure or problem(cell.problem).has_cost:
+            continue
+        group = groups.setdefault((cell.problem, cell.calibrator, cell.seed), {})
+        if cell.agent in group:
+            raise SettingsError(f"there are two results of {cell}: duels need one budget")
+        group[cell.agent] = result.best
+    return tuple(Round(*study, tuple(group.items())) for study, group in sorted(groups.items()))
+
+
+def play(round_: Round) -> tuple[Duel, ...]:
+    """Let each meet each before the referee, who is never wrong: deterministic."""
+    where = problem(round_.problem)
+    thetas = {name: np.array(theta) for name, theta in round_.thetas}
+    if where.paper is not None:
+        thetas[PAPER] = where.paper
+    with alone():
+        outcomes = {name: where.outcome(theta) for name, theta in thetas.items()}
+    return tuple(
+        Duel(
+            round_.problem, round_.calibrator, agent, rival, round_.seed,
+            int(where.referee.prefer(outcomes[agent], outcomes[rival])),
+        )
+        for agent, rival in combinations(outcomes, 2)
+    )  # fmt: skip

@@ -1,0 +1,91 @@
+"""What stands below each figure, and what each says to those who cannot see it."""
+
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+
+import numpy as np
+
+from prefcal_scenarios.bench.duels import PAPER
+from prefcal_scenarios.bench.results.duelling import Tally
+from prefcal_scenarios.bench.results.profiles import Profiles
+from prefcal_scenarios.bench.results.ranking import Ranking
+from prefcal_scenarios.bench.results.rows import Row
+from prefcal_scenarios.bench.results.words import percent, probability, short
+
+RANKING = (
+    "Agents ranked on each problem by the median of their gaps at the end, over the seeds that all "
+    "of them have. The marker is the average rank, the bar half a critical difference (Nemenyi, "
+    "5 %) to each side: two agents whose bars do not overlap differ significantly; shaded is the "
+    "bar of the best. Pale dots: how often an agent had that rank. With few problems this is rough."
+)
+GAPS = (
+    "True gap to the best known value, without noise, of the θ that an agent would return if it "
+    "were stopped there. Line: median over the seeds. Band, and bars to the right for the end: the "
+    "middle half of the seeds. Lower is better; the scales differ."
+)
+QUESTIONS = (
+    "The same gap against the number of comparisons that somebody had to answer. An agent that "
+    "sees values asks none; its median at the end is a dashed line."
+)
+DUELS = (
+    "Share of seeds in which what the row's agent returned is preferred to the column's, by the "
+    "criteria without noise; below it wins, ties and losses. Blue: the row wins more often than it "
+    "loses, orange: less often."
+)
+SECONDS = (
+    "From serial runs only: time from an answer to the next θ, near the end of a study. Marker: "
+    "median over the problems; pale: each problem, and the middle half of them."
+)
+
+
+def profiles_caption(found: Profiles) -> str:
+    """What data profiles show."""
+    return (
+        f"Share of the {found.instances} pairs of problem and seed "
+        f"(problems: {found.problems}) in which the gap of what the agent would return has fallen "
+        "to that part of the initial gap: the median gap of a first θ on that problem, one "
+        "number for all agents. A failed study is not solved."
+    )
+
+
+def profiles_alt(found: Profiles) -> str:
+    """The shares at the end."""
+    ends = [
+        f"to {100 * tolerance:g} % of the initial gap: "
+        + ", ".join(f"{a} {percent(s[-1])}" for a, s in shares.items())
+        for tolerance, shares in found.shares.items()
+    ]
+    return f"Data profiles. Solved after {found.regime.n_max} experiments, {'; '.join(ends)}."
+
+
+def ranking_alt(found: Ranking) -> str:
+    """The average ranks."""
+    pairs = zip(found.agents, found.average, strict=True)
+    ranks = ", ".join(f"{agent} {average:.2f}" for agent, average in pairs)
+    test = "" if found.p is None else f"; Friedman's test p {probability(found.p)}"
+    return (
+        f"Average ranks over {len(found.problems)} problems: {ranks}. "
+        f"Critical difference {found.critical:.2f}{test}."
+    )
+
+
+def gaps_alt(rows: Sequence[Row], what: str) -> str:
+    """Which agent has the lowest median at the end, for each problem."""
+    texts = []
+    for problem, group in groupby(rows, lambda row: row.problem):
+        best = min(group, key=lambda row: row.gap.median if row.gap else np.inf)
+        texts.append(f"{problem} {best.agent} ({short(best.gap.median if best.gap else None)})")
+    return f"Plots of the gap against {what}. Lowest median gap at the end: {', '.join(texts)}."
+
+
+def duels_alt(tallies: Sequence[Tally]) -> str:
+    """How often each agent is preferred to the paper's optimum, or else to each other."""
+    against = [t for t in tallies if t.rival == PAPER] or list(tallies)
+    shares = ", ".join(f"{t.agent} to {t.rival} {percent(t.share)}" for t in against)
+    return f"Heat map of who is preferred on {tallies[0].problem}. Share of seeds: {shares}."
+
+
+def seconds_alt(measured: Mapping[str, Sequence[float]]) -> str:
+    """The medians."""
+    medians = ", ".join(f"{a} {short(float(np.median(v)))} s" for a, v in measured.items())
+    return f"Median time of a proposal: {medians}."

@@ -1,0 +1,122 @@
+"""What a set of gaps says: quartiles, and paired differences with how sure they are."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import SettingsError
+
+FLOOR = 1e-9
+"""Gaps below are counted as this: the optima of the test functions are known to about as much."""
+CONFIDENCE = 0.95
+_RESAMPLES = 9999
+
+Average = Literal["median", "mean"]
+
+
+@dataclass(frozen=True, slots=True)
+class Quartiles:
+    """Of some values, in their unit."""
+
+    low: float
+    median: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """An agent against a baseline on one problem, seed by seed.
+
+    Args:
+        pairs: Seeds that both have.
+        log10_ratio: Average over them of log10(gap / baseline's gap): below 0, the agent is nearer.
+        low: Lower end of its 95 % bootstrap interval; None with fewer than two pairs.
+        high: Upper end.
+        wins: Seeds in which the agent's gap is the smaller one.
+        ties: Seeds in which both are equal.
+        losses: Seeds in which the baseline's is the smaller one.
+        p: Of the Wilcoxon signed-rank test, two-sided; 1 if all are ties.
+    """
+
+    pairs: int
+    log10_ratio: float
+    low: float | None
+    high: float | None
+    wins: int
+    ties: int
+    losses: int
+    p: float
+
+
+def quartiles(values: Sequence[float] | Float[np.ndarray, " N"]) -> Quartiles:
+    """Quartiles, interpolated linearly, of one value or more."""
+    low, median, high = np.quantile(np.asarray(values, dtype=float), [0.25, 0.5, 0.75])
+    return Quartiles(float(low), float(median), float(high))
+
+
+def logarithm(gaps: Float[np.ndarray, "..."], floor: float = FLOOR) -> Float[np.ndarray, "..."]:
+    """log10 of gaps, each at least `floor`."""
+    return np.asarray(np.log10(np.maximum(gaps, floor)))
+
+
+def difference(
+    gaps: Float[np.ndarray, " S"],
+    baseline: Float[np.ndarray, " S"],
+    *,
+    rng: np.random.Generator,
+    floor: float = FLOOR,
+    average: Average = "median",
+) -> Difference:
+    """Compare two agents' final gaps, paired by seed.
+
+    Args:
+        gaps: The agent's, shape (S,), one or more.
+        baseline: The other's, of the same seeds.
+        rng: Draws the resamples of the bootstrap (percentile method).
+        floor: Smaller gaps count as this.
+        average: Of the logarithms of the ratios.
+
+    Raises:
+        SettingsError: no pairs, or numbers of gaps that differ.
+    """
+    from scipy.stats import bootstrap, wilcoxon
+
+    if len(gaps) != len(baseline) or not len(gaps):
+        raise SettingsError(
+            f"gaps must come in pairs, one or more, got {len(gaps)} and {len(baseline)}"
+        )
+    d = logarithm(gaps, floor) - logarithm(baseline, floor)
+    middle = np.median if average == "median" else np.mean
+    low = high = None
+    if len(d) > 1:
+        interval = bootstrap(
+            (d,), middle, n_resamples=_RESAMPLES, confidence_level=CONFIDENCE,
+            method="percentile", rng=rng,
+        ).confidence_interval  # fmt: skip
+        low, high = float(interval.low), float(interval.high)
+    return Difference(
+        pairs=len(d),
+        log10_ratio=float(middle(d)),
+        low=low,
+        high=high,
+        wins=int((d < 0).sum()),
+        ties=int((d == 0).sum()),
+        losses=int((d > 0).sum()),
+        p=float(wilcoxon(d).pvalue) if d.any() else 1.0,
+    )
+
+
+def holm(p: Sequence[float]) -> list[float]:
+    """p values corrected for as many tests as there are.
+
+    Source: Holm (1979), the step-down method, as adjusted p values.
+    """
+    values = np.asarray(p, dtype=float)
+    order = np.argsort(values, kind="stable")
+    factors = np.arange(len(values), 0, -1)
+    adjusted = np.empty(len(values))
+    adjusted[order] = np.minimum(np.maximum.accumulate(values[order] * factors), 1.0)
+    return [float(v) for v in adjusted]

@@ -1,0 +1,148 @@
+"""The table of the benchmark in the terminal."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import groupby
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from prefcal_scenarios.bench.duels import PAPER, Duel
+from prefcal_scenarios.bench.result import Result
+from prefcal_scenarios.bench.results.campaign import Campaign, Regime, campaign_of
+from prefcal_scenarios.bench.results.duelling import Tally, tallies
+from prefcal_scenarios.bench.results.missing import failures, missing
+from prefcal_scenarios.bench.results.ranking import SIGNIFICANCE
+from prefcal_scenarios.bench.results.rows import BASELINE, Choices, Row, rows_of
+from prefcal_scenarios.bench.results.words import (
+    finished,
+    percent,
+    probability,
+    ratio,
+    regime_name,
+    score,
+    short,
+    spread,
+)
+from prefcal_scenarios.report.wording import printable
+
+_MOST = 5
+"""Lines of what is missing or failed; the page has them all."""
+_WIDE = 110
+"""Columns of a terminal that has room for quartiles and p."""
+
+
+def print_table(
+    console: Console,
+    results: Iterable[Result],
+    duels: Iterable[Duel] = (),
+    *,
+    baseline: str = BASELINE,
+) -> None:
+    """Print a table for each calibrator, what the duels say, and what failed or is missing.
+
+    Of the duels, those with the paper's optimum and with `baseline`; the page has all.
+
+    Raises:
+        SettingsError: results or duels that contradict each other.
+    """
+    choices = Choices(baseline)
+    campaign = campaign_of(results)
+    rows = rows_of(campaign, choices)
+    for regime in campaign.regimes:
+        shown = [row for row in rows if row.regime == regime and row.gap is not None]
+        if shown:
+            console.print(_gaps(campaign, regime, shown, choices, console.width >= _WIDE))
+    for _, group in groupby(tallies(duels), lambda t: (t.problem, t.calibrator)):
+        console.print(_duels([t for t in group if t.rival in (PAPER, baseline)]))
+    if not rows:
+        console.print("No results yet.")
+    _tell(console, "failed", [f"{cell}: {words}" for cell, words in failures(campaign)])
+    _tell(console, "missing", missing(campaign))
+
+
+def _table(title: str, caption: str, words: Sequence[str], numbers: Sequence[str]) -> Table:
+    table = Table(
+        title=_safe(title), title_justify="left", title_style="bold", box=SIMPLE_HEAD,
+        caption=_safe(caption), caption_justify="left", pad_edge=False, collapse_padding=True,
+    )  # fmt: skip
+    for name in words:
+        table.add_column(_safe(name), no_wrap=True)
+    for name in numbers:  # intervals have a place to break at, names have none
+        table.add_column(_safe(name), justify="right")
+    return table
+
+
+def _gaps(
+    campaign: Campaign, regime: Regime, rows: Sequence[Row], choices: Choices, wide: bool
+) -> Table:
+    name = regime_name(regime, campaign.regimes)
+    table = _table(
+        f"Gap after {regime.n_max} experiments, {name}",
+        f"× {choices.baseline}: {choices.average} ratio of both gaps, seed by seed, each at "
+        f"least {short(choices.floor)}, with its 95 % interval. p: Wilcoxon's test, corrected "
+        "(Holm) for the agents on that problem. w–t–l: seeds won, tied, lost.",
+        ("problem", "agent"),
+        ("seeds", "median gap", *(("quartiles",) if wide else ()), f"× {choices.baseline}",
+         "w–t–l", *(("p",) if wide else ())),
+    )  # fmt: skip
+    for problem, group in groupby(rows, lambda row: row.problem):
+        members, name = list(group), problem
+        lowest = short(min(row.gap.median for row in members if row.gap))
+        for row in members:
+            table.add_row(_safe(name), *_cells(row, lowest, wide))
+            name = ""
+        table.add_section()
+    return table
+
+
+def _cells(row: Row, lowest: str, wide: bool) -> Iterator[str]:
+    median = short(row.gap.median if row.gap else None)
+    p = probability(row.p_holm)
+    yield _safe(row.agent)
+    yield finished(row.seeds, len(row.failed))
+    yield f"[bold green]{median}[/]" if median == lowest else median
+    if wide:
+        yield spread(row.gap)
+    yield ratio(row.against)
+    yield score(row.against)
+    if wide:
+        yield f"[bold]{p}[/]" if row.p_holm is not None and row.p_holm < SIGNIFICANCE else p
+
+
+def _duels(found: Sequence[Tally]) -> Table | str:
+    if not found:
+        return ""
+    first = found[0]
+    table = _table(
+        f"Who is preferred: {first.problem}, {first.calibrator} calibrator",
+        "Share of seeds in which the agent's θ is preferred, with its exact 95 % interval.",
+        ("agent", "against"),
+        ("preferred", "95 %", "w–t–l", "p"),
+    )
+    for agent, group in groupby(found, lambda t: t.agent):
+        name = agent
+        for t in group:
+            table.add_row(
+                _safe(name), _safe(t.rival), percent(t.share),
+                f"{percent(t.low)} to {percent(t.high)}", f"{t.wins}–{t.ties}–{t.losses}",
+                probability(t.p),
+            )  # fmt: skip
+            name = ""
+    return table
+
+
+def _tell(console: Console, what: str, lines: Sequence[str]) -> None:
+    if not lines:
+        return
+    console.print(f"[bold]{what.capitalize()}[/] ({len(lines)}):")
+    for line in lines[:_MOST]:
+        console.print(f"  {_safe(line)}", highlight=False)
+    if len(lines) > _MOST:
+        console.print(f"  and {len(lines) - _MOST} more")
+
+
+def _safe(text: str) -> str:
+    """Neither markup nor anything that steers the terminal: names may be somebody else's."""
+    return escape(printable(text))

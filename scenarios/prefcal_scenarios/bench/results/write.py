@@ -1,0 +1,64 @@
+"""Writes the folder of a campaign: figures, tables and index.html."""
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from prefcal_scenarios.bench.duels import Duel
+from prefcal_scenarios.bench.result import Result
+from prefcal_scenarios.bench.results.campaign import campaign_of
+from prefcal_scenarios.bench.results.duelling import duel_table, tallies
+from prefcal_scenarios.bench.results.rows import BASELINE, Choices, as_csv, plain, rows_of
+from prefcal_scenarios.report.folder import folder_for, put
+
+_OURS = re.compile(r"(ranking|gaps|profiles|questions|duels|seconds)(-[\w.-]+)?\.png")
+
+
+def write(
+    results: Iterable[Result],
+    duels: Iterable[Duel],
+    folder: str | Path,
+    *,
+    command: str = "",
+    digest: str = "",
+    notes: Sequence[str] = (),
+    baseline: str = BASELINE,
+) -> Path:
+    """Write index.html, its figures as PNG, table.csv and duels.csv; return the page's path.
+
+    Equal results write equal bytes, in whatever order they come. Figures of an earlier campaign
+    in `folder` that this one does not have are removed.
+
+    Args:
+        results: Cells may be missing or failed; the page says which.
+        duels: Verdicts on problems without a cost; may be empty.
+        folder: Where to; made if it is not there.
+        command: What was typed, for the page.
+        digest: Of the results, for the page.
+        notes: Combinations that were left out on purpose, and why; anything worth knowing.
+        baseline: The agent that all are compared with.
+
+    Raises:
+        SettingsError: results or duels that contradict each other, or a folder that cannot be
+            written to.
+    """
+    # Here, not above: who only wants the table does not wait for the plots.
+    from prefcal_scenarios.bench.results.html import Origin, page
+    from prefcal_scenarios.bench.results.pictures import Material, draw
+
+    results, duels = list(results), list(duels)
+    choices = Choices(baseline)
+    campaign = campaign_of(results)
+    material = Material(campaign, rows_of(campaign, choices), tallies(duels), choices.floor)
+    target = folder_for(folder)
+    shown = draw(material)
+    for path in target.glob("*.png"):
+        if _OURS.fullmatch(path.name) and path.name not in {s.file for s in shown}:
+            path.unlink()
+    for picture in shown:
+        put(target / picture.file, picture.content)
+    put(target / "table.csv", as_csv(plain(material.rows, choices)).encode())
+    put(target / "duels.csv", as_csv(duel_table(duels)).encode())
+    index = target / "index.html"
+    put(index, page(material, shown, choices, Origin(command, digest, tuple(notes))).encode())
+    return index

@@ -1,0 +1,101 @@
+"""The agents that the benchmark knows by name, and a user's own."""
+
+import hashlib
+import inspect
+from collections.abc import Callable, Mapping
+from functools import cache, partial
+from importlib import import_module
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from prefcal_env.errors import ScenarioError, SettingsError
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_scenarios.own_file import module_at
+
+from .entry import Entry, Kind
+
+
+def entry(name: str) -> Entry:
+    """The agent called `name`: one of `AGENTS`, or "path/to/own.py:Agent".
+
+    Raises:
+        SettingsError: no agent has that name, or what does is no agent.
+        ScenarioError: the file does not exist or does not import.
+    """
+    if name in AGENTS:
+        return AGENTS[name]
+    path, _, attribute = name.rpartition(":")
+    if path.endswith(".py"):
+        try:
+            content = Path(path).read_bytes()
+        except OSError as error:
+            raise ScenarioError(f"no file {path!r} to load an agent from") from error
+        return _own(name, hashlib.sha256(content).hexdigest())
+    if attribute.endswith(".py"):
+        raise SettingsError(f"{name!r} is a file: say which agent in it, {name}:NAME")
+    raise SettingsError(
+        f"no agent is called {name!r}: expected one of {', '.join(AGENTS)} or path/to/own.py:Agent"
+    )
+
+
+@cache
+def _own(name: str, version: str) -> Entry:
+    """A user's agent; `version` is the hash of its file, so that a changed one is loaded anew."""
+    path, _, attribute = name.rpartition(":")
+    found = getattr(module_at(Path(path)), attribute, None)
+    if not callable(found):
+        raise SettingsError(f"{name!r} must name an agent's class, got {found!r}")
+    return Entry(name, _kind(name, found), partial(_make, found), lambda: version)
+
+
+def _kind(name: str, agent: Any) -> Kind:
+    """Agents differ in what they are told: `tell(query, answer)` or `tell(query, value)`."""
+    tell = getattr(agent, "tell", None)
+    if tell is None:
+        raise SettingsError(f"{name!r} must have a method tell(query, answer) or (query, value)")
+    return "value" if "value" in inspect.signature(tell).parameters else "preference"
+
+
+def _make(agent: Callable[..., Any], space: KnobSpace, n_init: int, n_max: int, seed: int) -> Any:
+    return agent(space, n_init=n_init, n_max=n_max, seed=seed)
+
+
+def _import(place: str) -> Any:
+    """The object at "module:attribute" or "module:attribute.attribute"."""
+    module, _, path = place.partition(":")
+    found = import_module(module)
+    for part in path.split("."):
+        found = getattr(found, part)
+    return found
+
+
+def _make_at(place: str, space: KnobSpace, n_init: int, n_max: int, seed: int) -> Any:
+    return _make(_import(place), space, n_init, n_max, seed)
+
+
+def _state_version(place: str) -> str:
+    """Version and settings, as a state of the agent bears them."""
+    state = _make_at(place, KnobSpace([Knob("x", 0, 1)]), 1, 2, 0).state
+    return f"{state.version} {state.settings!r}"
+
+
+def _ours(name: str, kind: Kind = "preference") -> Entry:
+    """An agent of prefcal_agents that has a state."""
+    place = f"prefcal_agents:{name}"
+    return Entry(name, kind, partial(_make_at, place), partial(_state_version, place))
+
+
+def _make_roster() -> Mapping[str, Entry]:
+    entries = (
+        _ours("GLISp"),
+        _ours("GLISp.paper"),
+        _ours("GLIS", "value"),
+        _ours("RandomSearch"),
+        _ours("LatinHypercube"),
+    )
+    return MappingProxyType({one.name: one for one in entries})
+
+
+AGENTS = _make_roster()
+"""The agents by name, in the order of the tables."""

@@ -1,0 +1,124 @@
+"""Runs a suite: what is missing of it, whatever happens to the workers."""
+
+import time
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
+
+from .cell import Cell
+from .digest import digest
+from .duels import Duel, Round, play, rounds
+from .engine import Lost, each
+from .executors import Workers
+from .result import Result
+from .run import run_cell
+from .store import Store
+from .suite import Suite
+
+
+class Watcher(Protocol):
+    """Sees what goes on."""
+
+    def begin(self, what: str, total: int, done: int) -> None:
+        """There are `total` of something to do, `done` of them before."""
+
+    def landed(self, what: str) -> None:
+        """One more is done."""
+
+    def say(self, words: str) -> None:
+        """Something that a user should know."""
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A suite that has run.
+
+    Args:
+        results: Of all its cells, in canonical order.
+        duels: Of the problems without a cost, in canonical order.
+        trouble: Duels that could not be played, in words.
+    """
+
+    results: tuple[Result, ...]
+    duels: tuple[Duel, ...]
+    trouble: tuple[str, ...] = ()
+
+    @property
+    def failures(self) -> tuple[Result, ...]:
+        """Of the cells that failed."""
+        return tuple(result for result in self.results if result.failure)
+
+    @property
+    def digest(self) -> str:
+        """Of all results: the same for the same suite, wherever it ran."""
+        return digest(self.results)
+
+
+def run_suite(suite: Suite, store: Store, workers: Workers, watcher: Watcher) -> Finished:
+    """Run all cells of `suite` that `store` has no result of; failed ones run again.
+
+    Every result is stored as it lands, so that nothing but what is running is lost, whatever
+    ends this.
+
+    Raises:
+        BenchmarkError: the folder or the workers cannot be used any more.
+    """
+    results = _cells(suite, store, workers, watcher)
+    duels, trouble = _duels(results, store, workers, watcher)
+    return Finished(results, duels, trouble)
+
+
+def _cells(suite: Suite, store: Store, workers: Workers, watcher: Watcher) -> tuple[Result, ...]:
+    results: dict[Cell, Result] = {}
+    for cell in suite.cells:
+        found, trouble = store.find(cell)
+        if trouble:
+            watcher.say(f"{trouble}; it runs again")
+        if found is not None and not found.failure:
+            results[cell] = found
+    missing = [cell for cell in suite.cells if cell not in results]
+    # Times mean nothing while something else runs on the machine.
+    clock = time.perf_counter if workers.serial else None
+    tasks = [partial(run_cell, cell, clock, cell.key) for cell in missing]
+    watcher.begin("cells", len(suite.cells), len(results))
+    with closing(each(tasks, workers)) as landing:
+        for number, result in landing:
+            cell = missing[number]
+            if isinstance(result, Lost):
+                result = Result.failed(cell, result.why)
+            store.add(result)
+            results[cell] = result
+            if result.failure:
+                watcher.say(f"{cell} failed: {result.failure}")
+            watcher.landed(f"{cell.agent} on {cell.problem}")
+    return tuple(results[cell] for cell in sorted(results))
+
+
+def _duels(
+    results: tuple[Result, ...], store: Store, workers: Workers, watcher: Watcher
+) -> tuple[tuple[Duel, ...], tuple[str, ...]]:
+    found: dict[Round, tuple[Duel, ...]] = {}
+    troubles: list[str] = []
+    every = rounds(results)
+    for round_ in every:
+        played, trouble = store.duels(round_)
+        if trouble:
+            watcher.say(f"{trouble}; it is played again")
+        if played is not None:
+            found[round_] = played
+    missing = [round_ for round_ in every if round_ not in found]
+    if missing:
+        watcher.begin("duels", len(every), len(found))
+    with closing(each([partial(play, round_) for round_ in missing], workers)) as landing:
+        for number, played_now in landing:
+            round_ = missing[number]
+            where = f"{round_.problem}, {round_.calibrator}, seed {round_.seed}"
+            if isinstance(played_now, Lost):
+                troubles.append(f"duels of {where}: {played_now.why}")
+                watcher.say(troubles[-1])
+                continue
+            store.add_duels(round_, played_now)
+            found[round_] = played_now
+            watcher.landed(f"duels of {where}")
+    return tuple(sorted(d for duels in found.values() for d in duels)), tuple(troubles)

@@ -1,0 +1,111 @@
+"""A suite: which cells a benchmark consists of, and which combinations there cannot be."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from prefcal_env.errors import SettingsError
+
+from .cell import Cell
+from .problems import CALIBRATORS, PROBLEMS, problem
+from .roster import AGENTS, entry
+
+QUICK_AGENTS = ("GLISp", "GLISp.paper", "GLIS", "RandomSearch")
+QUICK_PROBLEMS = ("camel", "hartman3", "hartman6", "terraces3", "cstr", "overtake")
+QUICK_CALIBRATORS = ("perfect", "lexicographic")
+QUICK_SEEDS = 3
+FULL_SEEDS = 20
+
+
+@dataclass(frozen=True)
+class Suite:
+    """Agents x problems x calibrators x seeds, as far as they go together.
+
+    Value-based agents see the value: they run with a cost only, and with the calibrator
+    "perfect" alone.
+
+    Args:
+        agents: Names in the roster, or path/to/own.py:Agent.
+        problems: Names of problems.
+        calibrators: Names of calibrators; a problem takes those that it has.
+        seeds: How many: 0, 1, ...
+        n_init: Experiments before an agent learns.
+        n_max: Experiments in all.
+
+    Raises:
+        SettingsError: an unknown name, one that is there twice, or an impossible number.
+        ScenarioError: the file of an own agent does not load.
+    """
+
+    agents: Sequence[str]
+    problems: Sequence[str]
+    calibrators: Sequence[str]
+    seeds: int = FULL_SEEDS
+    n_init: int = 10
+    n_max: int = 50
+
+    def __post_init__(self) -> None:
+        for name, known in (("problems", PROBLEMS), ("calibrators", CALIBRATORS)):
+            unknown = [word for word in getattr(self, name) if word not in known]
+            if unknown:
+                raise SettingsError(f"{name} must be of {', '.join(known)}, got {unknown}")
+        for name in ("agents", "problems", "calibrators"):
+            words = list(getattr(self, name))
+            if not words or len(set(words)) < len(words):
+                raise SettingsError(f"{name} must be one or more different names, got {words}")
+        for agent in self.agents:
+            entry(agent)
+        if isinstance(self.seeds, bool) or not isinstance(self.seeds, int) or self.seeds < 1:
+            raise SettingsError(f"seeds must be an integer, 1 or more, got {self.seeds!r}")
+        Cell("any", "any", "any", 0, self.n_init, self.n_max)
+
+    @classmethod
+    def quick(cls) -> "Suite":
+        """Our own agents on a few problems: within two minutes on two cores."""
+        return cls(QUICK_AGENTS, QUICK_PROBLEMS, QUICK_CALIBRATORS, QUICK_SEEDS)
+
+    @classmethod
+    def full(cls) -> "Suite":
+        """Everything."""
+        return cls(tuple(AGENTS), PROBLEMS, CALIBRATORS)
+
+    @cached_property
+    def cells(self) -> tuple[Cell, ...]:
+        """All cells; seed by seed, so that whatever is there early is of all agents."""
+        return tuple(
+            Cell(agent, where, calibrator, seed, self.n_init, self.n_max)
+            for seed in range(self.seeds)
+            for where in self.problems
+            for calibrator in self.calibrators
+            for agent in self.agents
+            if not self._obstacle(agent, where, calibrator)
+        )
+
+    @cached_property
+    def left_out(self) -> tuple[str, ...]:
+        """What is not among the cells although it was named, and why, in words."""
+        return tuple(dict.fromkeys(self._reasons()))
+
+    def _reasons(self) -> Iterator[str]:
+        for agent in self.agents:
+            if entry(agent).missing:
+                yield f"{agent}: {entry(agent).missing}"
+                continue
+            for where in self.problems:
+                ran = [c for c in self.calibrators if not self._obstacle(agent, where, c)]
+                if not ran:
+                    reasons = {self._obstacle(agent, where, c) for c in self.calibrators}
+                    yield f"{agent} on {where}: {'; '.join(sorted(reasons))}"
+
+    def _obstacle(self, agent: str, where: str, calibrator: str) -> str:
+        """Why there is no such cell, in words; empty where there is."""
+        one, place = entry(agent), problem(where)
+        if one.missing:
+            return one.missing
+        if one.kind == "value" and not place.has_cost:
+            return "it learns from values, and there is no cost"
+        if one.kind == "value" and calibrator != "perfect":
+            return "it sees the value, which is the calibrator perfect alone"
+        if calibrator not in place.calibrators:
+            return f"the calibrators there are {', '.join(place.calibrators)}"
+        return ""

@@ -1,0 +1,144 @@
+"""What `prefcal bench` does."""
+
+import json as json_
+import shlex
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.text import Text
+
+from prefcal_env.errors import SettingsError
+from prefcal_scenarios.bench import DaskCluster, Finished, Processes, Store, Suite, run_suite
+from prefcal_scenarios.bench.executors import Workers, usable_cores
+from prefcal_scenarios.bench.results import as_csv, duel_table, table, write
+from prefcal_scenarios.cli.bench_display import BenchDisplay
+from prefcal_scenarios.cli.bench_table import show
+from prefcal_scenarios.export import jsonable
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+_WIDTH = 110
+"""Characters a line in files and pipes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """The options of `prefcal bench`; None where the suite's own value holds."""
+
+    quick: bool = False
+    agents: str | None = None
+    problems: str | None = None
+    calibrators: str | None = None
+    seeds: int | None = None
+    n_init: int | None = None
+    n_max: int | None = None
+    jobs: int | None = None
+    dask: str | None = None
+
+    def command(self, out: Path) -> str:
+        """The command line that repeats it, wherever it ran."""
+        words = ["prefcal", "bench", *(["--quick"] if self.quick else [])]
+        for name in ("agents", "problems", "calibrators", "seeds", "n_init", "n_max"):
+            if (value := getattr(self, name)) is not None:
+                words += [f"--{name.replace('_', '-')}", str(value)]
+        return shlex.join([*words, "--out", str(out)])
+
+    def suite(self) -> Suite:
+        """The cells that are wanted.
+
+        Raises:
+            SettingsError: an unknown name or an impossible number, or nothing is left to run.
+            ScenarioError: the file of an own agent does not load.
+        """
+        suite = Suite.quick() if self.quick else Suite.full()
+        given: dict[str, Any] = {
+            name: tuple(word.strip() for word in value.split(","))
+            for name in ("agents", "problems", "calibrators")
+            if (value := getattr(self, name)) is not None
+        }
+        for name in ("seeds", "n_max"):
+            if (value := getattr(self, name)) is not None:
+                given[name] = value
+        n_init = self.n_init
+        if n_init is None:
+            n_init = min(suite.n_init, max(1, given.get("n_max", suite.n_max) // 2))
+        suite = replace(suite, **given, n_init=n_init)
+        if not suite.cells:
+            raise SettingsError(f"there is nothing to run: {'; '.join(suite.left_out)}")
+        return suite
+
+    def workers(self) -> Workers:
+        """Where they run.
+
+        Raises:
+            SettingsError: both a cluster and processes here, or an impossible number of them.
+            MissingExtraError: Dask is not installed.
+        """
+        if self.dask is None:
+            return Processes(usable_cores() if self.jobs is None else self.jobs)
+        if self.jobs is not None:
+            raise SettingsError("--jobs is for this machine, --dask for a cluster: give one")
+        return DaskCluster(self.dask)
+
+
+def run(wishes: Wishes, out: Path, *, json: bool, csv: bool) -> int:
+    """Run what is missing of the suite, write the page, print the result; return the exit code.
+
+    Raises:
+        PrefcalError: impossible wishes, or a folder or a cluster that cannot be used.
+    """
+    if json and csv:
+        raise SettingsError("--json and --csv both want standard output: give one")
+    suite, workers = wishes.suite(), wishes.workers()
+    store = Store(out)
+    messages = Console(stderr=True)
+    for words in suite.left_out:
+        _say(messages, f"Left out: {words}")
+    with BenchDisplay(messages) as display:
+        try:
+            finished = run_suite(suite, store, workers, display)
+        except KeyboardInterrupt:
+            display.say(
+                f"Stopped; {display.done} results are kept in {out}: go on with the same line."
+            )
+            return INTERRUPTED
+    page = write(
+        finished.results, finished.duels, store.folder, command=wishes.command(out),
+        digest=finished.digest, notes=(*suite.left_out, *finished.trouble),
+    )  # fmt: skip
+    if json:
+        print(_as_json(finished, suite, page))
+    elif csv:
+        print(as_csv(table(finished.results)), end="")
+    else:
+        show(finished, page, _paper())
+    return 1 if finished.failures or finished.trouble else 0
+
+
+def _as_json(finished: Finished, suite: Suite, page: Path) -> str:
+    """One JSON object; strict, so null where there is no number."""
+    content: dict[str, Any] = {
+        "digest": finished.digest,
+        "cells": len(finished.results),
+        "table": table(finished.results),
+        "duels": duel_table(finished.duels),
+        "failures": [
+            {**result.cell.to_dict(), "failure": result.failure} for result in finished.failures
+        ],
+        "trouble": finished.trouble,
+        "left_out": suite.left_out,
+        "page": str(page),
+    }
+    return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def _paper() -> Console:
+    """Standard output; where it is no terminal, wide enough for the names of the agents."""
+    console = Console()
+    return console if console.is_terminal else Console(width=_WIDTH)
+
+
+def _say(console: Console, words: str) -> None:
+    console.print(Text(words), soft_wrap=True)

@@ -1,0 +1,77 @@
+"""Workers that die, tasks that raise: who is to blame, and who gets a result."""
+
+import multiprocessing
+import os
+import time
+from functools import partial
+
+import pytest
+
+from prefcal_env.errors import SettingsError
+from prefcal_scenarios.bench.engine import Lost, each
+from prefcal_scenarios.bench.executors import Processes, usable_cores
+from support import bench_tasks as tasks
+
+
+def run(todo, jobs=2):
+    found = dict(each(todo, Processes(jobs)))
+    assert not multiprocessing.active_children()
+    return [found[number] for number in range(len(todo))]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_only_the_task_that_kills_its_worker_is_lost(jobs):
+    todo = [partial(tasks.double, k) for k in range(6)]
+    todo[2] = tasks.die
+    results = run(todo, jobs)
+    assert isinstance(results[2], Lost)
+    assert "its worker died, and again when it ran with nothing beside it" in results[2].why
+    assert [r for k, r in enumerate(results) if k != 2] == [0, 2, 6, 8, 10]
+
+
+def test_a_worker_that_was_killed_from_outside_costs_nobody_his_result(tmp_path):
+    todo = [partial(tasks.double, k) for k in range(5)]
+    todo[1] = partial(tasks.die, str(tmp_path / "once"))
+    assert run(todo) == [0, "alive", 4, 6, 8]
+
+
+def test_a_task_that_raises_is_lost_with_its_words_and_the_others_are_not():
+    fail, left, two = run([tasks.fail, tasks.leave, partial(tasks.double, 1)])
+    assert fail == Lost("OSError: the pump does not answer")
+    assert left == Lost("SystemExit: 3")
+    assert two == 2
+
+
+def test_nothing_to_do_opens_nothing():
+    assert run([]) == []
+
+
+def test_closing_early_kills_what_is_running(tmp_path):
+    log = tmp_path / "pid"
+    running = each([partial(tasks.sleep, 0), partial(tasks.sleep, 60, str(log))], Processes(2))
+    next(running)
+    while not log.exists() or not log.read_text():
+        time.sleep(0.01)
+    start = time.monotonic()
+    running.close()
+    assert time.monotonic() - start < 10
+    assert not multiprocessing.active_children()
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(log.read_text()), 0)
+
+
+def test_standard_output_of_a_worker_is_not_ours(capfd):
+    run([tasks.shout], jobs=1)
+    seen = capfd.readouterr()
+    assert seen.out == ""
+    assert "from a worker" in seen.err
+
+
+@pytest.mark.parametrize("jobs", [0, -1, True, 1.5])
+def test_an_impossible_number_of_processes_is_refused(jobs):
+    with pytest.raises(SettingsError, match="jobs"):
+        Processes(jobs)
+
+
+def test_the_cores_that_may_be_used_are_counted():
+    assert 1 <= usable_cores() <= (os.cpu_count() or 1)

@@ -1,0 +1,92 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from prefcal_env.errors import KnobError, SettingsError
+from prefcal_env.preference import Preference
+from prefcal_scenarios.bench.problems import CALIBRATORS, CSTR_BEST, PROBLEMS, problem
+from prefcal_scenarios.functions import FUNCTIONS
+
+EACH = pytest.mark.parametrize("name", PROBLEMS)
+
+
+def test_there_are_twelve_functions_or_more_from_two_to_eight_dimensions():
+    sizes = [len(f.space) for f in FUNCTIONS.values()]
+    assert len(sizes) >= 12
+    assert (min(sizes), max(sizes)) == (2, 8)
+
+
+@EACH
+def test_calibrators_answer_from_outcomes(name):
+    where = problem(name)
+    assert set(where.calibrators) <= set(CALIBRATORS)
+    rng = np.random.default_rng(0)
+    a, b = (where.outcome(where.space.decode(rng.random(len(where.space)))) for _ in "ab")
+    for make in where.calibrators.values():
+        assert isinstance(make(0).prefer(a, b), Preference)
+        assert make(0).prefer(a, a) is Preference.TIE
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_function_has_no_gap_at_its_optimum(name):
+    where = problem(name)
+    for minimizer in FUNCTIONS[name].minimizers:
+        assert where.gap(where.outcome(np.array(minimizer))) == pytest.approx(0, abs=1e-8)
+
+
+def test_the_best_known_index_of_the_reactor_is_reached():
+    where = problem("cstr")
+    best = where.outcome(np.array([0.25, 25, -1.0007833894600786]))
+    assert best.cost == pytest.approx(CSTR_BEST, abs=5e-6)
+    paper = where.outcome(np.array([0.25, 26, -0.91]))
+    assert where.gap(paper) == pytest.approx(0.699 - 0.691, abs=0.005)  # design, section 4
+
+
+def test_the_overtaking_has_no_cost_and_its_referee_is_the_paper_s_calibrator():
+    where = problem("overtake")
+    assert not where.has_cost
+    assert where.paper is not None
+    optimum = where.outcome(where.paper)
+    slow = where.outcome(np.array([0.4, 1.0, 30, 2.0, 2.0]))
+    assert where.referee.prefer(optimum, slow) is Preference.CHALLENGER
+    assert where.calibrators["lexicographic"](5) == where.referee
+    with pytest.raises(SettingsError, match="no cost"):
+        where.gap(optimum)
+
+
+# If one of these changes, raise `version` of the problem: results of before are not comparable.
+GOLDEN = {
+    "camel": 1.9833333333, "hartman6": -0.0066515419, "levy8": 57.565139279, "cstr": 14.329448603,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", GOLDEN)
+def test_outcomes_are_those_of_this_version(name):
+    where = problem(name)
+    assert where.version == 1
+    middle = where.outcome(where.space.decode(np.full(len(where.space), 0.75)))
+    assert middle.cost == pytest.approx(GOLDEN[name], rel=1e-7)
+
+
+def test_flipped_answers_are_those_of_this_version():
+    where = problem("camel")
+    judge = where.calibrators["noisy20"](0)
+    points = [where.outcome(where.space.decode(np.array([0.1 * i, 0.5]))) for i in range(11)]
+    answers = [int(judge.prefer(a, b)) for a, b in pairwise(points)]
+    assert answers == [1, -1, 1, 1, 1, -1, -1, -1, 1, 1]  # the last one is wrong
+
+
+def test_the_overtaking_is_that_of_this_version():
+    where = problem("overtake")
+    assert where.version == 1
+    kpis = where.outcome(where.paper).experiment.kpis
+    assert kpis["lateral_distance"] == pytest.approx(2.9998143, abs=1e-6)
+    assert kpis["speed_variation"] == pytest.approx(22.453724, abs=1e-4)
+
+
+def test_theta_outside_the_box_and_unknown_names_are_refused():
+    with pytest.raises(KnobError, match="x1"):
+        problem("camel").outcome(np.array([9.0, 0.0]))
+    with pytest.raises(SettingsError, match=r"must be one of camel, .*overtake, got 'Camel'"):
+        problem("Camel")

@@ -1,0 +1,58 @@
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prefcal_env.errors import SettingsError
+from prefcal_scenarios.bench import Cell, Result
+
+CELL = Cell("RandomSearch", "camel", "perfect", 0, 1, 2)
+RESULT = Result(CELL, ((0.1, -0.0), (1.0, 2.0)), (3.0, 0.5), (3.0, 0.5), (0, 1), (1.0, 2.0))
+NUMBERS = st.floats(allow_nan=False)
+
+
+def through_json(result):
+    return Result.from_dict(json.loads(json.dumps(result.to_dict(), allow_nan=False)))
+
+
+@given(
+    rows=st.lists(st.tuples(st.tuples(NUMBERS, NUMBERS), NUMBERS, st.integers(0, 99)), min_size=1),
+    costs=st.booleans(),
+    seconds=st.none() | st.floats(0, 9),
+)
+def test_a_result_goes_through_json_to_the_last_bit(rows, costs, seconds):
+    thetas, gaps, questions = zip(*rows, strict=True)
+    numbers = tuple(gaps) if costs else None
+    result = Result(CELL, thetas, numbers, numbers, questions, thetas[0], seconds=seconds)
+    assert through_json(result) == result
+    assert repr(through_json(result)) == repr(result)  # == takes -0.0 for 0.0
+
+
+def test_a_failure_goes_through_json():
+    failed = Result.failed(CELL, "the pump does not answer")
+    assert through_json(failed) == failed
+    assert failed.thetas == failed.gaps == failed.best == ()
+    assert Result.failed(CELL, "").failure  # a failure without words is one all the same
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"gaps": [1.0]}, "gaps must have 2"),
+        ({"visited": [1.0, 2.0, 3.0]}, "visited must have 2"),
+        ({"questions": []}, "questions must have 2"),
+        ({"gaps": [1.0, "nan"]}, "NaN"),
+        ({"best": [np.nan, 1.0]}, "NaN"),
+        ({"failure": "but it has experiments"}, "say why"),
+        ({"thetas": [], "gaps": [], "visited": [], "questions": []}, "say why"),
+        ({"thetas": 7}, "cannot be read"),
+        ({"gaps": ["low", "high"]}, "cannot be read"),
+        ({"cell": {}}, "a cell must have"),
+        ({"more": 1}, "a result must have"),
+    ],
+)
+def test_what_does_not_fit_is_not_taken_for_a_result(change, word):
+    with pytest.raises(SettingsError, match=word):
+        Result.from_dict(RESULT.to_dict() | change)

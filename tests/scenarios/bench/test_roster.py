@@ -1,0 +1,79 @@
+from pathlib import Path
+
+import pytest
+
+from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preference import Agent
+from prefcal_scenarios.bench.entry import Entry, is_installed
+from prefcal_scenarios.bench.roster import AGENTS, entry
+
+SPACE = KnobSpace([Knob("a", 0, 1), Knob("b", -1, 1)])
+OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
+LACKING = Entry(
+    "Far", "preference", lambda *_: 1 / 0, lambda: "1", needs=("sys", "not_there.at_all"), extra="x"
+)
+
+
+@pytest.mark.parametrize("name", AGENTS)
+def test_every_agent_is_made_or_says_what_is_missing(name):
+    one = entry(name)
+    assert one.name == name
+    if one.missing:
+        assert "pip install 'prefcal[" in one.missing
+        pytest.skip(one.missing)
+    agent = one.make(SPACE, 2, 4, 0)
+    query = agent.ask()
+    assert len(query.challenger.theta) == 2
+    assert query.incumbent is None
+    agent.tell(query, 1.5 if one.kind == "value" else None)
+    assert (agent.ask().incumbent is None) == (one.kind == "value")
+    assert one.version
+    assert hasattr(Agent, "ask")
+
+
+def test_what_is_not_installed_is_said_and_not_imported():
+    assert LACKING.missing == "Far needs not_there.at_all: pip install 'prefcal[x]'"
+    assert LACKING.version == ""
+    with pytest.raises(MissingExtraError, match=r"prefcal\[x\]"):
+        LACKING.make(SPACE, 1, 2, 0)
+    assert is_installed("json")
+    assert not is_installed("json.no_such_part")
+
+
+def test_an_own_agent_is_told_what_its_tell_asks_for():
+    assert entry(f"{OWN}:Own").kind == "preference"
+    assert entry(f"{OWN}:Sees").kind == "value"
+    assert entry(f"{OWN}:Own").make(SPACE, 2, 4, 0).n_max == 4
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "words"),
+    [
+        ("glisp", SettingsError, "expected one of GLISp,"),
+        ("own.py", SettingsError, "say which agent in it"),
+        ("nowhere.py:Own", ScenarioError, "no file 'nowhere.py'"),
+        (f"{OWN}:Missing", SettingsError, "must name an agent's class"),
+        (f"{OWN}:np", SettingsError, "must name an agent's class"),
+        (f"{OWN}:Path", SettingsError, "must have a method tell"),
+    ],
+)
+def test_what_is_no_agent_says_so(name, error, words):
+    with pytest.raises(error, match=words):
+        entry(name)
+
+
+def test_a_file_that_does_not_import_says_so(tmp_path):
+    (tmp_path / "own.py").write_text("import no_such_package\n")
+    with pytest.raises(ScenarioError, match="no_such_package"):
+        entry(f"{tmp_path / 'own.py'}:Mine")
+
+
+def test_a_changed_file_is_loaded_anew(tmp_path):
+    own = tmp_path / "own.py"
+    for number in (1, 22):
+        own.write_text(
+            f"class Mine:\n    number = {number}\n    def tell(self, q, answer): ...\n"
+            "    def __init__(self, space, **k): ...\n"
+        )
+        assert entry(f"{own}:Mine").make(SPACE, 1, 2, 0).number == number

@@ -1,0 +1,84 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from prefcal_env.errors import SettingsError
+from prefcal_scenarios.bench import Suite
+from prefcal_scenarios.bench.entry import Entry
+from prefcal_scenarios.bench.problems import PROBLEMS
+from prefcal_scenarios.bench.roster import AGENTS
+
+OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
+BOTH = Suite(
+    ("GLISp", "GLIS"), ("camel", "overtake", "cstr"),
+    ("perfect", "lexicographic", "noisy10"), seeds=2, n_init=2, n_max=4,
+)  # fmt: skip
+
+
+def test_all_combinations_that_make_sense_are_there_and_no_others():
+    pairs = {(c.agent, c.problem, c.calibrator) for c in BOTH.cells}
+    assert pairs == {
+        ("GLISp", "camel", "perfect"), ("GLISp", "camel", "noisy10"),
+        ("GLISp", "cstr", "perfect"),
+        ("GLISp", "cstr", "noisy10"), ("GLISp", "overtake", "lexicographic"),
+        ("GLISp", "overtake", "noisy10"), ("GLIS", "camel", "perfect"),
+        ("GLIS", "cstr", "perfect"),
+    }  # fmt: skip
+    assert len(BOTH.cells) == len(set(BOTH.cells)) == 2 * len(pairs)
+    assert {(c.n_init, c.n_max) for c in BOTH.cells} == {(2, 4)}
+
+
+def test_cells_come_seed_by_seed():
+    assert [c.seed for c in BOTH.cells] == [0] * 8 + [1] * 8
+
+
+def test_what_is_left_out_is_said():
+    assert BOTH.left_out == ("GLIS on overtake: it learns from values, and there is no cost",)
+    noisy = replace(BOTH, calibrators=("noisy10",))
+    assert "GLIS on camel: it sees the value, which is the calibrator perfect alone" in (
+        noisy.left_out
+    )
+    only = replace(BOTH, problems=("camel",), calibrators=("lexicographic",))
+    assert only.cells == ()
+    assert "the calibrators there are perfect, noisy10, noisy20" in only.left_out[0]
+
+
+def test_an_agent_that_is_not_installed_is_left_out_with_a_word(monkeypatch):
+    far = Entry("Far", "preference", lambda *_: 1 / 0, lambda: "1", ("not_there",), "x")
+    monkeypatch.setattr("prefcal_scenarios.bench.roster.AGENTS", {**AGENTS, "Far": far})
+    suite = replace(BOTH, agents=("GLISp", "Far"))
+    assert suite.left_out == ("Far: Far needs not_there: pip install 'prefcal[x]'",)
+    assert {c.agent for c in suite.cells} == {"GLISp"}
+
+
+def test_own_agents_join():
+    suite = replace(BOTH, agents=(f"{OWN}:Own", f"{OWN}:Sees"), problems=("camel",), seeds=1)
+    assert len(suite.cells) == 3
+
+
+def test_the_quick_suite_is_part_of_the_full_one_and_needs_nothing_installed():
+    quick, full = Suite.quick(), Suite.full()
+    assert set(quick.cells) <= set(full.cells)
+    assert all(not AGENTS[agent].needs for agent in quick.agents)
+    assert full.problems == PROBLEMS
+    assert full.seeds == 20
+    assert {"cstr", "overtake"} <= set(quick.problems)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"agents": ("GLISp", "Glis")}, "no agent is called 'Glis'"),
+        ({"agents": ()}, "agents must be one or more"),
+        ({"agents": ("GLISp", "GLISp")}, "agents must be one or more different"),
+        ({"problems": ("camel", "dromedary")}, "problems must be of camel,"),
+        ({"calibrators": ("", "perfect")}, "calibrators must be of perfect,"),
+        ({"seeds": 0}, "seeds"),
+        ({"n_max": 1}, "n_max"),
+        ({"n_init": 5}, "n_max must not be below n_init"),
+    ],
+)
+def test_an_impossible_suite_says_what_is_wrong(change, words):
+    with pytest.raises(SettingsError, match=words):
+        replace(BOTH, **change)
