@@ -1,39 +1,35 @@
 """Optuna's preferential sampler, a Gaussian process, as an agent."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.knobs import KnobSpace
+from prefcal_env.preference import Preference
 
 from ..checks import integer
 from ..cube import Tried, latin_hypercube
-from ..extras import load
 from ..global_random import seeded
 from ..ledger import Ledger
+from ..replay import Replay
 from ..stored import Stored
 from ..turn_taking import PreferenceBased
 from ..turns import Turns
-
-_HELD_BACK = (0, 1, 2, 4, 8)
-"""Lessons that a fit leaves out at first: one that starts from nothing diverges now and then."""
-
+from .optuna_session import OptunaSession
 
 @final
 class OptunaPreferential(Stored, PreferenceBased):
     """Gaussian process of preferences, hallucination believer (`PreferentialGPSampler`).
 
-    The first `n_init` samples are a Latin hypercube. Then an Optuna study is set up from the
-    stored samples and the answers that stand, and its sampler asked for one more. It knows no
-    ties: those teach it nothing, as abstentions.
+    The first `n_init` samples are a Latin hypercube. Then an Optuna study is told every answer
+    and its sampler asked for the next sample. It knows no ties: those teach it nothing, as
+    abstentions. The sampler starts each fit where the last one ended, so it is kept while
+    answers are added, and lives through them anew after an undo, a retraction or a restart.
 
     Source: package `optuna-dashboard`, after Takeno et al. 2023.
-    Deviation: a sampler that lives on starts its fit, and its chain of Gibbs samples, where the
-    last one ended; here both start afresh, so that a proposal depends on the answers alone. A
-    fit that diverges is started again from that of fewer answers.
+    Deviation: a fit that diverges, which ends the library's sampler, is started from nothing; if
+    that diverges too, the next sample is random.
 
     Args:
         space: The knobs; the sampler sees the unit cube, and integers are snapped afterwards.
@@ -54,78 +50,30 @@ class OptunaPreferential(Stored, PreferenceBased):
         integer("seed", seed, low=0)
         self._seed = int(seed)
         self._turns = Turns(space, n_init, n_max, self._propose)
-        self._optuna = load("optuna", "peers")
-        self._sampler = load("optuna_dashboard.preferential.samplers.gp", "peers")
-        self._preferential = load("optuna_dashboard.preferential", "peers")
+        OptunaSession.check_installed()
+        self._replay = Replay(self._start, self._feed)
 
     def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
-        index, n = ledger.answered, len(self.space)
+        index = ledger.answered
         rng = np.random.default_rng([self._seed, index])
-        z = rng.random(n)
         if index < self.n_init:
             z = latin_hypercube(self.space, self.n_init, self._seed)[index]
-        elif lessons := _strict(ledger):
-            with seeded(self._seed, index) as seed, _quiet(self._optuna), _one_thread():
-                for held_back in _HELD_BACK:
-                    found = self._ask(ledger, lessons, max(len(lessons) - held_back, 0), seed)
-                    if found is not None:
-                        z = found
-                        break
-        return Tried(self.space, ledger).fresh(np.clip(z, 0.0, 1.0), rng)
+        else:
+            proposal = self._replay.at(ledger).proposal
+            z = rng.random(len(self.space)) if proposal is None else np.clip(proposal, 0.0, 1.0)
+        return Tried(self.space, ledger).fresh(z, rng)
 
-    def _ask(
-        self, ledger: Ledger, lessons: list[tuple[int, int]], first: int, seed: int
-    ) -> Float[np.ndarray, " n"] | None:
-        """A new sample, shape (n,); None where the fit fails.
+    def _start(self) -> OptunaSession:
+        with seeded(self._seed) as seed:
+            return OptunaSession(len(self.space), seed)
 
-        The sampler fits itself to the first `first` lessons, then from there to all of them.
-        """
-        knobs = {
-            f"z{k}": self._optuna.distributions.FloatDistribution(0.0, 1.0)
-            for k in range(len(self.space))
-        }
-        sampler = self._sampler.PreferentialGPSampler(seed=seed)
-        study = self._preferential.create_study(n_generate=1, sampler=sampler)
-        for z in ledger.cube():
-            params = dict(zip(knobs, map(float, z), strict=True))
-            study.add_trial(
-                self._optuna.trial.create_trial(params=params, distributions=knobs, value=0.0)
-            )
-        trials = study.get_trials(deepcopy=False)
-        try:
-            for told in (lessons[:first], lessons[first:]):
-                for better, worse in told:
-                    study.report_preference(trials[better], trials[worse])
-                if told:
-                    proposed = study.ask(knobs).params
-        except (RuntimeError, ValueError):  # the fit diverged: a covariance that is none
-            return None
-        z = np.array([proposed[name] for name in knobs])
-        return z if np.all(np.isfinite(z)) else None
-
-
-def _strict(ledger: Ledger) -> list[tuple[int, int]]:
-    """The better and the worse sample of each comparison that was no tie."""
-    lessons = ledger.preferences()
-    rows = zip(lessons.b, lessons.first, lessons.second, strict=True)
-    return [(int(i), int(j)) if b < 0 else (int(j), int(i)) for b, i, j in rows if b]
-
-
-@contextmanager
-def _quiet(optuna: Any) -> Iterator[None]:
-    """Inside, Optuna reports nothing but errors."""
-    before = optuna.logging.get_verbosity()
-    optuna.logging.set_verbosity(optuna.logging.ERROR)
-    try:
-        yield
-    finally:
-        optuna.logging.set_verbosity(before)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Inside, all linear algebra keeps to one thread: the same digits on every machine."""
-    from threadpoolctl import threadpool_limits  # finds the libraries that torch has loaded
-
-    with threadpool_limits(1):
-        yield
+    def _feed(self, session: OptunaSession, ledger: Ledger) -> None:
+        with seeded(self._seed, ledger.answered) as seed:
+            session.run(np.array(ledger.samples[ledger.answered - 1]))
+            last = ledger.comparisons[-1]
+            if last.teaches and last.answer.preference is not Preference.TIE:
+                pair = (last.challenger, last.incumbent)
+                won = last.answer.preference is Preference.CHALLENGER
+                session.prefer(*(pair if won else reversed(pair)))
+            if ledger.answered >= self.n_init:
+                session.ask(seed)
