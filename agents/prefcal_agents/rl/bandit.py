@@ -28,7 +28,7 @@ def rewards(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
     """
     below = np.array([np.mean(values < value) for value in values])
     equal = np.array([np.mean(values == value) for value in values])
-    return 1.0 - 2.0 * below - equal
+    return np.asarray(1.0 - 2.0 * below - equal)
 
 
 def actions(z: Float[np.ndarray, "K n"]) -> Array:
