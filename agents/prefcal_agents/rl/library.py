@@ -14,11 +14,14 @@ def stable_baselines() -> Any:
 
 
 @contextmanager
-def torch_seeded(*key: int) -> Iterator[None]:
+def torch_seeded(*key: int) -> Iterator[int]:
     """Inside, torch's, numpy's and Python's global generators are seeded by `key`.
 
     Afterwards they are as before. Inside, torch keeps to one thread: quicker with networks this
     small, and the same digits whatever else runs.
+
+    Yields:
+        A seed below 2**32 that follows from `key`.
     """
     torch = load("torch", "rl")
     with seeded(*key) as seed, torch.random.fork_rng(devices=[]):
@@ -26,7 +29,7 @@ def torch_seeded(*key: int) -> Iterator[None]:
         threads = torch.get_num_threads()
         torch.set_num_threads(1)
         try:
-            yield
+            yield seed
         finally:
             torch.set_num_threads(threads)
 

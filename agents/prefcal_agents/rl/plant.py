@@ -16,7 +16,13 @@ from .policy import ALGORITHMS, Origin, TrainedPolicy
 
 CSTR = "prefcal_env:prefcal/CSTR-v0"
 SETTINGS: Mapping[str, Mapping[str, Any]] = {
-    "PPO": {"n_steps": 1000, "batch_size": 100, "learning_rate": 1e-3, "gamma": 0.98},
+    "PPO": {
+        "n_steps": 1000,
+        "batch_size": 100,
+        "gamma": 0.98,
+        # With its default, 0, most actions lie beyond the limits of the plant's inputs.
+        "policy_kwargs": {"log_std_init": -1.0},
+    },
     "SAC": {"learning_starts": 1000, "learning_rate": 1e-3, "gamma": 0.98, "train_freq": 2},
 }
 """Where they are not the library's: for trainings of some ten thousand steps."""
@@ -57,10 +63,11 @@ def train_on_plant(
         env = gym.make(env_id, **dict(env_options or {}))
     except (gym.error.Error, ModuleNotFoundError) as error:
         raise SettingsError(f"no environment {env_id!r}: {error}") from error
-    with torch_seeded(seed), _Bar(algorithm, steps) if progress else nullcontext() as bar:
-        model = silent(
-            getattr(library, algorithm)("MlpPolicy", env, device="cpu", **SETTINGS[algorithm])
-        )
+    bar_or_none = _Bar(algorithm, steps) if progress else nullcontext()
+    with torch_seeded(seed) as library_seed, bar_or_none as bar:
+        make = getattr(library, algorithm)
+        model = make("MlpPolicy", env, seed=library_seed, device="cpu", **SETTINGS[algorithm])
+        silent(model)
         env.reset(seed=seed)
         if steps:
             model.learn(steps, callback=None if bar is None else bar.callback())
