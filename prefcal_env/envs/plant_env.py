@@ -117,7 +117,7 @@ class PlantEnv(gym.Env[Array, Array]):
             PlantError: an action of the wrong shape or not finite.
         """
         a = vector(action, len(self._low), "action")
-        return self._low + (a + 1) / 2 * (self._high - self._low)
+        return np.asarray(self._low + (a + 1) / 2 * (self._high - self._low))
 
     def apply(self, u: Float[np.ndarray, " n_u"]) -> Step:
         """Hold the inputs `u`, shape (n_u,), in the plant's units, for one sampling period.

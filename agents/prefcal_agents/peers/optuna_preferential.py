@@ -18,6 +18,7 @@ from ..turn_taking import PreferenceBased
 from ..turns import Turns
 from .optuna_session import OptunaSession
 
+
 @final
 class OptunaPreferential(Stored, PreferenceBased):
     """Gaussian process of preferences, hallucination believer (`PreferentialGPSampler`).

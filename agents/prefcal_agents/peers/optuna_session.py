@@ -43,9 +43,7 @@ class OptunaSession:
         params = dict(zip(self._knobs, map(float, z), strict=True))
         with self._alone():
             self._study.add_trial(
-                self._optuna.trial.create_trial(
-                    params=params, distributions=self._knobs, value=0.0
-                )
+                self._optuna.trial.create_trial(params=params, distributions=self._knobs, value=0.0)
             )
         self._trials.append(self._study.get_trials(deepcopy=False)[-1])
 

@@ -20,9 +20,7 @@ def cube_solver(solver: Any, z: Float[np.ndarray, "N n"], **options: Any) -> Any
     ones: told about the last, it proposes the next.
     """
     count, n = z.shape
-    fresh = solver(
-        bounds=(np.zeros(n), np.ones(n)), n_initial_random=count, display=0, **options
-    )
+    fresh = solver(bounds=(np.zeros(n), np.ones(n)), n_initial_random=count, display=0, **options)
 
     def samples() -> Float[np.ndarray, "N n"]:
         fresh.X = list(z)

@@ -28,7 +28,7 @@ def rewards(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
     """
     below = np.array([np.mean(values < value) for value in values])
     equal = np.array([np.mean(values == value) for value in values])
-    return 1.0 - 2.0 * below - equal
+    return np.asarray(1.0 - 2.0 * below - equal)
 
 
 def actions(z: Float[np.ndarray, "K n"]) -> Array:
@@ -38,5 +38,5 @@ def actions(z: Float[np.ndarray, "K n"]) -> Array:
 
 
 def sample(action: Array) -> Float[np.ndarray, " n"]:
-    """The point of the unit cube that an action, shape (n,), stands for; beyond the box its edge."""
+    """The point of the unit cube, shape (n,), of an action; beyond the box its edge."""
     return np.clip((np.asarray(action, dtype=float) + 1) / 2, 0.0, 1.0)

@@ -136,7 +136,7 @@ class OvertakeEnv(gym.Env[Array, Array]):
             PlantError: an action of the wrong shape or not finite.
         """
         a = vector(action, 2, "action")
-        return self._low + (a + 1) / 2 * (self._high - self._low)
+        return np.asarray(self._low + (a + 1) / 2 * (self._high - self._low))
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
         """Hold v [m/s] and δ_s [rad], shape (2,), for one sampling period; they saturate.
