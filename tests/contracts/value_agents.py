@@ -152,9 +152,8 @@ def test_restoring_from_json_gives_the_identical_next_query(make_agent, answered
     run(agent, [score, None, 1000.25, score, score, score, None, score][:answered])
     if answered > 4:
         agent.retract(2)
-    twin = type(agent).restore(
-        MIXED, AgentState.from_dict(json.loads(json.dumps(agent.state.to_dict())))
-    )
+    plain = json.loads(json.dumps(agent.state.to_dict()))
+    twin = type(agent).restore(MIXED, AgentState.from_dict(plain))
     assert type(twin) is type(agent)
     assert twin.state == agent.state
     while not agent.done:

@@ -38,5 +38,5 @@ def actions(z: Float[np.ndarray, "K n"]) -> Array:
 
 
 def sample(action: Array) -> Float[np.ndarray, " n"]:
-    """The point of the unit cube, shape (n,), of an action; beyond the box its edge."""
+    """The point of the unit cube that an action, shape (n,), stands for; outside, its edge."""
     return np.clip((np.asarray(action, dtype=float) + 1) / 2, 0.0, 1.0)

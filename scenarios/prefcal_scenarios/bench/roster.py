@@ -13,7 +13,7 @@ from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_scenarios.own_file import module_at
 
-from .entry import Entry, Kind
+from .entry import Entry, Kind, package_version
 
 
 def entry(name: str) -> Entry:
@@ -86,6 +86,32 @@ def _ours(name: str, kind: Kind = "preference") -> Entry:
     return Entry(name, kind, partial(_make_at, place), partial(_state_version, place))
 
 
+def _optional(name: str, kind: Kind, extra: str, class_: str, packages: Mapping[str, str]) -> Entry:
+    """An agent of prefcal_agents that needs an extra; the packages' versions are part of its own.
+
+    Args:
+        name: Of the entry.
+        kind: What it is told.
+        extra: Of this project; also the module of prefcal_agents that it is in.
+        class_: In that module.
+        packages: Module to distribution, of what it needs.
+    """
+    home = f"prefcal_agents.{extra}"
+    place = f"{home}:{class_}"
+
+    def version() -> str:
+        found = [f"{package} {package_version(package)}" for package in packages.values()]
+        return ", ".join([str(_import(place).version), *found])
+
+    needs = (*packages, home)
+    return Entry(name, kind, partial(_make_at, place), version, needs, extra)
+
+
+_GLIS = {"glis": "glis", "pyswarm": "pyswarm", "pyDOE": "pyDOE"}
+_OPTUNA = {"optuna": "optuna", "optuna_dashboard": "optuna-dashboard", "botorch": "botorch"}
+_SB3 = {"stable_baselines3": "stable-baselines3", "torch": "torch"}
+
+
 def _make_roster() -> Mapping[str, Entry]:
     entries = (
         _ours("GLISp"),
@@ -93,6 +119,11 @@ def _make_roster() -> Mapping[str, Entry]:
         _ours("GLIS", "value"),
         _ours("RandomSearch"),
         _ours("LatinHypercube"),
+        _optional("PPO", "value", "rl", "PPOBandit", _SB3),
+        _optional("SAC", "value", "rl", "SACBandit", _SB3),
+        _optional("ReferenceGLISp", "preference", "peers", "ReferenceGLISp", _GLIS),
+        _optional("ReferenceGLIS", "value", "peers", "ReferenceGLIS", _GLIS),
+        _optional("OptunaPreferential", "preference", "peers", "OptunaPreferential", _OPTUNA),
     )
     return MappingProxyType({one.name: one for one in entries})
 

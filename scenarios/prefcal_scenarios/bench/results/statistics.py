@@ -1,8 +1,8 @@
 """What a set of gaps says: quartiles, and paired differences with how sure they are."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -82,7 +82,7 @@ def difference(
     Raises:
         SettingsError: no pairs, or numbers of gaps that differ.
     """
-    from scipy.stats import bootstrap, wilcoxon
+    from scipy.stats import wilcoxon
 
     if len(gaps) != len(baseline) or not len(gaps):
         raise SettingsError(
@@ -90,13 +90,7 @@ def difference(
         )
     d = logarithm(gaps, floor) - logarithm(baseline, floor)
     middle = np.median if average == "median" else np.mean
-    low = high = None
-    if len(d) > 1:
-        interval = bootstrap(
-            (d,), middle, n_resamples=_RESAMPLES, confidence_level=CONFIDENCE,
-            method="percentile", rng=rng,
-        ).confidence_interval  # fmt: skip
-        low, high = float(interval.low), float(interval.high)
+    low, high = _interval(d, middle, rng)
     return Difference(
         pairs=len(d),
         log10_ratio=float(middle(d)),
@@ -107,6 +101,21 @@ def difference(
         losses=int((d > 0).sum()),
         p=float(wilcoxon(d).pvalue) if d.any() else 1.0,
     )
+
+
+def _interval(
+    d: Float[np.ndarray, " S"], middle: Callable[..., Any], rng: np.random.Generator
+) -> tuple[float, float] | tuple[None, None]:
+    """Bootstrap interval of the average of `d`; none of a single value."""
+    from scipy.stats import bootstrap
+
+    if len(d) < 2:
+        return None, None
+    interval = bootstrap(
+        (d,), middle, n_resamples=_RESAMPLES, confidence_level=CONFIDENCE, method="percentile",
+        rng=rng,
+    ).confidence_interval  # fmt: skip
+    return float(interval.low), float(interval.high)
 
 
 def holm(p: Sequence[float]) -> list[float]:

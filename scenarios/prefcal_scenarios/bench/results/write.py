@@ -52,9 +52,7 @@ def write(
     material = Material(campaign, rows_of(campaign, choices), tallies(duels), choices.floor)
     target = folder_for(folder)
     shown = draw(material)
-    for path in target.glob("*.png"):
-        if _OURS.fullmatch(path.name) and path.name not in {s.file for s in shown}:
-            path.unlink()
+    _remove_others(target, {s.file for s in shown})
     for picture in shown:
         put(target / picture.file, picture.content)
     put(target / "table.csv", as_csv(plain(material.rows, choices)).encode())
@@ -62,3 +60,10 @@ def write(
     index = target / "index.html"
     put(index, page(material, shown, choices, Origin(command, digest, tuple(notes))).encode())
     return index
+
+
+def _remove_others(folder: Path, kept: set[str]) -> None:
+    """Remove figures of an earlier campaign; nothing that does not bear one of our names."""
+    for path in folder.glob("*.png"):
+        if _OURS.fullmatch(path.name) and path.name not in kept:
+            path.unlink()

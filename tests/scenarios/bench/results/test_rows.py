@@ -58,6 +58,16 @@ def test_no_row_depends_on_which_other_agents_there_are():
         assert {**row, "p_holm": None} == {**other, "p_holm": None}
 
 
+def test_intervals_come_out_again_with_the_same_seed_and_not_with_another():
+    gaps = np.random.default_rng(1).random((2, 20))
+    results = ends("GLISp", "p", gaps[0]) + ends("A", "p", gaps[1])
+    assert table(results) == table(results)
+    one, other = (by_agent(table(results, average="mean", seed=s))["A"] for s in (0, 1))
+    assert one["log10_ratio"] == other["log10_ratio"]
+    assert one["log10_ratio_low"] != other["log10_ratio_low"]
+    assert one["log10_ratio_low"] == pytest.approx(other["log10_ratio_low"], abs=0.1)
+
+
 def test_swapping_agent_and_baseline_flips_the_sign():
     results = grid({"A": 1.0, "B": 3.0})
     one = [row for row in table(results, baseline="A") if row["agent"] == "B"]
