@@ -31,7 +31,7 @@ def tune(algorithm, n_max):
 
         # One step is one whole closed-loop experiment; the action is θ scaled to [-1, 1].
         action = 2 * space.encode(query.challenger.theta) - 1
-        _, reward, _, _, info = env.step(action.astype(env.action_space.dtype))
+        _, reward, *_ = env.step(action.astype(env.action_space.dtype))
         scores.append(-reward)
         agent.tell(query, scores[-1])
         env.reset()
