@@ -31,7 +31,16 @@ LAYERS = (
 """Of prefcal_env, lowest first. A layer may import itself and whatever is below it."""
 APART = {frozenset({"mpc", "envs"})}
 """Of one layer, and yet they never import each other."""
-ALONE = {"piqp": "prefcal_env.qp", "daqp": "prefcal_env.qp"}
+POLICIES_MAY_USE = (*AGENTS_MAY_USE, "control")
+"""A policy that was learned on a plant is a controller; that is all of `prefcal_agents.rl`."""
+ALONE = {
+    "piqp": "prefcal_env.qp",
+    "daqp": "prefcal_env.qp",
+    "torch": "prefcal_agents.rl",
+    "stable_baselines3": "prefcal_agents.rl",
+    "glis": "prefcal_agents.peers",
+    "optuna": "prefcal_agents.peers",
+}
 """Foreign packages that one place alone may import."""
 
 FILES = [
@@ -53,6 +62,10 @@ def imported(module: str, path: Path) -> set[str]:
             base = package[: len(package) - node.level + 1] if node.level else []
             origin = ".".join([*base, *([node.module] if node.module else [])])
             names |= {f"{origin}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args:
+            first = node.args[0]
+            if node.func.id.startswith("load") and isinstance(first, ast.Constant):
+                names.add(str(first.value))  # prefcal_agents.extras.load
     return names
 
 
@@ -69,7 +82,8 @@ def test_imports_point_down(module, path):
     assert {name.split(".")[0] for name in ours} <= MAY_IMPORT[package]
     if package == "prefcal_agents":
         used = {place(name) for name in ours if name.startswith("prefcal_env.")}
-        assert used <= set(AGENTS_MAY_USE)
+        learned = module.startswith("prefcal_agents.rl.")
+        assert used <= set(POLICIES_MAY_USE if learned else AGENTS_MAY_USE)
     if package == "prefcal_env" and module != "prefcal_env.__init__":
         for name in ours:
             here, there = place(module), place(name)

@@ -1,4 +1,10 @@
-"""Agents: they propose θ and learn from preferences."""
+"""Agents: they propose θ and learn from preferences, or from scores.
+
+Those that need an extra (`optional.OPTIONAL`) are loaded when first named.
+"""
+
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+from typing import Any as _Any
 
 from .glis import GLIS as GLIS
 from .glis_settings import GLISSettings as GLISSettings
@@ -6,7 +12,22 @@ from .glisp import GLISp as GLISp
 from .latin_hypercube import LatinHypercube as LatinHypercube
 from .minimize import Minimum as Minimum
 from .minimize import minimize_by_preference as minimize_by_preference
+from .optional import OPTIONAL as _OPTIONAL
+from .optional import optional as _optional
 from .random_search import RandomSearch as RandomSearch
 from .restore import restore as restore
 from .settings import GLISpSettings as GLISpSettings
 from .state import AgentState as AgentState
+
+if _TYPE_CHECKING:
+    from .peers import OptunaPreferential as OptunaPreferential
+    from .peers import ReferenceGLIS as ReferenceGLIS
+    from .peers import ReferenceGLISp as ReferenceGLISp
+    from .rl import PPOBandit as PPOBandit
+    from .rl import SACBandit as SACBandit
+
+
+def __getattr__(name: str) -> _Any:
+    if name in _OPTIONAL:
+        return _optional(name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

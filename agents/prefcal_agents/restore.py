@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import KnobSpace
@@ -9,15 +10,23 @@ from prefcal_env.knobs import KnobSpace
 from .glis import GLIS
 from .glisp import GLISp
 from .latin_hypercube import LatinHypercube
+from .optional import OPTIONAL, optional
 from .random_search import RandomSearch
 from .state import AgentState
 
-AnyAgent = GLIS | GLISp | LatinHypercube | RandomSearch
+if TYPE_CHECKING:
+    from .peers import OptunaPreferential, ReferenceGLIS, ReferenceGLISp
+    from .rl import PPOBandit, SACBandit
 
-AGENTS: Mapping[str, type[AnyAgent]] = MappingProxyType(
+    Optional = OptunaPreferential | ReferenceGLIS | ReferenceGLISp | PPOBandit | SACBandit
+    AnyAgent = GLIS | GLISp | LatinHypercube | RandomSearch | Optional
+else:
+    AnyAgent = GLIS | GLISp | LatinHypercube | RandomSearch
+
+AGENTS: Mapping[str, type[GLIS | GLISp | LatinHypercube | RandomSearch]] = MappingProxyType(
     {"GLIS": GLIS, "GLISp": GLISp, "RandomSearch": RandomSearch, "LatinHypercube": LatinHypercube}
 )
-"""The agents by the name that their state bears."""
+"""The agents by the name that their state bears; those of the extras are in `OPTIONAL`."""
 
 
 def restore(space: KnobSpace, state: AgentState) -> AnyAgent:
@@ -28,7 +37,12 @@ def restore(space: KnobSpace, state: AgentState) -> AnyAgent:
 
     Raises:
         SettingsError: an unknown agent, or a state that does not fit `space`.
+        MissingExtraError: an agent of an extra that is not installed.
     """
+    if state.agent in OPTIONAL:
+        agent: AnyAgent = optional(state.agent).restore(space, state)
+        return agent
     if state.agent not in AGENTS:
-        raise SettingsError(f"the agent must be one of {sorted(AGENTS)}, got {state.agent!r}")
+        known = sorted([*AGENTS, *OPTIONAL])
+        raise SettingsError(f"the agent must be one of {known}, got {state.agent!r}")
     return AGENTS[state.agent].restore(space, state)

@@ -26,9 +26,9 @@ class GLISpSettings:
     Source: sections III and IV of the paper.
     Deviation: the paper validates ε after 10, 20, 30 and 40 experiments and has no `rescale`,
     `margin_power` or `perturb_every`. `GLISpSettings.paper()` turns all of these off. Medians of
-    the gap to the optimum with and without them (benchmarks/agents.py, rows GLISp and
-    GLISp.paper): camel 3e-6 against 9e-5, branin 8e-5 against 0.03, hartman3 1e-3 against 0.03,
-    hartman6 about the same.
+    the gap to the optimum with and without them (`prefcal bench --calibrators perfect`, rows GLISp
+    and GLISp.paper): camel 3e-6 against 1e-4, branin 8e-5 against 0.02, hartman3 1e-3 against
+    0.03, hartman6 about the same.
 
     Args:
         delta: δ of eq. acquisition, 0 or more; 0 trusts the surrogate, well above 1 explores.

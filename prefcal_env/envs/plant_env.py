@@ -93,7 +93,7 @@ class PlantEnv(gym.Env[Array, Array]):
         self._T_s, self._steps, self._end = T_s, 0, None
         self._t, self._x, self._u = 0.0, x0, self.task.u0
         self._episode = Trajectory(x0, self.task.u0)
-        return self._observation(), self._info()
+        return self.observe(), self._info()
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Apply `action`, shape (n_u,), inputs scaled to [-1, 1], for one sampling period.
@@ -102,14 +102,22 @@ class PlantEnv(gym.Env[Array, Array]):
             PlantError: an action of the wrong shape or not finite.
             ProtocolError: no episode is under way.
         """
-        a = vector(action, len(self._low), "action")
-        step = self.apply(self._low + (a + 1) / 2 * (self._high - self._low))
+        step = self.apply(self.inputs(action))
         reward = -self.task.stage_cost(step) * step.duration
         terminated = self._end is End.UNSAFE
         if terminated:
             reward -= self.task.unsafe_cost * max(self.task.horizon - self._t, 0.0)
         truncated = self._end is not None and not terminated
-        return self._observation(), float(reward), terminated, truncated, self._info()
+        return self.observe(), float(reward), terminated, truncated, self._info()
+
+    def inputs(self, action: Array) -> Float[np.ndarray, " n_u"]:
+        """The inputs that `action` stands for, both shape (n_u,), in the plant's units.
+
+        Raises:
+            PlantError: an action of the wrong shape or not finite.
+        """
+        a = vector(action, len(self._low), "action")
+        return np.asarray(self._low + (a + 1) / 2 * (self._high - self._low))
 
     def apply(self, u: Float[np.ndarray, " n_u"]) -> Step:
         """Hold the inputs `u`, shape (n_u,), in the plant's units, for one sampling period.
@@ -143,6 +151,14 @@ class PlantEnv(gym.Env[Array, Array]):
         elif self._t >= self.task.horizon * (1 - 1e-12):
             self._end = End.TIME_UP
         return step
+
+    def observe(self) -> Array:
+        """The observation of now, as `reset` and `step` return it, shape (n,), float32."""
+        tracked, t = self.task.reference(self._t)[list(self.task.tracked)], self._t
+        raw = np.concatenate([self._x, self._u, tracked, self.task.disturbance(t)])
+        low, high = self.task.observed.T
+        scaled: Array = np.clip(2 * (raw - low) / (high - low) - 1, -1, 1)
+        return scaled.astype(np.float32)
 
     def measurement(self) -> Measurement:
         """What a controller knows now."""
@@ -188,13 +204,6 @@ class PlantEnv(gym.Env[Array, Array]):
             if self.task.unsafe(x[i]):
                 return i + 1, True
         return n_finite, n_finite < len(x)
-
-    def _observation(self) -> Array:
-        tracked, t = self.task.reference(self._t)[list(self.task.tracked)], self._t
-        raw = np.concatenate([self._x, self._u, tracked, self.task.disturbance(t)])
-        low, high = self.task.observed.T
-        scaled: Array = np.clip(2 * (raw - low) / (high - low) - 1, -1, 1)
-        return scaled.astype(np.float32)
 
     def _info(self) -> dict[str, Any]:
         info: dict[str, Any] = {"t": self._t, "x": self._x.copy(), "u": self._u.copy()}

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from contracts.agents import MIXED, SMALL, judge, run
-from prefcal_agents import AgentState, restore
+from prefcal_agents import AgentState
 from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.experiment import End
 from prefcal_env.preference import Answer, Mark
@@ -113,7 +113,7 @@ def test_restoring_from_json_gives_the_identical_next_query(make_agent, answered
     if answered > 4:
         agent.retract(2)
     text = json.dumps(agent.state.to_dict())
-    twin = restore(MIXED, AgentState.from_dict(json.loads(text)))
+    twin = type(agent).restore(MIXED, AgentState.from_dict(json.loads(text)))
     assert type(twin) is type(agent)
     assert twin.state == agent.state
     while not agent.done:
@@ -138,7 +138,7 @@ def test_an_older_algorithms_samples_are_kept(make_agent):
     run(agent, [None, -1, 1])
     moved = tuple((*z[:-1], 0.125) for z in agent.state.ledger.samples)
     old = replace(agent.state, version=0, ledger=replace(agent.state.ledger, samples=moved))
-    twin = restore(MIXED, old)
+    twin = type(agent).restore(MIXED, old)
     assert twin.state.ledger.samples == moved
     assert twin.ask().challenger.theta[2] == pytest.approx(-4.0)
     run(twin)
@@ -149,7 +149,7 @@ def test_a_state_that_does_not_fit_is_refused(make_agent):
     agent = make_agent(MIXED, n_init=3, n_max=9)
     run(agent, [None, -1, 1])
     with pytest.raises(SettingsError, match="sample 0"):
-        restore(SMALL, agent.state)
+        type(agent).restore(SMALL, agent.state)
     good = agent.state.to_dict()
     for bad in (
         {},
@@ -163,7 +163,7 @@ def test_a_state_that_does_not_fit_is_refused(make_agent):
         {**good, "samples": [[0.5, 0.5, "x"]] * 4},
     ):
         with pytest.raises(SettingsError):
-            restore(MIXED, AgentState.from_dict(bad))
+            type(agent).restore(MIXED, AgentState.from_dict(bad))
 
 
 @settings(
@@ -190,7 +190,7 @@ def test_any_order_of_calls_keeps_the_promises(make_agent, actions, seed):
         elif action == "copy":
             agent = agent.copy()
         elif action == "save":
-            agent = restore(MIXED, AgentState.from_dict(agent.state.to_dict()))
+            agent = type(agent).restore(MIXED, AgentState.from_dict(agent.state.to_dict()))
         elif not agent.done:
             agent.tell(agent.ask(), action)
         samples = agent.state.ledger.samples

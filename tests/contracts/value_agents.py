@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from contracts.agents import MIXED, SMALL, TINY, latent
-from prefcal_agents import AgentState, restore
+from prefcal_agents import AgentState
 from prefcal_env.errors import PreferenceError, ProtocolError, SettingsError
 from prefcal_env.preference import Answer
 
@@ -152,7 +152,8 @@ def test_restoring_from_json_gives_the_identical_next_query(make_agent, answered
     run(agent, [score, None, 1000.25, score, score, score, None, score][:answered])
     if answered > 4:
         agent.retract(2)
-    twin = restore(MIXED, AgentState.from_dict(json.loads(json.dumps(agent.state.to_dict()))))
+    plain = json.loads(json.dumps(agent.state.to_dict()))
+    twin = type(agent).restore(MIXED, AgentState.from_dict(plain))
     assert type(twin) is type(agent)
     assert twin.state == agent.state
     while not agent.done:
@@ -173,7 +174,7 @@ def test_a_state_that_does_not_fit_is_refused(make_agent):
         {**good, "n_max": 2},
     ):
         with pytest.raises(SettingsError):
-            restore(MIXED, AgentState.from_dict(bad))
+            type(agent).restore(MIXED, AgentState.from_dict(bad))
 
 
 @pytest.mark.parametrize("options", [{"n_init": 8, "n_max": 7}, {"n_init": 0}, {"seed": -1}])
@@ -206,7 +207,7 @@ def test_any_order_of_calls_keeps_the_promises(make_agent, actions, seed):
         elif action == "copy":
             agent = agent.copy()
         elif action == "save":
-            agent = restore(MIXED, AgentState.from_dict(agent.state.to_dict()))
+            agent = type(agent).restore(MIXED, AgentState.from_dict(agent.state.to_dict()))
         elif not agent.done:
             agent.tell(agent.ask(), action)
         samples = agent.state.ledger.samples

@@ -112,7 +112,7 @@ class OvertakeEnv(gym.Env[Array, Array]):
         if touching or outside(pose[None])[0] > ROAD_MARGIN:
             raise PlantError(f"the initial pose x0 is in a collision or off the road: {pose}")
         self._episode = Episode(self.options, pose, T_s, self.np_random)
-        return self._observation(), self._info()
+        return self.observe(), self._info()
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
         """Apply `action`, shape (2,), v and δ_s scaled to [-1, 1], for one sampling period.
@@ -121,14 +121,22 @@ class OvertakeEnv(gym.Env[Array, Array]):
             PlantError: an action of the wrong shape or not finite.
             ProtocolError: no episode is under way.
         """
-        a = vector(action, 2, "action")
-        driven = self.apply(self._low + (a + 1) / 2 * (self._high - self._low))
+        driven = self.apply(self.inputs(action))
         duration = driven.t[-1] - driven.t[0]
         reward = -stage_cost(driven.t, driven.poses[:, 1], driven.u, driven.phase) * duration
         terminated, truncated = self.mishap is not None, self.end is End.TIME_UP
         if terminated:
             reward -= MISHAP_COST * max(HORIZON - driven.t[-1], 0.0)
-        return self._observation(), float(reward), terminated, truncated, self._info()
+        return self.observe(), float(reward), terminated, truncated, self._info()
+
+    def inputs(self, action: Array) -> Float[np.ndarray, " 2"]:
+        """v [m/s] and δ_s [rad] that `action` stands for, both shape (2,).
+
+        Raises:
+            PlantError: an action of the wrong shape or not finite.
+        """
+        a = vector(action, 2, "action")
+        return np.asarray(self._low + (a + 1) / 2 * (self._high - self._low))
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
         """Hold v [m/s] and δ_s [rad], shape (2,), for one sampling period; they saturate.
@@ -142,6 +150,16 @@ class OvertakeEnv(gym.Env[Array, Array]):
             raise ProtocolError("the episode is over: call reset() first")
         u = vector(u, 2, "input u", finite=False)
         return episode.apply(np.minimum(np.maximum(u, self._low), self._high))
+
+    def observe(self) -> Array:
+        """The observation of now, as `reset` and `step` return it. ProtocolError before any."""
+        episode = self._begun()
+        _, y, yaw = episode.measured
+        distance, offset = self._nearest(episode.measured)
+        raw = np.array([*episode.u, y, yaw, distance, offset, episode.phase])
+        low, high = _OBSERVED.T
+        scaled: Array = np.clip(2 * (raw - low) / (high - low) - 1, -1, 1)
+        return scaled.astype(np.float32)
 
     def measurement(self) -> Measurement:
         """What a controller knows now: x the measured pose, d (x_o, y_o, v_o) of each obstacle.
@@ -187,15 +205,6 @@ class OvertakeEnv(gym.Env[Array, Array]):
         if self._episode is None:
             raise ProtocolError("no episode yet: call reset() first")
         return self._episode
-
-    def _observation(self) -> Array:
-        episode = self._begun()
-        _, y, yaw = episode.measured
-        distance, offset = self._nearest(episode.measured)
-        raw = np.array([*episode.u, y, yaw, distance, offset, episode.phase])
-        low, high = _OBSERVED.T
-        scaled: Array = np.clip(2 * (raw - low) / (high - low) - 1, -1, 1)
-        return scaled.astype(np.float32)
 
     def _info(self) -> dict[str, Any]:
         episode = self._begun()

@@ -113,8 +113,12 @@ def _of_function(function: TestFunction) -> Problem:
 
 
 def _reactor() -> Problem:
-    """The paper's reactor, judged by its performance index."""
+    """The paper's reactor. Who follows its guidelines (lexicographic) does not see the index.
+
+    So the gap of that calibrator says how good the index becomes that he never judged by.
+    """
     from prefcal_scenarios.cstr import cstr as scenario  # loads solvers
+    from prefcal_scenarios.cstr.room import lexicographic
 
     cost = scenario.cost
     assert cost is not None
@@ -127,7 +131,8 @@ def _reactor() -> Problem:
         name="cstr",
         space=scenario.space,
         run=run,
-        calibrators=judges(ByCost(), "perfect"),
+        calibrators=judges(ByCost(), "perfect")
+        | {"lexicographic": partial(_sure, ByCriteria(lexicographic()))},
         referee=ByCost(),
         best_known=CSTR_BEST,
     )

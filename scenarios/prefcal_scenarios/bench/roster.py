@@ -121,9 +121,9 @@ def _make_roster() -> Mapping[str, Entry]:
         _ours("LatinHypercube"),
         _optional("PPO", "value", "rl", "PPOBandit", _SB3),
         _optional("SAC", "value", "rl", "SACBandit", _SB3),
-        _optional("glis-GLISp", "preference", "peers", "ReferenceGLISp", _GLIS),
-        _optional("glis-GLIS", "value", "peers", "ReferenceGLIS", _GLIS),
-        _optional("Optuna", "preference", "peers", "OptunaPreferential", _OPTUNA),
+        _optional("ReferenceGLISp", "preference", "peers", "ReferenceGLISp", _GLIS),
+        _optional("ReferenceGLIS", "value", "peers", "ReferenceGLIS", _GLIS),
+        _optional("OptunaPreferential", "preference", "peers", "OptunaPreferential", _OPTUNA),
     )
     return MappingProxyType({one.name: one for one in entries})
 

@@ -72,13 +72,17 @@ class Suite:
     @cached_property
     def cells(self) -> tuple[Cell, ...]:
         """All cells; seed by seed, so that whatever is there early is of all agents."""
-        return tuple(
-            Cell(agent, where, calibrator, seed, self.n_init, self.n_max)
-            for seed in range(self.seeds)
+        studies = [
+            (agent, where, calibrator)
             for where in self.problems
             for calibrator in self.calibrators
             for agent in self.agents
             if not self._obstacle(agent, where, calibrator)
+        ]
+        return tuple(
+            Cell(*study, seed, self.n_init, self.n_max)
+            for seed in range(self.seeds)
+            for study in studies
         )
 
     @cached_property
@@ -89,7 +93,7 @@ class Suite:
     def _reasons(self) -> Iterator[str]:
         for agent in self.agents:
             if entry(agent).missing:
-                yield f"{agent}: {entry(agent).missing}"
+                yield entry(agent).missing
                 continue
             for where in self.problems:
                 ran = [c for c in self.calibrators if not self._obstacle(agent, where, c)]

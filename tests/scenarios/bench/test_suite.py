@@ -20,7 +20,7 @@ def test_all_combinations_that_make_sense_are_there_and_no_others():
     pairs = {(c.agent, c.problem, c.calibrator) for c in BOTH.cells}
     assert pairs == {
         ("GLISp", "camel", "perfect"), ("GLISp", "camel", "noisy10"),
-        ("GLISp", "cstr", "perfect"),
+        ("GLISp", "cstr", "perfect"), ("GLISp", "cstr", "lexicographic"),
         ("GLISp", "cstr", "noisy10"), ("GLISp", "overtake", "lexicographic"),
         ("GLISp", "overtake", "noisy10"), ("GLIS", "camel", "perfect"),
         ("GLIS", "cstr", "perfect"),
@@ -30,7 +30,7 @@ def test_all_combinations_that_make_sense_are_there_and_no_others():
 
 
 def test_cells_come_seed_by_seed():
-    assert [c.seed for c in BOTH.cells] == [0] * 8 + [1] * 8
+    assert [c.seed for c in BOTH.cells] == [0] * 9 + [1] * 9
 
 
 def test_what_is_left_out_is_said():
@@ -48,7 +48,7 @@ def test_an_agent_that_is_not_installed_is_left_out_with_a_word(monkeypatch):
     far = Entry("Far", "preference", lambda *_: 1 / 0, lambda: "1", ("not_there",), "x")
     monkeypatch.setattr("prefcal_scenarios.bench.roster.AGENTS", {**AGENTS, "Far": far})
     suite = replace(BOTH, agents=("GLISp", "Far"))
-    assert suite.left_out == ("Far: Far needs not_there: pip install 'prefcal[x]'",)
+    assert suite.left_out == ("Far needs not_there: pip install 'prefcal[x]'",)
     assert {c.agent for c in suite.cells} == {"GLISp"}
 
 

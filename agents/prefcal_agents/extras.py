@@ -1,0 +1,20 @@
+"""Optional dependencies: imported when needed, with a clear word where they are missing."""
+
+from importlib import import_module
+from typing import Any
+
+from prefcal_env.errors import MissingExtraError
+
+
+def load(module: str, extra: str) -> Any:
+    """Import `module`, which the extra `extra` of this project installs.
+
+    Raises:
+        MissingExtraError: it is not installed, or with versions that it does not work with.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise MissingExtraError(
+            f"{module} cannot be imported ({error}): pip install prefcal[{extra}]"
+        ) from error

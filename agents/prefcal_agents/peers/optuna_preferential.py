@@ -1,0 +1,80 @@
+"""Optuna's preferential sampler, a Gaussian process, as an agent."""
+
+from typing import ClassVar, final
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.preference import Preference
+
+from ..checks import integer
+from ..cube import Tried, latin_hypercube
+from ..global_random import seeded
+from ..ledger import Ledger
+from ..replay import Replay
+from ..stored import Stored
+from ..turn_taking import PreferenceBased
+from ..turns import Turns
+from .optuna_session import OptunaSession
+
+
+@final
+class OptunaPreferential(Stored, PreferenceBased):
+    """Gaussian process of preferences, hallucination believer (`PreferentialGPSampler`).
+
+    The first `n_init` samples are a Latin hypercube. Then an Optuna study is told every answer
+    and its sampler asked for the next sample. It knows no ties: those teach it nothing, as
+    abstentions. The sampler starts each fit where the last one ended, so it is kept while
+    answers are added, and lives through them anew after an undo, a retraction or a restart.
+
+    Source: package `optuna-dashboard`, after Takeno et al. 2023.
+    Deviation: a fit that diverges, which ends the library's sampler, is started from nothing; if
+    that diverges too, the next sample is random.
+
+    Args:
+        space: The knobs; the sampler sees the unit cube, and integers are snapped afterwards.
+        n_init: Samples of the start, 1 or more.
+        n_max: Experiments in all, which take n_max - 1 comparisons.
+        seed: Of all randomness, 0 or more.
+
+    Raises:
+        SettingsError: an impossible value.
+        MissingExtraError: the extra `peers` is not installed.
+    """
+
+    version: ClassVar[int] = 1
+
+    def __init__(
+        self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
+    ) -> None:
+        integer("seed", seed, low=0)
+        self._seed = int(seed)
+        self._turns = Turns(space, n_init, n_max, self._propose)
+        OptunaSession.check_installed()
+        self._replay = Replay(self._start, self._feed)
+
+    def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
+        index = ledger.answered
+        rng = np.random.default_rng([self._seed, index])
+        if index < self.n_init:
+            z = latin_hypercube(self.space, self.n_init, self._seed)[index]
+        else:
+            proposal = self._replay.at(ledger).proposal
+            z = rng.random(len(self.space)) if proposal is None else np.clip(proposal, 0.0, 1.0)
+        return Tried(self.space, ledger).fresh(z, rng)
+
+    def _start(self) -> OptunaSession:
+        with seeded(self._seed) as seed:
+            return OptunaSession(len(self.space), seed)
+
+    def _feed(self, session: OptunaSession, ledger: Ledger) -> None:
+        with seeded(self._seed, ledger.answered) as seed:
+            session.run(np.array(ledger.samples[ledger.answered - 1]))
+            last = ledger.comparisons[-1]
+            if last.teaches and last.answer.preference is not Preference.TIE:
+                pair = (last.challenger, last.incumbent)
+                won = last.answer.preference is Preference.CHALLENGER
+                session.prefer(*(pair if won else reversed(pair)))
+            if ledger.answered >= self.n_init:
+                session.ask(seed)

@@ -1,0 +1,69 @@
+"""The reference implementation of GLIS, package `glis`, as a value-based agent."""
+
+from typing import ClassVar, final
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.knobs import KnobSpace
+
+from ..checks import integer
+from ..cube import Tried
+from ..extras import load
+from ..global_random import seeded
+from ..ledger import Ledger
+from ..stored import Stored
+from ..turn_taking import ValueBased
+from ..turns import Turns
+from .solvers import cube_solver, design
+
+
+@final
+class ReferenceGLIS(Stored, ValueBased):
+    """GLIS as its authors published it, with the package's own settings.
+
+    Set up anew for each proposal, as `ReferenceGLISp` is. Experiments without a score are left out.
+
+    Source: package `glis` 2.0.2 by Bemporad and Zhu.
+    Deviation: its random generator is seeded for each proposal; it searches the unit cube, and
+    integers are snapped afterwards; scores are divided by a power of 2, to which it is indifferent,
+    lest very large ones overflow.
+
+    Args:
+        space: The knobs.
+        n_init: Samples of the package's Latin hypercube, 1 or more.
+        n_max: Experiments in all.
+        seed: Of all randomness, 0 or more.
+
+    Raises:
+        SettingsError: an impossible value.
+        MissingExtraError: the extra `peers` is not installed.
+    """
+
+    version: ClassVar[int] = 1
+
+    def __init__(
+        self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
+    ) -> None:
+        integer("seed", seed, low=0)
+        self._seed = int(seed)
+        self._turns = Turns(space, n_init, n_max, self._propose, by_value=True)
+        self._package = load("glis.solvers", "peers")
+
+    def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
+        index, n = ledger.answered, len(self.space)
+        rng = np.random.default_rng([self._seed, index])
+        scored, values = ledger.scores()
+        if index < self.n_init:
+            with seeded(self._seed, 0):
+                z = design(self._package.GLIS, n, self.n_init)[index]
+        elif not len(scored):
+            z = rng.random(n)
+        else:
+            solver = cube_solver(self._package.GLIS, ledger.cube()[scored])
+            solver.initialize()
+            _, exponent = np.frexp(np.abs(values).max())
+            with seeded(self._seed, index):
+                for value in np.ldexp(values, -exponent):
+                    z = solver.update(value)
+        return Tried(self.space, ledger).fresh(np.clip(z, 0.0, 1.0), rng)

@@ -1,0 +1,99 @@
+"""The reference implementation of GLISp, package `glis`, as an agent."""
+
+from typing import Any, ClassVar, final
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.knobs import KnobSpace
+
+from ..checks import integer
+from ..cube import Tried
+from ..extras import load
+from ..global_random import seeded
+from ..ledger import Ledger
+from ..stored import Stored
+from ..turn_taking import PreferenceBased
+from ..turns import Turns
+from .solvers import cube_solver, design
+
+
+@final
+class ReferenceGLISp(Stored, PreferenceBased):
+    """GLISp as its authors published it, with the package's own settings.
+
+    The package owns its state; here its solver is set up anew for each proposal, from the stored
+    samples and the answers that stand, so nothing else has to be remembered. What it does not
+    know, an abstention, teaches it nothing.
+
+    Source: package `glis` 2.0.2 by Bemporad and Zhu.
+    Deviation: its random generator is seeded for each proposal; it searches the unit cube, and
+    integers are snapped afterwards.
+
+    Args:
+        space: The knobs.
+        n_init: Samples of the package's Latin hypercube, 1 or more (it takes 2 at least).
+        n_max: Experiments in all, which take n_max - 1 comparisons.
+        seed: Of all randomness, 0 or more.
+
+    Raises:
+        SettingsError: an impossible value.
+        MissingExtraError: the extra `peers` is not installed.
+    """
+
+    version: ClassVar[int] = 1
+
+    def __init__(
+        self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
+    ) -> None:
+        integer("seed", seed, low=0)
+        self._seed = int(seed)
+        self._turns = Turns(space, n_init, n_max, self._propose)
+        self._package = load("glis.solvers", "peers")
+        self._thetas: dict[Ledger, float] = {}
+
+    def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
+        index, start = ledger.answered, max(self.n_init, 2)
+        if index < start:
+            with seeded(self._seed, 0):
+                z = design(self._package.GLISp, len(self.space), start)[index]
+        else:
+            theta = self._theta(ledger)
+            solver = self._solver(ledger, RBFcalibrate=False, thetas=np.array([theta]))
+            with seeded(self._seed, index):
+                # Told a tie that its lists do not take up, it learns from them and proposes.
+                z = solver.update(0)
+        rng = np.random.default_rng([self._seed, index])
+        return Tried(self.space, ledger).fresh(np.clip(z, 0.0, 1.0), rng)
+
+    def _solver(self, ledger: Ledger, **options: Any) -> Any:
+        """The package's solver as it is when it has just run the last sample of `ledger`."""
+        z = ledger.cube()
+        solver = cube_solver(self._package.GLISp, z, expected_max_evals=self.n_max, **options)
+        solver.initialize()
+        lessons = ledger.preferences()
+        pairs = zip(lessons.b, lessons.first, lessons.second, strict=True)
+        told = [(int(b), int(first), int(second)) for b, first, second in pairs]
+        solver.I = _Full([a, b] if won < 0 else [b, a] for won, a, b in told if won)
+        solver.Ieq = _Full([a, b] for won, a, b in told if not won)
+        solver.iter, solver.ibest, solver.xnext = len(z) - 1, ledger.incumbent, z[-1]
+        return solver
+
+    def _theta(self, ledger: Ledger) -> float:
+        """θ, the package's factor on ε, as it was validated last before the next sample."""
+        start = max(self.n_init, 2)
+        quarters = [round(k * (self.n_max - start) / 4) for k in (0, 1, 2, 3)]
+        past = ledger.until(max(start + q for q in quarters if start + q <= ledger.answered))
+        if past not in self._thetas:
+            solver = self._solver(past)
+            if len(past.preferences()):
+                solver.rbf_calibrate(2 * past.cube() - 1)
+            self._thetas[past] = float(solver.theta)
+        return self._thetas[past]
+
+
+class _Full(list[list[int]]):
+    """A list that holds all it should and takes up nothing more."""
+
+    def append(self, _: list[int]) -> None:
+        """Do nothing."""

@@ -1,0 +1,41 @@
+"""stable-baselines3 and torch, loaded on demand, and their global random state."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from ..extras import load
+from ..global_random import seeded
+
+
+def stable_baselines() -> Any:
+    """The package. Raises MissingExtraError where the extra `rl` is not installed."""
+    return load("stable_baselines3", "rl")
+
+
+@contextmanager
+def torch_seeded(*key: int) -> Iterator[int]:
+    """Inside, torch's, numpy's and Python's global generators are seeded by `key`.
+
+    Afterwards they are as before. Inside, torch keeps to one thread: quicker with networks this
+    small, and the same digits whatever else runs.
+
+    Yields:
+        A seed below 2**32 that follows from `key`.
+    """
+    torch = load("torch", "rl")
+    with seeded(*key) as seed, torch.random.fork_rng(devices=[]):
+        torch.random.default_generator.manual_seed(seed)
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        try:
+            yield seed
+        finally:
+            torch.set_num_threads(threads)
+
+
+def silent(model: Any) -> Any:
+    """Give `model` a logger that keeps no log; returns it."""
+    logger = load("stable_baselines3.common.logger", "rl")
+    model.set_logger(logger.Logger(None, []))
+    return model

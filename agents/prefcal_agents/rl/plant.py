@@ -1,0 +1,130 @@
+"""Control learned directly on a plant environment, with no model and no MPC."""
+
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+
+from prefcal_env.errors import SettingsError
+
+from ..checks import choice, integer
+from ..extras import load
+from .library import silent, stable_baselines, torch_seeded
+from .policy import ALGORITHMS, Origin, TrainedPolicy
+
+CSTR = "prefcal_env:prefcal/CSTR-v0"
+SETTINGS: Mapping[str, Mapping[str, Any]] = {
+    "PPO": {
+        "n_steps": 1000,
+        "batch_size": 100,
+        "gamma": 0.98,
+        # With its default, 0, most actions lie beyond the limits of the plant's inputs.
+        "policy_kwargs": {"log_std_init": -1.0},
+    },
+    "SAC": {"learning_starts": 1000, "learning_rate": 1e-3, "gamma": 0.98, "train_freq": 2},
+}
+"""Where they are not the library's: for trainings of some ten thousand steps."""
+
+
+def train_on_plant(
+    env_id: str = CSTR,
+    algorithm: str = "PPO",
+    *,
+    steps: int = 20_000,
+    seed: int = 0,
+    env_options: Mapping[str, Any] | None = None,
+    progress: bool = False,
+) -> TrainedPolicy:
+    """Learn to control a plant by trial: each step is one sampling period, with its reward.
+
+    The same arguments give the same policy, whatever else draws random numbers; the process's
+    global random states come out unchanged.
+
+    Args:
+        env_id: A plant environment, registered with Gymnasium.
+        algorithm: "PPO" or "SAC" of stable-baselines3.
+        steps: Sampling periods, 0 or more; none leaves the policy untrained. PPO rounds up to a
+            multiple of its 1000.
+        seed: Of all randomness, 0 or more.
+        env_options: Keyword arguments of the environment.
+        progress: Whether to show a progress bar on standard error.
+
+    Raises:
+        SettingsError: an unknown algorithm or environment, an impossible number.
+        MissingExtraError: the extra `rl` is not installed.
+    """
+    choice("algorithm", algorithm, ALGORITHMS)
+    integer("steps", steps, low=0)
+    integer("seed", seed, low=0)
+    library = stable_baselines()
+    try:
+        env = gym.make(env_id, **dict(env_options or {}))
+    except (gym.error.Error, ModuleNotFoundError) as error:
+        raise SettingsError(f"no environment {env_id!r}: {error}") from error
+    bar_or_none = _Bar(algorithm, steps) if progress else nullcontext()
+    with torch_seeded(seed) as library_seed, bar_or_none as bar:
+        make = getattr(library, algorithm)
+        model = make("MlpPolicy", env, seed=library_seed, device="cpu", **SETTINGS[algorithm])
+        silent(model)
+        env.reset(seed=seed)
+        if steps:
+            model.learn(steps, callback=None if bar is None else bar.callback())
+        T_s = float(env.unwrapped.T_s)  # type: ignore[attr-defined]
+    return TrainedPolicy(model, Origin(algorithm, env_id, T_s, int(model.num_timesteps), seed))
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """One episode of a policy without exploration noise.
+
+    Args:
+        total_reward: Sum of the rewards, the return.
+        steps: Sampling periods that it lasted.
+        time: The same in the plant's unit of time.
+        end: Why it ended, as the environment says.
+    """
+
+    total_reward: float
+    steps: int
+    time: float
+    end: str
+
+
+def evaluate(policy: TrainedPolicy, env: gym.Env[Any, Any], seed: int = 0) -> Evaluation:
+    """Let `policy` drive one episode of `env`, a plant environment."""
+    observation, info = env.reset(seed=seed)
+    total, steps, over = 0.0, 0, False
+    while not over:
+        observation, reward, terminated, truncated, info = env.step(policy.control(observation))
+        total, steps, over = total + float(reward), steps + 1, terminated or truncated
+    return Evaluation(total, steps, float(info["t"]), str(info["end"]))
+
+
+class _Bar:
+    """A progress bar with the time that remains."""
+
+    def __init__(self, algorithm: str, steps: int) -> None:
+        from rich.console import Console
+        from rich.progress import Progress
+
+        self._progress = Progress(console=Console(stderr=True), transient=True)
+        self._task = self._progress.add_task(f"{algorithm} on the plant", total=steps)
+
+    def __enter__(self) -> "_Bar":
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def callback(self) -> Any:
+        """What the library calls after each step."""
+        callbacks = load("stable_baselines3.common.callbacks", "rl")
+
+        def advance(_locals: Any, _globals: Any) -> bool:
+            self._progress.advance(self._task)
+            return True
+
+        return callbacks.ConvertCallback(advance)

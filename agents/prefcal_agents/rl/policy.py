@@ -1,0 +1,112 @@
+"""A control law that was learned on a plant: acts, drives an experiment, is saved and loaded."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, final
+
+import gymnasium as gym
+import numpy as np
+
+from prefcal_env.control import Controller, Measurement, Move
+from prefcal_env.errors import SettingsError
+
+from ..extras import load as load_extra
+from .library import stable_baselines
+
+Array = np.ndarray[Any, Any]
+ALGORITHMS = ("PPO", "SAC")
+_ORIGIN = "prefcal_origin"  # of the model, which the library saves with it
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where a policy comes from.
+
+    Args:
+        algorithm: One of `ALGORITHMS`.
+        env_id: The plant environment.
+        T_s: Sampling time that it was trained with, in the plant's unit of time.
+        steps: Sampling periods of the plant that the training took.
+        seed: Of the training.
+    """
+
+    algorithm: str
+    env_id: str
+    T_s: float
+    steps: int
+    seed: int
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class TrainedPolicy:
+    """A policy of stable-baselines3, used without its exploration noise.
+
+    Args:
+        model: The library's model.
+        origin: How it was trained.
+    """
+
+    model: Any
+    origin: Origin
+
+    def control(self, observation: Array) -> Array:
+        """The action, inputs scaled to [-1, 1], for an observation of the plant environment."""
+        action, _ = self.model.predict(observation, deterministic=True)
+        return np.asarray(action)
+
+    def controller(self, env: gym.Env[Any, Any]) -> Controller:
+        """It as a controller in `env`, a plant environment, for `prefcal_env.rollout`.
+
+        It sees the environment's observation, not more.
+
+        Raises:
+            SettingsError: `env` cannot be observed apart from its steps.
+        """
+        plant: Any = env.unwrapped
+        missing = [name for name in ("observe", "inputs") if not hasattr(plant, name)]
+        if missing:
+            raise SettingsError(f"a policy controls an environment with {missing}, got {plant!r}")
+        return _PolicyController(self, plant)
+
+    def save(self, path: str | Path) -> Path:
+        """Write it as a zip of stable-baselines3; returns the path, which ends in .zip."""
+        setattr(self.model, _ORIGIN, asdict(self.origin))
+        target = Path(path)
+        target = target if target.suffix == ".zip" else target.with_name(target.name + ".zip")
+        self.model.save(target)
+        return target
+
+    @classmethod
+    def load(cls, path: str | Path) -> "TrainedPolicy":
+        """Read what `save` wrote. Only open files that you trust: they may hold code.
+
+        Raises:
+            SettingsError: there is no such file, or it holds no policy that was saved here.
+            MissingExtraError: the extra `rl` is not installed.
+        """
+        library = stable_baselines()
+        saving = load_extra("stable_baselines3.common.save_util", "rl")
+        try:
+            data, _, _ = saving.load_from_zip_file(Path(path), device="cpu")
+            origin = Origin(**data[_ORIGIN])
+            model = getattr(library, origin.algorithm).load(Path(path), device="cpu")
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise SettingsError(f"no policy can be read from {str(path)!r}: {error}") from error
+        return cls(model, origin)
+
+
+@final
+@dataclass(frozen=True)
+class _PolicyController:
+    policy: TrainedPolicy
+    plant: Any
+
+    @property
+    def T_s(self) -> float:
+        """Sampling time of the training."""
+        return self.policy.origin.T_s
+
+    def move(self, measurement: Measurement) -> Move:
+        """What the policy does where the plant is now."""
+        return Move(self.plant.inputs(self.policy.control(self.plant.observe())))

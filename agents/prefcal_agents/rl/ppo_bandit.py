@@ -1,0 +1,123 @@
+"""PPO as a value-based agent: a Gaussian over θ that moves to where the scores are low."""
+
+from typing import Any, ClassVar, final
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.knobs import KnobSpace
+
+from ..checks import integer, number
+from ..cube import Tried
+from ..ledger import Ledger
+from ..replay import Replay
+from ..stored import Stored
+from ..turn_taking import ValueBased
+from ..turns import Turns
+from .bandit import OBSERVATION, Bandit, actions, rewards, sample
+from .library import silent, stable_baselines, torch_seeded
+
+
+@final
+class PPOBandit(Stored, ValueBased):
+    """PPO of stable-baselines3 with exactly `n_max` experiments, each an episode of one step.
+
+    Its policy is a Gaussian, its update one after every `n_steps` experiments with a score. The
+    library's own loop, which owns the experiments, is left out: its buffer is filled from the
+    ledger, with the θ that ran. Without an observation a network has nothing to look at, so the
+    policy has none.
+
+    Deviation: rewards are ranks (see `rewards`); settings other than the library's, which are
+    for thousands of times as many steps: `n_steps`, `learning_rate`, `target_kl` and the width.
+
+    Args:
+        space: The knobs.
+        n_init: Kept for the contract of all agents; 1 or more.
+        n_max: Experiments in all.
+        seed: Of all randomness, 0 or more.
+        n_steps: Experiments between two updates, 2 or more.
+        n_epochs: Gradient steps of an update.
+        learning_rate: Of the optimiser, above 0.
+
+    Raises:
+        SettingsError: an impossible value.
+        MissingExtraError: the extra `rl` is not installed.
+    """
+
+    version: ClassVar[int] = 1
+
+    def __init__(
+        self,
+        space: KnobSpace,
+        *,
+        n_init: int = 10,
+        n_max: int = 50,
+        seed: int = 0,
+        n_steps: int = 5,
+        n_epochs: int = 20,
+        learning_rate: float = 0.03,
+    ) -> None:
+        integer("seed", seed, low=0)
+        integer("n_steps", n_steps, low=2)
+        integer("n_epochs", n_epochs, low=1)
+        number("learning_rate", learning_rate, strict=True)
+        self._seed, self._n_steps, self._n_epochs = int(seed), int(n_steps), int(n_epochs)
+        self._learning_rate = float(learning_rate)
+        self._turns = Turns(space, n_init, n_max, self._propose, by_value=True)
+        self._library = stable_baselines()
+        self._replay = Replay(self._start, self._feed)
+
+    def _settings(self) -> dict[str, Any]:
+        return {
+            "n_steps": self._n_steps,
+            "n_epochs": self._n_epochs,
+            "learning_rate": self._learning_rate,
+        }
+
+    def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
+        model = self._replay.at(ledger)
+        with torch_seeded(self._seed, ledger.answered, 1):
+            action, _ = model.policy.predict(OBSERVATION[0], deterministic=False)
+        rng = np.random.default_rng([self._seed, ledger.answered])
+        return Tried(self.space, ledger).fresh(sample(action), rng)
+
+    def _start(self) -> Any:
+        with torch_seeded(self._seed, 0, 0):
+            model = self._library.PPO(
+                "MlpPolicy",
+                Bandit(len(self.space)),
+                n_steps=self._n_steps,
+                batch_size=self._n_steps,
+                n_epochs=self._n_epochs,
+                learning_rate=self._learning_rate,
+                target_kl=1.5,  # stops an update before its ratios overflow
+                policy_kwargs={"net_arch": [], "log_std_init": -0.5},
+                device="cpu",
+            )
+        return silent(model)
+
+    def _feed(self, model: Any, ledger: Ledger) -> None:
+        scored, values = ledger.scores()
+        if ledger.comparisons[-1].value is None or len(scored) % self._n_steps:
+            return
+        batch = slice(-self._n_steps, None)
+        with torch_seeded(self._seed, ledger.answered, 2):
+            _fill(model, actions(ledger.cube()[scored][batch]), rewards(values)[batch])
+            model.train()
+
+
+def _fill(model: Any, taken: Any, reward: Float[np.ndarray, " K"]) -> None:
+    """Put K experiments into the rollout buffer, as if the present policy had just run them."""
+    from torch import as_tensor, no_grad
+
+    policy, buffer = model.policy, model.rollout_buffer
+    with no_grad():
+        seen = as_tensor(np.repeat(OBSERVATION, len(taken), axis=0))
+        value, log_prob, _ = policy.evaluate_actions(seen, as_tensor(taken))
+    buffer.reset()
+    for k, action in enumerate(taken):
+        # Every experiment starts an episode, and ends it.
+        buffer.add(
+            OBSERVATION, action[None], reward[k : k + 1], np.ones(1), value[k], log_prob[k : k + 1]
+        )
+    buffer.compute_returns_and_advantage(last_values=value[-1], dones=np.ones(1))

@@ -1,0 +1,112 @@
+"""SAC as a value-based agent: a critic learned from all experiments, an actor that follows it."""
+
+from typing import Any, ClassVar, final
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.knobs import KnobSpace
+
+from ..checks import integer, number
+from ..cube import Tried, latin_hypercube
+from ..ledger import Ledger
+from ..replay import Replay
+from ..stored import Stored
+from ..turn_taking import ValueBased
+from ..turns import Turns
+from .bandit import OBSERVATION, Bandit, actions, rewards, sample
+from .library import silent, stable_baselines, torch_seeded
+
+
+@final
+class SACBandit(Stored, ValueBased):
+    """SAC of stable-baselines3 with exactly `n_max` experiments, each an episode of one step.
+
+    The first `n_init` samples are a Latin hypercube, where the library draws uniformly. From then
+    on the networks are trained after every experiment, on all so far, and the actor proposes the
+    next. The library's own loop, which owns the experiments, is left out: its buffer is filled
+    from the ledger, with the θ that ran.
+
+    Deviation: rewards are ranks (see `rewards`); the library does nothing before 100 steps, so
+    here there are more gradient steps, in larger ones, and the weight of the entropy is fixed.
+
+    Args:
+        space: The knobs.
+        n_init: Samples of the start, 1 or more.
+        n_max: Experiments in all.
+        seed: Of all randomness, 0 or more.
+        gradient_steps: After each experiment.
+        learning_rate: Of the optimisers, above 0.
+        entropy: Weight of the policy's entropy beside rewards in [-1, 1]: large explores.
+
+    Raises:
+        SettingsError: an impossible value.
+        MissingExtraError: the extra `rl` is not installed.
+    """
+
+    version: ClassVar[int] = 1
+
+    def __init__(
+        self,
+        space: KnobSpace,
+        *,
+        n_init: int = 10,
+        n_max: int = 50,
+        seed: int = 0,
+        gradient_steps: int = 20,
+        learning_rate: float = 0.01,
+        entropy: float = 0.01,
+    ) -> None:
+        integer("seed", seed, low=0)
+        integer("gradient_steps", gradient_steps, low=1)
+        number("learning_rate", learning_rate, strict=True)
+        number("entropy", entropy)
+        self._seed, self._gradient_steps = int(seed), int(gradient_steps)
+        self._learning_rate, self._entropy = float(learning_rate), float(entropy)
+        self._turns = Turns(space, n_init, n_max, self._propose, by_value=True)
+        self._library = stable_baselines()
+        self._replay = Replay(self._start, self._feed)
+
+    def _settings(self) -> dict[str, Any]:
+        return {
+            "gradient_steps": self._gradient_steps,
+            "learning_rate": self._learning_rate,
+            "entropy": self._entropy,
+        }
+
+    def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
+        index = ledger.answered
+        if index < self.n_init:
+            z = latin_hypercube(self.space, self.n_init, self._seed)[index]
+        else:
+            model = self._replay.at(ledger)
+            with torch_seeded(self._seed, index, 1):
+                action, _ = model.policy.predict(OBSERVATION[0], deterministic=False)
+            z = sample(action)
+        rng = np.random.default_rng([self._seed, index])
+        return Tried(self.space, ledger).fresh(z, rng)
+
+    def _start(self) -> Any:
+        with torch_seeded(self._seed, 0, 0):
+            model = self._library.SAC(
+                "MlpPolicy",
+                Bandit(len(self.space)),
+                learning_rate=self._learning_rate,
+                buffer_size=self.n_max,
+                batch_size=32,
+                ent_coef=self._entropy,
+                policy_kwargs={"net_arch": [64, 64]},
+                device="cpu",
+            )
+        return silent(model)
+
+    def _feed(self, model: Any, ledger: Ledger) -> None:
+        scored, values = ledger.scores()
+        if ledger.comparisons[-1].value is not None:
+            taken = actions(ledger.cube()[scored[-1:]])
+            end = np.ones(1)
+            model.replay_buffer.add(OBSERVATION, OBSERVATION, taken, np.zeros(1), end, [{}])
+            model.replay_buffer.rewards[: len(scored), 0] = rewards(values)
+        if ledger.answered >= self.n_init and len(scored):
+            with torch_seeded(self._seed, ledger.answered, 2):
+                model.train(self._gradient_steps, model.batch_size)

@@ -1,0 +1,66 @@
+"""Reinforcement learning on the reactor: as a bandit over θ, or in the place of the controller.
+
+    python run_sb3.py                      # PPO tunes the MPC within exactly 50 experiments
+    python run_sb3.py --algorithm SAC      # SAC does
+    python run_sb3.py --plant 20000        # PPO learns to control, in 20000 sampling periods
+
+Needs stable-baselines3: pip install prefcal[rl]
+"""
+
+import argparse
+
+import gymnasium as gym
+import numpy as np
+
+from prefcal_agents import PPOBandit, SACBandit
+from prefcal_agents.rl import evaluate, train_on_plant
+from prefcal_env import rollout
+from prefcal_scenarios.cstr import performance_index
+
+
+def tune(algorithm, n_max):
+    """Every experiment is an episode of one step; the reward is minus the score."""
+    env = gym.make("prefcal_env:prefcal/CSTRTuning-v0")
+    space = env.unwrapped.space
+    agent = {"PPO": PPOBandit, "SAC": SACBandit}[algorithm](space, n_max=n_max, seed=0)
+    scores = []  # performance index of each experiment, which the agent is told
+
+    env.reset(seed=0)
+    while not agent.done:
+        query = agent.ask()
+
+        # One step is one whole closed-loop experiment; the action is θ scaled to [-1, 1].
+        action = 2 * space.encode(query.challenger.theta) - 1
+        _, reward, *_ = env.step(action.astype(env.action_space.dtype))
+        scores.append(-reward)
+        agent.tell(query, scores[-1])
+        env.reset()
+
+    index = round(min(scores), 3)
+    print(f"best θ of {len(scores)}:", space.named(agent.best), "index:", index)
+
+
+def control(algorithm, steps):
+    """No MPC and no θ: the action is the coolant temperature, a step is a sampling period."""
+    env = gym.make("prefcal_env:prefcal/CSTR-v0")
+    for name, count in (("untrained", 0), ("trained", steps)):
+        policy = train_on_plant(algorithm=algorithm, steps=count, seed=0, progress=True)
+        seen = evaluate(policy, env)
+
+        # Driven by the policy, an episode is an experiment as any other.
+        experiment = rollout(env, policy.controller(env), theta=np.zeros(1))
+        index = round(performance_index(experiment), 3)
+        print(f"{name}, {policy.origin.steps} steps: return {seen.total_reward:.2f}, "
+              f"{seen.end} after {seen.time:g} h, index: {index}")  # fmt: skip
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--algorithm", choices=["PPO", "SAC"], default="PPO")
+    parser.add_argument("--n-max", type=int, default=50, help="experiments")
+    parser.add_argument("--plant", type=int, metavar="STEPS", help="learn to control instead")
+    options = parser.parse_args()
+    if options.plant is None:
+        tune(options.algorithm, options.n_max)
+    else:
+        control(options.algorithm, options.plant)
