@@ -18,6 +18,10 @@ from prefcal_env.outcome import Outcome
 ExperimentT = TypeVar("ExperimentT", contravariant=True)
 
 
+Outcomes = tuple[Mapping[str, float] | None, Mapping[str, float] | None]
+"""KPIs of the challenger and of the incumbent."""
+
+
 class Preference(IntEnum):
     """π(challenger, incumbent) of eq. pref_fun."""
 
@@ -57,7 +61,7 @@ class Answer:
     preference: Preference | None
     strength: float = 1
     marks: tuple[Mark, ...] = ()
-    outcomes: tuple[Mapping[str, float] | None, Mapping[str, float] | None] | None = None
+    outcomes: Outcomes | None = None
     value: float | None = None
 
     def __post_init__(self) -> None:
@@ -125,10 +129,7 @@ class Answer:
             outcomes = data["outcomes"]
             if outcomes is not None:
                 challenger, incumbent = outcomes
-                outcomes = (
-                    None if challenger is None else Outcome.from_dict(challenger),
-                    None if incumbent is None else Outcome.from_dict(incumbent),
-                )
+                outcomes = (_outcome(challenger), _outcome(incumbent))
             marks = tuple(Mark(value) for value in data["marks"])
             value = data.get("value")
             return cls(data["preference"], data["strength"], marks, outcomes, value)
@@ -138,8 +139,15 @@ class Answer:
             ) from error
 
 
+def _outcome(plain: Any) -> Outcome | None:
+    """One outcome from plain data. Older answers may hold a word: how the run ended."""
+    return None if plain is None or isinstance(plain, str) else Outcome.from_dict(plain)
+
+
 def _outcomes(given: Any) -> tuple[Outcome | None, Outcome | None]:
-    """A pair of outcomes, or None for one that is not known."""
+    """A pair of outcomes, or None for one that is not known; one alone is the challenger's."""
+    if isinstance(given, Mapping):
+        given = (given, None)
     if not isinstance(given, (tuple, list)) or len(given) != 2:
         raise PreferenceError(
             f"outcomes must be the challenger's and the incumbent's, got {given!r}"

@@ -135,7 +135,13 @@ class Ledger:
 
         They are what happened: a retracted verdict leaves them.
         """
-        return tuple((c.answer.outcomes or ({},))[0] or {} for c in self.comparisons)
+        known: list[Mapping[str, float]] = [{} for _ in self.comparisons]
+        for c in self.comparisons:
+            pair = c.answer.outcomes or (None, None)
+            for index, outcome in zip((c.challenger, c.incumbent), pair, strict=True):
+                if index is not None and outcome and not known[index]:
+                    known[index] = outcome
+        return tuple(known)
 
     def until(self, count: int) -> "Ledger":
         """The first `count` samples and their answers."""

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from prefcal_agents.restore import AnyAgent
 from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Answer, Mark, Preference
+from prefcal_env.preference import Answer, Mark, Outcomes, Preference
 
 LIKELY = (Preference.CHALLENGER, Preference.INCUMBENT, Preference.TIE, None)
 """Answers, the likely ones first."""
@@ -27,10 +27,10 @@ class Ahead:
     _tried: set[Answer] = field(default_factory=set)
     _experiments: OrderedDict[bytes, Experiment] = field(default_factory=OrderedDict)
 
-    def missing(self, marks: tuple[Mark, ...]) -> Answer | None:
+    def missing(self, marks: tuple[Mark, ...], outcomes: Outcomes | None) -> Answer | None:
         """The next answer that nothing is known about; None if all are."""
         for preference in LIKELY:
-            answer = Answer(preference, marks=marks)
+            answer = Answer(preference, marks=marks, outcomes=outcomes)
             if answer not in self._tried:
                 self._tried.add(answer)
                 return answer

@@ -1,6 +1,6 @@
 """The flow of an interview: from an answer to the next question, as far as it goes at once."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -111,8 +111,9 @@ class Flow:
             self.study.append(Answered(None, index, rival, answer))
             self.agent.tell(query, Answer(None, value=answer.value))
         else:
-            self.study.append(Answered(None, index, None, Answer(None)))
-            self.agent.tell(query, None)
+            first = Answer(None, outcomes=self.album.outcomes(index, None))
+            self.study.append(Answered(None, index, None, first))
+            self.agent.tell(query, first)
         return self._proceed()
 
     def _suggest(self, query: Query) -> None:
@@ -157,6 +158,9 @@ class Flow:
 
     def _put(self, id_: int, shown: Shown) -> None:
         question = self.album.question(id_, len(self.state.closed), shown)
+        if shown.repeats is None:
+            known = self.album.outcomes(shown.challenger, shown.incumbent)
+            question = replace(question, outcomes=known)
         self.move(Phase.QUESTION)
         self.question = question
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Mark, Preference
+from prefcal_env.preference import Mark, Outcomes, Preference
 from prefcal_env.studies import State, Suggested
 
 UNSAFE, GOOD_ENOUGH = "unsafe", "good enough"
@@ -59,6 +59,7 @@ class Question:
         left: The experiment on the left.
         right: The other one.
         repeats: Id of the earlier question that it asks again; None for a new one.
+        outcomes: KPIs of challenger and incumbent, for the agent; None where it learns nothing.
     """
 
     id: int
@@ -66,6 +67,7 @@ class Question:
     left: Side
     right: Side
     repeats: int | None = None
+    outcomes: Outcomes | None = None
 
     @property
     def challenger(self) -> Side:

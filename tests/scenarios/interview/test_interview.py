@@ -3,6 +3,7 @@
 import itertools
 import threading
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -395,10 +396,11 @@ def test_a_study_of_other_knobs_is_refused(toy, tmp_path):
 def test_the_unattended_loop_equals_the_loop_in_memory(toy):
     from prefcal_agents import GLISp
     from prefcal_env.study import calibrate
+    from prefcal_scenarios.outcomes import outcome
 
     agent = GLISp(toy.space, n_init=3, n_max=8, seed=0)
     judge_ = toy.calibrators["synthetic"](0)
-    plain = list(calibrate(agent, toy.run, judge_))
+    plain = list(calibrate(agent, toy.run, judge_, partial(outcome, toy)))
     interview = begin(toy, n_max=8)
     stored = list(unattended(interview, judge_))
     assert [c.answer for c in stored] == [c.answer for c in plain]
