@@ -11,6 +11,7 @@ from jaxtyping import Float
 from prefcal_env.experiment import Experiment
 
 _BAND = 0.03  # of the largest error, where the channel states no band
+_NOTHING = 1e-3  # of the largest error: an error that nobody sees
 
 
 def tracking_kpis(experiment: Experiment) -> dict[str, float]:
@@ -18,7 +19,8 @@ def tracking_kpis(experiment: Experiment) -> dict[str, float]:
 
     For each output with a reference that is also a state or a signal: integrated error, the
     same weighted with time, time of the last entry into the band (3 % of the largest error
-    where the channel states none; infinite: never), overshoot and final error. For each input:
+    where the channel states none; infinite: never), overshoot, and final error beyond a thousandth of the
+    largest. For each input:
     total, largest and root mean square move. Empty without a record.
     """
     if len(experiment.t) < 2:
@@ -69,5 +71,5 @@ def _of_error(
         f"late error of {name}": float((size * t)[:-1] @ dt),
         f"settling time of {name}": float(t[last + 1]) if last + 1 < len(t) else np.inf,
         f"overshoot of {name}": float(max(beyond.max(), 0.0)),
-        f"final error of {name}": float(size[-1]),
+        f"final error of {name}": float(max(size[-1] - _NOTHING * largest, 0.0)),
     }
