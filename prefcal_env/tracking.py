@@ -19,9 +19,9 @@ def tracking_kpis(experiment: Experiment) -> dict[str, float]:
 
     For each output with a reference that is also a state or a signal: integrated error, the
     same weighted with time, time of the last entry into the band (3 % of the largest error
-    where the channel states none; infinite: never), overshoot, and final error beyond a thousandth of the
-    largest. For each input:
-    total, largest and root mean square move. Empty without a record.
+    where the channel states none; infinite: never), overshoot, and final error beyond a
+    thousandth of the largest. For each input: total, largest and root mean square move. Empty
+    without a record.
     """
     if len(experiment.t) < 2:
         return {}

@@ -1,4 +1,4 @@
-"""The score that a person could not write down: a weighted sum of KPIs, learned from his answers."""
+"""The score that a person could not write down: a weighted sum of KPIs, from his answers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
