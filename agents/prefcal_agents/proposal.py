@@ -82,7 +82,7 @@ class Strategy:
         that they help to foretell answers; scale 0 among the `outcome_scales` is without them.
         """
         preferences, shape = ledger.preferences(), self.shape(ledger)
-        margin = margins(preferences, self.settings.margin_power)
+        margin = margins(preferences, self.settings.margin_power, self.settings.strong_margins)
         margin = margin if noise is None else margin * noise
         phi = shape.basis(preferences.samples, preferences.samples)
         constraints = Constraints.of(preferences, phi, margin)
