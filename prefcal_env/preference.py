@@ -222,11 +222,13 @@ class Query:
     """A question: is the challenger better than the incumbent?
 
     The incumbent is None in the very first query (there is nothing to compare with; any answer
-    closes it and teaches nothing) and in every query of a value-based agent.
+    closes it and teaches nothing) and in every query of a value-based agent. A `further` query
+    compares two experiments that have run, and needs no new one.
     """
 
     challenger: Suggestion
     incumbent: Suggestion | None = None
+    further: bool = False
 
 
 class Agent(Protocol):

@@ -50,6 +50,8 @@ class GLISpSettings:
         outcome_scales: By how much the KPIs that come with the answers may count beside θ, 0 or
             more, increasing; cross-validation chooses. (0,) leaves them out.
         minimiser: Of eq. xNp1: "multistart" or "particle_swarm".
+        questions_per_experiment: Most comparisons for each experiment, 1 or more; those beyond
+            the first place it among the experiments that have run.
 
     Raises:
         SettingsError: an impossible value.
@@ -69,6 +71,7 @@ class GLISpSettings:
     perturb_every: int = 2
     outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
     minimiser: str = "multistart"
+    questions_per_experiment: int = 1
 
     def __post_init__(self) -> None:
         number("delta", self.delta)
@@ -82,6 +85,7 @@ class GLISpSettings:
         number("margin_power", self.margin_power)
         integer("perturb_every", self.perturb_every, low=0)
         choice("minimiser", self.minimiser, MINIMISERS)
+        integer("questions_per_experiment", self.questions_per_experiment, low=1)
         _increasing("epsilons", self.epsilons)
         if self.validate_at != EVERY_STEP:
             _counts("validate_at", self.validate_at)
