@@ -103,14 +103,10 @@ class Ledger:
         if len(scored):
             return int(scored[np.argmin(values)])
         winner = 0 if self.comparisons else None
-        for c in self.in_order():
-            if not c.teaches:
-                continue
-            preference, met = c.answer.preference, c.after is None or c.incumbent == winner
-            if preference is Preference.CHALLENGER and met:
-                winner = c.challenger
-            elif preference is Preference.INCUMBENT and c.challenger == winner:
-                winner = c.incumbent
+        for comparison in self.comparisons:
+            won = comparison.answer.preference is Preference.CHALLENGER
+            if comparison.teaches and won:
+                winner = comparison.challenger
         return winner
 
     def in_order(self) -> tuple[Comparison, ...]:

@@ -65,6 +65,7 @@ class Record:
         command: One command line that repeats the study.
         surrogate: What the agent has learned; None if it learns nothing.
         good_enough: Whether it was ended early because the best is good enough.
+        further: Answers about two experiments that had both been compared before.
     """
 
     scenario: Scenario
@@ -77,6 +78,7 @@ class Record:
     command: str = ""
     surrogate: Surrogate | None = None
     good_enough: bool = False
+    further: tuple[Answer, ...] = ()
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:
@@ -99,6 +101,11 @@ class Record:
     def asked(self) -> tuple[Comparison, ...]:
         """The comparisons that the calibrator was asked: all but the first experiment's."""
         return tuple(c for c in self.comparisons if c.incumbent is not None)
+
+    @property
+    def questions(self) -> int:
+        """How many questions the calibrator answered."""
+        return 0 if self.scored else len(self.asked) + len(self.further)
 
     @property
     def scored(self) -> bool:
@@ -152,5 +159,5 @@ class Record:
 
     def verdict_counts(self) -> dict[str, int]:
         """How often each verdict was given, in words."""
-        given = [c.answer.preference for c in self.asked]
+        given = [a.preference for a in (*(c.answer for c in self.asked), *self.further)]
         return {words: given.count(verdict) for verdict, words in VERDICTS.items()}
