@@ -25,7 +25,7 @@ VERDICTS: Mapping[Preference | None, str] = {
 """How a verdict reads, in the order in which people see the counts."""
 _MUCH: Mapping[Preference | None, str] = {
     Preference.CHALLENGER: "new much better",
-    Preference.INCUMBENT: "best much better",
+    Preference.INCUMBENT: "best stays, much better",
 }
 
 

@@ -57,8 +57,9 @@ def show_question(interview: Interview, now: Now, console: Console, *, blind: bo
     else:
         for side in sides:
             console.print(side)
+    much = "[L] [R] much better  " if wide else ""  # 80 columns hold no more
     console.print(
-        "[←] left  [→] right  [↓] same  [s] can't tell  [z] undo  [?] all keys  [x] stop",
+        f"[←] left  [→] right  {much}[↓] same  [s] can't tell  [z] undo  [?] all keys  [x] stop",
         markup=False, highlight=False,
     )  # fmt: skip
 
