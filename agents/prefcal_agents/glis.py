@@ -14,6 +14,7 @@ from .glis_settings import GLISSettings
 from .interpolation import Interpolant, best_interpolant, normalised
 from .ledger import Ledger
 from .minimise import Domain, multistart
+from .start import Start
 from .state import AgentState
 from .threads import one_thread
 from .turn_taking import ValueBased
@@ -40,9 +41,12 @@ class GLIS(ValueBased):
         n_max: Experiments in all.
         seed: Of all randomness, 0 or more.
         settings: Everything else.
+        start: Physical θ to begin with, the present tuning say, shape (n,), or several: they
+            take the place of the first of the `n_init` samples.
 
     Raises:
         SettingsError: an impossible value.
+        KnobError: a θ of `start` is outside the space.
     """
 
     def __init__(
@@ -53,13 +57,14 @@ class GLIS(ValueBased):
         n_max: int = 50,
         seed: int = 0,
         settings: GLISSettings | None = None,
+        start: Start | None = None,
     ) -> None:
         settings = GLISSettings() if settings is None else settings
         if not isinstance(settings, GLISSettings):
             raise SettingsError(f"settings must be GLISSettings, got {settings!r}")
         integer("seed", seed, low=0)
         self._seed, self._settings = int(seed), settings
-        self._turns = Turns(space, n_init, n_max, self._propose, by_value=True)
+        self._turns = Turns(space, n_init, n_max, self._propose, by_value=True, start=start)
 
     def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
         index, space = ledger.answered, self.space
@@ -103,7 +108,7 @@ class GLIS(ValueBased):
             seed=state.seed,
             settings=GLISSettings.of(state.settings),
         )
-        agent._turns.load(state.ledger)
+        agent._turns.load(state.ledger, state.start)
         return agent
 
     @property

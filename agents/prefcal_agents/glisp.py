@@ -15,6 +15,7 @@ from .cube import encode_all
 from .learned_index import LearnedIndex
 from .proposal import Strategy
 from .settings import GLISpSettings
+from .start import Start
 from .state import AgentState
 from .turn_taking import PreferenceBased
 from .turns import Turns
@@ -39,10 +40,13 @@ class GLISp(PreferenceBased):
         n_max: Experiments in all, which take n_max - 1 comparisons.
         seed: Of all randomness, 0 or more.
         settings: Everything else.
+        start: Physical θ to begin with, the present tuning say, shape (n,), or several: they
+            take the place of the first of the `n_init` samples.
         delta: δ of eq. acquisition, in place of the one in `settings`.
 
     Raises:
         SettingsError: an impossible value.
+        KnobError: a θ of `start` is outside the space.
     """
 
     def __init__(
@@ -54,6 +58,7 @@ class GLISp(PreferenceBased):
         seed: int = 0,
         settings: GLISpSettings | None = None,
         delta: float | None = None,
+        start: Start | None = None,
     ) -> None:
         settings = GLISpSettings() if settings is None else settings
         if not isinstance(settings, GLISpSettings):
@@ -64,16 +69,27 @@ class GLISp(PreferenceBased):
         # A backend of its own: twins may think ahead at the same time.
         self._strategy = Strategy(space, self._settings, n_init, self._seed, make_backend("piqp"))
         self._turns = Turns(
-            space, n_init, n_max, self._strategy.propose, further=self._strategy.further
+            space,
+            n_init,
+            n_max,
+            self._strategy.propose,
+            further=self._strategy.further,
+            start=start,
         )
 
     @classmethod
     def paper(
-        cls, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
+        cls,
+        space: KnobSpace,
+        *,
+        n_init: int = 10,
+        n_max: int = 50,
+        seed: int = 0,
+        start: Start | None = None,
     ) -> "GLISp":
         """The algorithm and settings of the paper, section IV."""
         settings = GLISpSettings.paper()
-        return cls(space, n_init=n_init, n_max=n_max, seed=seed, settings=settings)
+        return cls(space, n_init=n_init, n_max=n_max, seed=seed, settings=settings, start=start)
 
     @classmethod
     def restore(cls, space: KnobSpace, state: AgentState) -> "GLISp":
@@ -90,7 +106,7 @@ class GLISp(PreferenceBased):
             seed=state.seed,
             settings=GLISpSettings.of(state.settings),
         )
-        agent._turns.load(state.ledger)
+        agent._turns.load(state.ledger, state.start)
         return agent
 
     @property

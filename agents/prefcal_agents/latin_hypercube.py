@@ -10,6 +10,7 @@ from prefcal_env.knobs import KnobSpace
 from .checks import integer
 from .cube import Tried, latin_hypercube
 from .ledger import Ledger
+from .start import Start
 from .state import AgentState
 from .turn_taking import PreferenceBased
 from .turns import Turns
@@ -27,17 +28,25 @@ class LatinHypercube(PreferenceBased):
         n_init: Kept for the contract of all agents; 1 or more.
         n_max: Experiments in all, which take n_max - 1 comparisons.
         seed: Of all randomness, 0 or more.
+        start: Physical θ to begin with, the present tuning say, shape (n,), or several.
 
     Raises:
         SettingsError: an impossible value.
+        KnobError: a θ of `start` is outside the space.
     """
 
     def __init__(
-        self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
+        self,
+        space: KnobSpace,
+        *,
+        n_init: int = 10,
+        n_max: int = 50,
+        seed: int = 0,
+        start: Start | None = None,
     ) -> None:
         integer("seed", seed, low=0)
         self._seed = int(seed)
-        self._turns = Turns(space, n_init, n_max, self._propose)
+        self._turns = Turns(space, n_init, n_max, self._propose, start=start)
 
     def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
         index = ledger.answered
@@ -54,7 +63,7 @@ class LatinHypercube(PreferenceBased):
         """
         state.check("LatinHypercube")
         agent = cls(space, n_init=state.n_init, n_max=state.n_max, seed=state.seed)
-        agent._turns.load(state.ledger)
+        agent._turns.load(state.ledger, state.start)
         return agent
 
     @property

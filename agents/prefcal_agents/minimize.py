@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -13,6 +13,7 @@ from prefcal_env.preference import Agent, Answer, Preference
 
 from .checks import integer
 from .glisp import GLISp
+from .start import Start
 
 Prefer = Callable[
     [Float[np.ndarray, " n"], Float[np.ndarray, " n"]], Answer | Preference | int | None
@@ -54,6 +55,7 @@ def minimize_by_preference(
     n_init: int | None = None,
     n_max: int = 50,
     seed: int = 0,
+    start: Start | None = None,
 ) -> Minimum:
     """Find the θ that `prefer` likes best, in `n_max` experiments.
 
@@ -67,9 +69,11 @@ def minimize_by_preference(
         n_init: Space-filling experiments before learning starts; None: min(10, n_max // 2).
         n_max: Experiments in all, 2 or more.
         seed: Of all randomness.
+        start: Physical θ to begin with, shape (n,), or several; the agent must take them.
 
     Raises:
         SettingsError: an impossible count or seed.
+        KnobError: a θ of `start` is outside the space.
         PreferenceError: `prefer` returned something else.
     """
     if not callable(prefer):
@@ -77,7 +81,9 @@ def minimize_by_preference(
     integer("n_max", n_max, low=2)
     if n_init is None:
         n_init = min(10, n_max // 2)
-    study, samples, answers = agent(space, n_init=n_init, n_max=n_max, seed=seed), [], []
+    warm: dict[str, Any] = {} if start is None else {"start": start}
+    study = agent(space, n_init=n_init, n_max=n_max, seed=seed, **warm)
+    samples, answers = [], []
     while not study.done:
         query = study.ask()
         if not query.further:

@@ -22,6 +22,7 @@ class AgentState:
         seed: Of all its randomness.
         ledger: Stored samples, the one of the open query among them, and answers.
         settings: Name and value of each further setting.
+        start: Points of the cube of the θ that were given as the first samples.
     """
 
     agent: str
@@ -31,6 +32,7 @@ class AgentState:
     seed: int
     ledger: Ledger
     settings: tuple[tuple[str, Any], ...] = ()
+    start: tuple[tuple[float, ...], ...] = ()
 
     def check(self, agent: str) -> None:
         """Raise SettingsError unless this is the state of an agent called `agent`."""
@@ -53,6 +55,7 @@ class AgentState:
             "samples": [list(z) for z in self.ledger.samples],
             "answers": [_comparison_to_dict(c) for c in self.ledger.comparisons],
             **({"further": further} if further else {}),
+            **({"start": [list(z) for z in self.start]} if self.start else {}),
         }
 
     @classmethod
@@ -79,6 +82,7 @@ class AgentState:
                 seed=data["seed"],
                 ledger=ledger,
                 settings=tuple((k, _frozen(v)) for k, v in data["settings"].items()),
+                start=tuple(tuple(map(float, z)) for z in data.get("start", ())),
             )
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise SettingsError(

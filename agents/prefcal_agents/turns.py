@@ -17,6 +17,7 @@ from prefcal_env.preference import Answer, Preference, Query, Suggestion
 
 from .checks import integer
 from .ledger import Ledger
+from .start import Start, start_points
 from .state import AgentState
 
 Propose = Callable[[Ledger], Float[np.ndarray, " n"]]
@@ -43,9 +44,11 @@ class Turns:
         by_value: Whether scores are told: then no query has an incumbent.
         further: Two known samples to compare before the next one is proposed, from the ledger:
             challenger and incumbent; None if there is nothing (more) to ask.
+        start: Physical θ that are the first samples, in place of proposed ones.
 
     Raises:
-        SettingsError: an impossible count.
+        SettingsError: an impossible count, or a θ twice in `start`.
+        KnobError: a θ of `start` is outside the space.
     """
 
     def __init__(
@@ -57,6 +60,7 @@ class Turns:
         *,
         by_value: bool = False,
         further: Further = _nothing_further,
+        start: Start | None = None,
     ) -> None:
         if not isinstance(space, KnobSpace):
             raise SettingsError(f"space must be a KnobSpace, got {space!r}")
@@ -67,6 +71,7 @@ class Turns:
         self.space, self.n_init, self._asked_for = space, int(n_init), int(n_max)
         self._propose, self.by_value, self._further = propose, by_value, further
         self._thought: tuple[Ledger, tuple[int, int] | None] | None = None
+        self._start = start_points(space, start, self._asked_for)
         self.ledger = Ledger()
 
     @property
@@ -147,7 +152,12 @@ class Turns:
         if self.done or self._further_pair() is not None:
             return
         if self.ledger.pending is None:
-            self.ledger = self.ledger.with_pending(self.space.snap(self._propose(self.ledger)))
+            self.ledger = self.ledger.with_pending(self.space.snap(self._next()))
+
+    def _next(self) -> Float[np.ndarray, " n"]:
+        if self.ledger.answered < len(self._start):
+            return np.array(self._start[self.ledger.answered])
+        return self._propose(self.ledger)
 
     def samples(self) -> Float[np.ndarray, "N n"]:
         """θ of all closed queries, physical, in the order tried, shape (N, n)."""
@@ -162,10 +172,12 @@ class Turns:
         self, agent: str, version: int, seed: int, settings: tuple[tuple[str, Any], ...] = ()
     ) -> AgentState:
         """What has to be saved of the agent called `agent`."""
-        return AgentState(agent, version, self.n_init, self._asked_for, seed, self.ledger, settings)
+        return AgentState(
+            agent, version, self.n_init, self._asked_for, seed, self.ledger, settings, self._start
+        )
 
-    def load(self, ledger: Ledger) -> None:
-        """Take `ledger` over.
+    def load(self, ledger: Ledger, start: tuple[tuple[float, ...], ...] = ()) -> None:
+        """Take `ledger` over, and the points of the cube that it is to begin with.
 
         Raises:
             SettingsError: it does not fit the space or the counts.
@@ -191,6 +203,11 @@ class Turns:
                 self.space.decode(np.array(ledger.samples[index]))
             except KnobError as error:
                 raise SettingsError(f"sample {index} of a state: {error}") from error
+        try:
+            thetas = [self.space.decode(np.array(z)) for z in start]
+        except KnobError as error:
+            raise SettingsError(f"the start of a state: {error}") from error
+        self._start = start_points(self.space, thetas, self._asked_for)
         self.ledger = ledger
 
 

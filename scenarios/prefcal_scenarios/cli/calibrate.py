@@ -25,6 +25,9 @@ EPILOG = """\
 [cyan]prefcal calibrate cstr --calibrator synthetic --tie-band 0.02 --answer-noise 0.05[/cyan]
   A calibrator who sees small differences as ties and errs now and then.
 
+[cyan]prefcal calibrate cstr --start "T_s=0.5, N_p=30, log_Q=-1"[/cyan]
+  The first experiment is your present tuning: everything is compared with that from the start.
+
 [cyan]prefcal calibrate cstr --agent glis[/cyan]
   What optimisation finds when it sees the score that you could not write down.
 
@@ -88,6 +91,16 @@ _Questions = Annotated[
         show_default="1",
     ),
 ]
+_Start = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="THETA",
+        help="θ of the first experiment, your present tuning say: "
+        '"KNOB=VALUE, ..." for every knob, or the name of one of the scenario\'s references. '
+        "May be given several times.",
+        show_default="the agent's",
+    ),
+]
 _TieBand = Annotated[
     float | None,
     typer.Option(
@@ -133,6 +146,7 @@ def calibrate(
     n_max: _Experiments = None,
     delta: _Delta = None,
     questions_per_experiment: _Questions = None,
+    start: _Start = None,
     tie_band: _TieBand = None,
     answer_noise: _Noise = None,
     out: _Folder = None,
@@ -158,6 +172,7 @@ def calibrate(
         "scenario": scenario, "calibrator": calibrator, "agent": agent, "seed": seed,
         "n_init": n_init, "n_max": n_max, "delta": delta, "tie_band": tie_band,
         "answer_noise": answer_noise, "questions_per_experiment": questions_per_experiment,
+        "start": tuple(start) if start else None,
     }  # fmt: skip
     front = Front(terminal, not no_browser, host, port)
     raise typer.Exit(run(given, study, out, front, json=json))

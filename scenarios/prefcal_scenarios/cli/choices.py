@@ -8,6 +8,7 @@ from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Calibrator
 from prefcal_env.rig import Rig
 from prefcal_scenarios.cli.options import BY_VALUE, SCORE, Options
+from prefcal_scenarios.cli.start import start_of
 from prefcal_scenarios.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ def make_agent(options: Options, scenario: Scenario) -> "AnyAgent":
 
     Raises:
         SettingsError: an unknown agent, settings that it refuses, or δ for one without it.
+        KnobError: a θ to begin with that is outside the space.
     """
     if options.agent not in AGENTS:
         raise SettingsError(f"agent must be one of {sorted(AGENTS)}, got {options.agent!r}")
@@ -40,6 +42,8 @@ def make_agent(options: Options, scenario: Scenario) -> "AnyAgent":
         extra["settings"] = prefcal_agents.GLISpSettings(
             questions_per_experiment=options.questions_per_experiment
         )
+    if options.start:
+        extra["start"] = [start_of(text, scenario) for text in options.start]
     make = getattr(prefcal_agents, AGENTS[options.agent])
     agent: AnyAgent = make(
         scenario.space, n_init=options.n_init, n_max=options.n_max, seed=options.seed, **extra

@@ -15,7 +15,7 @@ _FIELDS: Mapping[str, type] = {
 _OPTIONS: Mapping[str, tuple[type, ...]] = {
     "scenario": (str,), "calibrator": (str,), "agent": (str,), "seed": (int,), "n_init": (int,),
     "n_max": (int,), "delta": (int, float, type(None)), "tie_band": (int, float, type(None)),
-    "answer_noise": (int, float, type(None)),
+    "answer_noise": (int, float, type(None)), "start": (list,),
 }  # fmt: skip
 
 
@@ -51,8 +51,14 @@ def _problem(configuration: Mapping[str, Any]) -> str:
         return "its agent must have a name"
     if "calibrator" not in options:
         return "its options must name a calibrator"
+    if not all(isinstance(theta, str) for theta in _listed(options.get("start"))):
+        return "its option start must list texts"
     wrong = [k for k, types in _OPTIONS.items() if k in options and not _is(options[k], types)]
     return f"its option {wrong[0]} cannot be {options[wrong[0]]!r:.40}" if wrong else ""
+
+
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
 
 
 def _is(value: Any, types: tuple[type, ...]) -> bool:

@@ -36,6 +36,7 @@ class Options:
     tie_band: float | None = None
     answer_noise: float | None = None
     questions_per_experiment: int = 1
+    start: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -67,6 +68,7 @@ class Options:
         """
         known = {f.name for f in fields(cls)}
         options = {name: value for name, value in stored.items() if name in known}
+        options["start"] = tuple(options.get("start", ()))  # a list in JSON
         for name, value in given.items():
             if name in ("n_max", "scenario") or value is None or value == options.get(name):
                 continue
@@ -107,6 +109,7 @@ class Options:
             "seed": self.seed, "initial experiments": self.n_init, "experiments": self.n_max,
             "questions per experiment": self._more_questions,
             "tie band": self.tie_band, "answer noise": self.answer_noise,
+            "begins with": "; ".join(self.start) or None,
         }  # fmt: skip
         return {name: value for name, value in every.items() if value is not None}
 
@@ -122,4 +125,6 @@ class Options:
         for flag, value in flags.items():
             if value is not None:
                 words += [flag, str(value)]
+        for theta in self.start:
+            words += ["--start", theta]
         return shlex.join(words)
