@@ -1,6 +1,6 @@
 """Knobs: the tunable numbers θ, and the one place where the unit cube meets physics."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Literal, get_args
@@ -75,13 +75,22 @@ def _is_number(value: object) -> bool:
 class KnobSpace:
     """The box Θ in which θ is sought, an ordered collection of knobs.
 
+    Args:
+        knobs: One or more.
+        within: Knob name to the (low, high) that is still searched, physical; equal: the knob is
+            frozen. What lies outside stays part of the space: it was tried, and teaches.
+
     Raises:
-        KnobError: no knob, something that is not a `Knob`, or two knobs of one name.
+        KnobError: no knob, something that is not a `Knob`, two knobs of one name, or a part of
+            a range that is none.
     """
 
     knobs: tuple[Knob, ...]
+    within: tuple[tuple[float, float], ...]
 
-    def __init__(self, knobs: Sequence[Knob]) -> None:
+    def __init__(
+        self, knobs: Sequence[Knob], within: Mapping[str, tuple[float, float]] | None = None
+    ) -> None:
         if isinstance(knobs, Knob) or not isinstance(knobs, Iterable):
             raise KnobError(f"a knob space needs a sequence of Knobs, got {knobs!r}")
         object.__setattr__(self, "knobs", tuple(knobs))
@@ -91,11 +100,37 @@ class KnobSpace:
         duplicates = {n for n in self.names if self.names.count(n) > 1}
         if duplicates:
             raise KnobError(f"knob names must differ, got {sorted(duplicates)} more than once")
+        object.__setattr__(self, "within", _parts(self.knobs, within or {}))
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the knobs, in order."""
         return tuple(k.name for k in self.knobs)
+
+    @property
+    def frozen(self) -> tuple[bool, ...]:
+        """Which knobs have one value left."""
+        return tuple(low == high for low, high in self.within)
+
+    @property
+    def corners(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Lower and upper corner, in the unit cube, of what is searched, each of shape (n,)."""
+        lower, upper = zip(*self.within, strict=True)
+        return self.encode(np.array(lower)), self.encode(np.array(upper))
+
+    def narrowed(self, within: Mapping[str, tuple[float, float]]) -> "KnobSpace":
+        """The same space, of which so much is searched; knobs left out stay as they are.
+
+        Raises:
+            KnobError: as the constructor.
+        """
+        parts = dict(zip(self.names, self.within, strict=True))
+        return KnobSpace(self.knobs, {**parts, **within})
+
+    def searches(self, theta: Float[np.ndarray, " n"]) -> bool:
+        """Whether a physical θ, shape (n,), lies in what is searched."""
+        theta = self._vector(theta, "theta")
+        return all(low <= v <= high for (low, high), v in zip(self.within, theta, strict=True))
 
     def __len__(self) -> int:
         return len(self.knobs)
@@ -113,7 +148,8 @@ class KnobSpace:
         for knob, zi in zip(self.knobs, z, strict=True):
             if not 0.0 <= zi <= 1.0:
                 raise KnobError(f"z of knob {knob.name!r} must be in [0, 1], got {zi}")
-        return np.array([k.decode(zi) for k, zi in zip(self.knobs, z, strict=True)])
+        values = [k.decode(zi) for k, zi in zip(self.knobs, z, strict=True)]
+        return np.array([_exact(v, part) for v, part in zip(values, self.within, strict=True)])
 
     def encode(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Map physical θ, shape (n,), to the unit cube.
@@ -169,3 +205,34 @@ class KnobSpace:
                 f"{what} must be finite, got {dict(zip(self.names, vector.tolist(), strict=True))}"
             )
         return vector
+
+
+def _exact(value: float, part: tuple[float, float]) -> float:
+    """`value`, or the border of `part` that it missed by rounding."""
+    for border in part:
+        if abs(value - border) <= 1e-14 * max(abs(value), abs(border)):
+            return border
+    return value
+
+
+def _parts(
+    knobs: tuple[Knob, ...], within: Mapping[str, tuple[float, float]]
+) -> tuple[tuple[float, float], ...]:
+    """What is searched of each knob, in their order."""
+    unknown = sorted(set(within) - {knob.name for knob in knobs})
+    if unknown:
+        raise KnobError(f"there are no knobs {unknown} to be searched within a range")
+    parts = {knob.name: (float(knob.low), float(knob.high)) for knob in knobs}
+    for knob in knobs:
+        if knob.name not in within:
+            continue
+        low, high = within[knob.name]
+        box = f"[{knob.low}, {knob.high}] {knob.unit}".rstrip()
+        if not (_is_number(low) and _is_number(high) and knob.low <= low <= high <= knob.high):
+            raise KnobError(
+                f"knob {knob.name!r}: a part of {box} was expected, got {low} to {high}"
+            )
+        if knob.integer and (low != round(low) or high != round(high)):
+            raise KnobError(f"knob {knob.name!r}: integers were expected, got {low} to {high}")
+        parts[knob.name] = (float(low), float(high))
+    return tuple(parts.values())

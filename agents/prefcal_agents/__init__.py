@@ -15,9 +15,11 @@ from .minimize import minimize_by_preference as minimize_by_preference
 from .optional import OPTIONAL as _OPTIONAL
 from .optional import optional as _optional
 from .random_search import RandomSearch as RandomSearch
+from .respacing import respaced as respaced
 from .restore import restore as restore
 from .settings import GLISpSettings as GLISpSettings
 from .state import AgentState as AgentState
+from .stopping import Advice as Advice
 
 if _TYPE_CHECKING:
     from .peers import OptunaPreferential as OptunaPreferential

@@ -9,6 +9,7 @@ from prefcal_env.errors import KnobError, ProtocolError
 from prefcal_env.knobs import KnobSpace
 
 from .ledger import Ledger
+from .minimise import Domain
 from .turns import capacity
 
 _DRAWS = 200  # random points looked at before an integer space is searched in full
@@ -20,8 +21,11 @@ def integer_mask(space: KnobSpace) -> Bool[np.ndarray, " n"]:
 
 
 def snap_all(space: KnobSpace, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
-    """`KnobSpace.snap` of the integer coordinates of many points at once, shape (m, n)."""
-    snapped = np.asarray(np.clip(z, 0.0, 1.0))
+    """`KnobSpace.snap` of the integer coordinates of many points at once, shape (m, n).
+
+    Points outside of what is searched are moved to its border.
+    """
+    snapped = np.asarray(np.clip(z, *space.corners))
     for k, knob in enumerate(space):
         if not knob.integer:
             continue
@@ -55,7 +59,20 @@ def latin_hypercube(space: KnobSpace, count: int, seed: int) -> Float[np.ndarray
     from scipy.stats import qmc  # takes most of a second to import
 
     sampler = qmc.LatinHypercube(len(space), rng=np.random.default_rng([seed, 0]))
-    return np.asarray(sampler.random(count), dtype=float)
+    return scaled(space, np.asarray(sampler.random(count), dtype=float))
+
+
+def scaled(space: KnobSpace, w: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
+    """Points `w` of a unit cube, shape (m, n), as points of what is searched of `space`."""
+    lower, upper = space.corners
+    return np.asarray(lower + (upper - lower) * w)
+
+
+def search_box(space: KnobSpace, start: Float[np.ndarray, " n"]) -> Domain:
+    """What is searched of `space`, for a minimiser; frozen knobs stay put."""
+    lower, upper = space.corners
+    fixed = integer_mask(space) | (lower == upper)
+    return Domain(fixed, lambda z: snap_all(space, z), np.clip(start, lower, upper), lower, upper)
 
 
 class Tried:
@@ -77,12 +94,14 @@ class Tried:
     ) -> Float[np.ndarray, " n"]:
         """`z`, shape (n,), or if its θ ran already, another point whose θ did not.
 
+        Random points are those of what is searched.
+
         Raises:
             ProtocolError: every θ of the space has been tried.
         """
         if z not in self:
             return z
-        for candidate in rng.random((_DRAWS, len(z))):
+        for candidate in scaled(self._space, rng.random((_DRAWS, len(z)))):
             if candidate not in self:
                 return np.asarray(candidate)
         if not np.isfinite(capacity(self._space)):
@@ -91,7 +110,10 @@ class Tried:
 
     def _first_free(self) -> Float[np.ndarray, " n"]:
         # Few θ are left, so the space is small: at most some times the number of samples.
-        values = [range(int(k.low), int(k.high) + 1) for k in self._space]
+        values = [
+            [low] if low == high else range(int(low), int(high) + 1)
+            for low, high in self._space.within
+        ]
         for theta in product(*values):
             z = self._space.encode(np.array(theta, dtype=float))
             if z not in self:

@@ -9,11 +9,11 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import KnobSpace
 
 from .checks import integer
-from .cube import Tried, encode_all, integer_mask, latin_hypercube, snap_all
+from .cube import Tried, encode_all, latin_hypercube, scaled, search_box
 from .glis_settings import GLISSettings
 from .interpolation import Interpolant, best_interpolant, normalised
 from .ledger import Ledger
-from .minimise import Domain, multistart
+from .minimise import multistart
 from .start import Start
 from .state import AgentState
 from .threads import one_thread
@@ -73,9 +73,8 @@ class GLIS(ValueBased):
         if index < self.n_init:
             return tried.fresh(latin_hypercube(space, self.n_init, self._seed)[index], rng)
         if not len(ledger.scores()[0]):
-            return tried.fresh(rng.random(len(space)), rng)
-        start = np.array(ledger.samples[ledger.incumbent or 0])
-        domain = Domain(integer_mask(space), lambda z: snap_all(space, z), start)
+            return tried.fresh(scaled(space, rng.random((1, len(space))))[0], rng)
+        domain = search_box(space, np.array(ledger.samples[ledger.incumbent or 0]))
         with one_thread():
             for z in multistart(self._acquisition(ledger), domain, rng):
                 if z not in tried:

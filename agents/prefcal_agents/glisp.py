@@ -74,6 +74,7 @@ class GLISp(PreferenceBased):
             n_max,
             self._strategy.propose,
             further=self._strategy.further,
+            promise=self._strategy.promise,
             start=start,
         )
 

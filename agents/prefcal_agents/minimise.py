@@ -28,17 +28,28 @@ class Objective(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Domain:
-    """Where is searched: the unit cube, which coordinates stay put, and how points snap.
+    """Where is searched: a box in the unit cube, which coordinates stay put, how points snap.
 
     Args:
         fixed: Coordinates that a descent must not move (integer knobs), shape (n,).
         snap: Moves the rows of an array (m, n) to the points of the cube that can run.
         start: A point worth starting from (the incumbent), shape (n,).
+        lower: Lower corner of the box, shape (n,); None: the whole cube.
+        upper: Upper corner, shape (n,).
     """
 
     fixed: Bool[np.ndarray, " n"]
     snap: Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, "m n"]] = field(repr=False)
     start: Float[np.ndarray, " n"]
+    lower: Float[np.ndarray, " n"] | None = None
+    upper: Float[np.ndarray, " n"] | None = None
+
+    @property
+    def corners(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Lower and upper corner, each of shape (n,)."""
+        n = len(self.start)
+        lower = np.zeros(n) if self.lower is None else self.lower
+        return lower, np.ones(n) if self.upper is None else self.upper
 
 
 Minimiser = Callable[[Objective, Domain, np.random.Generator], Float[np.ndarray, "m n"]]
@@ -73,10 +84,11 @@ def multistart(
 
 def _sampled(domain: Domain, rng: np.random.Generator, draws: int) -> Float[np.ndarray, "m n"]:
     n, near = len(domain.start), draws // 3
+    lower, upper = domain.corners
     steps = np.exp(rng.uniform(np.log(_SCALES[0]), np.log(_SCALES[1]), size=(near, 1)))
     around = domain.start + steps * rng.standard_normal((near, n))
-    wide = rng.random((draws - near, n))
-    return domain.snap(np.clip(np.vstack([domain.start[None], around, wide]), 0.0, 1.0))
+    wide = lower + (upper - lower) * rng.random((draws - near, n))
+    return domain.snap(np.clip(np.vstack([domain.start[None], around, wide]), lower, upper))
 
 
 def _apart(points: Float[np.ndarray, "m n"], count: int) -> list[int]:
@@ -102,6 +114,7 @@ def _descend(
     from scipy.optimize import minimize  # a third of a second to import
 
     point = z.copy()
+    lower, upper = (corner[free] for corner in domain.corners)
 
     def value_and_slope(part: np.ndarray) -> tuple[float, np.ndarray]:
         point[free] = part
@@ -112,10 +125,10 @@ def _descend(
         z[free],
         jac=True,
         method="L-BFGS-B",
-        bounds=[(0.0, 1.0)] * int(free.sum()),
+        bounds=list(zip(lower, upper, strict=True)),
         options={"maxiter": iterations},
     )
-    point[free] = np.clip(result.x, 0.0, 1.0)
+    point[free] = np.clip(result.x, lower, upper)
     return point
 
 
@@ -134,9 +147,10 @@ def particle_swarm(
     Deviation: the paper's swarm is coupled with a pattern search; this one is not.
     """
     n = len(domain.start)
-    position = rng.random((particles, n))
-    position[0] = domain.start
-    velocity = rng.uniform(-0.5, 0.5, (particles, n))
+    lower, upper = domain.corners
+    position = lower + (upper - lower) * rng.random((particles, n))
+    position[0] = np.clip(domain.start, lower, upper)
+    velocity = (upper - lower) * rng.uniform(-0.5, 0.5, (particles, n))
     own = domain.snap(position)
     own_value = objective(own)
     for _ in range(iterations):
@@ -145,7 +159,7 @@ def particle_swarm(
         velocity = 0.7298 * velocity + 1.4962 * (
             pull[0] * (own - position) + pull[1] * (leader - position)
         )
-        moved = np.clip(position + velocity, 0.0, 1.0)
+        moved = np.clip(position + velocity, lower, upper)
         velocity = np.where(moved == position + velocity, velocity, 0.0)
         position = moved
         snapped = domain.snap(position)

@@ -10,10 +10,10 @@ from prefcal_env.qp import Backend
 
 from .acquisition import Acquisition
 from .cross_validation import Validation, choose_epsilon, rescale_knob
-from .cube import Tried, integer_mask, latin_hypercube, snap_all
+from .cube import Tried, latin_hypercube, search_box
 from .fitting import Constraints, fit, margins
 from .ledger import Ledger
-from .minimise import Domain
+from .minimise import multistart
 from .outcomes import Judgement, Outcomes
 from .placing import to_place
 from .settings import EVERY_STEP, MINIMISERS, GLISpSettings
@@ -63,16 +63,23 @@ class Strategy:
         if self._perturbs(index):
             noise, delta = rng.exponential(size=len(ledger.preferences())), 0.0
         surrogate = self.learned(ledger, noise)
-        domain = Domain(
-            integer_mask(self.space),
-            lambda z: snap_all(self.space, z),
-            np.array(ledger.samples[ledger.incumbent or 0]),
-        )
+        domain = search_box(self.space, np.array(ledger.samples[ledger.incumbent or 0]))
         minimise = MINIMISERS[self.settings.minimiser]
         for z in minimise(Acquisition.of(surrogate, delta), domain, rng):
             if z not in tried:
                 return np.asarray(z)
         return tried.fresh(domain.start, rng)
+
+    def promise(self, ledger: Ledger) -> float | None:
+        """How far Ĵ at its minimum lies below the best sample, in units of ΔĴ; 0 or more."""
+        if not len(ledger.preferences()):
+            return None
+        with one_thread():
+            objective = Acquisition.of(self.learned(ledger), 0.0)
+            best = np.array([ledger.samples[ledger.incumbent or 0]])
+            rng = np.random.default_rng([self.seed, ledger.answered, 2])
+            lowest = multistart(objective, search_box(self.space, best[0]), rng)[0]
+            return max(0.0, float(objective(best)[0] - objective(lowest[None])[0]))
 
     def further(self, ledger: Ledger) -> tuple[int, int] | None:
         """Two known samples to compare before the next is proposed: challenger and incumbent."""

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from prefcal_env.knobs import KnobSpace
 
 from .checks import integer
-from .cube import Tried
+from .cube import Tried, scaled
 from .ledger import Ledger
 from .start import Start
 from .state import AgentState
@@ -50,7 +50,9 @@ class RandomSearch(PreferenceBased):
 
     def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
         rng = np.random.default_rng([self._seed, ledger.answered])
-        return Tried(self.space, ledger).fresh(rng.random(len(self.space)), rng)
+        return Tried(self.space, ledger).fresh(
+            scaled(self.space, rng.random((1, len(self.space))))[0], rng
+        )
 
     @classmethod
     def restore(cls, space: KnobSpace, state: AgentState) -> "RandomSearch":

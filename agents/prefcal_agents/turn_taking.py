@@ -8,6 +8,7 @@ from jaxtyping import Float
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preference import Answer, Preference, Query
 
+from .stopping import Advice, advise
 from .turns import Turns
 
 
@@ -50,6 +51,11 @@ class TurnTaking(Protocol):
     def samples(self) -> Float[np.ndarray, "N n"]:
         """θ of all answered queries, physical, in the order tried, shape (N, n)."""
         return self._turns.samples()
+
+    @property
+    def advice(self) -> Advice | None:
+        """What another ten experiments would be expected to gain; None while that is not known."""
+        return advise(self._turns.ledger, self._turns.promise())
 
     def ask(self) -> Query:
         """Return the open query, the same until told. Raises ProtocolError when done."""

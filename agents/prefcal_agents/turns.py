@@ -24,6 +24,13 @@ Propose = Callable[[Ledger], Float[np.ndarray, " n"]]
 Further = Callable[[Ledger], tuple[int, int] | None]
 
 
+Promise = Callable[[Ledger], float | None]
+
+
+def _nothing_promised(ledger: Ledger) -> None:
+    return None
+
+
 def _nothing_further(ledger: Ledger) -> None:
     return None
 
@@ -44,6 +51,7 @@ class Turns:
         by_value: Whether scores are told: then no query has an incumbent.
         further: Two known samples to compare before the next one is proposed, from the ledger:
             challenger and incumbent; None if there is nothing (more) to ask.
+        promise: How far the minimum of what was learned from the ledger lies below the best.
         start: Physical θ that are the first samples, in place of proposed ones.
 
     Raises:
@@ -60,6 +68,7 @@ class Turns:
         *,
         by_value: bool = False,
         further: Further = _nothing_further,
+        promise: Promise = _nothing_promised,
         start: Start | None = None,
     ) -> None:
         if not isinstance(space, KnobSpace):
@@ -70,6 +79,7 @@ class Turns:
             raise SettingsError(f"n_max must not be below n_init, got {n_max} below {n_init}")
         self.space, self.n_init, self._asked_for = space, int(n_init), int(n_max)
         self._propose, self.by_value, self._further = propose, by_value, further
+        self._promise = promise
         self._thought: tuple[Ledger, tuple[int, int] | None] | None = None
         self._start = start_points(space, start, self._asked_for)
         self.ledger = Ledger()
@@ -77,7 +87,15 @@ class Turns:
     @property
     def n_max(self) -> int:
         """Experiments until the end: as asked for, or all θ of a space that holds fewer."""
-        return int(min(self._asked_for, capacity(self.space)))
+        return self._most(self.ledger)
+
+    def _most(self, ledger: Ledger) -> int:
+        most = capacity(self.space)
+        if np.isfinite(most):
+            # θ that are no longer searched count too, if they have run.
+            thetas = (self.space.decode(np.array(z)) for z in ledger.samples)
+            most += sum(not self.space.searches(theta) for theta in thetas)
+        return int(min(self._asked_for, most))
 
     @property
     def done(self) -> bool:
@@ -90,6 +108,10 @@ class Turns:
         if self.ledger.incumbent is None:
             raise ProtocolError("there is no best θ before the first answer")
         return self._theta(self.ledger.incumbent)
+
+    def promise(self) -> float | None:
+        """As `Advice.promise`."""
+        return self._promise(self.ledger)
 
     def ask(self) -> Query:
         """Return the open query, which stays the same until something is told or taken back."""
@@ -182,12 +204,7 @@ class Turns:
         Raises:
             SettingsError: it does not fit the space or the counts.
         """
-        stored, answered = len(ledger.samples), ledger.answered
-        if not answered <= stored <= answered + 1 or stored > self.n_max:
-            raise SettingsError(
-                f"a state of up to {self.n_max} experiments cannot hold {stored} samples and "
-                f"{answered} answers"
-            )
+        answered = ledger.answered
         for h, comparison in enumerate(ledger.comparisons):
             rival = comparison.incumbent
             alone = h == 0 or self.by_value
@@ -198,11 +215,17 @@ class Turns:
             known = c.after is not None and 0 < c.after <= answered and not self.by_value
             if not known or len(pair) < 2 or any(i is None or not 0 <= i < c.after for i in pair):  # type: ignore[operator]
                 raise SettingsError(f"a further answer of a state cannot be {c}")
-        for index in range(stored):
+        for index, z in enumerate(ledger.samples):
             try:
-                self.space.decode(np.array(ledger.samples[index]))
+                self.space.decode(np.array(z))
             except KnobError as error:
                 raise SettingsError(f"sample {index} of a state: {error}") from error
+        stored, most = len(ledger.samples), self._most(ledger)
+        if not answered <= stored <= answered + 1 or stored > most:
+            raise SettingsError(
+                f"a state of up to {most} experiments cannot hold {stored} samples and "
+                f"{answered} answers"
+            )
         try:
             thetas = [self.space.decode(np.array(z)) for z in start]
         except KnobError as error:
@@ -212,7 +235,7 @@ class Turns:
 
 
 def capacity(space: KnobSpace) -> float:
-    """How many different θ the space holds; infinite unless all knobs are integers."""
-    if not all(knob.integer for knob in space):
+    """How many different θ are searched; infinite unless all knobs are integers, or frozen."""
+    if not all(knob.integer or frozen for knob, frozen in zip(space, space.frozen, strict=True)):
         return np.inf
-    return float(prod(int(knob.high - knob.low) + 1 for knob in space))
+    return float(prod(int(high - low) + 1 for low, high in space.within))

@@ -18,7 +18,7 @@ def record_of(
 ) -> Record:
     """The study as it stands."""
     state = interview.now().state
-    agent = state.configuration["agent"]
+    agent, advice = state.configuration["agent"], interview.advice
     settings = {f"{agent['agent']} {name}": _text(v) for name, v in agent["settings"].items()}
     return Record(
         scenario=interview.scenario,
@@ -31,6 +31,7 @@ def record_of(
         command=options.command(),
         surrogate=interview.surrogate,
         good_enough=state.ended == GOOD_ENOUGH,
+        advice="" if advice is None else advice.text,
         further=tuple(c.answer for c in state.further if not c.retracted),
     )
 

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents import Advice
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Answer, Strength
 from prefcal_env.studies import Closed, Noted, StudyFile
@@ -112,6 +113,13 @@ class Interview:
             learned = any(c.answer.preference is not None and not c.retracted for c in closed)
             # A twin: what is learned must not change while it is looked at.
             return getattr(self._flow.agent.copy(), "surrogate", None) if learned else None
+
+    @property
+    def advice(self) -> Advice | None:
+        """What another ten experiments would be expected to gain; None while not known."""
+        with self._changed:
+            twin = self._flow.agent.copy()
+        return getattr(twin, "advice", None)
 
     @property
     def consistency(self) -> Consistency:

@@ -28,6 +28,8 @@ def _body(record: Record, drawn: Sequence[Drawn]) -> Iterator[str]:
         yield section(d.picture.title, f"<figure>\n{shown}\n{caption}\n</figure>")
     if record.asked:
         yield section("Comparisons", comparison_table(record))
+    if record.advice:
+        yield section("Ten more experiments", f"<p>{escape(record.advice)}</p>")
     yield section("How to repeat it", "\n".join(_repeat(record)))
 
 

@@ -66,6 +66,7 @@ class Record:
         surrogate: What the agent has learned; None if it learns nothing.
         good_enough: Whether it was ended early because the best is good enough.
         further: Answers about two experiments that had both been compared before.
+        advice: What further experiments would be expected to gain, in words; empty if not known.
     """
 
     scenario: Scenario
@@ -79,6 +80,7 @@ class Record:
     surrogate: Surrogate | None = None
     good_enough: bool = False
     further: tuple[Answer, ...] = ()
+    advice: str = ""
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:

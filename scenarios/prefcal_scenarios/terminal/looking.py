@@ -41,5 +41,7 @@ def show_status(interview: Interview, console: Console) -> None:
         best = theta_text(interview.scenario.space, interview.experiment(now.incumbent).theta)
         lines.append(f"best so far, experiment {now.incumbent + 1}: {best}")
     lines.append(in_words(interview.consistency))
+    if (advice := interview.advice) is not None:
+        lines.append(advice.text)
     for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)

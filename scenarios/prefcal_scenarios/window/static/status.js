@@ -17,6 +17,7 @@ export async function showStatus(now, act) {
     return fill(view, title, el("p", {}, error.message));
   }
   fill(view, title, el("div", { class: "columns" }, bestCard(status.best), answers(now, status, act)),
+    status.advice ? [el("h3", {}, "What would ten more experiments gain?"), el("p", {}, status.advice)] : [],
     el("h3", {}, "θ tried"), legend(),
     figures("tried", status.tried.knobs, (knob) => `${knob.name} of every experiment`),
     table(status.tried),

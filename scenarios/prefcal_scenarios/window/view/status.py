@@ -35,6 +35,7 @@ def status_view(interview: Interview, *, report: Path | None = None) -> dict[str
             "text": in_words(consistency),
             "can_repeat": now.question is not None and to_repeat(now.state, seed) is not None,
         },
+        "advice": None if (advice := interview.advice) is None else advice.text,
         "verdicts": _verdicts(now),
         "report": report_view(report),
     }

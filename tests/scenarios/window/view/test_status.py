@@ -83,3 +83,10 @@ def test_an_earlier_question_can_be_asked_again_once_there_is_one():
     later, _ = asked(*[Choice.LEFT] * 4)
     assert status_view(fresh)["consistency"]["can_repeat"] is False
     assert status_view(later)["consistency"]["can_repeat"] is True
+
+
+def test_what_ten_more_would_gain_is_said_once_enough_is_answered():
+    interview, _ = asked(Choice.LEFT)
+    assert status_view(interview)["advice"] is None
+    interview, _ = asked(*[Choice.LEFT] * 5)
+    assert status_view(interview)["advice"] == interview.advice.text

@@ -1,0 +1,60 @@
+"""A running agent in a space that has changed: everything learned stays."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from prefcal_env.errors import SettingsError
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.respace import carried
+from prefcal_env.respace import respaced as respaced_space
+
+from .restore import AGENTS, AnyAgent
+from .start import Points
+from .state import AgentState
+
+
+def respaced(
+    agent: AnyAgent,
+    new: KnobSpace,
+    *,
+    added: Mapping[str, float] | None = None,
+    keep_open: bool = True,
+) -> AnyAgent:
+    """An agent with the samples and answers of `agent` that searches `new` from now on.
+
+    Its space is wide enough for every sample, so those outside of a narrowed range teach as
+    before, and no θ runs again. `agent` itself stays as it is.
+
+    Args:
+        agent: One of this package.
+        new: All knobs of the agent's space, with what is to be searched of each; further ones.
+        added: For each further knob, its value in the experiments so far, physical.
+        keep_open: Whether the open query keeps its sample, which may have run already.
+
+    Raises:
+        KnobError: as `prefcal_env.respace.respaced`.
+        SettingsError: an agent that cannot be restricted.
+    """
+    state = agent.state
+    if state.agent not in AGENTS:
+        raise SettingsError(f"only the agents {sorted(AGENTS)} can change their space")
+    space = respaced_space(agent.space, new, added)
+    samples = state.ledger.samples
+    if not keep_open:
+        samples = samples[: state.ledger.answered]
+    ledger = replace(state.ledger, samples=_moved(samples, agent.space, space, added))
+    start = _moved(state.start, agent.space, space, added)
+    moved: AgentState = replace(state, ledger=ledger, start=start)
+    return AGENTS[state.agent].restore(space, moved)
+
+
+def _moved(
+    points: Points, old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None
+) -> Points:
+    """Points of the cube of `old` as points of the cube of `new`."""
+    if old.knobs == new.knobs:
+        return points
+    thetas = (carried(old.decode(np.array(z)), old, new, added) for z in points)
+    return tuple(tuple(map(float, new.encode(theta))) for theta in thetas)

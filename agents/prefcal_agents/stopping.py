@@ -1,0 +1,120 @@
+"""Stopping advice: what another ten experiments would be expected to gain."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from prefcal_env.preference import Preference
+
+from .ledger import Comparison, Ledger
+
+AHEAD = 10
+"""Experiments that the advice looks ahead."""
+_LEAST = 5
+"""Verdicts below which nothing is said."""
+_HALF_LIFE = 7.0
+"""Experiments after which a verdict counts half."""
+_TIE = 5.0
+"""Verdicts against a new experiment that one tie is worth."""
+_PRIOR = (0.2, 0.8)
+"""Imagined improvement, and verdict against one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """What the record of improvements and the surrogate say of the next `AHEAD` experiments.
+
+    Source: none. A Krichevsky-Trofimov-like estimate (counts with a prior, so a beta distribution
+    of the rate and a beta-binomial one of the number); how well it foretells:
+    docs/research/stopping.md.
+
+    Args:
+        recent: How many of the latest experiments were compared, `AHEAD` at most.
+        improved: How many of these became the best.
+        expected: Improvements expected among the next `AHEAD` experiments.
+        low: Number of improvements that is not reached with a chance of 10 % at most.
+        high: Number of improvements that is exceeded with a chance of 10 % at most.
+        none: Chance that none of them improves, 0 to 1.
+        promise: How far the surrogate's minimum lies below the best sample, in units of ΔĴ (its
+            range over the samples), 0 or more; None if the agent has no surrogate.
+    """
+
+    recent: int
+    improved: int
+    expected: float
+    low: int
+    high: int
+    none: float
+    promise: float | None = None
+
+    @property
+    def text(self) -> str:
+        """It as plain sentences."""
+        words = [
+            f"{self.improved} of the last {self.recent} experiments beat the best so far.",
+            f"Of another {AHEAD}, about {self.expected:.1f} would be expected to "
+            f"(80 %: {self.low} to {self.high}; none with a chance of {100 * self.none:.0f} %).",
+        ]
+        if self.promise is not None:
+            share = "less than 0.1" if self.promise < 1e-3 else f"{100 * self.promise:.1f}"
+            words.append(
+                f"The learned cost at its lowest is {share} % of its range below the best."
+            )
+        return " ".join([*words, self._conclusion])
+
+    @property
+    def _conclusion(self) -> str:
+        if self.none >= 0.75:
+            return "A good time to stop."
+        return "Going on may still pay." if self.none >= 0.25 else "Going on is likely to pay."
+
+
+def advise(ledger: Ledger, promise: float | None = None) -> Advice | None:
+    """The advice after `ledger`; None while too little is known.
+
+    An improvement is a new experiment that became the best. Abstentions and retracted answers
+    count as nothing; a tie counts for more than a defeat, since it says that the differences
+    have become too small to see. Recent experiments count more than old ones.
+
+    Args:
+        ledger: Samples and answers.
+        promise: As in `Advice`.
+    """
+    verdicts = _verdicts(ledger)
+    if len(verdicts) < _LEAST:
+        return None
+    age = np.arange(len(verdicts))[::-1]
+    weights = 0.5 ** (age / _HALF_LIFE)
+    won = np.array([v is Preference.CHALLENGER for v in verdicts])
+    against = np.where([v is Preference.TIE for v in verdicts], _TIE, 1.0) * ~won
+    a, b = _PRIOR[0] + float(weights @ won), _PRIOR[1] + float(weights @ against)
+    from scipy.stats import betabinom  # takes most of a second to import
+
+    number = betabinom(AHEAD, a, b)
+    return Advice(
+        recent=min(AHEAD, len(verdicts)),
+        improved=int(won[-AHEAD:].sum()),
+        expected=float(number.mean()),
+        low=int(number.ppf(0.1)),
+        high=int(number.ppf(0.9)),
+        none=float(number.pmf(0)),
+        promise=promise,
+    )
+
+
+def _verdicts(ledger: Ledger) -> list[Preference]:
+    """On each new experiment against the best before it."""
+    scored = [c.value for c in ledger.comparisons if c.value is not None]
+    if scored:
+        lowest = np.minimum.accumulate(scored).tolist()
+        return [
+            Preference.CHALLENGER if after < before else Preference.INCUMBENT
+            for before, after in pairwise(lowest)
+        ]
+    return [_verdict(c) for c in ledger.comparisons if c.teaches]
+
+
+def _verdict(comparison: Comparison) -> Preference:
+    assert comparison.answer.preference is not None
+    return comparison.answer.preference

@@ -1,0 +1,97 @@
+"""What stopping advice is worth: improvements foretold for ten experiments, and what happened.
+
+    python benchmarks/stopping.py [--functions camel branin] [--seeds 10]
+
+GLISp is asked for its advice after 15, 20 ... 40 of 50 experiments. Two people compare: one sees
+every difference, the other calls two experiments as good whose costs differ by less than 2 % of
+the range of the first ten. The advice's numbers were chosen on the functions of CHOSEN_ON.
+"""
+
+import argparse
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from prefcal_agents import Advice, GLISp
+from prefcal_scenarios.functions import FUNCTIONS, TestFunction
+
+CHOSEN_ON = ("camel", "hartman3", "ackley2", "rosenbrock4", "styblinski3", "levy4")
+HELD_OUT = ("branin", "hartman6", "ackley5", "adjiman", "terraces3", "levy8")
+N_INIT, N_MAX, AHEAD = 10, 50, 10
+ASKED = (15, 20, 25, 30, 35, 40)
+BANDS = {"sees all": 0.0, "2 % is as good": 0.02}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One piece of advice, the improvements that followed, and the gain by the range at first."""
+
+    advice: Advice
+    happened: int
+    gain: float
+
+
+def study(f: TestFunction, seed: int, band: float) -> list[Case]:
+    """The advice given in one study, and what came of it."""
+    agent = GLISp(f.space, n_init=N_INIT, n_max=N_MAX, seed=seed)
+    costs, best, won, advice = [], [], [], {}
+    while not agent.done:
+        cost = f(agent.ask().challenger.theta)
+        costs.append(cost)
+        answer = None
+        if best:
+            same = abs(cost - best[-1]) < band * np.ptp(costs[:N_INIT])
+            answer = 0 if same else int(np.sign(cost - best[-1]))
+        won.append(answer == -1)
+        best.append(cost if answer in (None, -1) else best[-1])
+        agent.tell(agent.ask(), answer)
+        if len(costs) in ASKED:
+            advice[len(costs)] = agent.advice
+    fall = -np.array(best) / np.ptp(costs[:N_INIT])
+    return [
+        Case(a, sum(won[n : n + AHEAD]), fall[n + AHEAD - 1] - fall[n - 1])
+        for n, a in advice.items()
+    ]
+
+
+def rows(cases: list[Case], of, edges: tuple[float, ...]) -> None:
+    """Print the cases by `of` their advice, in bins between `edges`."""
+    for low, high in pairwise(edges):
+        some = [c for c in cases if low <= of(c.advice) < high]
+        if some:
+            foretold, happened, none, inside, gain = (
+                np.mean([g(c) for c in some])
+                for g in (
+                    lambda c: c.advice.expected,
+                    lambda c: c.happened,
+                    lambda c: c.happened == 0,
+                    lambda c: c.advice.low <= c.happened <= c.advice.high,
+                    lambda c: c.gain > 0.01,
+                )
+            )
+            said = np.mean([c.advice.none for c in some])
+            print(f"| {low:g} to {high:g} | {len(some)} | {foretold:.2f} | {happened:.2f} | "
+                  f"{said:.2f} | {none:.2f} | {inside:.2f} | {gain:.2f} |", flush=True)  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--functions", nargs="+", choices=sorted(FUNCTIONS))
+    parser.add_argument("--seeds", type=int, default=10)
+    options = parser.parse_args()
+    groups = {"chosen on": CHOSEN_ON, "held out": HELD_OUT}
+    for group, names in ({"named": options.functions} if options.functions else groups).items():
+        for person, band in BANDS.items():
+            every = [(FUNCTIONS[name], seed) for name in names for seed in range(options.seeds)]
+            cases = [case for f, seed in every for case in study(f, seed, band)]
+            head = "cases | foretold | happened | none, said | none | in 80 % | gain > 1 %"
+            print(f"\n{group}, {person}\n\n| expected | {head} |\n|" + " --- |" * 8)
+            rows(cases, lambda a: a.expected, (0, 0.25, 0.5, 1, 2, 3, 4, 10))
+            rows(cases, lambda a: 0.0, (0, 1))
+            print(f"\n| promise | {head} |\n|" + " --- |" * 8)
+            rows(cases, lambda a: a.promise, (0, 1e-4, 1e-3, 1e-2, 1e-1, np.inf))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,129 @@
+"""A space that changes in a running study: nothing is lost, and nothing outside is proposed."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contracts.agents import MIXED, judge, latent, run
+from prefcal_agents import GLIS, AgentState, GLISp, LatinHypercube, RandomSearch, respaced, restore
+from prefcal_env.errors import KnobError
+from prefcal_env.knobs import Knob, KnobSpace
+
+
+@pytest.fixture(params=[GLISp, GLISp.paper, RandomSearch, LatinHypercube])
+def make_agent(request):
+    return request.param
+
+
+def half_way(make, count=5, space=MIXED):
+    agent = make(space, n_init=3, n_max=12)
+    run(agent, [judge] * count)
+    return agent
+
+
+def test_a_narrowed_range_is_all_that_is_searched(make_agent):
+    agent = half_way(make_agent)
+    new = MIXED.narrowed({"gain": (0.1, 1.0), "horizon": (4, 6)})
+    after = respaced(agent, new, keep_open=False)
+    assert after.space == new
+    run(after)
+    assert after.samples[:5].tolist() == agent.samples.tolist()
+    later = after.samples[5:]
+    assert len(later) == 7
+    assert np.all((later[:, 0] >= 0.1) & (later[:, 0] <= 1.0))
+    assert np.all((later[:, 1] >= 4) & (later[:, 1] <= 6))
+    assert len(np.unique(after.samples, axis=0)) == 12
+
+
+def test_a_frozen_knob_stays_put_and_is_part_of_every_theta(make_agent):
+    agent = half_way(make_agent)
+    after = respaced(agent, MIXED.narrowed({"weight": (0.31, 0.31)}), keep_open=False)
+    run(after)
+    assert after.samples.shape == (12, 3)
+    assert set(after.samples[5:, 2].tolist()) == {0.31}
+
+
+def test_a_widened_range_keeps_every_theta(make_agent):
+    agent = half_way(make_agent)
+    wider = KnobSpace([MIXED.knobs[0], MIXED.knobs[1], Knob("weight", -9.0, 9.0)])
+    after = respaced(agent, wider)
+    assert after.samples == pytest.approx(agent.samples)
+    assert after.ask().challenger.theta == pytest.approx(agent.ask().challenger.theta)
+    assert after.ask().incumbent.index == agent.ask().incumbent.index
+    run(after)
+    assert len(after.samples) == 12
+
+
+def test_an_added_knob_has_its_old_value_in_the_experiments_before(make_agent):
+    agent = half_way(make_agent)
+    more = KnobSpace([Knob("filter", 1.0, 5.0, "s"), *MIXED])
+    after = respaced(agent, more, added={"filter": 0.5}, keep_open=False)
+    assert after.samples[:, 1:] == pytest.approx(agent.samples)
+    assert after.samples[:, 0] == pytest.approx(0.5)
+    run(after)
+    assert np.all(after.samples[5:, 0] >= 1.0)
+
+
+def test_a_value_based_agent_changes_its_space():
+    agent = GLIS(MIXED, n_init=3, n_max=9)
+    for _ in range(5):
+        agent.tell(agent.ask(), latent(agent.ask().challenger.theta))
+    after = respaced(agent, MIXED.narrowed({"gain": (0.1, 0.2)}), keep_open=False)
+    while not after.done:
+        after.tell(after.ask(), latent(after.ask().challenger.theta))
+    assert after.best.tolist() in after.samples.tolist()
+    assert np.all(after.samples[5:, 0] <= 0.2)
+
+
+def test_a_respaced_agent_is_restored_with_the_identical_query(make_agent):
+    after = respaced(half_way(make_agent), MIXED.narrowed({"gain": (0.1, 1.0)}), keep_open=False)
+    again = restore(after.space, AgentState.from_dict(after.state.to_dict()))
+    assert again.ask() == after.ask()
+
+
+def test_the_verdicts_outside_still_teach():
+    agent = half_way(GLISp, 8)
+    after = respaced(agent, MIXED.narrowed({"gain": (0.1, 1.0)}))
+    assert after.surrogate(agent.samples) == pytest.approx(agent.surrogate(agent.samples))
+
+
+def test_an_integer_space_ends_when_what_is_searched_has_run():
+    space = KnobSpace([Knob("a", 0, 9, integer=True), Knob("b", 0.0, 1.0)])
+    agent = half_way(RandomSearch, 4, space)
+    after = respaced(agent, space.narrowed({"a": (3, 5), "b": (0.5, 0.5)}), keep_open=False)
+    run(after)
+    assert sorted(after.samples[4:, 0].tolist()) == [3.0, 4.0, 5.0]
+    assert after.n_max == 7
+
+
+@pytest.mark.parametrize(
+    ("new", "added", "words"),
+    [
+        (KnobSpace(MIXED.knobs[:2]), {}, r"knobs \['weight'\] are gone"),
+        (KnobSpace([*MIXED, Knob("filter", 0, 1)]), {}, r"added knobs \['filter'\]"),
+        (MIXED, {"gain": 1.0}, "got \\['gain'\\]"),
+        (KnobSpace([*MIXED.knobs[:2], Knob("weight", -5, 3, "s")]), {}, "must keep its unit"),
+    ],
+)
+def test_an_impossible_change_is_refused(new, added, words):
+    with pytest.raises(KnobError, match=words):
+        respaced(half_way(RandomSearch), new, added=added)
+
+
+@settings(max_examples=20)
+@given(st.data())
+def test_no_proposal_leaves_what_is_searched(data):
+    part = {}
+    for knob in MIXED:
+        number = st.integers(int(knob.low), int(knob.high)) if knob.integer else st.floats(
+            knob.low, knob.high
+        )  # fmt: skip
+        part[knob.name] = tuple(sorted((data.draw(number), data.draw(number))))
+    kind = data.draw(st.sampled_from([GLISp, RandomSearch, LatinHypercube]))
+    new = MIXED.narrowed(part)
+    before = half_way(kind, 4)
+    after = respaced(before, new, keep_open=False)
+    run(after, [judge] * 3)
+    assert after.samples[:4].tolist() == before.samples.tolist()
+    assert all(new.searches(theta) for theta in after.samples[4:])
