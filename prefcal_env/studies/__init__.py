@@ -19,6 +19,7 @@ from .events import Marked as Marked
 from .events import Noted as Noted
 from .events import Recorded as Recorded
 from .events import Reopened as Reopened
+from .events import Respaced as Respaced
 from .events import Retracted as Retracted
 from .events import Shown as Shown
 from .events import Suggested as Suggested
@@ -29,5 +30,8 @@ from .fold import State as State
 from .locations import make_data_folder as make_data_folder
 from .locations import studies_in_data_folder as studies_in_data_folder
 from .locations import study_path as study_path
+from .spaces import knobs_as_dicts as knobs_as_dicts
+from .spaces import space_of as space_of
+from .spaces import within_as_dict as within_as_dict
 from .tables import export_csv as export_csv
 from .verify import verify as verify

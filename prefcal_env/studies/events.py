@@ -123,12 +123,25 @@ class Reopened:
     """The study goes on after an end."""
 
 
+@dataclass(frozen=True, slots=True)
+class Respaced:
+    """Other knobs, or other ranges, from now on; all that was tried stays.
+
+    `space` is plain data: "knobs" and "within" as `spaces.space_of` reads them, and
+    "scenario_knobs", those that the scenario had. `added` has the value of each new knob in the
+    experiments before. A sample that has not run yet is dropped.
+    """
+
+    space: Mapping[str, Any]
+    added: Mapping[str, float]
+
+
 MARKS = ("unsafe", "good enough")
 """What an experiment may be marked as."""
 
 Event = (
     Created | Suggested | Finished | Failed | Shown | Answered | Marked | Retracted | Undone
-    | Noted | Extended | Ended | Reopened
+    | Noted | Extended | Ended | Reopened | Respaced
 )  # fmt: skip
 
 
@@ -145,13 +158,14 @@ KINDS: Mapping[str, type[Event]] = {
     kind.__name__.lower(): kind
     for kind in (
         Created, Suggested, Finished, Failed, Shown, Answered, Marked, Retracted, Undone, Noted,
-        Extended, Ended, Reopened,
+        Extended, Ended, Reopened, Respaced,
     )
 }  # fmt: skip
 """The kinds of events by the name that they bear in a study file."""
 
 _TYPES: Mapping[str, tuple[type, ...]] = {
-    "configuration": (dict,), "z": (list,), "theta": (list,), "error": (str,), "comment": (str,),
+    "configuration": (dict,), "space": (dict,), "added": (dict,),
+    "z": (list,), "theta": (list,), "error": (str,), "comment": (str,),
     "mark": (str,), "text": (str,), "reason": (str,), "answer": (int, dict), "on": (bool,),
     "blind": (bool,), "challenger_left": (bool,), "same_as": (int, type(None)),
     "repeats": (int, type(None)), "question": (int, type(None)), "incumbent": (int, type(None)),
@@ -170,6 +184,8 @@ def to_text(event: Event) -> tuple[str, str]:
         body["answer"] = event.answer.to_dict()
     if isinstance(event, Created):
         body["configuration"] = dict(event.configuration)
+    if isinstance(event, Respaced):
+        body = {"space": dict(event.space), "added": dict(event.added)}
     try:
         text = canonical(body)
         text.encode()  # half of a surrogate pair is no text

@@ -5,8 +5,11 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
-from prefcal_env.errors import StudyError
+import numpy as np
+
+from prefcal_env.errors import KnobError, StudyError
 from prefcal_env.preference import Answer
+from prefcal_env.respace import carried
 
 from .events import (
     MARKS,
@@ -20,11 +23,13 @@ from .events import (
     Marked,
     Noted,
     Reopened,
+    Respaced,
     Retracted,
     Shown,
     Suggested,
     Undone,
 )
+from .spaces import space_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +162,8 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
             return replace(state, ended=reason, open=None)
         case Reopened():
             return replace(state, ended=None)
+        case Respaced():
+            return _respaced(state, seq, event)
         case Created():
             raise StudyError(f"event {seq}: a study is created once")
 
@@ -248,4 +255,36 @@ def _undone(state: State, seq: int) -> State:
         marks={i: m for i, m in state.marks.items() if i < kept},
         open=None,
         ended=None,
+    )
+
+
+def _respaced(state: State, seq: int, event: Respaced) -> State:
+    due = len(state.closed)
+    kept = due + 1 if due in state.finished else due
+    expected = {"knobs", "within", "scenario_knobs"}
+    _require(set(event.space) == expected, seq, f"its space must have {sorted(expected)}")
+    configuration = {**state.configuration, **event.space, "respaced": seq}
+    old, new = space_of(state.configuration), space_of(configuration)
+    space_of({"knobs": event.space["scenario_knobs"]})
+
+    def moved(theta: tuple[float, ...]) -> np.ndarray:
+        return carried(np.array(theta), old, new, event.added)
+
+    try:
+        samples = [
+            Suggested(s.index, tuple(new.encode(moved(s.theta)).tolist()), tuple(moved(s.theta)))
+            for s in state.samples[:kept]
+        ]
+        agent = dict(state.configuration.get("agent", {}))
+        if agent.get("start"):
+            starts = (tuple(old.decode(np.array(z))) for z in agent["start"])
+            agent["start"] = [new.encode(moved(theta)).tolist() for theta in starts]
+    except (KnobError, TypeError, ValueError) as error:
+        raise StudyError(f"event {seq} is impossible: {error}") from error
+    return replace(
+        state,
+        configuration=MappingProxyType({**configuration, "agent": agent}),
+        samples=tuple(samples),
+        failures={i: e for i, e in state.failures.items() if i < kept},
+        marks={i: m for i, m in state.marks.items() if i < kept},
     )

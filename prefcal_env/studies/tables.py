@@ -76,7 +76,9 @@ def _experiments(state: State, experiments: dict[int, Experiment]) -> Iterable[l
     for index, e in experiments.items():
         marks = "; ".join(sorted(state.marks.get(index, ())))
         values = [e.kpis.get(k, "") for k in kpis]
-        yield [index + 1, *e.theta.tolist(), *values, e.end.value, marks, scores.get(index, "")]
+        # Not the experiment's own: knobs may have been added since.
+        theta = state.samples[index].theta
+        yield [index + 1, *theta, *values, e.end.value, marks, scores.get(index, "")]
 
 
 def _units(state: State, what: str) -> list[tuple[str, str]]:

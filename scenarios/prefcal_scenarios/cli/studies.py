@@ -1,4 +1,4 @@
-"""`prefcal studies`: list, show, export, import and verify study files."""
+"""`prefcal studies`: list, show, export, import, verify and change study files."""
 
 from enum import Enum
 from pathlib import Path
@@ -87,3 +87,44 @@ def verify(study: _Name) -> None:
     if findings:
         raise typer.Exit(1)
     typer.echo(f"Sound: {count} events, each as it was written.")
+
+
+_Texts = list[str] | None
+
+
+@app.command()
+def respace(
+    study: _Name,
+    knob: Annotated[
+        _Texts,
+        typer.Option(metavar="KNOB=LOW:HIGH", help="Search this range: narrower, or wider."),
+    ] = None,
+    freeze: Annotated[
+        _Texts, typer.Option(metavar="KNOB=VALUE", help="Keep a knob at this value.")
+    ] = None,
+    add: Annotated[
+        _Texts,
+        typer.Option(
+            metavar="KNOB=VALUE",
+            help="A knob that the scenario has now, and its value in the experiments so far.",
+        ),
+    ] = None,
+    scenario: Annotated[
+        str | None,
+        typer.Option(
+            help="Where the scenario is, own.py:name: it is a program.",
+            show_default="the built-in one that the study names",
+        ),
+    ] = None,
+) -> None:
+    """Change the knobs of a running study; every experiment and answer stays.
+
+    Close its page first. Experiments outside of a narrowed range still teach; only
+    proposals keep to it. Each option may be given several times.
+    """
+    from prefcal_scenarios.cli.respacing import Changes, in_words
+    from prefcal_scenarios.cli.respacing import respace as respace_study
+
+    space = respace_study(study, scenario, Changes(knob or (), freeze or (), add or ()))
+    for name, words in in_words(space).items():
+        typer.echo(f"{name}: {words}")

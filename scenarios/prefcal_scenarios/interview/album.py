@@ -32,7 +32,11 @@ class Album:
             raise StudyError(f"the study has no experiment {index + 1}")
         seq = state.finished[index]
         if seq not in self._read:
-            self._read[seq] = self.study.experiment(seq)
+            experiment = self.study.experiment(seq)
+            if len(experiment.theta) != len(state.samples[index].theta):  # knobs were added since
+                theta = np.array(state.samples[index].theta)
+                experiment = replace(experiment, theta=theta)
+            self._read[seq] = experiment
         return self._read[seq]
 
     def outcomes(self, challenger: int, incumbent: int | None) -> tuple[Outcome, Outcome | None]:

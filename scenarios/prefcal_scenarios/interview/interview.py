@@ -18,7 +18,7 @@ from . import runs, steps
 from .album import Album
 from .consistency import Consistency
 from .flow import Flow, in_words
-from .memory import agent_of, incumbent
+from .memory import agent_of, as_studied, incumbent
 from .moment import Choice, Now, Phase, Question
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
@@ -47,7 +47,8 @@ class Interview:
     def __init__(
         self, scenario: Scenario, study: StudyFile, *, ahead: bool = True, asks: bool = True
     ) -> None:
-        self.scenario, self.study = scenario, study
+        self.scenario, self.study = as_studied(scenario, study.state), study
+        scenario = self.scenario
         self._runs_ahead = ahead
         self._changed = threading.Condition(threading.RLock())
         self._flow = Flow(study, Album(scenario, study), agent_of(study.state, scenario.space))

@@ -1,6 +1,7 @@
 """Between a study file and an agent: the configuration, and waking the agent up from a state."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from prefcal_agents import AgentState, restore
@@ -8,18 +9,9 @@ from prefcal_agents.restore import AnyAgent
 from prefcal_env.errors import StudyError
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preference import Preference
-from prefcal_env.studies import Closed, State
-
-
-def knobs_as_dicts(space: KnobSpace) -> list[dict[str, Any]]:
-    """The knobs as plain data."""
-    return [
-        {
-            "name": k.name, "low": float(k.low), "high": float(k.high), "unit": k.unit,
-            "scale": k.scale, "integer": bool(k.integer),
-        }
-        for k in space
-    ]  # fmt: skip
+from prefcal_env.studies import Closed, State, space_of
+from prefcal_env.studies import knobs_as_dicts as knobs_as_dicts
+from prefcal_scenarios.scenario import Scenario
 
 
 def agent_as_dict(agent: AnyAgent) -> dict[str, Any]:
@@ -37,12 +29,26 @@ def check_space(configuration: Mapping[str, Any], space: KnobSpace) -> None:
     then, now = configuration["knobs"], knobs_as_dicts(space)
     if then == now:
         return
+    then = then if isinstance(then, list) else []
     changed = [knob["name"] for knob in then if knob not in now]
     changed += [knob["name"] for knob in now if knob not in then]
     raise StudyError(
         f"the study was made with other knobs than the scenario has now: {sorted(set(changed))} "
-        "differ in name, range, unit or scale"
+        "differ in name, range, unit or scale (`prefcal studies respace` takes them over)"
     )
+
+
+def as_studied(scenario: Scenario, state: State) -> Scenario:
+    """`scenario` with the space of the study, where that was changed since it was begun.
+
+    Raises:
+        StudyError: the scenario has other knobs now than when the study's were changed.
+    """
+    configuration = state.configuration
+    if "respaced" not in configuration:
+        return scenario
+    check_space({"knobs": configuration.get("scenario_knobs")}, scenario.space)
+    return replace(scenario, space=space_of(configuration))
 
 
 def agent_of(state: State, space: KnobSpace) -> AnyAgent:
