@@ -11,6 +11,8 @@ from jaxtyping import Float
 from prefcal_env.errors import KnobError
 
 Scale = Literal["linear", "log10"]
+_ROUNDING = 1e-14  # of decoding, by the size of a linear knob's bounds or a log10 knob's value
+_NARROWEST = 1e-9  # part of a knob's range that can be searched, in the unit cube
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +151,9 @@ class KnobSpace:
             if not 0.0 <= zi <= 1.0:
                 raise KnobError(f"z of knob {knob.name!r} must be in [0, 1], got {zi}")
         values = [k.decode(zi) for k, zi in zip(self.knobs, z, strict=True)]
-        return np.array([_exact(v, part) for v, part in zip(values, self.within, strict=True)])
+        return np.array(
+            [_exact(*each) for each in zip(self.knobs, values, self.within, strict=True)]
+        )
 
     def encode(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Map physical θ, shape (n,), to the unit cube.
@@ -207,10 +211,11 @@ class KnobSpace:
         return vector
 
 
-def _exact(value: float, part: tuple[float, float]) -> float:
+def _exact(knob: Knob, value: float, part: tuple[float, float]) -> float:
     """`value`, or the border of `part` that it missed by rounding."""
     for border in part:
-        if abs(value - border) <= 1e-14 * max(abs(value), abs(border)):
+        size = abs(border) if knob.scale == "log10" else max(abs(knob.low), abs(knob.high))
+        if abs(value - border) <= _ROUNDING * size:
             return border
     return value
 
@@ -234,5 +239,10 @@ def _parts(
             )
         if knob.integer and (low != round(low) or high != round(high)):
             raise KnobError(f"knob {knob.name!r}: integers were expected, got {low} to {high}")
+        if low < high and knob.encode(high) - knob.encode(low) < _NARROWEST:
+            raise KnobError(
+                f"knob {knob.name!r}: {low} to {high} is too narrow to be searched: freeze it, "
+                "with one value as both"
+            )
         parts[knob.name] = (float(low), float(high))
     return tuple(parts.values())

@@ -111,7 +111,7 @@ def test_an_impossible_change_is_refused(new, added, words):
         respaced(half_way(RandomSearch), new, added=added)
 
 
-@settings(max_examples=20)
+@settings(max_examples=15)
 @given(st.data())
 def test_no_proposal_leaves_what_is_searched(data):
     part = {}
@@ -119,7 +119,9 @@ def test_no_proposal_leaves_what_is_searched(data):
         number = st.integers(int(knob.low), int(knob.high)) if knob.integer else st.floats(
             knob.low, knob.high
         )  # fmt: skip
-        part[knob.name] = tuple(sorted((data.draw(number), data.draw(number))))
+        low, high = sorted((data.draw(number), data.draw(number)))
+        narrow = knob.encode(high) - knob.encode(low) < 1e-9
+        part[knob.name] = (low, low) if narrow else (low, high)
     kind = data.draw(st.sampled_from([GLISp, RandomSearch, LatinHypercube]))
     new = MIXED.narrowed(part)
     before = half_way(kind, 4)
@@ -127,3 +129,18 @@ def test_no_proposal_leaves_what_is_searched(data):
     run(after, [judge] * 3)
     assert after.samples[:4].tolist() == before.samples.tolist()
     assert all(new.searches(theta) for theta in after.samples[4:])
+
+
+def test_a_frozen_value_is_met_exactly():
+    after = respaced(half_way(LatinHypercube), MIXED.narrowed({"weight": (1e-5, 1e-5)}))
+    run(after)
+    assert set(after.samples[6:, 2].tolist()) == {1e-5}
+
+
+def test_a_part_that_rounding_leaves_no_room_in_is_refused():
+    with pytest.raises(KnobError, match="too narrow to be searched"):
+        MIXED.narrowed({"weight": (0.0, 1e-12)})
+    with pytest.raises(KnobError, match=r"a part of \[-5.0, 3.0\] was expected, got -6 to 0"):
+        MIXED.narrowed({"weight": (-6, 0)})
+    with pytest.raises(KnobError, match=r"no knobs \['speed'\]"):
+        MIXED.narrowed({"speed": (0, 1)})
