@@ -18,11 +18,11 @@ MAY_IMPORT = {
     "prefcal_agents": {"prefcal_env", "prefcal_agents"},
     "prefcal_scenarios": set(FOLDERS),
 }
-AGENTS_MAY_USE = ("errors", "end", "knobs", "preference", "qp")
+AGENTS_MAY_USE = ("errors", "end", "knobs", "respace", "preference", "qp")
 
 LAYERS = (
     {"errors", "end"},
-    {"knobs", "preference", "experiment", "qp", "control", "variants"},
+    {"knobs", "respace", "preference", "experiment", "qp", "control", "variants"},
     {"plants", "overtaking"},
     {"mpc", "envs"},
     {"rollout", "rig"},
