@@ -106,6 +106,7 @@ class GLISp(PreferenceBased):
         """Return an independent twin, for running ahead on each likely answer."""
         twin = self.restore(self.space, self._snapshot())
         twin._strategy.shapes.update(self._strategy.shapes)
+        twin._strategy.evidence.update(self._strategy.evidence)
         return twin
 
     @property

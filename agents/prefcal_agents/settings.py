@@ -36,6 +36,8 @@ class GLISpSettings:
         sigma: σ of eq. QP-pref, above 0.
         lam: λ of eq. QP-pref, 0 or more; the QP divided by σ has λσ, so 1 at σ = 1e-6 keeps all
             preferences that can be kept.
+        soften: Factor on λ once cross-validation finds that answers contradict the rest, 1 or
+            more; 1: never. Measured in docs/research/noise.md.
         epsilon: ε of eq. rbf before the first cross-validation, above 0, in the unit cube.
         epsilons: Multiples of `epsilon` among which cross-validation chooses, increasing.
         folds: K of the cross-validation, 2 or more.
@@ -61,6 +63,7 @@ class GLISpSettings:
     rbf: str = "inverse_quadratic"
     sigma: float = 1e-6
     lam: float = 1.0
+    soften: float = 1e5
     epsilon: float = 1.0
     epsilons: tuple[float, ...] = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2, 5.6, 10.0)
     folds: int = 3
@@ -78,6 +81,7 @@ class GLISpSettings:
         choice("rbf", self.rbf, RADIAL_FUNCTIONS)
         number("sigma", self.sigma, strict=True)
         number("lam", self.lam)
+        number("soften", self.soften, low=1.0)
         number("epsilon", self.epsilon, strict=True)
         integer("folds", self.folds, low=2)
         _flag("rescale", self.rescale)
@@ -97,6 +101,7 @@ class GLISpSettings:
             validate_at=(10, 20, 30, 40),
             rescale=False,
             margin_power=0.0,
+            soften=1.0,
             strong_margins=False,
             perturb_every=0,
             outcome_scales=(0.0,),
