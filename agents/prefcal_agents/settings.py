@@ -47,6 +47,11 @@ class GLISpSettings:
         perturb_every: Every how many proposals the margins are drawn at random; 0: never.
         outcome_scales: By how much the KPIs that come with the answers may count beside θ, 0 or
             more, increasing; cross-validation chooses. (0,) leaves them out.
+        unsafe_weight: What a place costs that is surely unsafe by the marks so far, in units of
+            ΔĴ, 0 or more; 0 leaves that mark out.
+        least_safe: Chance of being safe, above 0 and below 1, from which on a place costs
+            nothing; it is raised for a while after each unsafe experiment.
+        good_weight: What a place costs that is surely not good enough, as `unsafe_weight`.
         minimiser: Of eq. xNp1: "multistart" or "particle_swarm".
 
     Raises:
@@ -65,6 +70,9 @@ class GLISpSettings:
     margin_power: float = 1.0
     perturb_every: int = 2
     outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
+    unsafe_weight: float = 30.0
+    least_safe: float = 0.9
+    good_weight: float = 0.1
     minimiser: str = "multistart"
 
     def __post_init__(self) -> None:
@@ -78,6 +86,11 @@ class GLISpSettings:
             raise SettingsError(f"rescale must be True or False, got {self.rescale!r}")
         number("margin_power", self.margin_power)
         integer("perturb_every", self.perturb_every, low=0)
+        number("unsafe_weight", self.unsafe_weight)
+        number("least_safe", self.least_safe, strict=True)
+        if self.least_safe >= 1:
+            raise SettingsError(f"least_safe must be below 1, got {self.least_safe!r}")
+        number("good_weight", self.good_weight)
         choice("minimiser", self.minimiser, MINIMISERS)
         _increasing("epsilons", self.epsilons)
         if self.validate_at != EVERY_STEP:
@@ -92,6 +105,8 @@ class GLISpSettings:
             margin_power=0.0,
             perturb_every=0,
             outcome_scales=(0.0,),
+            unsafe_weight=0.0,
+            good_weight=0.0,
             minimiser="particle_swarm",
         )
 
