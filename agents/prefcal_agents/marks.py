@@ -17,6 +17,7 @@ from .settings import GLISpSettings
 
 _RBF = RADIAL_FUNCTIONS["inverse_quadratic"]
 _LENGTHS = (0.1, 0.2, 0.4, 0.8)  # over which a mark counts, per knob; the likeliest is taken
+_JUDGED = 100  # samples, the last ones, that say which length is likeliest: enough, and quick
 _VARIANCE = 25.0  # of the log odds: a mark alone is believed to some 90 %
 _STEPS = 30  # of Newton's method; it takes about 7
 _RECENT = 20  # samples looked at last, whose unsafe ones make careful
@@ -52,9 +53,13 @@ class Chance:
         # The share, with one of each kind added: labels of one kind alone prove nothing for ever.
         offset = float(np.log((1 + np.sum(labels)) / (1 + np.sum(~labels))))
         d = squared_distances(samples, samples) / samples.shape[1]
-        fits = [_mode(_kernel(d, length), labels, offset) for length in _LENGTHS]
+        last = slice(max(len(labels) - _JUDGED, 0), None)
+        fits = [_mode(_kernel(d[last, last], at), labels[last], offset) for at in _LENGTHS]
         best = max(range(len(fits)), key=lambda k: fits[k][1])
-        return cls(samples, _VARIANCE * fits[best][0], offset, _LENGTHS[best])
+        alpha, length = fits[best][0], _LENGTHS[best]
+        if len(alpha) < len(labels):
+            alpha = _mode(_kernel(d, length), labels, offset)[0]
+        return cls(samples, _VARIANCE * alpha, offset, length)
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Probability at the rows of `z`, shape (m, n); shape (m,)."""

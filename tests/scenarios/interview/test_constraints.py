@@ -10,7 +10,7 @@ from prefcal_env.errors import StudyError
 from prefcal_env.knobs import KnobSpace
 from prefcal_scenarios.cli.opening import open_study
 from prefcal_scenarios.interview import Choice, Interview
-from support.interviews import clock, proceed
+from support.interviews import proceed
 from toy_study import toy_scenario
 
 GIVEN = {"scenario": "toy", "calibrator": "human", "n_init": 3, "n_max": 6}
