@@ -10,12 +10,13 @@ from prefcal_env.qp import Backend
 
 from .acquisition import Acquisition
 from .cross_validation import Validation, choose_epsilon, rescale_knob
-from .cube import Tried, integer_mask, latin_hypercube, snap_all
+from .cube import Tried, latin_hypercube
 from .fitting import Constraints, Learning, fit, margins
 from .ledger import Ledger
-from .minimise import Domain
+from .marks import POOL, replaced, steered, unsafe_worry
 from .outcomes import Judgement, Outcomes
 from .placing import to_place
+from .region import random_points, search_domain
 from .settings import EVERY_STEP, MINIMISERS, GLISpSettings
 from .softness import FEWEST, WINDOW, advantage, contradictory
 from .surrogate import Composite, Shape, Surrogate
@@ -61,19 +62,16 @@ class Strategy:
         rng = np.random.default_rng([self.seed, index])
         tried = Tried(self.space, ledger)
         if index < self.n_init:
-            return tried.fresh(latin_hypercube(self.space, self.n_init, self.seed)[index], rng)
+            return tried.fresh(self._planned(ledger, rng), rng)
         noise, delta = None, self.settings.delta
         if self._perturbs(index):
             noise, delta = rng.exponential(size=len(ledger.preferences())), 0.0
         surrogate = self.learned(ledger, noise)
-        domain = Domain(
-            integer_mask(self.space),
-            lambda z: snap_all(self.space, z),
-            np.array(ledger.samples[ledger.incumbent or 0]),
-        )
+        domain = search_domain(self.space, ledger)
+        objective = steered(Acquisition.of(surrogate, delta), ledger, self.settings)
         minimise = MINIMISERS[self.settings.minimiser]
-        for z in minimise(Acquisition.of(surrogate, delta), domain, rng):
-            if z not in tried:
+        for z in minimise(objective, domain, rng):
+            if tried.may_run(z):
                 return np.asarray(z)
         return tried.fresh(domain.start, rng)
 
@@ -85,6 +83,15 @@ class Strategy:
             # Without a cross-validation of its own: the next question follows each answer.
             known = self.learned(ledger, validated=ledger.until(ledger.answered - 1))
             return to_place(ledger, known(ledger.cube()))
+
+    def _planned(self, ledger: Ledger, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
+        """Of the start, unless marks say that it is likely unsafe there."""
+        plan, index = latin_hypercube(self.space, self.n_init, self.seed), ledger.answered
+        worry = unsafe_worry(ledger, self.settings)
+        if worry is None:
+            return np.asarray(plan[index])
+        others = np.vstack([ledger.cube(), plan[index + 1 :]])
+        return replaced(plan[index], others, random_points(self.space, POOL, rng), worry)
 
     def learned(
         self,

@@ -51,6 +51,11 @@ class GLISpSettings:
         perturb_every: Every how many proposals the margins are drawn at random; 0: never.
         outcome_scales: By how much the KPIs that come with the answers may count beside θ, 0 or
             more, increasing; cross-validation chooses. (0,) leaves them out.
+        unsafe_weight: What a place costs that is surely unsafe by the marks so far, in units of
+            ΔĴ, 0 or more; 0 leaves that mark out.
+        least_safe: Chance of being safe, above 0 and below 1, from which on a place costs
+            nothing; it is raised for a while after each unsafe experiment.
+        good_weight: What a place costs that is surely not good enough, as `unsafe_weight`.
         minimiser: Of eq. xNp1: "multistart" or "particle_swarm".
         questions_per_experiment: Most comparisons for each experiment, 1 or more; those beyond
             the first place it among the experiments that have run.
@@ -73,6 +78,9 @@ class GLISpSettings:
     strong_margins: bool = True
     perturb_every: int = 2
     outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
+    unsafe_weight: float = 30.0
+    least_safe: float = 0.9
+    good_weight: float = 0.1
     minimiser: str = "multistart"
     questions_per_experiment: int = 1
 
@@ -88,6 +96,11 @@ class GLISpSettings:
         _flag("strong_margins", self.strong_margins)
         number("margin_power", self.margin_power)
         integer("perturb_every", self.perturb_every, low=0)
+        number("unsafe_weight", self.unsafe_weight)
+        number("least_safe", self.least_safe, strict=True)
+        if self.least_safe >= 1:
+            raise SettingsError(f"least_safe must be below 1, got {self.least_safe!r}")
+        number("good_weight", self.good_weight)
         choice("minimiser", self.minimiser, MINIMISERS)
         integer("questions_per_experiment", self.questions_per_experiment, low=1)
         _increasing("epsilons", self.epsilons)
@@ -105,6 +118,8 @@ class GLISpSettings:
             strong_margins=False,
             perturb_every=0,
             outcome_scales=(0.0,),
+            unsafe_weight=0.0,
+            good_weight=0.0,
             minimiser="particle_swarm",
         )
 
