@@ -18,7 +18,7 @@ from .state import AgentState
 from .turn_taking import PreferenceBased
 from .turns import Turns
 
-VERSION = 1
+VERSION = 2
 """Of the algorithm: raised when the same answers would lead to another next sample."""
 
 
