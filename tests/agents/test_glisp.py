@@ -150,7 +150,7 @@ def test_the_weight_of_an_answer_decides_when_answers_contradict_each_other():
 
     # λσ = 1: β grows with c_h until the margin is reached.
     agents = [told(strength) for strength in (0.1, 0.2)]
-    raw = [agent._strategy.learned(agent._turns.ledger).spread for agent in agents]
+    raw = [agent._learner.learned(agent._turns.ledger).spread for agent in agents]
     assert raw[1] == pytest.approx(2 * raw[0])
 
 
