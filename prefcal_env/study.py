@@ -1,7 +1,7 @@
 """The loop of a study: ask, run, compare, tell. It may be stopped between any two comparisons."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -39,13 +39,20 @@ class Comparison:
         return self.query.incumbent.index
 
 
-def calibrate(agent: Agent, run: Run, calibrator: Calibrator[Experiment]) -> Iterator[Comparison]:
+def calibrate(
+    agent: Agent,
+    run: Run,
+    calibrator: Calibrator[Experiment],
+    outcome: Callable[[Experiment], Mapping[str, float]] | None = None,
+) -> Iterator[Comparison]:
     """Drive `agent` until it is done, yielding every comparison after it was told.
 
     Args:
         agent: Proposes θ; changed by this.
         run: One closed-loop experiment of a physical θ, shape (n,); called once for each θ.
         calibrator: Compares challenger and incumbent.
+        outcome: KPIs of an experiment by name, lower is better, from which the agent learns too;
+            `tracking_kpis` finds some in any trajectory with a reference.
 
     Yields:
         The comparisons, `agent.n_max` of them, the first without an incumbent.
@@ -61,5 +68,8 @@ def calibrate(agent: Agent, run: Run, calibrator: Calibrator[Experiment]) -> Ite
         answer = Answer(None)
         if incumbent is not None:
             answer = Answer.of(calibrator.prefer(challenger, incumbent))
+        if outcome is not None and answer.outcomes is None:
+            pair = (outcome(challenger), None if incumbent is None else outcome(incumbent))
+            answer = replace(answer, outcomes=pair)
         agent.tell(query, answer)
         yield Comparison(query, answer, challenger, incumbent)

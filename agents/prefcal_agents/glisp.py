@@ -12,6 +12,7 @@ from prefcal_env.qp import make_backend
 
 from .checks import integer
 from .cube import encode_all
+from .learned_index import LearnedIndex
 from .proposal import Strategy
 from .settings import GLISpSettings
 from .state import AgentState
@@ -62,7 +63,9 @@ class GLISp(PreferenceBased):
         self._seed = int(seed)
         # A backend of its own: twins may think ahead at the same time.
         self._strategy = Strategy(space, self._settings, n_init, self._seed, make_backend("piqp"))
-        self._turns = Turns(space, n_init, n_max, self._strategy.propose)
+        self._turns = Turns(
+            space, n_init, n_max, self._strategy.propose, further=self._strategy.further
+        )
 
     @classmethod
     def paper(
@@ -103,6 +106,7 @@ class GLISp(PreferenceBased):
         """Return an independent twin, for running ahead on each likely answer."""
         twin = self.restore(self.space, self._snapshot())
         twin._strategy.shapes.update(self._strategy.shapes)
+        twin._strategy.evidence.update(self._strategy.evidence)
         return twin
 
     @property
@@ -114,6 +118,14 @@ class GLISp(PreferenceBased):
     def epsilon(self) -> float:
         """ε of eq. rbf in use, after the answers so far."""
         return self._strategy.shape(self._turns.ledger).epsilon
+
+    @property
+    def index(self) -> LearnedIndex | None:
+        """The weighted sum of KPIs that explains the answers so far best, to look at or export.
+
+        None where no KPIs came with the answers, or nothing is learned from them.
+        """
+        return LearnedIndex.of(self._turns.ledger, self._seed, self._strategy.backend)
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Ĵ/ΔĴ at physical `thetas`, shape (m, n), less its smallest value on the samples.

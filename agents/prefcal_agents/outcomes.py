@@ -1,10 +1,10 @@
 """What happened, beside θ: the KPIs of all samples, and what they would be at another θ."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from .interpolation import Interpolant, best_interpolants, normalised
 from .ledger import Ledger
@@ -23,11 +23,13 @@ class Outcomes:
         columns: Lower is better; 0 for the best sample and 1 for the worst, shape (N, p).
         models: Each column interpolated over the cube scaled to [-1, 1].
         names: Of the KPIs, p of them.
+        ranges: Of each KPI, the values that count as 0 and as 1, in its unit.
     """
 
     columns: Float[np.ndarray, "N p"]
     models: tuple[Interpolant, ...]
     names: tuple[str, ...]
+    ranges: tuple[tuple[float, float], ...]
 
     @classmethod
     def of(cls, ledger: Ledger) -> "Outcomes":
@@ -40,39 +42,58 @@ class Outcomes:
         known = ledger.outcomes()
         x = 2 * ledger.cube() - 1
         # KPIs that are known of the same samples share the costly part.
-        alike: dict[tuple[int, ...], list[tuple[str, np.ndarray]]] = {}
+        alike: dict[tuple[int, ...], list[_KPI]] = {}
         for name in sorted({name for outcome in known for name in outcome}):
-            there, shares = _shares(known, name)
-            if len(there) >= _FEWEST and np.ptp(shares) > 0:
-                alike.setdefault(tuple(there), []).append((name, shares))
-        columns, models, names = [], [], []
-        for key, group in alike.items():
-            there = np.array(key)
-            shares = np.array([share for _, share in group]).T
+            kpi = _KPI.of(known, name)
+            if len(kpi.there) >= _FEWEST and np.ptp(kpi.shares) > 0:
+                alike.setdefault(tuple(kpi.there), []).append(kpi)
+        columns, models, kpis = [], [], []
+        for group in alike.values():
+            there, shares = group[0].there, np.array([kpi.shares for kpi in group]).T
             for k, model in enumerate(best_interpolants(x[there], shares, _EPSILONS, _RBF)):
                 column = np.clip(model(x), 0.0, 1.0) if len(there) < len(x) else np.zeros(len(x))
                 column[there] = shares[:, k]
                 columns.append(column)
                 models.append(model)
-                names.append(group[k][0])
-        return cls(np.array(columns).reshape(len(columns), len(x)).T, tuple(models), tuple(names))
+                kpis.append(group[k])
+        return cls(
+            columns=np.array(columns).reshape(len(columns), len(x)).T,
+            models=tuple(models),
+            names=tuple(kpi.name for kpi in kpis),
+            ranges=tuple(kpi.range for kpi in kpis),
+        )
 
     def __len__(self) -> int:
         return len(self.models)
 
 
-def _shares(
-    known: tuple[Mapping[str, float], ...], name: str
-) -> tuple[np.ndarray, Float[np.ndarray, " K"]]:
-    """The samples at which KPI `name` is known, and how bad it is there, between 0 and 1."""
-    values = np.array([outcome.get(name, np.nan) for outcome in known], dtype=float)
-    there = np.flatnonzero(~np.isnan(values))
-    values = values[there]
-    finite = np.isfinite(values)
-    shares = np.where(values > 0, 1.0, 0.0)  # of the infinite ones
-    if finite.any():
+@dataclass(frozen=True, slots=True)
+class _KPI:
+    """One KPI: at which samples it is known, how bad it is there, and what counts as 0 and 1."""
+
+    name: str
+    there: Int[np.ndarray, " K"]
+    shares: Float[np.ndarray, " K"]
+    range: tuple[float, float]
+
+    @classmethod
+    def of(cls, known: Sequence[Mapping[str, float]], name: str) -> "_KPI":
+        values = np.array([outcome.get(name, np.nan) for outcome in known], dtype=float)
+        there = np.flatnonzero(~np.isnan(values))
+        values = values[there]
+        finite = np.isfinite(values)
+        shares = np.where(values > 0, 1.0, 0.0)  # of the infinite ones
+        if not finite.any():
+            return cls(name, there, shares, (0.0, np.inf))
         shares[finite] = normalised(values[finite], _CEILING)
-    return there, shares
+        best = float(values[finite].min())
+        if not shares[finite].any():
+            return cls(name, there, shares, (best, np.inf))  # only an infinite one is worse
+        # Shares are linear in the values up to where they are cut off, or up to the largest.
+        inner = int(np.argmax(np.where(shares[finite] < 1.0, shares[finite], 0.0)))
+        share, value = float(shares[finite][inner]), float(values[finite][inner])
+        worst = best + (value - best) / share if share > 0 else float(values[finite].max())
+        return cls(name, there, shares, (best, worst))
 
 
 @dataclass(frozen=True, slots=True)

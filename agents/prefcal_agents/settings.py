@@ -36,6 +36,8 @@ class GLISpSettings:
         sigma: σ of eq. QP-pref, above 0.
         lam: λ of eq. QP-pref, 0 or more; the QP divided by σ has λσ, so 1 at σ = 1e-6 keeps all
             preferences that can be kept.
+        soften: Factor on λ once cross-validation finds that answers contradict the rest, 1 or
+            more; 1: never. Measured in docs/research/noise.md.
         epsilon: ε of eq. rbf before the first cross-validation, above 0, in the unit cube.
         epsilons: Multiples of `epsilon` among which cross-validation chooses, increasing.
         folds: K of the cross-validation, 2 or more.
@@ -44,6 +46,8 @@ class GLISpSettings:
             should count more or less in the distances.
         margin_power: How the margin of a strict preference grows with the distance of its two
             samples; 0: it is σ for all, as in eq. RBF-pref.
+        strong_margins: Whether the strength of a preference multiplies its margin; if not, it is
+            only its weight c_h.
         perturb_every: Every how many proposals the margins are drawn at random; 0: never.
         outcome_scales: By how much the KPIs that come with the answers may count beside θ, 0 or
             more, increasing; cross-validation chooses. (0,) leaves them out.
@@ -53,6 +57,8 @@ class GLISpSettings:
             nothing; it is raised for a while after each unsafe experiment.
         good_weight: What a place costs that is surely not good enough, as `unsafe_weight`.
         minimiser: Of eq. xNp1: "multistart" or "particle_swarm".
+        questions_per_experiment: Most comparisons for each experiment, 1 or more; those beyond
+            the first place it among the experiments that have run.
 
     Raises:
         SettingsError: an impossible value.
@@ -62,28 +68,32 @@ class GLISpSettings:
     rbf: str = "inverse_quadratic"
     sigma: float = 1e-6
     lam: float = 1.0
+    soften: float = 1e5
     epsilon: float = 1.0
     epsilons: tuple[float, ...] = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2, 5.6, 10.0)
     folds: int = 3
     validate_at: tuple[int, ...] | Literal["every step"] = EVERY_STEP
     rescale: bool = True
     margin_power: float = 1.0
+    strong_margins: bool = True
     perturb_every: int = 2
     outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
     unsafe_weight: float = 30.0
     least_safe: float = 0.9
     good_weight: float = 0.1
     minimiser: str = "multistart"
+    questions_per_experiment: int = 1
 
     def __post_init__(self) -> None:
         number("delta", self.delta)
         choice("rbf", self.rbf, RADIAL_FUNCTIONS)
         number("sigma", self.sigma, strict=True)
         number("lam", self.lam)
+        number("soften", self.soften, low=1.0)
         number("epsilon", self.epsilon, strict=True)
         integer("folds", self.folds, low=2)
-        if not isinstance(self.rescale, bool):
-            raise SettingsError(f"rescale must be True or False, got {self.rescale!r}")
+        _flag("rescale", self.rescale)
+        _flag("strong_margins", self.strong_margins)
         number("margin_power", self.margin_power)
         integer("perturb_every", self.perturb_every, low=0)
         number("unsafe_weight", self.unsafe_weight)
@@ -92,6 +102,7 @@ class GLISpSettings:
             raise SettingsError(f"least_safe must be below 1, got {self.least_safe!r}")
         number("good_weight", self.good_weight)
         choice("minimiser", self.minimiser, MINIMISERS)
+        integer("questions_per_experiment", self.questions_per_experiment, low=1)
         _increasing("epsilons", self.epsilons)
         if self.validate_at != EVERY_STEP:
             _counts("validate_at", self.validate_at)
@@ -103,6 +114,8 @@ class GLISpSettings:
             validate_at=(10, 20, 30, 40),
             rescale=False,
             margin_power=0.0,
+            soften=1.0,
+            strong_margins=False,
             perturb_every=0,
             outcome_scales=(0.0,),
             unsafe_weight=0.0,
@@ -113,7 +126,7 @@ class GLISpSettings:
     @property
     def learning(self) -> Learning:
         """How the weights of the surrogate are learned."""
-        return Learning(self.sigma, self.lam, self.margin_power)
+        return Learning(self.sigma, self.lam, self.margin_power, self.strong_margins)
 
     def shape(self, n: int) -> Shape:
         """Shape of φ for `n` knobs before the first cross-validation."""
@@ -134,6 +147,11 @@ class GLISpSettings:
         if unknown:
             raise SettingsError(f"GLISp has no settings called {sorted(unknown)}")
         return cls(**dict(pairs))
+
+
+def _flag(name: str, value: Any) -> None:
+    if not isinstance(value, bool):
+        raise SettingsError(f"{name} must be True or False, got {value!r}")
 
 
 def _increasing(name: str, values: Any) -> None:

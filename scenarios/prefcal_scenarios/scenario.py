@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -40,6 +40,11 @@ class KPI:
     """A key performance indicator: its key in `Experiment.kpis`, title, unit, and objective.
 
     `at_most` and `at_least` state the objective, in `unit`; a KPI with neither is for information.
+    `better` says which way is better where the objective does not; without either, the agent
+    does not learn from it (a score, say, that a person could not have written down).
+
+    Raises:
+        ScenarioError: `better` is neither "lower" nor "higher" nor None.
     """
 
     name: str
@@ -47,6 +52,32 @@ class KPI:
     unit: str = ""
     at_most: float = np.inf
     at_least: float = -np.inf
+    better: Literal["lower", "higher"] | None = None
+
+    def __post_init__(self) -> None:
+        if self.better not in ("lower", "higher", None):
+            raise ScenarioError(
+                f"better of KPI {self.name!r} must be lower, higher or None, got {self.better!r}"
+            )
+
+    @property
+    def goal(self) -> Literal["lower", "higher", "target"] | None:
+        """Which way is better; "target" is the middle of `at_least` and `at_most`."""
+        if self.better is not None:
+            return self.better
+        if np.isfinite(self.at_most) and np.isfinite(self.at_least):
+            return "target"
+        if np.isfinite(self.at_most):
+            return "lower"
+        return "higher" if np.isfinite(self.at_least) else None
+
+    def badness(self, value: float) -> float:
+        """`value` turned so that lower is better; NaN where nothing was there to be measured."""
+        if self.goal == "target":
+            return abs(value - (self.at_most + self.at_least) / 2)
+        if self.goal == "higher":
+            return np.nan if value == np.inf else -value
+        return value
 
     def met(self, value: float) -> bool | None:
         """Whether `value` meets the objective; None where none is stated."""

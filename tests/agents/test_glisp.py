@@ -149,9 +149,8 @@ def test_the_weight_of_an_answer_decides_when_answers_contradict_each_other():
         return agent
 
     # λσ = 1: β grows with c_h until the margin is reached.
-    raw = [told(s)._strategy.surrogate(
-        told(s)._turns.ledger.preferences(), told(s)._strategy.shape(told(s)._turns.ledger)
-    ).spread for s in (0.1, 0.2)]  # fmt: skip
+    agents = [told(strength) for strength in (0.1, 0.2)]
+    raw = [agent._strategy.learned(agent._turns.ledger).spread for agent in agents]
     assert raw[1] == pytest.approx(2 * raw[0])
 
 

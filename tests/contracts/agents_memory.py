@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from contracts.agents import MIXED, SMALL, judge, run
 from prefcal_agents import AgentState
 from prefcal_env.errors import ProtocolError, SettingsError
-from prefcal_env.experiment import End
 from prefcal_env.preference import Answer, Mark
 
 
@@ -126,8 +125,8 @@ def test_restoring_from_json_gives_the_identical_next_query(make_agent, answered
 
 def test_a_state_keeps_marks_strengths_and_outcomes(make_agent):
     agent = make_agent(MIXED, n_init=3, n_max=9)
-    told = Answer(1, 0.5, (Mark.CHALLENGER_UNSAFE,), (End.UNSAFE, End.TIME_UP))
-    run(agent, [Answer(None, outcomes=(End.SETTLED, None)), told])
+    told = Answer(1, 0.5, (Mark.CHALLENGER_UNSAFE,), ({"t": np.inf}, {"t": 1.0}))
+    run(agent, [Answer(None, outcomes=({"t": 1.0, "u": 2.0}, None)), told])
     state = AgentState.from_dict(json.loads(json.dumps(agent.state.to_dict())))
     assert state.ledger.comparisons[1].answer == told
     assert state == agent.state

@@ -32,6 +32,14 @@ def make_agent(options: Options, scenario: Scenario) -> "AnyAgent":
     import prefcal_agents
 
     extra: dict[str, Any] = {} if options.delta is None else {"delta": options.delta}
+    if options.questions_per_experiment != 1:
+        if options.agent != "glisp":
+            raise SettingsError(
+                f"only the agent glisp asks more questions per experiment, not {options.agent!r}"
+            )
+        extra["settings"] = prefcal_agents.GLISpSettings(
+            questions_per_experiment=options.questions_per_experiment
+        )
     make = getattr(prefcal_agents, AGENTS[options.agent])
     agent: AnyAgent = make(
         scenario.space, n_init=options.n_init, n_max=options.n_max, seed=options.seed, **extra

@@ -31,6 +31,7 @@ def record_of(
         command=options.command(),
         surrogate=interview.surrogate,
         good_enough=state.ended == GOOD_ENOUGH,
+        further=tuple(c.answer for c in state.further if not c.retracted),
     )
 
 

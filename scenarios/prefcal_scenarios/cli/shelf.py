@@ -27,7 +27,7 @@ from prefcal_scenarios.cli.clock import wall_clock
 from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.export import jsonable
 from prefcal_scenarios.interview.memory import incumbent
-from prefcal_scenarios.report.record import VERDICTS
+from prefcal_scenarios.report.record import verdict_text
 from prefcal_scenarios.report.wording import labelled, mark_text, number, printable
 
 
@@ -74,7 +74,7 @@ def summary(state: State) -> dict[str, Any]:
         "scenario": state.configuration["scenario"],
         "experiments": len(state.finished),
         "n_max": state.n_max,
-        "answers": max(len(state.closed) - 1, 0),
+        "answers": max(len(state.closed) - 1, 0) + len(state.further),
         "begun": _minute(state.created),
         "state": state.ended or "open",
     }
@@ -125,12 +125,12 @@ def best_theta(state: State) -> dict[str, float] | None:
 
 
 def _answers(state: State) -> Iterator[dict[str, Any]]:
-    for closed in sorted((*state.closed[1:], *state.repeats), key=lambda c: c.seq):
+    for closed in state.answers:
         yield {
             "at": _minute(closed.at),
             "challenger": closed.challenger + 1,
             "incumbent": None if closed.incumbent is None else closed.incumbent + 1,
-            "verdict": VERDICTS[closed.answer.preference],
+            "verdict": verdict_text(closed.answer),
             "marks": [mark.value for mark in closed.answer.marks],
             "comment": closed.comment,
             "blind": closed.blind,

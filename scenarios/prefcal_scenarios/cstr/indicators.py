@@ -15,11 +15,11 @@ _, _T_C_START = CSTR().steady_state_at_concentration(START)
 KPIS = (
     KPI("settling_time", "settling time t_f", "h", at_most=HORIZON),
     KPI("final_concentration", "final C_A", "kgmol/m³", TARGET + BAND, TARGET - BAND),
-    KPI("largest_move", "largest move |ΔT_c|", "K"),
-    KPI("mean_square_move", "mean square move", "K²"),
-    KPI("peak_temperature", "peak reactor T", "K"),
-    KPI("undershoot", "peak undershoot of C_A", "kgmol/m³"),
-    KPI("band_entry", "last entry into the ±3 % band", "h"),
+    KPI("largest_move", "largest move |ΔT_c|", "K", better="lower"),
+    KPI("mean_square_move", "mean square move", "K²", better="lower"),
+    KPI("peak_temperature", "peak reactor T", "K", better="lower"),
+    KPI("undershoot", "peak undershoot of C_A", "kgmol/m³", better="lower"),
+    KPI("band_entry", "last entry into the ±3 % band", "h", better="lower"),
     KPI("index", "performance index"),
     KPI("unsolved", "unsolved QPs", at_most=0.0),
 )

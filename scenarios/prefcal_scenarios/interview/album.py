@@ -1,15 +1,17 @@
 """The experiments of a study by index, as questions show them."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from prefcal_env.errors import StudyError
 from prefcal_env.experiment import Channels, End, Experiment
+from prefcal_env.outcome import Outcome
 from prefcal_env.preference import Answer, Query, Suggestion
 from prefcal_env.rig import Rig
 from prefcal_env.studies import Closed, Shown, State, StudyFile
 from prefcal_env.study import Comparison
+from prefcal_scenarios.outcomes import outcome
 from prefcal_scenarios.scenario import Scenario
 
 from .moment import Question, Side
@@ -32,6 +34,11 @@ class Album:
         if seq not in self._read:
             self._read[seq] = self.study.experiment(seq)
         return self._read[seq]
+
+    def outcomes(self, challenger: int, incumbent: int | None) -> tuple[Outcome, Outcome | None]:
+        """What the agent may learn of two experiments beside their θ."""
+        rival = None if incumbent is None else outcome(self.scenario, self.experiment(incumbent))
+        return outcome(self.scenario, self.experiment(challenger)), rival
 
     def failed(self, index: int) -> Experiment:
         """An experiment without a record, for sample `index`, whose run failed."""
@@ -66,7 +73,8 @@ class Album:
             raise StudyError("the first experiment was not compared with anything")
         left = closed.challenger_left is not False
         shown = Shown(closed.challenger, closed.incumbent, left, None)
-        return self.question(closed.question, closed.challenger, shown)
+        question = self.question(closed.question, closed.challenger, shown)
+        return replace(question, further=closed.after is not None)
 
     def comparison(self, index: int) -> Comparison:
         """Closed query number `index`, from 0; a retracted answer is an abstention."""

@@ -1,6 +1,6 @@
 """The flow of an interview: from an answer to the next question, as far as it goes at once."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -79,7 +79,9 @@ class Flow:
         A crash between a retraction and the question that follows it leaves the old question on
         show: an answer would be about another pair than the one that the agent asks about.
         """
-        return shown.repeats is None and shown.incumbent != incumbent(self.state)
+        if shown.repeats is not None or shown.challenger < len(self.state.closed):
+            return False
+        return shown.incumbent != incumbent(self.state)
 
     def proceed(self) -> None:
         """Go on until something has to be run, or answered, or all is over.
@@ -111,8 +113,9 @@ class Flow:
             self.study.append(Answered(None, index, rival, answer))
             self.agent.tell(query, Answer(None, value=answer.value))
         else:
-            self.study.append(Answered(None, index, None, Answer(None)))
-            self.agent.tell(query, None)
+            first = Answer(None, outcomes=self.album.outcomes(index, None))
+            self.study.append(Answered(None, index, None, first))
+            self.agent.tell(query, first)
         return self._proceed()
 
     def _suggest(self, query: Query) -> None:
@@ -141,7 +144,8 @@ class Flow:
     def _show(self, query: Query) -> None:
         assert query.incumbent is not None
         new, old = query.challenger.index, query.incumbent.index
-        shown = Shown(new, old, challenger_left(self.seed, new))
+        left = challenger_left(self.seed, new, old if query.further else None)
+        shown = Shown(new, old, left)
         self._put(self.study.append(shown)[0], shown)
 
     def show_again(self, shown: Shown) -> None:
@@ -157,6 +161,10 @@ class Flow:
 
     def _put(self, id_: int, shown: Shown) -> None:
         question = self.album.question(id_, len(self.state.closed), shown)
+        if shown.repeats is None:
+            known = self.album.outcomes(shown.challenger, shown.incumbent)
+            further = shown.challenger < len(self.state.closed)
+            question = replace(question, outcomes=known, further=further)
         self.move(Phase.QUESTION)
         self.question = question
 

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Answer
-from prefcal_env.studies import Noted, StudyFile
+from prefcal_env.preference import Answer, Strength
+from prefcal_env.studies import Closed, Noted, StudyFile
 from prefcal_env.study import Comparison
 from prefcal_scenarios.scenario import Scenario
 
@@ -80,10 +80,18 @@ class Interview:
             return self._flow.album.experiment(index)
 
     def asked(self, answer: int) -> Question:
-        """Closed question number `answer`, from 1, as it was shown. Raises StaleError if none."""
+        """Closed question number `answer`, as it was shown. Raises StaleError if there is none."""
         with self._changed:
-            steps.check_answer(self._flow, answer)
-            return self._flow.album.asked(self._flow.state.closed[answer])
+            return self._flow.album.asked(steps.closed(self._flow, answer))
+
+    def closed(self, answer: int) -> Closed:
+        """Answer number `answer`, from 1; -1, -2 ... are further ones.
+
+        Raises:
+            StaleError: there is none.
+        """
+        with self._changed:
+            return steps.closed(self._flow, answer)
 
     def comparisons(self, start: int = 0) -> tuple[Comparison, ...]:
         """Every closed query from number `start` on, the first experiment's among them."""
@@ -113,20 +121,26 @@ class Interview:
     # What a person does.
 
     def answer(
-        self, question: int, choice: Choice, *, comment: str = "", blind: bool = False
+        self,
+        question: int,
+        choice: Choice,
+        *,
+        strength: float = Strength.BETTER,
+        comment: str = "",
+        blind: bool = False,
     ) -> Now:
         """Close the open question, whose id is `question`, by side.
 
         Args:
             question: Its id.
             choice: The verdict.
+            strength: By how much the chosen side is better; of the other verdicts always 1.
             comment: A remark on it.
             blind: Whether θ and the roles of the sides were hidden.
         """
         with self._change() as flow:
             asked = steps.open_question(flow, question)
-            given = Answer(asked.preference(choice), marks=asked.marks)
-            steps.close(flow, asked, given, comment, blind)
+            steps.close(flow, asked, asked.answer(choice, strength), comment, blind)
             return self.now()
 
     def give(self, question: int, answer: Answer) -> Now:
@@ -148,7 +162,7 @@ class Interview:
             return self.now()
 
     def retract(self, answer: int) -> Now:
-        """Forget what answer number `answer`, from 1, taught; every experiment stays."""
+        """Forget what answer number `answer` taught (see `closed`); every experiment stays."""
         with self._change() as flow:
             steps.retract(flow, answer)
             return self.now()

@@ -73,6 +73,9 @@ def agent_of(state: State, space: KnobSpace) -> AnyAgent:
         "n_max": state.n_max,
         "samples": [list(sample.z) for sample in state.samples],
         "answers": [_told(closed) for closed in state.closed],
+        "further": [
+            {"challenger": c.challenger, "after": c.after, **_told(c)} for c in state.further
+        ],
     }
     return restore(space, AgentState.from_dict({**state.configuration["agent"], **told}))
 

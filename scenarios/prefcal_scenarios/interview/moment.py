@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Mark, Preference
+from prefcal_env.preference import Answer, Mark, Outcomes, Preference, Strength
 from prefcal_env.studies import State, Suggested
 
 UNSAFE, GOOD_ENOUGH = "unsafe", "good enough"
@@ -59,6 +59,8 @@ class Question:
         left: The experiment on the left.
         right: The other one.
         repeats: Id of the earlier question that it asks again; None for a new one.
+        outcomes: KPIs of challenger and incumbent, for the agent; None where it learns nothing.
+        further: Whether both experiments had been compared with others before.
     """
 
     id: int
@@ -66,6 +68,8 @@ class Question:
     left: Side
     right: Side
     repeats: int | None = None
+    outcomes: Outcomes | None = None
+    further: bool = False
 
     @property
     def challenger(self) -> Side:
@@ -74,7 +78,7 @@ class Question:
 
     @property
     def incumbent(self) -> Side:
-        """The side that was the best so far."""
+        """The side that was the best so far, or in a further question the earlier one."""
         return self.right if self.left.challenger else self.left
 
     def preference(self, choice: Choice) -> Preference | None:
@@ -86,6 +90,10 @@ class Question:
         left_won = choice is Choice.LEFT
         won = left_won == self.left.challenger
         return Preference.CHALLENGER if won else Preference.INCUMBENT
+
+    def answer(self, choice: Choice, strength: float = Strength.BETTER) -> Answer:
+        """What `choice` means, with the marks that both sides bear now."""
+        return Answer(self.preference(choice), strength, self.marks)
 
     def choice(self, preference: Preference | None) -> Choice:
         """The reverse of `preference`."""

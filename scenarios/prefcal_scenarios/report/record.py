@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Preference
+from prefcal_env.preference import Answer, Preference
 from prefcal_env.study import Comparison
 from prefcal_scenarios.scenario import KPI, Scenario
 
@@ -23,6 +23,17 @@ VERDICTS: Mapping[Preference | None, str] = {
     None: "can't tell",
 }
 """How a verdict reads, in the order in which people see the counts."""
+_MUCH: Mapping[Preference | None, str] = {
+    Preference.CHALLENGER: "new much better",
+    Preference.INCUMBENT: "best stays, much better",
+}
+
+
+def verdict_text(answer: Answer) -> str:
+    """How an answer reads, with its strength."""
+    if answer.much_better:
+        return _MUCH[answer.preference]
+    return VERDICTS[answer.preference]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +65,7 @@ class Record:
         command: One command line that repeats the study.
         surrogate: What the agent has learned; None if it learns nothing.
         good_enough: Whether it was ended early because the best is good enough.
+        further: Answers about two experiments that had both been compared before.
     """
 
     scenario: Scenario
@@ -66,6 +78,7 @@ class Record:
     command: str = ""
     surrogate: Surrogate | None = None
     good_enough: bool = False
+    further: tuple[Answer, ...] = ()
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:
@@ -88,6 +101,11 @@ class Record:
     def asked(self) -> tuple[Comparison, ...]:
         """The comparisons that the calibrator was asked: all but the first experiment's."""
         return tuple(c for c in self.comparisons if c.incumbent is not None)
+
+    @property
+    def questions(self) -> int:
+        """How many questions the calibrator answered."""
+        return 0 if self.scored else len(self.asked) + len(self.further)
 
     @property
     def scored(self) -> bool:
@@ -141,5 +159,5 @@ class Record:
 
     def verdict_counts(self) -> dict[str, int]:
         """How often each verdict was given, in words."""
-        given = [c.answer.preference for c in self.asked]
+        given = [a.preference for a in (*(c.answer for c in self.asked), *self.further)]
         return {words: given.count(verdict) for verdict, words in VERDICTS.items()}

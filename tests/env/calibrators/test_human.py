@@ -3,7 +3,6 @@
 import pytest
 
 from prefcal_env import HumanCalibrator
-from prefcal_env.end import End
 from prefcal_env.errors import PreferenceError, SettingsError
 from prefcal_env.preference import Answer, Calibrator, Mark, Preference
 from support.short_runs import short_run
@@ -48,12 +47,12 @@ def test_marks_and_ends_are_turned_back_too():
     def ask(a, b):
         first_is_new = a is NEW
         marks = (Mark.CHALLENGER_UNSAFE if first_is_new else Mark.INCUMBENT_UNSAFE,)
-        ends = (End.UNSAFE, End.SETTLED) if first_is_new else (End.SETTLED, End.UNSAFE)
+        ends = ({"t": 9.0}, {"t": 1.0}) if first_is_new else ({"t": 1.0}, {"t": 9.0})
         return Answer(1 if first_is_new else -1, 2.0, marks, ends)
 
     human = HumanCalibrator(ask, shuffle=0)
     for _ in range(12):
-        expected = Answer(1, 2.0, (Mark.CHALLENGER_UNSAFE,), (End.UNSAFE, End.SETTLED))
+        expected = Answer(1, 2.0, (Mark.CHALLENGER_UNSAFE,), ({"t": 9.0}, {"t": 1.0}))
         assert human.prefer(NEW, BEST) == expected
 
 

@@ -3,13 +3,14 @@
 import itertools
 import threading
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from prefcal_agents import GLIS
 from prefcal_env.errors import StaleError, StudyError
-from prefcal_env.preference import Mark, Preference
+from prefcal_env.preference import Mark, Preference, Strength
 from prefcal_env.studies import Answered, StudyFile
 from prefcal_scenarios.interview import Background, Choice, Interview, Phase, unattended
 from support.interviews import begin, clock, proceed, reopened
@@ -200,7 +201,7 @@ def test_a_retraction_changes_the_incumbent_of_the_open_question(interview):
 def test_there_is_no_such_answer_to_retract(interview, number):
     answer(interview)
     proceed(interview)
-    with pytest.raises(StaleError, match="there is no answer"):
+    with pytest.raises(StaleError, match=r"there is no (further )?answer"):
         interview.retract(number)
 
 
@@ -395,10 +396,11 @@ def test_a_study_of_other_knobs_is_refused(toy, tmp_path):
 def test_the_unattended_loop_equals_the_loop_in_memory(toy):
     from prefcal_agents import GLISp
     from prefcal_env.study import calibrate
+    from prefcal_scenarios.outcomes import outcome
 
     agent = GLISp(toy.space, n_init=3, n_max=8, seed=0)
     judge_ = toy.calibrators["synthetic"](0)
-    plain = list(calibrate(agent, toy.run, judge_))
+    plain = list(calibrate(agent, toy.run, judge_, partial(outcome, toy)))
     interview = begin(toy, n_max=8)
     stored = list(unattended(interview, judge_))
     assert [c.answer for c in stored] == [c.answer for c in plain]
@@ -445,3 +447,22 @@ def test_a_run_without_a_record_has_no_score_and_loses(toy):
     assert None in scores
     assert state.samples[interview.now().incumbent].theta[0] >= 0.8
     assert interview.comparisons()[-1].winner_index == interview.now().incumbent
+
+
+@pytest.mark.parametrize("choice", Choice)
+def test_much_better_is_a_strength_of_a_side_and_of_nothing_else(interview, choice):
+    question = proceed(interview).question
+    interview.answer(question.id, choice, strength=Strength.MUCH_BETTER)
+    (closed,) = interview.now().state.closed[1:]
+    assert closed.answer.much_better is (choice in (LEFT, RIGHT))
+    assert closed.answer.preference is question.preference(choice)
+
+
+def test_every_verdict_is_foreseen_with_its_strength(toy):
+    interview = begin(toy, n_max=9, ahead=True)
+    question = proceed(interview).question
+    while interview.work():
+        pass
+    assert (
+        interview.answer(question.id, LEFT, strength=Strength.MUCH_BETTER).phase is Phase.QUESTION
+    )  # nothing had to be computed first

@@ -2,11 +2,11 @@
 
 import { get } from "./api.js";
 import { $, ask, el, fill, say, when } from "./dom.js";
+import { WORDS } from "./flow.js";
 import { miniature } from "./miniature.js";
 import { item, thetas } from "./question.js";
 
 const HEADS = ["question", "new", "best so far", "verdict", "marks", "comment", "answered", "retract"];
-const VERDICTS = { left: "left is better", right: "right is better", same: "about the same", "cannot tell": "can't tell" };
 
 export async function showHistory(act) {
   const view = $("view-history");
@@ -56,7 +56,7 @@ function row(answer, act) {
   const retract = state ? el("span", { class: "faint" }, state)
     : el("button", { type: "button", on: { click: () => confirm(answer, act) } }, "Retract…");
   const look = el("button", { type: "button", on: { click: () => lookAgain(answer.answer) },
-    "aria-label": `Look at comparison ${answer.answer} again` }, `${answer.answer}`);
+    "aria-label": `Look at ${named(answer.answer)} again` }, answer.further ? `+${-answer.answer}` : `${answer.answer}`);
   const number = (value, won) => el("td", { class: won ? "won" : "" }, value ?? "–", won ? el("span", { class: "hidden" }, " (preferred)") : null);
   return el("tr", { class: answer.retracted ? "retracted" : "" }, el("td", {}, look),
     number(challenger, winner === "new"), number(incumbent, winner === "best"),
@@ -66,8 +66,11 @@ function row(answer, act) {
     el("td", { class: "faint" }, when(answer.at)), el("td", {}, retract));
 }
 
+// Further ones, of two experiments that were compared before, have numbers below 0.
+const named = (answer) => (answer < 0 ? `further comparison ${-answer}` : `comparison ${answer}`);
+
 function confirm({ answer }, act) {
-  ask(`Retract answer ${answer}?`, el("p", {}, "It will teach nothing any more; every experiment stays. This cannot be taken back."), [
+  ask(`Retract ${named(answer)}?`, el("p", {}, "It will teach nothing any more; every experiment stays. This cannot be taken back."), [
     ["Retract it", () => act("retract", { answer }, "answer retracted"), "primary"], ["Keep it", null]]);
 }
 
@@ -80,23 +83,24 @@ async function lookAgain(number) {
     return fill(place, el("p", { class: "problem" }, error.message));
   }
   const { question, verdict, comment, time_unit: unit } = asked;
+  const words = WORDS[asked.much ? `much ${verdict}` : verdict] ?? verdict;
   const close = el("button", { type: "button", on: { click: () => fill(place) } }, "Close");
-  fill(place, el("div", { class: "card-head" }, el("h3", {}, `Comparison ${number}: ${VERDICTS[verdict] ?? verdict}`),
+  fill(place, el("div", { class: "card-head" }, el("h3", {}, `Comparison ${number}: ${words}`),
     comment ? el("span", { class: "faint" }, `“${comment}”`) : null, close),
-  el("div", { class: "pair small" }, ["left", "right"].map((name) => side(name, question[name], verdict === name))));
+  el("div", { class: "pair small" }, ["left", "right"].map((name) => side(name, question[name], verdict === name && (asked.much ? "much preferred" : "preferred")))));
   for (const name of ["left", "right"]) {
     miniature(place.querySelector(`[data-side=${name}]`), question, name, unit);
   }
   place.scrollIntoView({ block: "nearest" });
   place.focus({ preventScroll: true });
-  return say(`Comparison ${number}: ${VERDICTS[verdict] ?? verdict}`);
+  return say(`Comparison ${number}: ${words}`);
 }
 
 function side(name, shown, won) {
   const title = name === "left" ? "Left" : "Right";
   return el("section", { class: `side ${name}`, "aria-label": title },
     el("header", {}, el("h4", {}, title), el("p", { class: "which" }, `experiment ${shown.number} · ${shown.role}`),
-      won ? el("span", { class: "chip good" }, "preferred") : null),
+      won ? el("span", { class: "chip good" }, won) : null),
     el("dl", { class: "kpis" }, shown.kpis.slice(0, 4).map(item)), thetas(shown),
     el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side: name } }));
 }

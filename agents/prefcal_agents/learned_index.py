@@ -1,0 +1,142 @@
+"""The score that a person could not write down: a weighted sum of KPIs, from his answers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.qp import Backend
+
+from .fitting import Constraints, Learning, fit
+from .ledger import Ledger, Preferences
+from .outcomes import Outcomes
+
+_SOFT = Learning(sigma=1.0, lam=0.1)
+"""Of a few dozen answers some contradict any sum of KPIs: a slack costs ten margins, no more."""
+
+_FOLDS = 3
+_COUNTS = 0.01  # a smaller share of the weights is left out
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """One KPI of a learned index: nothing at `best`, `weight` from `worst` on.
+
+    Args:
+        weight: Share of all weights, above 0.
+        best: Lowest value of the study, in the unit of the KPI.
+        worst: Value that counts in full; far larger ones count no more.
+    """
+
+    weight: float
+    best: float
+    worst: float
+
+
+@dataclass(frozen=True)
+class LearnedIndex:
+    """Σ of terms, lower is better. Call it with KPIs by name.
+
+    Args:
+        terms: KPI name to its term, the heaviest first; the weights sum to 1.
+        foretold: Answers that it gave right without having learned them.
+        answers: Of so many.
+    """
+
+    terms: Mapping[str, Term]
+    foretold: int
+    answers: int
+
+    def __call__(self, kpis: Mapping[str, float]) -> float:
+        """The index of an experiment; a KPI that is not known or infinite counts in full."""
+        return float(sum(t.weight * _share(kpis.get(name), t) for name, t in self.terms.items()))
+
+    @property
+    def weights(self) -> Mapping[str, float]:
+        """KPI name to its share of all weights, the heaviest first."""
+        return {name: term.weight for name, term in self.terms.items()}
+
+    @classmethod
+    def of(cls, ledger: Ledger, seed: int, backend: Backend) -> "LearnedIndex | None":
+        """Learn it from the answers in `ledger`; None where KPIs or strict answers are missing.
+
+        Source: none; eq. QP-pref with KPIs in the place of φ, weights 0 or more, and soft.
+        """
+        outcomes, preferences = Outcomes.of(ledger), ledger.preferences()
+        if not len(outcomes) or not preferences.b.any():
+            return None
+        weights = _weights(preferences, outcomes.columns, backend)
+        if weights.sum() <= 0:
+            return None
+        weights = np.where(weights < _COUNTS * weights.sum(), 0.0, weights)
+        shares = weights / weights.sum()
+        order = [int(k) for k in np.argsort(-shares, kind="stable") if shares[k] > 0]
+        foretold = _foretold(preferences, outcomes.columns, seed, backend)
+        terms = {outcomes.names[k]: Term(float(shares[k]), *outcomes.ranges[k]) for k in order}
+        return cls(terms, foretold, int(np.count_nonzero(preferences.b)))
+
+    def to_python(self) -> str:
+        """Source of a module with a function `index(kpis)` that needs nothing else."""
+        lines = [
+            f"    {name!r}: ({term.weight!r}, {term.best!r}, {term.worst!r}),"
+            for name, term in self.terms.items()
+        ]
+        return _MODULE.format(terms="\n".join(lines), foretold=self.foretold, answers=self.answers)
+
+
+_MODULE = '''"""An index learned from comparisons of experiments; lower is better.
+
+It foretold {foretold} of {answers} answers that it had not learned from.
+"""
+
+from math import inf
+
+TERMS = {{
+    # KPI: (weight, best value of the study, value that counts in full)
+{terms}
+}}
+
+
+def index(kpis):
+    """The index of an experiment, from its KPIs by name; an unknown one counts in full."""
+    total = 0.0
+    for name, (weight, best, worst) in TERMS.items():
+        share = (kpis.get(name, worst) - best) / (worst - best)
+        total += weight * (max(share, -1.0) if share < 1.0 else 1.0)
+    return total
+'''
+
+
+def _share(value: float | None, term: Term) -> float:
+    if value is None:
+        return 1.0
+    share = (value - term.best) / (term.worst - term.best)
+    return max(share, -1.0) if share < 1.0 else 1.0  # NaN (unknown, or never) counts in full
+
+
+def _weights(
+    preferences: Preferences, columns: Float[np.ndarray, "N p"], backend: Backend
+) -> Float[np.ndarray, " p"]:
+    """w, 0 or more, shape (p,)."""
+    nothing = np.zeros((len(columns), 0))
+    unit = np.ones(len(preferences))
+    constraints = Constraints.of(preferences, nothing, unit).with_outcomes(preferences, columns)
+    return np.asarray(np.maximum(fit(constraints, _SOFT, backend), 0.0))
+
+
+def _foretold(
+    preferences: Preferences, columns: Float[np.ndarray, "N p"], seed: int, backend: Backend
+) -> int:
+    """Strict answers that are given right by weights learned from others (3-fold)."""
+    strict = preferences.subset(np.flatnonzero(preferences.b))
+    share = np.random.default_rng([seed, len(strict), 2]).permutation(len(strict)) % _FOLDS
+    right = 0
+    for fold in range(_FOLDS):
+        rest, left = strict.subset(np.flatnonzero(share != fold)), np.flatnonzero(share == fold)
+        if not len(rest):
+            continue
+        values = columns @ _weights(rest, columns, backend)
+        gap = values[strict.first[left]] - values[strict.second[left]]
+        right += int(np.count_nonzero(strict.b[left] * gap > 0))
+    return right
