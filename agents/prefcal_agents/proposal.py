@@ -86,7 +86,7 @@ class Strategy:
         margin = margin if noise is None else margin * noise
         phi = shape.basis(preferences.samples, preferences.samples)
         constraints = Constraints.of(preferences, phi, margin)
-        outcomes = Outcomes.of(ledger)
+        outcomes = Outcomes.of(ledger) if any(self.settings.outcome_scales) else Outcomes.none()
         scale = self._outcome_scale(ledger, shape, outcomes)
         if scale == 0:
             beta = fit(constraints, self.settings.learning, self.backend)

@@ -79,7 +79,8 @@ class GLISpSettings:
         number("margin_power", self.margin_power)
         integer("perturb_every", self.perturb_every, low=0)
         choice("minimiser", self.minimiser, MINIMISERS)
-        _increasing("epsilons", self.epsilons)
+        _increasing("epsilons", self.epsilons, strict=True)
+        _increasing("outcome_scales", self.outcome_scales, strict=False)
         if self.validate_at != EVERY_STEP:
             _counts("validate_at", self.validate_at)
 
@@ -112,20 +113,23 @@ class GLISpSettings:
     def of(cls, pairs: tuple[tuple[str, Any], ...]) -> "GLISpSettings":
         """Read what `pairs` gave; a setting that is missing has its default.
 
+        Without `outcome_scales` it is of a time before KPIs taught: they are left out, so that
+        the study goes on as it began.
+
         Raises:
             SettingsError: an unknown setting or an impossible value.
         """
         unknown = {name for name, _ in pairs} - {f.name for f in fields(cls)}
         if unknown:
             raise SettingsError(f"GLISp has no settings called {sorted(unknown)}")
-        return cls(**dict(pairs))
+        return cls(**{"outcome_scales": (0.0,), **dict(pairs)})
 
 
-def _increasing(name: str, values: Any) -> None:
+def _increasing(name: str, values: Any, *, strict: bool) -> None:
     if not isinstance(values, tuple) or not values:
         raise SettingsError(f"{name} must be a tuple of one or more numbers, got {values!r}")
     for value in values:
-        number(f"each of {name}", value, strict=True)
+        number(f"each of {name}", value, strict=strict)
     if any(a >= b for a, b in pairwise(values)):
         raise SettingsError(f"{name} must increase, got {values!r}")
 
