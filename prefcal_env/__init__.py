@@ -32,6 +32,7 @@ from prefcal_env.preference import Calibrator as Calibrator
 from prefcal_env.preference import Mark as Mark
 from prefcal_env.preference import Preference as Preference
 from prefcal_env.preference import Query as Query
+from prefcal_env.preference import Strength as Strength
 from prefcal_env.preference import Suggestion as Suggestion
 from prefcal_env.preference_reward import PreferenceReward as PreferenceReward
 from prefcal_env.rig import Rig as Rig

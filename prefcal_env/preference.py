@@ -30,6 +30,17 @@ class Preference(IntEnum):
     INCUMBENT = 1
 
 
+class Strength(IntEnum):
+    """By how much one is better, as a person says it: the strength of an `Answer`.
+
+    Source: strong preferences as larger margins, arXiv 2302.14630. Their factor is measured:
+    docs/research/strength.md.
+    """
+
+    BETTER = 1
+    MUCH_BETTER = 3
+
+
 class Mark(Enum):
     """What a calibrator may say of one side, apart from the verdict."""
 
@@ -45,8 +56,9 @@ class Answer:
 
     Args:
         preference: Which one is better; None is an abstention ("can't tell").
-        strength: How sure the calibrator is, above 0; 1 is an ordinary verdict. It is the
-            weight c_h of eq. QP-pref.
+        strength: By how much the preferred one is better, above 0: 1, an ordinary verdict, or a
+            `Strength`. It multiplies the margin σ of eq. RBF-pref, and is the weight c_h of eq.
+            QP-pref. A stronger tie or abstention means nothing: there it is ignored, and 1.
         marks: Marks on either side.
         outcomes: What came of the challenger's and the incumbent's experiments, where known: KPIs
             by name, lower is better; infinite means never, NaN or no entry unknown.
@@ -70,6 +82,8 @@ class Answer:
         numeric = isinstance(self.strength, (int, float, np.integer, np.floating))
         if not (numeric and 0 < self.strength < np.inf):
             raise PreferenceError(f"strength must be positive and finite, got {self.strength!r}")
+        if not self.preference and self.strength != Strength.BETTER:  # a tie or an abstention
+            object.__setattr__(self, "strength", Strength.BETTER)
         object.__setattr__(self, "marks", tuple(self.marks))
         for mark in self.marks:
             if not isinstance(mark, Mark):
@@ -78,6 +92,11 @@ class Answer:
             object.__setattr__(self, "outcomes", _outcomes(self.outcomes))
         if self.value is not None:
             object.__setattr__(self, "value", _score(self.value))
+
+    @property
+    def much_better(self) -> bool:
+        """Whether the preferred one is more than just better."""
+        return self.strength > Strength.BETTER
 
     @classmethod
     def of(cls, answer: "Answer | Preference | int | None") -> "Answer":
@@ -203,11 +222,13 @@ class Query:
     """A question: is the challenger better than the incumbent?
 
     The incumbent is None in the very first query (there is nothing to compare with; any answer
-    closes it and teaches nothing) and in every query of a value-based agent.
+    closes it and teaches nothing) and in every query of a value-based agent. A `further` query
+    compares two experiments that have run, and needs no new one.
     """
 
     challenger: Suggestion
     incumbent: Suggestion | None = None
+    further: bool = False
 
 
 class Agent(Protocol):

@@ -54,7 +54,8 @@ class Validation:
         """
         known, samples = self.preferences, self.preferences.samples
         phi = shape.basis(samples, samples)
-        constraints = Constraints.of(known, phi, margins(known, self.learning.margin_power))
+        margin = margins(known, self.learning.margin_power, self.learning.strong_margins)
+        constraints = Constraints.of(known, phi, margin)
         if columns is not None:
             constraints = constraints.with_outcomes(known, columns)
             phi = np.hstack([phi, columns])

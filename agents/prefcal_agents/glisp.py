@@ -63,7 +63,9 @@ class GLISp(PreferenceBased):
         self._seed = int(seed)
         # A backend of its own: twins may think ahead at the same time.
         self._strategy = Strategy(space, self._settings, n_init, self._seed, make_backend("piqp"))
-        self._turns = Turns(space, n_init, n_max, self._strategy.propose)
+        self._turns = Turns(
+            space, n_init, n_max, self._strategy.propose, further=self._strategy.further
+        )
 
     @classmethod
     def paper(

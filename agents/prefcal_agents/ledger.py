@@ -18,13 +18,15 @@ class Comparison:
     """One closed query: sample number `challenger` against sample number `incumbent`.
 
     The incumbent is None for sample 0, which has nothing to be compared with, and wherever a
-    score was told. A retracted answer stays on record and teaches nothing.
+    score was told. A retracted answer stays on record and teaches nothing. `after` is None where
+    the challenger was new; else two known samples were compared, after so many were closed.
     """
 
     challenger: int
     incumbent: int | None
     answer: Answer
     retracted: bool = False
+    after: int | None = None
 
     @property
     def teaches(self) -> bool:
@@ -74,14 +76,16 @@ class Ledger:
     Args:
         samples: Points of the unit cube that decode to the θ that ran, each of length n.
         comparisons: Comparison h closed the query of sample h.
+        further: Comparisons of samples whose queries were closed, in the order answered.
     """
 
     samples: tuple[tuple[float, ...], ...] = ()
     comparisons: tuple[Comparison, ...] = ()
+    further: tuple[Comparison, ...] = ()
 
     @property
     def answered(self) -> int:
-        """How many queries are closed, which is also the index of the open one."""
+        """How many samples are closed, which is also the index of the next one."""
         return len(self.comparisons)
 
     @property
@@ -99,11 +103,29 @@ class Ledger:
         if len(scored):
             return int(scored[np.argmin(values)])
         winner = 0 if self.comparisons else None
-        for comparison in self.comparisons:
-            won = comparison.answer.preference is Preference.CHALLENGER
-            if comparison.teaches and won:
-                winner = comparison.challenger
+        for c in self.in_order():
+            if not c.teaches:
+                continue
+            preference, met = c.answer.preference, c.after is None or c.incumbent == winner
+            if preference is Preference.CHALLENGER and met:
+                winner = c.challenger
+            elif preference is Preference.INCUMBENT and c.challenger == winner:
+                winner = c.incumbent
         return winner
+
+    def in_order(self) -> tuple[Comparison, ...]:
+        """All comparisons in the order answered."""
+        if not self.further:
+            return self.comparisons
+        keyed = [(c.challenger + 1, 0, c) for c in self.comparisons]
+        keyed += [(c.after or 0, 1, c) for c in self.further]
+        return tuple(c for _, _, c in sorted(keyed, key=lambda k: k[:2]))
+
+    @property
+    def latest(self) -> tuple[Comparison, ...]:
+        """Those that were answered since the latest sample was proposed, its own the first."""
+        since = tuple(c for c in self.further if c.after == self.answered)
+        return (*self.comparisons[-1:], *since)
 
     def cube(self) -> Float[np.ndarray, "N n"]:
         """Samples whose queries are closed, shape (N, n); (0, 0) before the first one."""
@@ -113,7 +135,7 @@ class Ledger:
 
     def preferences(self) -> Preferences:
         """What the remaining answers teach."""
-        lessons = [c for c in self.comparisons if c.teaches]
+        lessons = [c for c in self.in_order() if c.teaches]
         return Preferences(
             samples=self.cube(),
             first=np.array([c.challenger for c in lessons], dtype=np.int64),
@@ -144,8 +166,9 @@ class Ledger:
         return tuple(known)
 
     def until(self, count: int) -> "Ledger":
-        """The first `count` samples and their answers."""
-        return Ledger(self.samples[:count], self.comparisons[:count])
+        """The first `count` samples and their answers, further ones among them included."""
+        further = tuple(c for c in self.further if c.after is not None and c.after <= count)
+        return Ledger(self.samples[:count], self.comparisons[:count], further)
 
     def with_pending(self, z: Float[np.ndarray, " n"]) -> "Ledger":
         """Store `z`, shape (n,), as the sample of the open query."""
@@ -156,32 +179,41 @@ class Ledger:
         closed = Comparison(self.answered, incumbent, answer)
         return replace(self, comparisons=(*self.comparisons, closed))
 
+    def told_further(self, answer: Answer, challenger: int, incumbent: int) -> "Ledger":
+        """Add the answer to a further comparison of two known samples."""
+        closed = Comparison(challenger, incumbent, answer, after=self.answered)
+        return replace(self, further=(*self.further, closed))
+
     def undone(self) -> "Ledger":
-        """Take the last answer back: its sample is pending again, a later one is dropped.
+        """Take the last answer back: its query is open again, a later sample is dropped.
 
         Raises:
             ProtocolError: nothing is answered.
         """
         if not self.comparisons:
             raise ProtocolError("there is no answer to undo")
-        return Ledger(self.samples[: self.answered], self.comparisons[:-1])
+        kept = self.samples[: self.answered]
+        if len(self.latest) > 1:
+            return Ledger(kept, self.comparisons, self.further[:-1])
+        return Ledger(kept, self.comparisons[:-1], self.further)
 
-    def retracted(self, index: int) -> "Ledger":
+    def retracted(self, index: int, *, further: bool = False) -> "Ledger":
         """Forget what answer number `index` (from 0) taught; every sample stays.
+
+        `further` ones are numbered on their own.
 
         Raises:
             ProtocolError: there is no such answer, or it is retracted already.
         """
+        answers = self.further if further else self.comparisons
         if isinstance(index, bool) or not isinstance(index, (int, np.integer)):
             raise ProtocolError(f"the index of an answer must be an integer, got {index!r}")
-        if not 0 <= index < self.answered:
+        if not 0 <= index < len(answers):
             raise ProtocolError(
-                f"there is no answer {index}: {self.answered} are given, counted from 0"
+                f"there is no answer {index}: {len(answers)} are given, counted from 0"
             )
-        if self.comparisons[index].retracted:
+        if answers[index].retracted:
             raise ProtocolError(f"answer {index} is retracted already")
-        changed = replace(self.comparisons[index], retracted=True)
-        return replace(
-            self,
-            comparisons=(*self.comparisons[:index], changed, *self.comparisons[index + 1 :]),
-        )
+        changed = replace(answers[index], retracted=True)
+        answers = (*answers[:index], changed, *answers[index + 1 :])
+        return replace(self, further=answers) if further else replace(self, comparisons=answers)

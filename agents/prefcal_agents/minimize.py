@@ -55,7 +55,9 @@ def minimize_by_preference(
     n_max: int = 50,
     seed: int = 0,
 ) -> Minimum:
-    """Find the θ that `prefer` likes best, in `n_max` experiments and n_max - 1 comparisons.
+    """Find the θ that `prefer` likes best, in `n_max` experiments.
+
+    They take n_max - 1 comparisons, unless the agent asks several for each experiment.
 
     Args:
         prefer: `prefer(a, b)` with two θ, physical, shape (n,): -1 if a is better, 1 if b is,
@@ -78,7 +80,8 @@ def minimize_by_preference(
     study, samples, answers = agent(space, n_init=n_init, n_max=n_max, seed=seed), [], []
     while not study.done:
         query = study.ask()
-        samples.append(query.challenger.theta)
+        if not query.further:
+            samples.append(query.challenger.theta)
         if query.incumbent is None:
             study.tell(query, None)
             continue

@@ -15,6 +15,7 @@ from .fitting import Constraints, fit, margins
 from .ledger import Ledger
 from .minimise import Domain
 from .outcomes import Judgement, Outcomes
+from .placing import to_place
 from .settings import EVERY_STEP, MINIMISERS, GLISpSettings
 from .surrogate import Composite, Shape, Surrogate
 from .threads import one_thread
@@ -73,16 +74,29 @@ class Strategy:
                 return np.asarray(z)
         return tried.fresh(domain.start, rng)
 
+    def further(self, ledger: Ledger) -> tuple[int, int] | None:
+        """Two known samples to compare before the next is proposed: challenger and incumbent."""
+        if len(ledger.latest) >= self.settings.questions_per_experiment or ledger.answered < 3:
+            return None
+        with one_thread():
+            # Without a cross-validation of its own: each answer is followed by the next question.
+            shape = self.shape(ledger.until(ledger.answered - 1))
+            return to_place(ledger, self.learned(ledger, shape=shape)(ledger.cube()))
+
     def learned(
-        self, ledger: Ledger, noise: Float[np.ndarray, " M"] | None = None
+        self,
+        ledger: Ledger,
+        noise: Float[np.ndarray, " M"] | None = None,
+        shape: Shape | None = None,
     ) -> Surrogate | Composite:
         """Ĵ that the M answers in `ledger` teach, with a factor `noise`, (M,), on their margins.
 
         Deviation: KPIs that explain the answers are part of it, as far as cross-validation finds
         that they help to foretell answers; scale 0 among the `outcome_scales` is without them.
         """
-        preferences, shape = ledger.preferences(), self.shape(ledger)
-        margin = margins(preferences, self.settings.margin_power)
+        preferences = ledger.preferences()
+        shape = self.shape(ledger) if shape is None else shape
+        margin = margins(preferences, self.settings.margin_power, self.settings.strong_margins)
         margin = margin if noise is None else margin * noise
         phi = shape.basis(preferences.samples, preferences.samples)
         constraints = Constraints.of(preferences, phi, margin)

@@ -44,10 +44,14 @@ class GLISpSettings:
             should count more or less in the distances.
         margin_power: How the margin of a strict preference grows with the distance of its two
             samples; 0: it is σ for all, as in eq. RBF-pref.
+        strong_margins: Whether the strength of a preference multiplies its margin; if not, it is
+            only its weight c_h.
         perturb_every: Every how many proposals the margins are drawn at random; 0: never.
         outcome_scales: By how much the KPIs that come with the answers may count beside θ, 0 or
             more, increasing; cross-validation chooses. (0,) leaves them out.
         minimiser: Of eq. xNp1: "multistart" or "particle_swarm".
+        questions_per_experiment: Most comparisons for each experiment, 1 or more; those beyond
+            the first place it among the experiments that have run.
 
     Raises:
         SettingsError: an impossible value.
@@ -63,9 +67,11 @@ class GLISpSettings:
     validate_at: tuple[int, ...] | Literal["every step"] = EVERY_STEP
     rescale: bool = True
     margin_power: float = 1.0
+    strong_margins: bool = True
     perturb_every: int = 2
     outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
     minimiser: str = "multistart"
+    questions_per_experiment: int = 1
 
     def __post_init__(self) -> None:
         number("delta", self.delta)
@@ -74,11 +80,12 @@ class GLISpSettings:
         number("lam", self.lam)
         number("epsilon", self.epsilon, strict=True)
         integer("folds", self.folds, low=2)
-        if not isinstance(self.rescale, bool):
-            raise SettingsError(f"rescale must be True or False, got {self.rescale!r}")
+        _flag("rescale", self.rescale)
+        _flag("strong_margins", self.strong_margins)
         number("margin_power", self.margin_power)
         integer("perturb_every", self.perturb_every, low=0)
         choice("minimiser", self.minimiser, MINIMISERS)
+        integer("questions_per_experiment", self.questions_per_experiment, low=1)
         _increasing("epsilons", self.epsilons, strict=True)
         _increasing("outcome_scales", self.outcome_scales, strict=False)
         if self.validate_at != EVERY_STEP:
@@ -91,6 +98,7 @@ class GLISpSettings:
             validate_at=(10, 20, 30, 40),
             rescale=False,
             margin_power=0.0,
+            strong_margins=False,
             perturb_every=0,
             outcome_scales=(0.0,),
             minimiser="particle_swarm",
@@ -99,7 +107,7 @@ class GLISpSettings:
     @property
     def learning(self) -> Learning:
         """How the weights of the surrogate are learned."""
-        return Learning(self.sigma, self.lam, self.margin_power)
+        return Learning(self.sigma, self.lam, self.margin_power, self.strong_margins)
 
     def shape(self, n: int) -> Shape:
         """Shape of φ for `n` knobs before the first cross-validation."""
@@ -123,6 +131,11 @@ class GLISpSettings:
         if unknown:
             raise SettingsError(f"GLISp has no settings called {sorted(unknown)}")
         return cls(**{"outcome_scales": (0.0,), **dict(pairs)})
+
+
+def _flag(name: str, value: Any) -> None:
+    if not isinstance(value, bool):
+        raise SettingsError(f"{name} must be True or False, got {value!r}")
 
 
 def _increasing(name: str, values: Any, *, strict: bool) -> None:

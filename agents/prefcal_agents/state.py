@@ -1,7 +1,7 @@
 """The whole state of an agent, frozen, as plain data that goes through JSON unchanged."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from prefcal_env.errors import SettingsError
@@ -39,6 +39,10 @@ class AgentState:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; floats survive their repr exactly."""
+        further = [
+            {"challenger": c.challenger, "after": c.after, **_comparison_to_dict(c)}
+            for c in self.ledger.further
+        ]
         return {
             "agent": self.agent,
             "version": self.version,
@@ -48,6 +52,7 @@ class AgentState:
             "settings": {name: _plain(value) for name, value in self.settings},
             "samples": [list(z) for z in self.ledger.samples],
             "answers": [_comparison_to_dict(c) for c in self.ledger.comparisons],
+            **({"further": further} if further else {}),
         }
 
     @classmethod
@@ -61,6 +66,10 @@ class AgentState:
             ledger = Ledger(
                 tuple(tuple(map(float, z)) for z in data["samples"]),
                 tuple(_comparison_from_dict(h, c) for h, c in enumerate(data["answers"])),
+                tuple(
+                    replace(_comparison_from_dict(c["challenger"], c), after=c["after"])
+                    for c in data.get("further", ())
+                ),
             )
             return cls(
                 agent=data["agent"],

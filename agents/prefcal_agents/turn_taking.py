@@ -59,13 +59,15 @@ class TurnTaking(Protocol):
         """Take the last answer back and open its query again. Raises ProtocolError if none."""
         self._turns.undo()
 
-    def retract(self, index: int) -> None:
+    def retract(self, index: int, *, further: bool = False) -> None:
         """Forget what answer `index` (from 0) taught; all samples stay, the open one too.
+
+        `further` answers, about two samples that had run, are numbered on their own.
 
         Raises:
             ProtocolError: there is no such answer, or it is retracted already.
         """
-        self._turns.retract(index)
+        self._turns.retract(index, further=further)
 
 
 class PreferenceBased(TurnTaking, Protocol):

@@ -20,6 +20,11 @@ from .ledger import Ledger
 from .state import AgentState
 
 Propose = Callable[[Ledger], Float[np.ndarray, " n"]]
+Further = Callable[[Ledger], tuple[int, int] | None]
+
+
+def _nothing_further(ledger: Ledger) -> None:
+    return None
 
 
 class Turns:
@@ -36,6 +41,8 @@ class Turns:
         n_max: Experiments asked for, not below `n_init`.
         propose: Cube point, shape (n,), of the next sample, from the ledger.
         by_value: Whether scores are told: then no query has an incumbent.
+        further: Two known samples to compare before the next one is proposed, from the ledger:
+            challenger and incumbent; None if there is nothing (more) to ask.
 
     Raises:
         SettingsError: an impossible count.
@@ -49,6 +56,7 @@ class Turns:
         propose: Propose,
         *,
         by_value: bool = False,
+        further: Further = _nothing_further,
     ) -> None:
         if not isinstance(space, KnobSpace):
             raise SettingsError(f"space must be a KnobSpace, got {space!r}")
@@ -57,7 +65,8 @@ class Turns:
         if n_max < n_init:
             raise SettingsError(f"n_max must not be below n_init, got {n_max} below {n_init}")
         self.space, self.n_init, self._asked_for = space, int(n_init), int(n_max)
-        self._propose, self.by_value = propose, by_value
+        self._propose, self.by_value, self._further = propose, by_value, further
+        self._thought: tuple[Ledger, tuple[int, int] | None] | None = None
         self.ledger = Ledger()
 
     @property
@@ -84,12 +93,25 @@ class Turns:
             if self.n_max < self._asked_for:
                 why = f"every one of the {self.n_max} θ of the space has been tried"
             raise ProtocolError(f"there is no open query: {why}")
+        pair = self._further_pair()
+        if pair is not None:
+            first, second = (Suggestion(index, self._theta(index)) for index in pair)
+            return Query(first, second, further=True)
         self.settle()
         challenger, incumbent = self.ledger.answered, self._rival
         return Query(
             Suggestion(challenger, self._theta(challenger)),
             None if incumbent is None else Suggestion(incumbent, self._theta(incumbent)),
         )
+
+    def _further_pair(self) -> tuple[int, int] | None:
+        """The known samples that are to be compared now; nothing once a new one is stored."""
+        ledger = self.ledger
+        if self.done or ledger.pending is not None or not ledger.answered:
+            return None
+        if self._thought is None or self._thought[0] != ledger:
+            self._thought = (ledger, self._further(ledger))
+        return self._thought[1]
 
     @property
     def _rival(self) -> int | None:
@@ -102,23 +124,29 @@ class Turns:
             raise ProtocolError(f"told {query}, but all {self.n_max} experiments are answered")
         if query != self.ask():
             raise ProtocolError(f"told {query}, but the open query is {self.ask()}")
-        self.ledger = self.ledger.told(given, self._rival)
+        pair = self._further_pair()
+        if pair is None:
+            self.ledger = self.ledger.told(given, self._rival)
+        else:
+            self.ledger = self.ledger.told_further(given, *pair)
 
     def undo(self) -> None:
         """Take the last answer back."""
         self.ledger = self.ledger.undone()
 
-    def retract(self, index: int) -> None:
+    def retract(self, index: int, *, further: bool = False) -> None:
         """Forget answer `index`; the sample of the open query was fixed before."""
-        changed = self.ledger.retracted(index)
+        changed = self.ledger.retracted(index, further=further)
         if not self.done:
             self.settle()
-            changed = self.ledger.retracted(index)
+            changed = self.ledger.retracted(index, further=further)
         self.ledger = changed
 
     def settle(self) -> None:
-        """Store the sample of the open query, unless it is stored or all is answered."""
-        if not self.done and self.ledger.pending is None:
+        """Store the sample of the open query, unless it is stored, or none is wanted now."""
+        if self.done or self._further_pair() is not None:
+            return
+        if self.ledger.pending is None:
             self.ledger = self.ledger.with_pending(self.space.snap(self._propose(self.ledger)))
 
     def samples(self) -> Float[np.ndarray, "N n"]:
@@ -153,6 +181,11 @@ class Turns:
             alone = h == 0 or self.by_value
             if (rival is None) != alone or (rival is not None and not 0 <= rival < h):
                 raise SettingsError(f"answer {h} of a state cannot be against sample {rival}")
+        for c in ledger.further:
+            pair = {c.challenger, c.incumbent}
+            known = c.after is not None and 0 < c.after <= answered and not self.by_value
+            if not known or len(pair) < 2 or any(i is None or not 0 <= i < c.after for i in pair):  # type: ignore[operator]
+                raise SettingsError(f"a further answer of a state cannot be {c}")
         for index in range(stored):
             try:
                 self.space.decode(np.array(ledger.samples[index]))

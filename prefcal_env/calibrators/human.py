@@ -28,7 +28,8 @@ class HumanCalibrator:
 
     Args:
         ask: Called with two experiments; gives -1 where the first is better, 1 where the second
-            is, 0 where they are the same, None for "can't tell", or an `Answer` about the two.
+            is, 0 where they are the same, None for "can't tell", or an `Answer` about the two:
+            `Answer(-1, strength=Strength.MUCH_BETTER)` where the first is much better.
         shuffle: A seed, 0 or more: the challenger then comes first or second by chance, so that
             nobody can know which one is new. None: the challenger is always the first.
 

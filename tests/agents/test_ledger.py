@@ -14,11 +14,11 @@ def ledger(*answers):
 
 
 def test_preferences_name_the_samples_that_were_compared():
-    taught = ledger(None, 1, -1, Answer(0, strength=3), None, -1).preferences()
+    taught = ledger(None, 1, -1, 0, None, Answer(-1, strength=3)).preferences()
     assert taught.first.tolist() == [1, 2, 3, 5]
     assert taught.second.tolist() == [0, 0, 2, 2]
     assert taught.b.tolist() == [1, -1, 0, -1]
-    assert taught.weights.tolist() == [1, 1, 3, 1]
+    assert taught.weights.tolist() == [1, 1, 1, 3]
     assert taught.samples.shape == (6, 2)
 
 

@@ -1,10 +1,12 @@
 """Answers and queries: values that refuse what they are not."""
 
+import json
+
 import numpy as np
 import pytest
 
 from prefcal_env.errors import PreferenceError
-from prefcal_env.preference import Answer, Mark, Preference, Query, Suggestion
+from prefcal_env.preference import Answer, Mark, Preference, Query, Strength, Suggestion
 
 
 def test_preferences_are_those_of_the_paper():
@@ -21,7 +23,7 @@ def test_none_abstains():
 
 
 def test_an_answer_is_itself():
-    answer = Answer(Preference.TIE, strength=2.0)
+    answer = Answer(Preference.INCUMBENT, strength=2.0)
     assert Answer.of(answer) is answer
 
 
@@ -35,6 +37,21 @@ def test_anything_else_is_refused_with_what_was_expected(value):
 def test_strength_is_positive_and_finite(strength):
     with pytest.raises(PreferenceError, match="strength"):
         Answer(Preference.TIE, strength=strength)
+
+
+@pytest.mark.parametrize("preference", [Preference.TIE, None])
+def test_a_stronger_tie_means_nothing(preference):
+    answer = Answer(preference, strength=Strength.MUCH_BETTER)
+    assert answer == Answer(preference)
+    assert not answer.much_better
+
+
+def test_a_strength_has_a_name_and_survives_json():
+    answer = Answer(-1, strength=Strength.MUCH_BETTER)
+    assert answer.much_better
+    assert not Answer(-1).much_better
+    read = Answer.from_dict(json.loads(json.dumps(answer.to_dict())))
+    assert (read, read.strength) == (answer, 3.0)
 
 
 def test_marks_are_marks():

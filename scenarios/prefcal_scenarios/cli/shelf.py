@@ -27,7 +27,7 @@ from prefcal_scenarios.cli.clock import wall_clock
 from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.export import jsonable
 from prefcal_scenarios.interview.memory import incumbent
-from prefcal_scenarios.report.record import VERDICTS
+from prefcal_scenarios.report.record import verdict_text
 from prefcal_scenarios.report.wording import labelled, mark_text, number, printable
 
 
@@ -130,7 +130,7 @@ def _answers(state: State) -> Iterator[dict[str, Any]]:
             "at": _minute(closed.at),
             "challenger": closed.challenger + 1,
             "incumbent": None if closed.incumbent is None else closed.incumbent + 1,
-            "verdict": VERDICTS[closed.answer.preference],
+            "verdict": verdict_text(closed.answer),
             "marks": [mark.value for mark in closed.answer.marks],
             "comment": closed.comment,
             "blind": closed.blind,

@@ -8,11 +8,18 @@ from jaxtyping import Float
 
 from prefcal_agents.restore import AnyAgent
 from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Answer, Mark, Outcomes, Preference
+from prefcal_env.preference import Answer, Mark, Outcomes, Preference, Strength
 
-LIKELY = (Preference.CHALLENGER, Preference.INCUMBENT, Preference.TIE, None)
+LIKELY: tuple[tuple[Preference | None, Strength], ...] = (
+    (Preference.CHALLENGER, Strength.BETTER),
+    (Preference.INCUMBENT, Strength.BETTER),
+    (Preference.TIE, Strength.BETTER),
+    (None, Strength.BETTER),
+    (Preference.INCUMBENT, Strength.MUCH_BETTER),
+    (Preference.CHALLENGER, Strength.MUCH_BETTER),
+)
 """Answers, the likely ones first."""
-_KEPT = 24
+_KEPT = 36
 """Experiments in memory: those of a few questions, so that an undo finds them too."""
 
 
@@ -29,8 +36,8 @@ class Ahead:
 
     def missing(self, marks: tuple[Mark, ...], outcomes: Outcomes | None) -> Answer | None:
         """The next answer that nothing is known about; None if all are."""
-        for preference in LIKELY:
-            answer = Answer(preference, marks=marks, outcomes=outcomes)
+        for preference, strength in LIKELY:
+            answer = Answer(preference, strength, marks, outcomes)
             if answer not in self._tried:
                 self._tried.add(answer)
                 return answer

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Answer
+from prefcal_env.preference import Answer, Strength
 from prefcal_env.studies import Noted, StudyFile
 from prefcal_env.study import Comparison
 from prefcal_scenarios.scenario import Scenario
@@ -113,20 +113,26 @@ class Interview:
     # What a person does.
 
     def answer(
-        self, question: int, choice: Choice, *, comment: str = "", blind: bool = False
+        self,
+        question: int,
+        choice: Choice,
+        *,
+        strength: float = Strength.BETTER,
+        comment: str = "",
+        blind: bool = False,
     ) -> Now:
         """Close the open question, whose id is `question`, by side.
 
         Args:
             question: Its id.
             choice: The verdict.
+            strength: By how much the chosen side is better; of the other verdicts always 1.
             comment: A remark on it.
             blind: Whether θ and the roles of the sides were hidden.
         """
         with self._change() as flow:
             asked = steps.open_question(flow, question)
-            given = Answer(asked.preference(choice), marks=asked.marks)
-            steps.close(flow, asked, given, comment, blind)
+            steps.close(flow, asked, asked.answer(choice, strength), comment, blind)
             return self.now()
 
     def give(self, question: int, answer: Answer) -> Now:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Mark, Outcomes, Preference
+from prefcal_env.preference import Answer, Mark, Outcomes, Preference, Strength
 from prefcal_env.studies import State, Suggested
 
 UNSAFE, GOOD_ENOUGH = "unsafe", "good enough"
@@ -88,6 +88,10 @@ class Question:
         left_won = choice is Choice.LEFT
         won = left_won == self.left.challenger
         return Preference.CHALLENGER if won else Preference.INCUMBENT
+
+    def answer(self, choice: Choice, strength: float = Strength.BETTER) -> Answer:
+        """What `choice` means, with the marks that both sides bear now."""
+        return Answer(self.preference(choice), strength, self.marks)
 
     def choice(self, preference: Preference | None) -> Choice:
         """The reverse of `preference`."""

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Preference
+from prefcal_env.preference import Answer, Preference
 from prefcal_env.study import Comparison
 from prefcal_scenarios.scenario import KPI, Scenario
 
@@ -23,6 +23,17 @@ VERDICTS: Mapping[Preference | None, str] = {
     None: "can't tell",
 }
 """How a verdict reads, in the order in which people see the counts."""
+_MUCH: Mapping[Preference | None, str] = {
+    Preference.CHALLENGER: "new much better",
+    Preference.INCUMBENT: "best much better",
+}
+
+
+def verdict_text(answer: Answer) -> str:
+    """How an answer reads, with its strength."""
+    if answer.much_better:
+        return _MUCH[answer.preference]
+    return VERDICTS[answer.preference]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from html import escape
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Preference
 from prefcal_env.study import Comparison
-from prefcal_scenarios.report.record import VERDICTS, Record
+from prefcal_scenarios.report.record import Record, verdict_text
 from prefcal_scenarios.report.wording import html, measured, number
 from prefcal_scenarios.scenario import KPI
 
@@ -136,10 +136,8 @@ def _comparison_row(record: Record, row: int, comparison: Comparison) -> str:
         _side_cells(record, index + 1, experiment, preference == wins)
         for index, experiment, wins in sides
     )
-    return (
-        f'<tr><th scope="row">{row}</th><td class="words">{escape(VERDICTS[preference])}</td>'
-        f"{cells}</tr>"
-    )
+    verdict = escape(verdict_text(comparison.answer))
+    return f'<tr><th scope="row">{row}</th><td class="words">{verdict}</td>{cells}</tr>'
 
 
 def _side_cells(record: Record, exp: int, experiment: Experiment, preferred: bool) -> str:

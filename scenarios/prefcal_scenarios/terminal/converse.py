@@ -7,6 +7,7 @@ from pathlib import Path
 from rich.console import Console
 
 from prefcal_env.errors import PrefcalError
+from prefcal_env.preference import Strength
 from prefcal_scenarios.interview import Choice, Interview, Now, Phase
 from prefcal_scenarios.interview.moment import GOOD_ENOUGH, UNSAFE
 
@@ -18,6 +19,9 @@ from .showing import show_keys, show_next, show_question
 CHOICES = {
     "l": Choice.LEFT, "left": Choice.LEFT, "r": Choice.RIGHT, "right": Choice.RIGHT,
     "=": Choice.SAME, "same": Choice.SAME, "s": Choice.CANNOT_TELL,
+}  # fmt: skip
+MUCH = {
+    "L": Choice.LEFT, "much left": Choice.LEFT, "R": Choice.RIGHT, "much right": Choice.RIGHT,
 }  # fmt: skip
 MARKS = {
     "q": ("left", UNSAFE), "e": ("right", UNSAFE),
@@ -76,11 +80,9 @@ class _Conversation:
         if key in STOP:
             return False
         if key in CHOICES:
-            self.interview.answer(
-                now.question.id, CHOICES[key], comment=self.comment, blind=self.blind
-            )
-            self.comment = ""  # not before: on a full disk the answer is given again
-            self._say(f"Saved: {CHOICES[key].value}.")
+            self._answer(now.question.id, CHOICES[key], Strength.BETTER)
+        elif key in MUCH:
+            self._answer(now.question.id, MUCH[key], Strength.MUCH_BETTER)
         elif key in MARKS:
             side, mark = MARKS[key]
             on = mark not in getattr(now.question, side).marks
@@ -89,6 +91,14 @@ class _Conversation:
         else:
             self._other(key, now)
         return True
+
+    def _answer(self, question: int, choice: Choice, strength: Strength) -> None:
+        self.interview.answer(
+            question, choice, strength=strength, comment=self.comment, blind=self.blind
+        )
+        self.comment = ""  # not before: on a full disk the answer is given again
+        much = ", much better" if strength is Strength.MUCH_BETTER else ""
+        self._say(f"Saved: {choice.value}{much}.")
 
     def _other(self, key: str, now: Now) -> None:
         if key == "z":

@@ -8,8 +8,11 @@ from rich.console import Console
 
 LEFT, RIGHT, DOWN = "\x1b[D", "\x1b[C", "\x1b[B"
 ARROWS = {LEFT: "l", RIGHT: "r", DOWN: "=", "\x1bOD": "l", "\x1bOC": "r", "\x1bOB": "=",
-          "\xe0K": "l", "\xe0M": "r", "\xe0P": "="}  # fmt: skip
-"""What arrow keys send, on Windows too."""
+          "\xe0K": "l", "\xe0M": "r", "\xe0P": "=",
+          "\x1b[1;2D": "L", "\x1b[1;2C": "R", "\x1b[d": "L", "\x1b[c": "R"}  # fmt: skip
+"""What arrow keys send, on Windows too; with shift, where a terminal tells."""
+SHIFTED = ("L", "R")
+"""Letters that mean more as capitals: much better."""
 END = "x"
 
 Keys = Callable[[], str]
@@ -30,12 +33,16 @@ def _key() -> str:
         pressed = click.getchar()
     except EOFError:  # Ctrl-D
         return END
-    return ARROWS.get(pressed, pressed.lower())
+    return ARROWS.get(pressed, _folded(pressed))
 
 
 def _line(console: Console) -> str:
     line = sys.stdin.readline()
-    return line.strip().lower() if line else END
+    return _folded(line.strip()) if line else END
+
+
+def _folded(typed: str) -> str:
+    return typed if typed in SHIFTED else typed.lower()
 
 
 def ask_line(console: Console, words: str) -> str:

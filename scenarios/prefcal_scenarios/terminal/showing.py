@@ -24,8 +24,10 @@ _MOST = 6
 """KPIs of a side that are shown."""
 
 KEYS = (
-    ("← or l", "left is better"), ("→ or r", "right is better"), ("↓ or =", "about the same"),
-    ("s", "can't tell"), ("z", "undo"), ("q / e", "mark left / right unsafe or very bad"),
+    ("← or l", "left is better"), ("→ or r", "right is better"),
+    ("shift ← or L", "left is much better"), ("shift → or R", "right is much better"),
+    ("↓ or =", "about the same"), ("s", "can't tell"), ("z", "undo"),
+    ("q / e", "mark left / right unsafe or very bad"),
     ("a / d", "mark left / right good enough"), ("c", "comment on the next answer"),
     ("b", "blind: hide θ and which one is new"), ("h", "history"), ("w", "where are we"),
     ("p", "ask an earlier question again"), ("f f", "finish the study"),

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+from prefcal_env.preference import Strength
 from prefcal_scenarios.interview import Choice, Interview
 
 from .bodies import Check, at_most, flag, one_of, text, whole
@@ -26,8 +27,15 @@ class Action:
     do: Callable[..., Any]
 
 
+# "much left" rather than a strength beside the choice: nobody can ask for a stronger tie.
+_MUCH = {f"much {side.value}": side for side in (Choice.LEFT, Choice.RIGHT)}
+
+
 def _answer(interview: Interview, choice: str, **rest: Any) -> Any:
-    return interview.answer(rest.pop("question"), Choice(choice), **rest)
+    much = _MUCH.get(choice)
+    strength = Strength.BETTER if much is None else Strength.MUCH_BETTER
+    question = rest.pop("question")
+    return interview.answer(question, much or Choice(choice), strength=strength, **rest)
 
 
 def _method(name: str) -> Callable[..., Any]:
@@ -48,7 +56,7 @@ ACTIONS: Mapping[str, Action] = MappingProxyType(
         "answer": Action(
             {
                 "question": whole,
-                "choice": one_of(*(choice.value for choice in Choice)),
+                "choice": one_of(*(choice.value for choice in Choice), *_MUCH),
                 "comment": text,
                 "blind": flag,
             },

@@ -10,7 +10,7 @@ import pytest
 
 from prefcal_agents import GLIS
 from prefcal_env.errors import StaleError, StudyError
-from prefcal_env.preference import Mark, Preference
+from prefcal_env.preference import Mark, Preference, Strength
 from prefcal_env.studies import Answered, StudyFile
 from prefcal_scenarios.interview import Background, Choice, Interview, Phase, unattended
 from support.interviews import begin, clock, proceed, reopened
@@ -447,3 +447,22 @@ def test_a_run_without_a_record_has_no_score_and_loses(toy):
     assert None in scores
     assert state.samples[interview.now().incumbent].theta[0] >= 0.8
     assert interview.comparisons()[-1].winner_index == interview.now().incumbent
+
+
+@pytest.mark.parametrize("choice", Choice)
+def test_much_better_is_a_strength_of_a_side_and_of_nothing_else(interview, choice):
+    question = proceed(interview).question
+    interview.answer(question.id, choice, strength=Strength.MUCH_BETTER)
+    (closed,) = interview.now().state.closed[1:]
+    assert closed.answer.much_better is (choice in (LEFT, RIGHT))
+    assert closed.answer.preference is question.preference(choice)
+
+
+def test_every_verdict_is_foreseen_with_its_strength(toy):
+    interview = begin(toy, n_max=9, ahead=True)
+    question = proceed(interview).question
+    while interview.work():
+        pass
+    assert (
+        interview.answer(question.id, LEFT, strength=Strength.MUCH_BETTER).phase is Phase.QUESTION
+    )  # nothing had to be computed first

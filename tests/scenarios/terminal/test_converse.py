@@ -11,6 +11,7 @@ from rich.console import Console
 
 from prefcal_env.errors import StudyError
 from prefcal_env.experiment import Channel, Channels
+from prefcal_env.preference import Strength
 from prefcal_env.rig import Rig
 from prefcal_env.studies import Answered, StudyFile
 from prefcal_scenarios.interview import Background, Phase
@@ -44,6 +45,15 @@ def test_a_whole_study_by_keys(interview):
     assert "The study is over: all compared." in out
     given = [c.answer.preference for c in interview.now().state.closed[1:]]
     assert given[2:] == [0, None]
+
+
+def test_a_capital_is_much_better(interview):
+    out = talk(interview, "Lrx")
+    strong, plain = [c.answer for c in interview.now().state.closed[1:]]
+    assert (strong.strength, plain.strength) == (Strength.MUCH_BETTER, 1)
+    assert "Saved: left, much better." in out
+    assert "Saved: right." in out
+    assert "much better" in talk(interview, "hx")
 
 
 @pytest.mark.parametrize("width", [80, 140])

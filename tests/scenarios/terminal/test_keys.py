@@ -17,11 +17,11 @@ class Terminal(io.StringIO):
 
 
 def test_single_keys_at_a_terminal(monkeypatch):
-    pressed = iter(["\x1b[D", "\x1b[C", "\x1bOB", "Q", "?"])
+    pressed = iter(["\x1b[D", "\x1b[C", "\x1bOB", "Q", "?", "\x1b[1;2D", "\x1b[c", "L", "R"])
     monkeypatch.setattr(sys, "stdin", Terminal())
     monkeypatch.setattr(click, "getchar", lambda: next(pressed))
     key = keys_of(Console(file=io.StringIO()))
-    assert [key() for _ in range(5)] == ["l", "r", "=", "q", "?"]
+    assert [key() for _ in range(9)] == ["l", "r", "=", "q", "?", "L", "R", "L", "R"]
 
 
 def test_the_end_of_the_input_stops_at_a_terminal_too(monkeypatch):
@@ -36,9 +36,10 @@ def test_the_end_of_the_input_stops_at_a_terminal_too(monkeypatch):
 
 
 def test_lines_of_a_pipe(monkeypatch):
-    monkeypatch.setattr(sys, "stdin", io.StringIO("Left\n s \n./A b.csv \n\n"))
+    monkeypatch.setattr(sys, "stdin", io.StringIO("Left\n s \n./A b.csv \n\nR\n"))
     console = Console(file=io.StringIO())
     key = keys_of(console)
     assert [key(), key()] == ["left", "s"]
     assert [ask_line(console, "file"), ask_line(console, "file")] == ["./A b.csv", ""]
+    assert key() == "R"
     assert [ask_line(console, "file"), key()] == ["x", "x"]

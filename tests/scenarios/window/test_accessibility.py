@@ -32,7 +32,7 @@ def test_nothing_serious_is_found_on_any_view(browser, window, theme):
             page.wait_for_timeout(350)
         views[name] = serious(page)
     page.keyboard.press("Escape")
-    watched.answer("ArrowLeft")
+    watched.answer("Shift+ArrowLeft")
     watched.answer("ArrowRight")
     page.keyboard.press("h")
     page.click(".answers tbody tr:last-child td:first-child button")
@@ -74,5 +74,6 @@ def test_everything_is_reached_by_tab(browser, window):
         focused = "() => document.activeElement.id || document.activeElement.tagName"
         reached.add(watched.page.evaluate(focused))
     for id_ in ("to-history", "undo", "zoom", "left-unsafe", "right-good-enough", "comment",
-                "verdict-left", "verdict-cannot-tell", "verdict-right", "finish"):  # fmt: skip
+                "verdict-much-left", "verdict-left", "verdict-cannot-tell", "verdict-right",
+                "verdict-much-right", "finish"):  # fmt: skip
         assert id_ in reached or watched.page.is_disabled(f"#{id_}"), id_

@@ -6,11 +6,15 @@ import threading
 import httpx
 import pytest
 
+from prefcal_env.preference import Strength
+from prefcal_env.studies import export_csv
 from prefcal_scenarios.interview import Choice, Interview, Phase
 from prefcal_scenarios.scenario import load
 from prefcal_scenarios.window.api import Pace
 from support.interviews import begin, proceed
 from support.windows import TOY, make_room
+
+LEFT, RIGHT = Choice.LEFT, Choice.RIGHT
 
 
 def verdict(room, **changes):
@@ -65,6 +69,21 @@ def test_an_answer_is_recorded_with_what_belongs_to_it(room):
     (closed,) = room.interview.now().state.closed[1:]
     assert (closed.question, closed.comment, closed.blind) == (asked.id, "θ: it swings", True)
     assert closed.answer.preference is asked.preference(Choice.RIGHT)
+
+
+@pytest.mark.parametrize(("choice", "side"), [("much left", LEFT), ("much right", RIGHT)])
+def test_much_better_is_stored_shown_and_exported(room, tmp_path, choice, side):
+    asked = room.interview.now().question
+    assert room.post("answer", **verdict(room, choice=choice)).status_code == 200
+    (closed,) = room.interview.now().state.closed[1:]
+    assert closed.answer == asked.answer(side, Strength.MUCH_BETTER)
+    (shown,) = room.page().get("/api/history").json()["answers"]
+    assert shown["text"] in ("new much better", "best much better")
+    again = room.page().get("/api/history/1").json()
+    assert (again["verdict"], again["much"]) == (side.value, True)
+    export_csv(room.interview.study, tmp_path)
+    row = (tmp_path / "comparisons.csv").read_text().splitlines()[1].split(",")
+    assert float(row[5]) == 3
 
 
 @pytest.mark.parametrize("choice", ["left", "right", "same", "cannot tell"])

@@ -112,8 +112,8 @@ function saved(words) {
   requestAnimationFrame(() => $("saved").classList.add("fresh"));
 }
 
-const WORDS = { left: "left is better", right: "right is better", same: "about the same",
-  "cannot tell": "can't tell" };
+export const WORDS = { left: "left is better", right: "right is better", same: "about the same",
+  "cannot tell": "can't tell", "much left": "left is much better", "much right": "right is much better" };
 
 export async function answer(choice) {
   const { now } = state;

@@ -2,11 +2,11 @@
 
 import { get } from "./api.js";
 import { $, ask, el, fill, say, when } from "./dom.js";
+import { WORDS } from "./flow.js";
 import { miniature } from "./miniature.js";
 import { item, thetas } from "./question.js";
 
 const HEADS = ["question", "new", "best so far", "verdict", "marks", "comment", "answered", "retract"];
-const VERDICTS = { left: "left is better", right: "right is better", same: "about the same", "cannot tell": "can't tell" };
 
 export async function showHistory(act) {
   const view = $("view-history");
@@ -80,23 +80,24 @@ async function lookAgain(number) {
     return fill(place, el("p", { class: "problem" }, error.message));
   }
   const { question, verdict, comment, time_unit: unit } = asked;
+  const words = WORDS[asked.much ? `much ${verdict}` : verdict] ?? verdict;
   const close = el("button", { type: "button", on: { click: () => fill(place) } }, "Close");
-  fill(place, el("div", { class: "card-head" }, el("h3", {}, `Comparison ${number}: ${VERDICTS[verdict] ?? verdict}`),
+  fill(place, el("div", { class: "card-head" }, el("h3", {}, `Comparison ${number}: ${words}`),
     comment ? el("span", { class: "faint" }, `“${comment}”`) : null, close),
-  el("div", { class: "pair small" }, ["left", "right"].map((name) => side(name, question[name], verdict === name))));
+  el("div", { class: "pair small" }, ["left", "right"].map((name) => side(name, question[name], verdict === name && (asked.much ? "much preferred" : "preferred")))));
   for (const name of ["left", "right"]) {
     miniature(place.querySelector(`[data-side=${name}]`), question, name, unit);
   }
   place.scrollIntoView({ block: "nearest" });
   place.focus({ preventScroll: true });
-  return say(`Comparison ${number}: ${VERDICTS[verdict] ?? verdict}`);
+  return say(`Comparison ${number}: ${words}`);
 }
 
 function side(name, shown, won) {
   const title = name === "left" ? "Left" : "Right";
   return el("section", { class: `side ${name}`, "aria-label": title },
     el("header", {}, el("h4", {}, title), el("p", { class: "which" }, `experiment ${shown.number} · ${shown.role}`),
-      won ? el("span", { class: "chip good" }, "preferred") : null),
+      won ? el("span", { class: "chip good" }, won) : null),
     el("dl", { class: "kpis" }, shown.kpis.slice(0, 4).map(item)), thetas(shown),
     el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side: name } }));
 }

@@ -1,12 +1,14 @@
-// The keys. They never fire while somebody types, with a modifier, or twice for one long press.
+// The keys. They never fire while somebody types, with a modifier (but shift), or twice for one long press.
 
 import { answer, finish, mark, open, toggleBlind, undo, current } from "./flow.js";
 import { moveCursor, repeat, resetZoom, toggleOverlay, togglePlay, toggleZoom } from "./question.js";
 import { $, ask, el } from "./dom.js";
 
 const QUESTION = {
-  ArrowLeft: ["←", "left is better", () => answer("left")],
-  ArrowRight: ["→", "right is better", () => answer("right")],
+  ArrowLeft: ["← →", "left, right is better", () => answer("left")],
+  ArrowRight: [null, "", () => answer("right")],
+  "shift ArrowLeft": ["shift ← →", "left, right is much better", () => answer("much left")],
+  "shift ArrowRight": [null, "", () => answer("much right")],
   ArrowDown: ["↓", "about the same", () => answer("same")],
   s: ["S", "can't tell", () => answer("cannot tell")],
   q: ["Q", "mark left as unsafe or very bad", () => mark("left", "unsafe")],
@@ -51,7 +53,8 @@ export function keyboard() {
     if (button && (event.key === " " || event.key === "Enter")) return;
     const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     const asked = document.body.dataset.view === "now" && current()?.phase === "question";
-    const found = (asked && QUESTION[name]) || EVERYWHERE[name];
+    const shifted = event.shiftKey && QUESTION[`shift ${name}`];
+    const found = (asked && (shifted || QUESTION[name])) || EVERYWHERE[name];
     if (!found) return;
     event.preventDefault();
     const repeats = [",", ".", "<", ">", ";", ":"].includes(name);

@@ -96,7 +96,7 @@ function arrange() {
 
 function begin() {
   if (location.pathname !== "/") history.replaceState(null, "", "/");
-  for (const choice of ["left", "right", "same", "cannot-tell"]) {
+  for (const choice of ["left", "right", "same", "cannot-tell", "much-left", "much-right"]) {
     $(`verdict-${choice}`).addEventListener("click", () => answer(choice.replace("-", " ")));
   }
   $("undo").addEventListener("click", undo);

@@ -5,7 +5,7 @@ from typing import Any
 from prefcal_env.preference import Preference
 from prefcal_env.studies import Closed
 from prefcal_scenarios.interview import Interview
-from prefcal_scenarios.report.record import VERDICTS
+from prefcal_scenarios.report.record import verdict_text
 from prefcal_scenarios.report.wording import mark_text
 
 from .sides import question_view
@@ -32,7 +32,7 @@ def _answer_view(closed: Closed, numbers: dict[int | None, int]) -> dict[str, An
         "at": closed.at,
         "challenger": closed.challenger + 1,
         "incumbent": None if closed.incumbent is None else closed.incumbent + 1,
-        "text": VERDICTS[closed.answer.preference],
+        "text": verdict_text(closed.answer),
         "winner": _WINNERS.get(closed.answer.preference, "none"),  # type: ignore[arg-type]
         "comment": closed.comment,
         "blind": closed.blind,
@@ -50,6 +50,7 @@ def asked_view(interview: Interview, answer: int, *, blind: bool = False) -> dic
         "answer": answer,
         "question": question_view(question, interview.scenario, blind=blind),
         "verdict": question.choice(closed.answer.preference).value,
+        "much": closed.answer.much_better,
         "retracted": closed.retracted,
         "comment": closed.comment,
         "time_unit": question.left.experiment.channels.time_unit,

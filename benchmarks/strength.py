@@ -1,0 +1,119 @@
+"""What "much better" is worth: GLISp with and without strengths, in paired runs.
+
+    python benchmarks/strength.py [--problems camel cstr] [--seeds 16] [--first 0] [--factor 3]
+
+Two people who never err say "much better" where the latent costs differ by more than a threshold:
+"start" by the median of the differences among the ten experiments of the start, "recent" by the
+median of the differences of his last fifteen comparisons. Each run has a twin of the same seed
+in which neither says so.
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from prefcal_agents import GLISp
+from prefcal_agents.cube import latin_hypercube
+from prefcal_env.calibrators import LatentCost
+from prefcal_env.preference import Answer
+from prefcal_scenarios.bench.problems import PROBLEMS, Problem, problem
+
+N_INIT, N_MAX = 10, 50
+RECENT = 15
+"""Comparisons that a person has in mind."""
+CLOSEST = 1e-9
+"""Gaps below count as this: what is left is rounding."""
+
+
+@dataclass
+class Person:
+    """Says "much better" above `threshold`, or None for never, as a function of the past."""
+
+    threshold: Callable[[list[float]], float | None]
+    differences: list[float] = field(default_factory=list)
+
+    def prefer(self, a, b) -> Answer:
+        """Compare two outcomes."""
+        judge = LatentCost(lambda o: o.cost, much_better=self.threshold(self.differences))
+        self.differences.append(abs(a.cost - b.cost))
+        return Answer.of(judge.prefer(a, b))
+
+
+def by_the_start(of: Problem, seed: int) -> Person:
+    """His threshold stays what the experiments of the start taught him."""
+    start = [of.space.decode(z) for z in latin_hypercube(of.space, N_INIT, seed)]
+    costs = [of.outcome(theta).cost for theta in start]
+    threshold = float(np.median([abs(a - b) for a, b in combinations(costs, 2)]))
+    return Person(lambda past: threshold)
+
+
+def by_the_recent(of: Problem, seed: int) -> Person:
+    """His threshold follows what he sees."""
+    return Person(lambda past: float(np.median(past[-RECENT:])) if len(past) > 2 else None)
+
+
+PEOPLE = {"plain": lambda of, seed: Person(lambda past: None),
+          "start": by_the_start, "recent": by_the_recent}  # fmt: skip
+
+
+def run(of: Problem, person: Person, seed: int, factor: float) -> tuple[float, int]:
+    """Gap of θ that won, and how often it was "much better"."""
+    agent = GLISp(of.space, n_init=N_INIT, n_max=N_MAX, seed=seed)
+    best, much = None, 0
+    while not agent.done:
+        query = agent.ask()
+        new = of.outcome(query.challenger.theta)
+        answer = Answer(None) if best is None else person.prefer(new, best)
+        if answer.much_better:
+            answer, much = Answer(answer.preference, strength=factor), much + 1
+        agent.tell(query, answer)
+        if best is None or answer.preference == -1:
+            best = new
+    return of.gap(best), much
+
+
+def against(gaps: np.ndarray, plain: np.ndarray) -> str:
+    """Mean log10 ratio with its standard error, and wins to losses."""
+    ratio = np.log10(np.maximum(gaps, CLOSEST) / np.maximum(plain, CLOSEST))
+    error = ratio.std(ddof=1) / np.sqrt(len(ratio))
+    wins, losses = int(np.sum(ratio < -0.01)), int(np.sum(ratio > 0.01))
+    return f"{ratio.mean():+.2f} ± {error:.2f}, {wins} to {losses}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    functions = [name for name in PROBLEMS if problem(name).has_cost]
+    parser.add_argument("--problems", nargs="+", default=functions, choices=functions)
+    parser.add_argument("--seeds", type=int, default=16)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--factor", type=float, default=3.0)
+    options = parser.parse_args()
+    table = Table("problem", "plain", "start", "log10 ratio", "recent", "log10 ratio", "much")
+    gaps: dict[str, list[float]] = {name: [] for name in PEOPLE}
+    for name in options.problems:
+        seeds = range(options.first, options.first + options.seeds)
+        found = {
+            who: np.array([run(problem(name), make(problem(name), s), s, options.factor)
+                           for s in seeds])
+            for who, make in PEOPLE.items()
+        }  # fmt: skip
+        plain, start, recent = (found[who][:, 0] for who in PEOPLE)
+        for who in PEOPLE:
+            gaps[who] += found[who][:, 0].tolist()
+        much = " ".join(f"{found[who][:, 1].mean():.0f}" for who in ("start", "recent"))
+        medians = [f"{np.median(g):.2g}" for g in (plain, start, recent)]
+        row = [name, *medians[:2], against(start, plain), medians[2], against(recent, plain), much]
+        table.add_row(*row)
+        print(*row, sep=" | ", flush=True)
+    plain, start, recent = (np.array(gaps[who]) for who in PEOPLE)
+    table.add_row("all", "", "", against(start, plain), "", against(recent, plain), "")
+    Console(width=130).print(table)
+
+
+if __name__ == "__main__":
+    main()
