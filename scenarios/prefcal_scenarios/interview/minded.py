@@ -27,7 +27,8 @@ def index_of(ledger: Ledger, seed: int) -> LearnedIndex | None:
 
 
 def _known(comparison: Comparison, album: Album) -> Comparison:
-    if comparison.answer.outcomes is not None:
+    told = comparison.answer.outcomes
+    if told is not None and told[0] is not None:
         return comparison
     outcomes = album.outcomes(comparison.challenger, None)  # each is a challenger once
     return replace(comparison, answer=replace(comparison.answer, outcomes=outcomes))
