@@ -6,8 +6,9 @@ from math import isfinite
 from typing import Literal, get_args
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from prefcal_env.constraints import AnyConstraint, Constraint, LinearConstraint
 from prefcal_env.errors import KnobError
 
 Scale = Literal["linear", "log10"]
@@ -75,13 +76,20 @@ def _is_number(value: object) -> bool:
 class KnobSpace:
     """The box Θ in which θ is sought, an ordered collection of knobs.
 
+    Args:
+        knobs: One or more.
+        constraints: What every proposed θ satisfies beside its box. `decode`, `encode` and
+            `check` know the box alone, since pictures show what lies outside, too.
+
     Raises:
-        KnobError: no knob, something that is not a `Knob`, or two knobs of one name.
+        KnobError: no knob, something that is not a `Knob` or a constraint, two of one name, or
+            a linear constraint on a knob that is not there.
     """
 
     knobs: tuple[Knob, ...]
+    constraints: tuple[AnyConstraint, ...]
 
-    def __init__(self, knobs: Sequence[Knob]) -> None:
+    def __init__(self, knobs: Sequence[Knob], constraints: Sequence[AnyConstraint] = ()) -> None:
         if isinstance(knobs, Knob) or not isinstance(knobs, Iterable):
             raise KnobError(f"a knob space needs a sequence of Knobs, got {knobs!r}")
         object.__setattr__(self, "knobs", tuple(knobs))
@@ -91,6 +99,7 @@ class KnobSpace:
         duplicates = {n for n in self.names if self.names.count(n) > 1}
         if duplicates:
             raise KnobError(f"knob names must differ, got {sorted(duplicates)} more than once")
+        object.__setattr__(self, "constraints", _checked(constraints, self.names))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -146,6 +155,45 @@ class KnobSpace:
                 raise KnobError(f"theta of knob {knob.name!r} must be an integer, got {value}")
         return theta
 
+    def allows(self, theta: Float[np.ndarray, "*m n"]) -> Bool[np.ndarray, "*m"] | bool:
+        """Whether the constraints allow physical θ, shape (n,), or each of several, shape (m, n).
+
+        Raises:
+            KnobError: another shape, or a constraint that cannot be computed.
+        """
+        thetas = np.asarray(theta, dtype=float)
+        if thetas.ndim == 1:
+            return bool(np.all(self.excess(self._vector(thetas, "theta")[None]) <= 0))
+        return np.asarray(np.all(self.excess(thetas) <= 0, axis=1))
+
+    def excess(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m c"]:
+        """The c constraints at physical θ, shape (m, n): 0 or less where allowed, shape (m, c).
+
+        Raises:
+            KnobError: another shape, or a constraint that cannot be computed.
+        """
+        if np.ndim(thetas) != 2 or np.shape(thetas)[1] != len(self):
+            raise KnobError(f"thetas must have shape (m, {len(self)}), got {np.shape(thetas)}")
+        if not self.constraints or not len(thetas):
+            return np.zeros((len(thetas), len(self.constraints)))
+        values = {name: thetas[:, k] for k, name in enumerate(self.names)}
+        return np.array([constraint(values) for constraint in self.constraints]).T
+
+    def check_allowed(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return `theta` as `check` does.
+
+        Raises:
+            KnobError: as `check`, or a constraint does not allow it.
+        """
+        theta = self.check(theta)
+        for constraint, g in zip(self.constraints, self.excess(theta[None])[0], strict=True):
+            if not g <= 0:
+                raise KnobError(
+                    f"constraint {constraint.name!r} must be 0 or less, got {g:g} at "
+                    f"theta {self.named(theta)}"
+                )
+        return theta
+
     def named(self, theta: Float[np.ndarray, " n"]) -> dict[str, float]:
         """Knob name to physical value, in order; integers as int, for people and JSON."""
         theta = self.check(theta)
@@ -169,3 +217,18 @@ class KnobSpace:
                 f"{what} must be finite, got {dict(zip(self.names, vector.tolist(), strict=True))}"
             )
         return vector
+
+
+def _checked(constraints: object, names: tuple[str, ...]) -> tuple[AnyConstraint, ...]:
+    if isinstance(constraints, str) or not isinstance(constraints, Iterable):
+        raise KnobError(f"constraints must be a sequence of them, got {constraints!r}")
+    found = tuple(constraints)
+    for constraint in found:
+        if not isinstance(constraint, (Constraint, LinearConstraint)):
+            raise KnobError(f"expected a Constraint or a LinearConstraint, got {constraint!r}")
+        constraint.check_names(names)
+    titles = [constraint.name for constraint in found]
+    duplicates = {title for title in titles if titles.count(title) > 1}
+    if duplicates:
+        raise KnobError(f"constraint names must differ, got {sorted(duplicates)} more than once")
+    return found

@@ -22,7 +22,7 @@ AGENTS_MAY_USE = ("errors", "end", "knobs", "preference", "qp")
 
 LAYERS = (
     {"errors", "end"},
-    {"knobs", "preference", "experiment", "qp", "control", "variants"},
+    {"constraints", "knobs", "preference", "experiment", "qp", "control", "variants"},
     {"plants", "overtaking"},
     {"mpc", "envs"},
     {"rollout", "rig"},

@@ -9,11 +9,12 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import KnobSpace
 
 from .checks import integer
-from .cube import Tried, encode_all, integer_mask, latin_hypercube, snap_all
+from .cube import Tried, encode_all, latin_hypercube
 from .glis_settings import GLISSettings
 from .interpolation import Interpolant, best_interpolant, normalised
 from .ledger import Ledger
-from .minimise import Domain, multistart
+from .minimise import multistart
+from .region import search_domain
 from .state import AgentState
 from .threads import one_thread
 from .turn_taking import ValueBased
@@ -69,11 +70,10 @@ class GLIS(ValueBased):
             return tried.fresh(latin_hypercube(space, self.n_init, self._seed)[index], rng)
         if not len(ledger.scores()[0]):
             return tried.fresh(rng.random(len(space)), rng)
-        start = np.array(ledger.samples[ledger.incumbent or 0])
-        domain = Domain(integer_mask(space), lambda z: snap_all(space, z), start)
+        domain = search_domain(space, ledger)
         with one_thread():
             for z in multistart(self._acquisition(ledger), domain, rng):
-                if z not in tried:
+                if tried.may_run(z):
                     return np.asarray(z)
         return tried.fresh(domain.start, rng)
 

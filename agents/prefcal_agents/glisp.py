@@ -19,7 +19,7 @@ from .state import AgentState
 from .turn_taking import PreferenceBased
 from .turns import Turns
 
-VERSION = 1
+VERSION = 2
 """Of the algorithm: raised when the same answers would lead to another next sample."""
 
 
@@ -106,6 +106,7 @@ class GLISp(PreferenceBased):
         """Return an independent twin, for running ahead on each likely answer."""
         twin = self.restore(self.space, self._snapshot())
         twin._strategy.shapes.update(self._strategy.shapes)
+        twin._strategy.evidence.update(self._strategy.evidence)
         return twin
 
     @property

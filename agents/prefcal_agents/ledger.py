@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from prefcal_env.errors import ProtocolError
-from prefcal_env.preference import Answer, Preference
+from prefcal_env.preference import Answer, Mark, Preference
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +70,21 @@ class Preferences:
 
 
 @dataclass(frozen=True, slots=True)
+class Marks:
+    """What K samples that a calibrator looked at were marked as.
+
+    Args:
+        samples: Points of the unit cube, shape (K, n).
+        unsafe: Shape (K,); a sample without that mark counts as safe.
+        good: Whether good enough, shape (K,); never where unsafe.
+    """
+
+    samples: Float[np.ndarray, "K n"]
+    unsafe: Bool[np.ndarray, " K"]
+    good: Bool[np.ndarray, " K"]
+
+
+@dataclass(frozen=True, slots=True)
 class Ledger:
     """Samples in the order proposed (the last may be pending), and the closed queries.
 
@@ -103,14 +118,10 @@ class Ledger:
         if len(scored):
             return int(scored[np.argmin(values)])
         winner = 0 if self.comparisons else None
-        for c in self.in_order():
-            if not c.teaches:
-                continue
-            preference, met = c.answer.preference, c.after is None or c.incumbent == winner
-            if preference is Preference.CHALLENGER and met:
-                winner = c.challenger
-            elif preference is Preference.INCUMBENT and c.challenger == winner:
-                winner = c.incumbent
+        for comparison in self.comparisons:
+            won = comparison.answer.preference is Preference.CHALLENGER
+            if comparison.teaches and won:
+                winner = comparison.challenger
         return winner
 
     def in_order(self) -> tuple[Comparison, ...]:
@@ -164,6 +175,32 @@ class Ledger:
                 if index is not None and outcome and not known[index]:
                     known[index] = outcome
         return tuple(known)
+
+    def marks(self) -> Marks:
+        """What the remaining answers mark; one that says a sample is unsafe is enough.
+
+        The answer to the first query is often given by a program: it can mark sample 0, but
+        that it does not mark it says nothing.
+        """
+        seen: set[int] = set()
+        marked: dict[Mark, set[int]] = {mark: set() for mark in Mark}
+        for comparison in self.comparisons:
+            if comparison.retracted:
+                continue
+            sides = (comparison.challenger, comparison.incumbent)
+            seen.update(side for side in sides if side is not None and sides[1] is not None)
+            for mark in comparison.answer.marks:
+                side = sides[mark in (Mark.INCUMBENT_UNSAFE, Mark.INCUMBENT_GOOD_ENOUGH)]
+                if side is not None:
+                    marked[mark].add(side)
+        unsafe = marked[Mark.CHALLENGER_UNSAFE] | marked[Mark.INCUMBENT_UNSAFE]
+        good = marked[Mark.CHALLENGER_GOOD_ENOUGH] | marked[Mark.INCUMBENT_GOOD_ENOUGH]
+        known = np.array(sorted(seen | unsafe | good), dtype=np.int64)
+        return Marks(
+            samples=self.cube()[known],
+            unsafe=np.array([index in unsafe for index in known], dtype=np.bool_),
+            good=np.array([index in good - unsafe for index in known], dtype=np.bool_),
+        )
 
     def until(self, count: int) -> "Ledger":
         """The first `count` samples and their answers, further ones among them included."""

@@ -1,6 +1,6 @@
 """GLISp's next sample, as a function of seed, settings and ledger alone."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -10,13 +10,15 @@ from prefcal_env.qp import Backend
 
 from .acquisition import Acquisition
 from .cross_validation import Validation, choose_epsilon, rescale_knob
-from .cube import Tried, integer_mask, latin_hypercube, snap_all
-from .fitting import Constraints, fit, margins
+from .cube import Tried, latin_hypercube
+from .fitting import Constraints, Learning, fit, margins
 from .ledger import Ledger
-from .minimise import Domain
+from .marks import POOL, replaced, steered, unsafe_worry
 from .outcomes import Judgement, Outcomes
 from .placing import to_place
+from .region import random_points, search_domain
 from .settings import EVERY_STEP, MINIMISERS, GLISpSettings
+from .softness import FEWEST, WINDOW, advantage, contradictory
 from .surrogate import Composite, Shape, Surrogate
 from .threads import one_thread
 
@@ -32,6 +34,7 @@ class Strategy:
         seed: Of all randomness; sample i draws from `(seed, i)`.
         backend: QP solver.
         shapes: Ledger to the shape of φ after it; a cache, which changes no result.
+        evidence: Ledger to how much better a soft fit foretells answers; a cache too.
     """
 
     space: KnobSpace
@@ -40,6 +43,7 @@ class Strategy:
     seed: int
     backend: Backend
     shapes: dict[Ledger, Shape] = field(default_factory=dict, repr=False, compare=False)
+    evidence: dict[Ledger, int] = field(default_factory=dict, repr=False, compare=False)
 
     def propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
         """Cube point of the sample that follows `ledger`, shape (n,).
@@ -58,19 +62,16 @@ class Strategy:
         rng = np.random.default_rng([self.seed, index])
         tried = Tried(self.space, ledger)
         if index < self.n_init:
-            return tried.fresh(latin_hypercube(self.space, self.n_init, self.seed)[index], rng)
+            return tried.fresh(self._planned(ledger, rng), rng)
         noise, delta = None, self.settings.delta
         if self._perturbs(index):
             noise, delta = rng.exponential(size=len(ledger.preferences())), 0.0
         surrogate = self.learned(ledger, noise)
-        domain = Domain(
-            integer_mask(self.space),
-            lambda z: snap_all(self.space, z),
-            np.array(ledger.samples[ledger.incumbent or 0]),
-        )
+        domain = search_domain(self.space, ledger)
+        objective = steered(Acquisition.of(surrogate, delta), ledger, self.settings)
         minimise = MINIMISERS[self.settings.minimiser]
-        for z in minimise(Acquisition.of(surrogate, delta), domain, rng):
-            if z not in tried:
+        for z in minimise(objective, domain, rng):
+            if tried.may_run(z):
                 return np.asarray(z)
         return tried.fresh(domain.start, rng)
 
@@ -79,23 +80,36 @@ class Strategy:
         if len(ledger.latest) >= self.settings.questions_per_experiment or ledger.answered < 3:
             return None
         with one_thread():
-            # Without a cross-validation of its own: each answer is followed by the next question.
-            shape = self.shape(ledger.until(ledger.answered - 1))
-            return to_place(ledger, self.learned(ledger, shape=shape)(ledger.cube()))
+            # Without a cross-validation of its own: the next question follows each answer.
+            known = self.learned(ledger, validated=ledger.until(ledger.answered - 1))
+            return to_place(ledger, known(ledger.cube()))
+
+    def _planned(self, ledger: Ledger, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
+        """Of the start, unless marks say that it is likely unsafe there."""
+        plan, index = latin_hypercube(self.space, self.n_init, self.seed), ledger.answered
+        worry = unsafe_worry(ledger, self.settings)
+        if worry is None:
+            return np.asarray(plan[index])
+        others = np.vstack([ledger.cube(), plan[index + 1 :]])
+        return replaced(plan[index], others, random_points(self.space, POOL, rng), worry)
 
     def learned(
         self,
         ledger: Ledger,
         noise: Float[np.ndarray, " M"] | None = None,
-        shape: Shape | None = None,
+        validated: Ledger | None = None,
     ) -> Surrogate | Composite:
         """Ĵ that the M answers in `ledger` teach, with a factor `noise`, (M,), on their margins.
+
+        Shape and softness are those that cross-validation finds for the ledger `validated`, an
+        earlier one where time is short.
 
         Deviation: KPIs that explain the answers are part of it, as far as cross-validation finds
         that they help to foretell answers; scale 0 among the `outcome_scales` is without them.
         """
-        preferences = ledger.preferences()
-        shape = self.shape(ledger) if shape is None else shape
+        validated = ledger if validated is None else validated
+        preferences, shape = ledger.preferences(), self.shape(validated)
+        learning = self._learning(validated)
         margin = margins(preferences, self.settings.margin_power, self.settings.strong_margins)
         margin = margin if noise is None else margin * noise
         phi = shape.basis(preferences.samples, preferences.samples)
@@ -103,13 +117,31 @@ class Strategy:
         outcomes = Outcomes.of(ledger) if any(self.settings.outcome_scales) else Outcomes.none()
         scale = self._outcome_scale(ledger, shape, outcomes)
         if scale == 0:
-            beta = fit(constraints, self.settings.learning, self.backend)
+            beta = fit(constraints, learning, self.backend)
             return Surrogate(preferences.samples, beta, shape)
         constraints = constraints.with_outcomes(preferences, scale * outcomes.columns)
-        beta = fit(constraints, self.settings.learning, self.backend)
+        beta = fit(constraints, learning, self.backend)
         n = len(phi)
         judgement = Judgement(outcomes, scale * np.maximum(beta[n:], 0.0))
         return Composite(Surrogate(preferences.samples, beta[:n], shape), judgement)
+
+    def _learning(self, ledger: Ledger) -> Learning:
+        """How β is learned: softly where the answers contradict each other (see `advantage`)."""
+        learning, soften = self.settings.learning, self.settings.soften
+        if soften == 1.0 or learning.lam == 0:
+            return learning
+        first = max(ledger.answered - WINDOW, self.n_init - 1) + 1
+        found = [self._advantage(ledger.until(k)) for k in range(first, ledger.answered + 1)]
+        return replace(learning, lam=soften * learning.lam) if contradictory(found) else learning
+
+    def _advantage(self, ledger: Ledger) -> int:
+        if ledger not in self.evidence:
+            preferences, settings = ledger.preferences(), self.settings
+            self.evidence[ledger] = 0 if len(preferences) < FEWEST else advantage(
+                preferences, self.shape(ledger), settings.learning, settings.soften, self.backend,
+                settings.folds, (self.seed, ledger.answered),
+            )  # fmt: skip
+        return self.evidence[ledger]
 
     def _outcome_scale(self, ledger: Ledger, shape: Shape, outcomes: Outcomes) -> float:
         """By how much KPIs count beside θ, so that left-out answers are foretold best."""

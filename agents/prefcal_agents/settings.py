@@ -36,6 +36,8 @@ class GLISpSettings:
         sigma: σ of eq. QP-pref, above 0.
         lam: λ of eq. QP-pref, 0 or more; the QP divided by σ has λσ, so 1 at σ = 1e-6 keeps all
             preferences that can be kept.
+        soften: Factor on λ once cross-validation finds that answers contradict the rest, 1 or
+            more; 1: never. Measured in docs/research/noise.md.
         epsilon: ε of eq. rbf before the first cross-validation, above 0, in the unit cube.
         epsilons: Multiples of `epsilon` among which cross-validation chooses, increasing.
         folds: K of the cross-validation, 2 or more.
@@ -49,6 +51,11 @@ class GLISpSettings:
         perturb_every: Every how many proposals the margins are drawn at random; 0: never.
         outcome_scales: By how much the KPIs that come with the answers may count beside θ, 0 or
             more, increasing; cross-validation chooses. (0,) leaves them out.
+        unsafe_weight: What a place costs that is surely unsafe by the marks so far, in units of
+            ΔĴ, 0 or more; 0 leaves that mark out.
+        least_safe: Chance of being safe, above 0 and below 1, from which on a place costs
+            nothing; it is raised for a while after each unsafe experiment.
+        good_weight: What a place costs that is surely not good enough, as `unsafe_weight`.
         minimiser: Of eq. xNp1: "multistart" or "particle_swarm".
         questions_per_experiment: Most comparisons for each experiment, 1 or more; those beyond
             the first place it among the experiments that have run.
@@ -61,6 +68,7 @@ class GLISpSettings:
     rbf: str = "inverse_quadratic"
     sigma: float = 1e-6
     lam: float = 1.0
+    soften: float = 1e5
     epsilon: float = 1.0
     epsilons: tuple[float, ...] = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2, 5.6, 10.0)
     folds: int = 3
@@ -70,6 +78,9 @@ class GLISpSettings:
     strong_margins: bool = True
     perturb_every: int = 2
     outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
+    unsafe_weight: float = 30.0
+    least_safe: float = 0.9
+    good_weight: float = 0.1
     minimiser: str = "multistart"
     questions_per_experiment: int = 1
 
@@ -78,12 +89,18 @@ class GLISpSettings:
         choice("rbf", self.rbf, RADIAL_FUNCTIONS)
         number("sigma", self.sigma, strict=True)
         number("lam", self.lam)
+        number("soften", self.soften, low=1.0)
         number("epsilon", self.epsilon, strict=True)
         integer("folds", self.folds, low=2)
         _flag("rescale", self.rescale)
         _flag("strong_margins", self.strong_margins)
         number("margin_power", self.margin_power)
         integer("perturb_every", self.perturb_every, low=0)
+        number("unsafe_weight", self.unsafe_weight)
+        number("least_safe", self.least_safe, strict=True)
+        if self.least_safe >= 1:
+            raise SettingsError(f"least_safe must be below 1, got {self.least_safe!r}")
+        number("good_weight", self.good_weight)
         choice("minimiser", self.minimiser, MINIMISERS)
         integer("questions_per_experiment", self.questions_per_experiment, low=1)
         _increasing("epsilons", self.epsilons, strict=True)
@@ -98,9 +115,12 @@ class GLISpSettings:
             validate_at=(10, 20, 30, 40),
             rescale=False,
             margin_power=0.0,
+            soften=1.0,
             strong_margins=False,
             perturb_every=0,
             outcome_scales=(0.0,),
+            unsafe_weight=0.0,
+            good_weight=0.0,
             minimiser="particle_swarm",
         )
 

@@ -19,6 +19,8 @@ from .checks import integer
 from .ledger import Ledger
 from .state import AgentState
 
+_COUNTED = 100_000  # θ of an integer space up to which those that are allowed are counted
+
 Propose = Callable[[Ledger], Float[np.ndarray, " n"]]
 Further = Callable[[Ledger], tuple[int, int] | None]
 
@@ -67,12 +69,13 @@ class Turns:
         self.space, self.n_init, self._asked_for = space, int(n_init), int(n_max)
         self._propose, self.by_value, self._further = propose, by_value, further
         self._thought: tuple[Ledger, tuple[int, int] | None] | None = None
+        self._capacity = capacity(space)
         self.ledger = Ledger()
 
     @property
     def n_max(self) -> int:
         """Experiments until the end: as asked for, or all θ of a space that holds fewer."""
-        return int(min(self._asked_for, capacity(self.space)))
+        return int(min(self._asked_for, self._capacity))
 
     @property
     def done(self) -> bool:
@@ -188,14 +191,28 @@ class Turns:
                 raise SettingsError(f"a further answer of a state cannot be {c}")
         for index in range(stored):
             try:
-                self.space.decode(np.array(ledger.samples[index]))
+                self.space.check_allowed(self.space.decode(np.array(ledger.samples[index])))
             except KnobError as error:
                 raise SettingsError(f"sample {index} of a state: {error}") from error
         self.ledger = ledger
 
 
 def capacity(space: KnobSpace) -> float:
-    """How many different θ the space holds; infinite unless all knobs are integers."""
+    """How many different θ the space holds; infinite unless all knobs are integers.
+
+    Those that constraints refuse are left out, where all can be looked at.
+
+    Raises:
+        KnobError: all were looked at, and none is allowed.
+    """
     if not all(knob.integer for knob in space):
         return np.inf
-    return float(prod(int(knob.high - knob.low) + 1 for knob in space))
+    total = prod(int(knob.high - knob.low) + 1 for knob in space)
+    if not space.constraints or total > _COUNTED:
+        return float(total)
+    every = np.meshgrid(*(np.arange(k.low, k.high + 1) for k in space), indexing="ij")
+    allowed = np.count_nonzero(space.allows(np.stack(every, axis=-1).reshape(-1, len(space))))
+    if not allowed:
+        names = [constraint.name for constraint in space.constraints]
+        raise KnobError(f"the constraints {names} allow none of the {total} θ of the space")
+    return float(allowed)

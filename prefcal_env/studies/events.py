@@ -84,7 +84,10 @@ class Marked:
 
 @dataclass(frozen=True, slots=True)
 class Retracted:
-    """Closed query number `answer` teaches nothing from now on; all samples stay."""
+    """Closed query number `answer` teaches nothing from now on; all samples stay.
+
+    Below 0, further answer number -`answer`, from 1: about two experiments closed before.
+    """
 
     answer: int
 

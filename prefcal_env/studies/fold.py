@@ -43,6 +43,7 @@ class Closed:
         blind: Whether θ and the roles were hidden.
         repeats: Id of the earlier question that it asked again.
         retracted: Whether it teaches nothing any more.
+        after: For a further comparison of two known experiments: how many queries were closed.
     """
 
     seq: int
@@ -56,6 +57,7 @@ class Closed:
     blind: bool
     repeats: int | None = None
     retracted: bool = False
+    after: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,7 @@ class State:
         finished: Index to the event whose payload is its experiment.
         failures: Index to the error of a run that raised, while there is no experiment.
         closed: Closed queries that stand; number i has challenger i.
+        further: Answers about two experiments that had both been closed before.
         repeats: Answers to repeated questions.
         marks: Index to the marks that the experiment bears.
         notes: When and what.
@@ -84,11 +87,18 @@ class State:
     finished: Mapping[int, int] = field(default_factory=dict)
     failures: Mapping[int, str] = field(default_factory=dict)
     closed: tuple[Closed, ...] = ()
+    further: tuple[Closed, ...] = ()
     repeats: tuple[Closed, ...] = ()
     marks: Mapping[int, frozenset[str]] = field(default_factory=dict)
     notes: tuple[tuple[str, str], ...] = ()
     open: tuple[int, Shown] | None = None
     ended: str | None = None
+
+    @property
+    def answers(self) -> tuple[Closed, ...]:
+        """Every answer, those to further and repeated questions too, in the order given."""
+        every = (*self.closed[1:], *self.further, *self.repeats)
+        return tuple(sorted(every, key=lambda c: c.seq))
 
 
 def begin(seq: int, at: str, event: Event) -> State:
@@ -200,11 +210,16 @@ def _answered(state: State, seq: int, at: str, event: Answered) -> State:
     if closed.repeats is not None:
         return replace(state, repeats=(*state.repeats, closed), open=None)
     due = len(state.closed)
+    if event.question is not None and event.challenger < due:
+        closed = replace(closed, after=due)
+        return replace(state, further=(*state.further, closed), open=None)
     _require(event.challenger == due, seq, f"sample {due} is due, not {event.challenger}")
     return replace(state, closed=(*state.closed, closed), open=None)
 
 
 def _retracted(state: State, seq: int, answer: int) -> State:
+    if answer < 0:
+        return _retracted_further(state, seq, -answer - 1)
     _require(0 <= answer < len(state.closed), seq, f"there is no answer {answer}")
     _require(not state.closed[answer].retracted, seq, f"answer {answer} is retracted already")
     changed = replace(state.closed[answer], retracted=True)
@@ -212,12 +227,21 @@ def _retracted(state: State, seq: int, answer: int) -> State:
     return replace(state, closed=closed)
 
 
+def _retracted_further(state: State, seq: int, k: int) -> State:
+    _require(k < len(state.further), seq, f"there is no further answer {k + 1}")
+    _require(not state.further[k].retracted, seq, f"further answer {k + 1} is retracted already")
+    changed = replace(state.further[k], retracted=True)
+    return replace(state, further=(*state.further[:k], changed, *state.further[k + 1 :]))
+
+
 def _undone(state: State, seq: int) -> State:
     _require(len(state.closed) > 0, seq, "there is no answer to take back")
     kept = len(state.closed)
+    was_further = bool(state.further) and state.further[-1].after == kept
     return replace(
         state,
-        closed=state.closed[:-1],
+        closed=state.closed if was_further else state.closed[:-1],
+        further=state.further[:-1] if was_further else state.further,
         samples=state.samples[:kept],
         finished={i: s for i, s in state.finished.items() if i < kept},
         failures={i: e for i, e in state.failures.items() if i < kept},

@@ -43,14 +43,14 @@ def _comparisons(state: State) -> Iterable[list[Any]]:
     yield ["answer", "at", "challenger", "incumbent", "preference", "strength", "marks",
            "challenger on the left", "blind", "comment", "retracted", "repeats question",
            "question"]  # fmt: skip
-    for closed in sorted((*state.closed[1:], *state.repeats), key=lambda c: c.seq):
+    for closed in state.answers:
         yield _comparison(closed)
 
 
 def _comparison(closed: Closed) -> list[Any]:
     answer, rival = closed.answer, closed.incumbent
     return [
-        closed.challenger if closed.repeats is None else "",
+        closed.challenger if closed.repeats is None and closed.after is None else "",
         closed.at,
         closed.challenger + 1,
         "" if rival is None else rival + 1,

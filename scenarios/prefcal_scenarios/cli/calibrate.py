@@ -82,6 +82,15 @@ _Delta = Annotated[
     float | None,
     typer.Option(help="How much glisp explores (δ of the paper).", show_default="the agent's"),
 ]
+_Questions = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        help="Most comparisons for each experiment: where runs are dear and looking is cheap, 3 "
+        "or more spare experiments (glisp only).",
+        show_default="1",
+    ),
+]
 _TieBand = Annotated[
     float | None,
     typer.Option(
@@ -138,6 +147,7 @@ def calibrate(
     n_init: _Initial = None,
     n_max: _Experiments = None,
     delta: _Delta = None,
+    questions_per_experiment: _Questions = None,
     tie_band: _TieBand = None,
     answer_noise: _Noise = None,
     no_outcomes: _NoOutcomes = False,
@@ -164,7 +174,8 @@ def calibrate(
     given = {
         "scenario": scenario, "calibrator": calibrator, "agent": agent, "seed": seed,
         "n_init": n_init, "n_max": n_max, "delta": delta, "tie_band": tie_band,
-        "answer_noise": answer_noise, "outcomes": False if no_outcomes else None, "cost": cost,
+        "answer_noise": answer_noise, "questions_per_experiment": questions_per_experiment,
+        "outcomes": False if no_outcomes else None, "cost": cost,
     }  # fmt: skip
     front = Front(terminal, not no_browser, host, port)
     raise typer.Exit(run(given, study, out, front, json=json))

@@ -32,6 +32,10 @@ def make_agent(options: Options, scenario: Scenario) -> "AnyAgent":
             f"only the agent glisp learns from outcomes: leave --no-outcomes out for "
             f"{options.agent!r}"
         )
+    if options.questions_per_experiment != 1 and options.agent != "glisp":
+        raise SettingsError(
+            f"only the agent glisp asks more questions per experiment, not {options.agent!r}"
+        )
     if options.cost is not None and options.agent not in BY_VALUE:
         raise SettingsError(
             f"only an agent that is told scores ({', '.join(BY_VALUE)}) takes a cost, "
@@ -42,13 +46,24 @@ def make_agent(options: Options, scenario: Scenario) -> "AnyAgent":
     import prefcal_agents
 
     extra: dict[str, Any] = {} if options.delta is None else {"delta": options.delta}
-    if not options.outcomes:
-        extra["settings"] = prefcal_agents.GLISpSettings(outcome_scales=(0.0,))
+    settings = _settings(options)
+    if settings:
+        extra["settings"] = prefcal_agents.GLISpSettings(**settings)
     make = getattr(prefcal_agents, AGENTS[options.agent])
     agent: AnyAgent = make(
         scenario.space, n_init=options.n_init, n_max=options.n_max, seed=options.seed, **extra
     )
     return agent
+
+
+def _settings(options: Options) -> dict[str, Any]:
+    """Those of GLISp that the options name, beside δ."""
+    given: dict[str, Any] = {}
+    if not options.outcomes:
+        given["outcome_scales"] = (0.0,)
+    if options.questions_per_experiment != 1:
+        given["questions_per_experiment"] = options.questions_per_experiment
+    return given
 
 
 def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:

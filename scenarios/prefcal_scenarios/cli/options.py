@@ -40,6 +40,7 @@ class Options:
     answer_noise: float | None = None
     outcomes: bool = True
     cost: str | None = None
+    questions_per_experiment: int = 1
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -95,6 +96,11 @@ class Options:
         return cls(**{**options, "n_max": wanted, "scenario": given["scenario"]})
 
     @property
+    def _more_questions(self) -> int | None:
+        """None for one question, which is what everybody expects."""
+        return None if self.questions_per_experiment == 1 else self.questions_per_experiment
+
+    @property
     def by_a_person(self) -> bool:
         """Whether a person compares."""
         return self.calibrator == HUMAN
@@ -112,6 +118,7 @@ class Options:
         every: dict[str, str | int | float | None] = {
             "scenario": self.scenario, "calibrator": self.calibrator, "agent": self.agent,
             "seed": self.seed, "initial experiments": self.n_init, "experiments": self.n_max,
+            "questions per experiment": self._more_questions,
             "tie band": self.tie_band, "answer noise": self.answer_noise,
             "learns from KPIs": None if self.outcomes else "no", "cost": self.cost,
         }  # fmt: skip
@@ -123,6 +130,7 @@ class Options:
         flags = {
             "--calibrator": self.calibrator, "--agent": self.agent, "--seed": self.seed,
             "--n-init": self.n_init, "--n-max": self.n_max, "--delta": self.delta,
+            "--questions-per-experiment": self._more_questions,
             "--tie-band": self.tie_band, "--answer-noise": self.answer_noise,
             "--cost": self.cost,
         }  # fmt: skip

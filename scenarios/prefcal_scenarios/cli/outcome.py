@@ -25,7 +25,7 @@ def as_json(record: Record, options: Options, report: Path, study: str | None) -
         "cost": None if best is None else best.cost,
         "kpis": None if best is None else dict(best.experiment.kpis),
         "experiments": len(record.trials),
-        "questions": 0 if record.scored else len(record.asked),
+        "questions": record.questions,
         "verdicts": record.verdict_counts(),
         "report": str(report),
         "scenario": options.scenario,

@@ -33,6 +33,7 @@ def record_of(
         surrogate=interview.surrogate,
         minded=Minded.of(interview.index, interview.scenario),
         good_enough=state.ended == GOOD_ENOUGH,
+        further=tuple(c.answer for c in state.further if not c.retracted),
     )
 
 

@@ -74,7 +74,7 @@ def summary(state: State) -> dict[str, Any]:
         "scenario": state.configuration["scenario"],
         "experiments": len(state.finished),
         "n_max": state.n_max,
-        "answers": max(len(state.closed) - 1, 0),
+        "answers": max(len(state.closed) - 1, 0) + len(state.further),
         "begun": _minute(state.created),
         "state": state.ended or "open",
     }
@@ -125,7 +125,7 @@ def best_theta(state: State) -> dict[str, float] | None:
 
 
 def _answers(state: State) -> Iterator[dict[str, Any]]:
-    for closed in sorted((*state.closed[1:], *state.repeats), key=lambda c: c.seq):
+    for closed in state.answers:
         yield {
             "at": _minute(closed.at),
             "challenger": closed.challenger + 1,

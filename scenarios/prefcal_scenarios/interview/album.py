@@ -1,6 +1,6 @@
 """The experiments of a study by index, as questions show them."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -73,7 +73,8 @@ class Album:
             raise StudyError("the first experiment was not compared with anything")
         left = closed.challenger_left is not False
         shown = Shown(closed.challenger, closed.incumbent, left, None)
-        return self.question(closed.question, closed.challenger, shown)
+        question = self.question(closed.question, closed.challenger, shown)
+        return replace(question, further=closed.after is not None)
 
     def comparison(self, index: int) -> Comparison:
         """Closed query number `index`, from 0; a retracted answer is an abstention."""

@@ -30,10 +30,10 @@ class Consistency:
     @classmethod
     def of(cls, state: State) -> "Consistency":
         """Of a study. Abstentions and retracted answers say nothing."""
-        by_question = {c.question: c for c in state.closed}
+        by_question = {c.question: c for c in (*state.closed, *state.further)}
         pairs = [(c, o) for c in state.repeats if (o := by_question.get(c.repeats)) is not None]
         agreed = sum(c.answer.preference == o.answer.preference for c, o in pairs)
-        return cls(len(pairs), agreed, _cycles([*state.closed, *state.repeats]))
+        return cls(len(pairs), agreed, _cycles([*state.closed, *state.further, *state.repeats]))
 
 
 def _cycles(answers: Iterable[Closed]) -> tuple[tuple[int, ...], ...]:

@@ -79,7 +79,9 @@ class Flow:
         A crash between a retraction and the question that follows it leaves the old question on
         show: an answer would be about another pair than the one that the agent asks about.
         """
-        return shown.repeats is None and shown.incumbent != incumbent(self.state)
+        if shown.repeats is not None or shown.challenger < len(self.state.closed):
+            return False
+        return shown.incumbent != incumbent(self.state)
 
     def proceed(self) -> None:
         """Go on until something has to be run, or answered, or all is over.
@@ -142,7 +144,8 @@ class Flow:
     def _show(self, query: Query) -> None:
         assert query.incumbent is not None
         new, old = query.challenger.index, query.incumbent.index
-        shown = Shown(new, old, challenger_left(self.seed, new))
+        left = challenger_left(self.seed, new, old if query.further else None)
+        shown = Shown(new, old, left)
         self._put(self.study.append(shown)[0], shown)
 
     def show_again(self, shown: Shown) -> None:
@@ -160,7 +163,8 @@ class Flow:
         question = self.album.question(id_, len(self.state.closed), shown)
         if shown.repeats is None:
             known = self.album.outcomes(shown.challenger, shown.incumbent)
-            question = replace(question, outcomes=known)
+            further = shown.challenger < len(self.state.closed)
+            question = replace(question, outcomes=known, further=further)
         self.move(Phase.QUESTION)
         self.question = question
 

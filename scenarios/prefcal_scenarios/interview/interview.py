@@ -10,7 +10,7 @@ from jaxtyping import Float
 from prefcal_agents.learned_index import LearnedIndex
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Answer, Strength
-from prefcal_env.studies import Noted, StudyFile
+from prefcal_env.studies import Closed, Noted, StudyFile
 from prefcal_env.study import Comparison
 from prefcal_scenarios.scenario import Scenario
 
@@ -82,10 +82,18 @@ class Interview:
             return self._flow.album.experiment(index)
 
     def asked(self, answer: int) -> Question:
-        """Closed question number `answer`, from 1, as it was shown. Raises StaleError if none."""
+        """Closed question number `answer`, as it was shown. Raises StaleError if there is none."""
         with self._changed:
-            steps.check_answer(self._flow, answer)
-            return self._flow.album.asked(self._flow.state.closed[answer])
+            return self._flow.album.asked(steps.closed(self._flow, answer))
+
+    def closed(self, answer: int) -> Closed:
+        """Answer number `answer`, from 1; -1, -2 ... are further ones.
+
+        Raises:
+            StaleError: there is none.
+        """
+        with self._changed:
+            return steps.closed(self._flow, answer)
 
     def comparisons(self, start: int = 0) -> tuple[Comparison, ...]:
         """Every closed query from number `start` on, the first experiment's among them."""
@@ -163,7 +171,7 @@ class Interview:
             return self.now()
 
     def retract(self, answer: int) -> Now:
-        """Forget what answer number `answer`, from 1, taught; every experiment stays."""
+        """Forget what answer number `answer` taught (see `closed`); every experiment stays."""
         with self._change() as flow:
             steps.retract(flow, answer)
             return self.now()

@@ -22,6 +22,11 @@ def knobs_as_dicts(space: KnobSpace) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
+def constraint_names(space: KnobSpace) -> list[str]:
+    """What a study remembers of the constraints: they are code, which the scenario brings."""
+    return [constraint.name for constraint in space.constraints]
+
+
 def agent_as_dict(agent: AnyAgent) -> dict[str, Any]:
     """An agent's settings as plain data, without what it has learned."""
     state = agent.state.to_dict()
@@ -29,11 +34,12 @@ def agent_as_dict(agent: AnyAgent) -> dict[str, Any]:
 
 
 def check_space(configuration: Mapping[str, Any], space: KnobSpace) -> None:
-    """Refuse a study of other knobs than the scenario has today.
+    """Refuse a study of other knobs or constraints than the scenario has today.
 
     Raises:
-        StudyError: the knobs differ.
+        StudyError: they differ.
     """
+    _check_constraints(configuration, space)
     then, now = configuration["knobs"], knobs_as_dicts(space)
     if then == now:
         return
@@ -43,6 +49,16 @@ def check_space(configuration: Mapping[str, Any], space: KnobSpace) -> None:
         f"the study was made with other knobs than the scenario has now: {sorted(set(changed))} "
         "differ in name, range, unit or scale"
     )
+
+
+def _check_constraints(configuration: Mapping[str, Any], space: KnobSpace) -> None:
+    # Studies from before there were constraints have none.
+    then, now = configuration.get("constraints", []), constraint_names(space)
+    if not isinstance(then, list) or {str(name) for name in then} != set(now):
+        raise StudyError(
+            f"the study was made with the constraints {then} on the knobs, the scenario has {now} "
+            "now: a study keeps those that it was begun with"
+        )
 
 
 def agent_of(state: State, space: KnobSpace) -> AnyAgent:
@@ -62,6 +78,9 @@ def agent_state(state: State) -> AgentState:
         "n_max": state.n_max,
         "samples": [list(sample.z) for sample in state.samples],
         "answers": [_told(closed) for closed in state.closed],
+        "further": [
+            {"challenger": c.challenger, "after": c.after, **_told(c)} for c in state.further
+        ],
     }
     return AgentState.from_dict({**state.configuration["agent"], **told})
 

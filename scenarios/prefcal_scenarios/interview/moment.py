@@ -60,6 +60,7 @@ class Question:
         right: The other one.
         repeats: Id of the earlier question that it asks again; None for a new one.
         outcomes: KPIs of challenger and incumbent, for the agent; None where it learns nothing.
+        further: Whether both experiments had been compared with others before.
     """
 
     id: int
@@ -68,6 +69,7 @@ class Question:
     right: Side
     repeats: int | None = None
     outcomes: Outcomes | None = None
+    further: bool = False
 
     @property
     def challenger(self) -> Side:
@@ -76,7 +78,7 @@ class Question:
 
     @property
     def incumbent(self) -> Side:
-        """The side that was the best so far."""
+        """The side that was the best so far, or in a further question the earlier one."""
         return self.right if self.left.challenger else self.left
 
     def preference(self, choice: Choice) -> Preference | None:

@@ -8,9 +8,13 @@ _SIDES, _REPEATS = 11, 12
 """Streams of the study's seed; the agents' own are other ones."""
 
 
-def challenger_left(seed: int, challenger: int) -> bool:
-    """Whether the challenger of this index stands on the left: one half, and always the same."""
-    return bool(np.random.default_rng([seed, challenger, _SIDES]).random() < 0.5)
+def challenger_left(seed: int, challenger: int, further: int | None = None) -> bool:
+    """Whether the challenger of this index stands on the left: one half, and always the same.
+
+    `further` is the other experiment where both were known before.
+    """
+    pair = [challenger] if further is None else [challenger, further]
+    return bool(np.random.default_rng([seed, *pair, _SIDES]).random() < 0.5)
 
 
 def to_repeat(state: State, seed: int) -> Closed | None:
@@ -18,7 +22,7 @@ def to_repeat(state: State, seed: int) -> Closed | None:
     done = {c.repeats for c in state.repeats}
     left = [
         c
-        for c in state.closed
+        for c in (*state.closed, *state.further)
         if c.question is not None
         and c.question not in done
         and not c.retracted

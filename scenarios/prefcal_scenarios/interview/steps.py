@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.preference import Answer
-from prefcal_env.studies import Answered, Marked, Retracted, Shown, Undone
+from prefcal_env.studies import Answered, Closed, Marked, Retracted, Shown, Undone
 
 from .flow import Flow
 from .moment import MARKS, Phase, Question
@@ -50,7 +50,7 @@ def can_undo(flow: Flow) -> bool:
     if flow.question is not None and flow.question.repeats is not None:
         return True
     state = flow.state
-    last_was_repeat = bool(state.repeats) and state.repeats[-1].seq > state.closed[-1].seq
+    last_was_repeat = bool(state.repeats) and state.answers[-1] is state.repeats[-1]
     return len(state.closed) > 1 and not last_was_repeat
 
 
@@ -67,23 +67,33 @@ def undo(flow: Flow, version: int) -> None:
     flow.answered_at = flow.version
 
 
-def check_answer(flow: Flow, answer: int) -> None:
-    """Raise StaleError unless there is a compared answer of this number, from 1."""
-    count = len(flow.state.closed) - 1
-    if not 1 <= answer <= count:
-        raise StaleError(f"there is no answer {answer}: {max(count, 0)} are given")
+def closed(flow: Flow, answer: int) -> Closed:
+    """The compared answer of this number, from 1; -1, -2 ... are further ones.
+
+    Raises:
+        StaleError: there is none.
+    """
+    answers = flow.state.closed if answer >= 0 else (None, *flow.state.further)
+    if not 1 <= abs(answer) < len(answers):
+        what = "answer" if answer >= 0 else "further answer"
+        raise StaleError(f"there is no {what} {abs(answer)}: {max(len(answers) - 1, 0)} are given")
+    found = answers[abs(answer)]
+    assert found is not None
+    return found
 
 
 def retract(flow: Flow, answer: int) -> None:
     """Forget what an answer taught; every sample stays, the open one too."""
-    check_answer(flow, answer)
-    if flow.state.closed[answer].retracted:
+    if closed(flow, answer).retracted:
         raise StaleError(f"answer {answer} is retracted already")
     if flow.phase is Phase.RUNNING and flow.pending is None:
         # The open sample was due before: it must not come to depend on this.
         flow.proceed()
     flow.study.append(Retracted(answer))
-    flow.agent.retract(answer)
+    if answer > 0:
+        flow.agent.retract(answer)
+    else:
+        flow.agent.retract(-answer - 1, further=True)
     if flow.phase is Phase.QUESTION:
         flow.proceed()
     else:

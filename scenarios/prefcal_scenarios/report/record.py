@@ -26,7 +26,7 @@ VERDICTS: Mapping[Preference | None, str] = {
 """How a verdict reads, in the order in which people see the counts."""
 _MUCH: Mapping[Preference | None, str] = {
     Preference.CHALLENGER: "new much better",
-    Preference.INCUMBENT: "best much better",
+    Preference.INCUMBENT: "best stays, much better",
 }
 
 
@@ -67,6 +67,7 @@ class Record:
         surrogate: What the agent has learned; None if it learns nothing.
         minded: What the calibrator seems to care about; None where nothing can be said.
         good_enough: Whether it was ended early because the best is good enough.
+        further: Answers about two experiments that had both been compared before.
     """
 
     scenario: Scenario
@@ -80,6 +81,7 @@ class Record:
     surrogate: Surrogate | None = None
     minded: Minded | None = None
     good_enough: bool = False
+    further: tuple[Answer, ...] = ()
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:
@@ -102,6 +104,11 @@ class Record:
     def asked(self) -> tuple[Comparison, ...]:
         """The comparisons that the calibrator was asked: all but the first experiment's."""
         return tuple(c for c in self.comparisons if c.incumbent is not None)
+
+    @property
+    def questions(self) -> int:
+        """How many questions the calibrator answered."""
+        return 0 if self.scored else len(self.asked) + len(self.further)
 
     @property
     def scored(self) -> bool:
@@ -155,5 +162,5 @@ class Record:
 
     def verdict_counts(self) -> dict[str, int]:
         """How often each verdict was given, in words."""
-        given = [c.answer.preference for c in self.asked]
+        given = [a.preference for a in (*(c.answer for c in self.asked), *self.further)]
         return {words: given.count(verdict) for verdict, words in VERDICTS.items()}

@@ -27,8 +27,9 @@ def show_history(interview: Interview, console: Console) -> None:
         table.add_column(heading, overflow="fold")
     for answer in answers:
         said = "retracted" if answer["retracted"] else "again" if answer["repeated"] else ""
+        number = f"+{-answer['answer']}" if answer["further"] else str(answer["answer"])
         table.add_row(
-            str(answer["answer"]), str(answer["challenger"]), str(answer["incumbent"]),
+            number, str(answer["challenger"]), str(answer["incumbent"]),
             answer["text"] + (f" ({said})" if said else ""), escape(", ".join(answer["marks"])),
             escape(printable(answer["comment"])),
         )  # fmt: skip
@@ -38,7 +39,8 @@ def show_history(interview: Interview, console: Console) -> None:
 def show_status(interview: Interview, console: Console) -> None:
     """The best so far, how far it is, and how consistent the answers are."""
     now = interview.now()
-    done, answers = len(now.state.finished), max(len(now.state.closed) - 1, 0)
+    done = len(now.state.finished)
+    answers = max(len(now.state.closed) - 1, 0) + len(now.state.further)
     plural = "" if answers == 1 else "s"
     lines = [f"{done} of {now.state.n_max} experiments, {answers} answer{plural}"]
     if now.incumbent is not None:

@@ -42,9 +42,11 @@ def show_question(interview: Interview, now: Now, console: Console, *, blind: bo
     wide = console.width >= WIDE
     width = (console.width // 2 if wide else console.width) - 6
     sides = [_side(question, name, scenario, width, blind=blind) for name in ("left", "right")]
-    head = "An earlier question again" if question.repeats is not None else (
-        f"Comparison {question.number} of {interview.n_max - 1}"
-    )  # fmt: skip
+    head = f"Comparison {question.number} of {interview.n_max - 1}"
+    if question.repeats is not None:
+        head = "An earlier question again"
+    elif question.further:
+        head = "A further comparison of two that you have seen"
     console.rule(f"{head}: which experiment is better?")
     if wide:
         grid = Table.grid(expand=True)
@@ -55,8 +57,9 @@ def show_question(interview: Interview, now: Now, console: Console, *, blind: bo
     else:
         for side in sides:
             console.print(side)
+    much = "[L] [R] much better  " if wide else ""  # 80 columns hold no more
     console.print(
-        "[←] left  [→] right  [↓] same  [s] can't tell  [z] undo  [?] all keys  [x] stop",
+        f"[←] left  [→] right  {much}[↓] same  [s] can't tell  [z] undo  [?] all keys  [x] stop",
         markup=False, highlight=False,
     )  # fmt: skip
 
@@ -74,7 +77,8 @@ def _side(
     parts.append(curves(side.experiment, question, panels, width, STYLES[name]))
     title = name.upper()
     if not blind:
-        title += f" · experiment {side.index + 1} · {'new' if side.challenger else 'best so far'}"
+        earlier = "earlier" if question.further else "best so far"
+        title += f" · experiment {side.index + 1} · {'new' if side.challenger else earlier}"
     if side.marks:
         title += f" · marked {', '.join(sorted(side.marks))}"
     if side.experiment.end.interrupted:

@@ -8,7 +8,7 @@ from typing import Any
 from prefcal_env.preference import Strength
 from prefcal_scenarios.interview import Choice, Interview
 
-from .bodies import Check, at_most, flag, one_of, text, whole
+from .bodies import Check, at_most, flag, numbered, one_of, text, whole
 
 MOST_MORE = 10_000
 """Further experiments that can be asked for at once."""
@@ -72,7 +72,7 @@ ACTIONS: Mapping[str, Action] = MappingProxyType(
             _method("mark"),
         ),
         "undo": Action({"version": whole}, _method("undo")),
-        "retract": Action({"answer": whole}, _method("retract")),
+        "retract": Action({"answer": numbered}, _method("retract")),
         "repeat": Action({}, _method("repeat")),
         "note": Action({"text": text}, _method("note")),
         "retry": Action({"index": whole}, _method("retry")),

@@ -18,7 +18,7 @@ from prefcal_scenarios.interview import Interview, Now, Phase
 
 from .actions import RECORD, Action
 from .answers import Handler, as_json, error_response, refused
-from .bodies import MalformedError, bit, digits, read_json, read_query
+from .bodies import MalformedError, bit, digits, number_of_answer, read_json, read_query
 from .views import Views
 from .watch import Watch
 
@@ -96,7 +96,7 @@ class Api:
         """A closed question, as it was shown."""
         query = _query(request, _BLIND)
         try:
-            answer = digits("answer", request.path_params["answer"])
+            answer = number_of_answer("answer", request.path_params["answer"])
             blind = query.get("blind", False)
             return as_json(await run_in_threadpool(self.views.asked, answer, blind))
         except (MalformedError, StaleError) as error:

@@ -61,6 +61,13 @@ def whole(name: str, value: Any) -> int:
     return value
 
 
+def numbered(name: str, value: Any) -> int:
+    """The number of an answer: a whole number, below 0 for a further one."""
+    if type(value) is not int or not 0 < abs(value) <= LARGEST_NUMBER:
+        raise MalformedError(f"{name} must be a whole number other than 0.")
+    return value
+
+
 def at_most(limit: int) -> Check:
     """A whole number from 0 to `limit`."""
 
@@ -106,6 +113,13 @@ def digits(name: str, value: Any) -> int:
     """A whole number from 0 on, in an address."""
     if not re.fullmatch("[0-9]{1,15}", value):
         raise MalformedError(f"{name} must be a whole number from 0 on.")
+    return int(value)
+
+
+def number_of_answer(name: str, value: Any) -> int:
+    """A whole number other than 0, in an address."""
+    if not re.fullmatch("-?[1-9][0-9]{0,14}", value):
+        raise MalformedError(f"{name} must be a whole number other than 0.")
     return int(value)
 
 

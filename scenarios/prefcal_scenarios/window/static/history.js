@@ -56,7 +56,7 @@ function row(answer, act) {
   const retract = state ? el("span", { class: "faint" }, state)
     : el("button", { type: "button", on: { click: () => confirm(answer, act) } }, "Retract…");
   const look = el("button", { type: "button", on: { click: () => lookAgain(answer.answer) },
-    "aria-label": `Look at comparison ${answer.answer} again` }, `${answer.answer}`);
+    "aria-label": `Look at ${named(answer.answer)} again` }, answer.further ? `+${-answer.answer}` : `${answer.answer}`);
   const number = (value, won) => el("td", { class: won ? "won" : "" }, value ?? "–", won ? el("span", { class: "hidden" }, " (preferred)") : null);
   return el("tr", { class: answer.retracted ? "retracted" : "" }, el("td", {}, look),
     number(challenger, winner === "new"), number(incumbent, winner === "best"),
@@ -66,8 +66,11 @@ function row(answer, act) {
     el("td", { class: "faint" }, when(answer.at)), el("td", {}, retract));
 }
 
+// Further ones, of two experiments that were compared before, have numbers below 0.
+const named = (answer) => (answer < 0 ? `further comparison ${-answer}` : `comparison ${answer}`);
+
 function confirm({ answer }, act) {
-  ask(`Retract answer ${answer}?`, el("p", {}, "It will teach nothing any more; every experiment stays. This cannot be taken back."), [
+  ask(`Retract ${named(answer)}?`, el("p", {}, "It will teach nothing any more; every experiment stays. This cannot be taken back."), [
     ["Retract it", () => act("retract", { answer }, "answer retracted"), "primary"], ["Keep it", null]]);
 }
 

@@ -51,15 +51,16 @@ function opened() {
 function asked(now) {
   state.shownAt = performance.now();
   const { comparisons } = now.progress;
-  const repeat = now.question.repeat ? "an earlier question again" :
-    `comparison ${now.question.number} of ${comparisons}`;
-  say(`New question: ${repeat}. ${question.inWords(now.question)}`);
+  const which = now.question.repeat ? "an earlier question again" : now.question.further
+    ? "a further comparison of two that you have seen" : `comparison ${now.question.number} of ${comparisons}`;
+  say(`New question: ${which}. ${question.inWords(now.question)}`);
 }
 
 function progress({ answered, comparisons }) {
   const next = Math.min(answered + 1, comparisons);
   $("progress-text").textContent = state.now.phase === "over"
-    ? `${answered} of ${comparisons} compared` : `comparison ${next} of ${comparisons}`;
+    ? `${answered} of ${comparisons} compared`
+    : state.now.question?.further ? `further comparison, after ${answered} of ${comparisons}` : `comparison ${next} of ${comparisons}`;
   const bar = $("progress");
   bar.setAttribute("aria-valuemax", Math.max(comparisons, 1));
   bar.setAttribute("aria-valuenow", answered);

@@ -17,9 +17,9 @@ def history_view(interview: Interview) -> dict[str, Any]:
     """The answers in the order given, those to repeated questions too, and the remarks."""
     state = interview.now().state
     numbers = {c.question: c.challenger for c in state.closed}
-    answers = sorted((*state.closed[1:], *state.repeats), key=lambda c: c.seq)
+    numbers |= {c.question: -k for k, c in enumerate(state.further, start=1)}
     return {
-        "answers": [_answer_view(c, numbers) for c in answers],
+        "answers": [_answer_view(c, numbers) for c in state.answers],
         "notes": [{"at": at, "text": text} for at, text in state.notes],
     }
 
@@ -28,7 +28,7 @@ def _answer_view(closed: Closed, numbers: dict[int | None, int]) -> dict[str, An
     again = closed.repeats is not None
     return {
         # The number by which it is looked at and retracted; that of the original if repeated.
-        "answer": numbers.get(closed.repeats) if again else closed.challenger,
+        "answer": numbers.get(closed.repeats if again else closed.question, closed.challenger),
         "at": closed.at,
         "challenger": closed.challenger + 1,
         "incumbent": None if closed.incumbent is None else closed.incumbent + 1,
@@ -39,13 +39,14 @@ def _answer_view(closed: Closed, numbers: dict[int | None, int]) -> dict[str, An
         "marks": [mark_text(mark) for mark in closed.answer.marks],
         "retracted": closed.retracted,
         "repeated": again,
+        "further": closed.after is not None,
     }
 
 
 def asked_view(interview: Interview, answer: int, *, blind: bool = False) -> dict[str, Any]:
-    """Closed question number `answer`, from 1, as it was shown. Raises StaleError if none."""
+    """Closed question number `answer`, as it was shown. Raises StaleError if there is none."""
     question = interview.asked(answer)
-    closed = interview.now().state.closed[answer]
+    closed = interview.closed(answer)
     return {
         "answer": answer,
         "question": question_view(question, interview.scenario, blind=blind),

@@ -25,10 +25,14 @@ def question_view(question: Question, scenario: Scenario, *, blind: bool) -> dic
     panels = panels_of(scenario, channels)
     differing = question.left.experiment.theta != question.right.experiment.theta
     left, right = (side_view(side, scenario, panels, differing, blind=blind) for side in sides)
+    if question.further and not blind:
+        earlier = left if question.incumbent is question.left else right
+        earlier["role"] = "earlier"
     return {
         "id": question.id,
         "number": question.number,
         "repeat": question.repeats is not None,
+        "further": question.further,
         "panels": [panel_view(panel) for panel in panels],
         "left": left,
         "right": right,

@@ -132,5 +132,6 @@ def _minded(interview: Interview) -> Any:
 
 
 def _verdicts(now: Now) -> dict[str, int]:
-    given = [c.answer.preference for c in now.state.closed[1:] if not c.retracted]
+    asked = (*now.state.closed[1:], *now.state.further)
+    given = [c.answer.preference for c in asked if not c.retracted]
     return {words: given.count(verdict) for verdict, words in VERDICTS.items()}

@@ -1,0 +1,189 @@
+"""More questions for each experiment: which are asked, and what they are worth."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
+from prefcal_agents.ledger import Ledger
+from prefcal_agents.placing import to_place
+from prefcal_agents.state import AgentState
+from prefcal_env.errors import ProtocolError, SettingsError
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preference import Answer, Preference
+
+SQUARE = KnobSpace([Knob("x", -1.0, 1.0), Knob("y", -1.0, 1.0)])
+
+
+def bowl(theta):
+    return float(np.sum((theta - 0.3) ** 2))
+
+
+def prefer(a, b):
+    return int(np.sign(bowl(a) - bowl(b)))
+
+
+def asking(questions, **counts):
+    settings = GLISpSettings(questions_per_experiment=questions)
+    return GLISp(SQUARE, settings=settings, **{"n_init": 4, "n_max": 12, **counts})
+
+
+def run(agent, stop=None):
+    """Answer until `stop` answers are given; the queries asked."""
+    asked = []
+    while not agent.done and (stop is None or len(asked) < stop):
+        query = agent.ask()
+        asked.append(query)
+        rival = query.incumbent
+        answer = None if rival is None else prefer(query.challenger.theta, rival.theta)
+        agent.tell(query, answer)
+    return asked
+
+
+def ranked(costs):
+    """A ledger of samples with these costs, each compared with the best before it."""
+    book = Ledger()
+    for cost in costs:
+        rival = book.incumbent
+        answer = Answer(None if rival is None else int(np.sign(cost - costs[rival])))
+        book = book.with_pending(np.array([cost])).told(answer, rival)
+    return book
+
+
+@given(st.lists(st.integers(0, 1000), min_size=3, max_size=40, unique=True))
+def test_a_bisection_finds_the_place_of_a_loser_in_logarithmically_many_questions(costs):
+    book, values = ranked([float(c) for c in costs]), np.array(costs, dtype=float)
+    new = len(costs) - 1
+    asked = 0
+    while (pair := to_place(book, values)) is not None:
+        assert pair[0] == new
+        assert pair[1] != new
+        book = book.told_further(Answer(int(np.sign(costs[new] - costs[pair[1]]))), *pair)
+        asked += 1
+    assert asked <= np.ceil(np.log2(len(costs)))
+    if costs[new] > min(costs[:-1]):
+        order = sorted(costs)
+        known = {(c.challenger, c.incumbent): c.answer.preference for c in book.latest}
+        above, below = order.index(costs[new]) - 1, order.index(costs[new]) + 1
+        # Both neighbours were met, or he is at the end: nothing is left to be asked.
+        assert (new, costs.index(order[above])) in known
+        assert below == len(order) or (new, costs.index(order[below])) in known
+    else:
+        assert asked == 0
+
+
+@pytest.mark.parametrize("answer", [0, None])
+def test_a_tie_and_an_abstention_need_no_further_question(answer):
+    book = ranked([1.0, 2.0, 3.0]).with_pending(np.array([2.5])).told(Answer(answer), 0)
+    assert to_place(book, np.array([1.0, 2.0, 3.0, 2.5])) is None
+
+
+def test_one_question_per_experiment_asks_nothing_further():
+    assert not any(query.further for query in run(asking(1)))
+
+
+@pytest.mark.parametrize("questions", [2, 3, 12])
+def test_no_experiment_gets_more_questions_than_allowed(questions):
+    asked = run(asking(questions))
+    further = [query.challenger.index for query in asked if query.further]
+    assert further
+    assert max(further.count(index) for index in set(further)) <= questions - 1
+    assert [q.challenger.index for q in asked if not q.further] == list(range(12))
+
+
+def test_a_further_query_names_two_samples_that_are_closed():
+    for query in run(asking(3)):
+        if query.further:
+            assert query.incumbent.index < query.challenger.index
+
+
+def test_asking_twice_copying_and_restoring_change_nothing():
+    agent = asking(3)
+    while not agent.done:
+        query = agent.ask()
+        state = AgentState.from_dict(agent.state.to_dict())
+        assert agent.ask() == agent.copy().ask() == GLISp.restore(SQUARE, state).ask() == query
+        rival = query.incumbent
+        agent.tell(query, None if rival is None else prefer(query.challenger.theta, rival.theta))
+
+
+def test_undo_takes_one_answer_back_whichever_it_is():
+    agent = asking(3)
+    asked = []
+    while not agent.done:
+        asked += run(agent, stop=1)
+    assert any(query.further for query in asked)
+    for query in reversed(asked):
+        agent.undo()
+        assert agent.ask() == query
+    with pytest.raises(ProtocolError):
+        agent.undo()
+
+
+def test_a_further_answer_can_be_retracted_and_every_sample_stays():
+    agent = asking(3)
+    run(agent)
+    samples, taught = agent.samples, len(agent._turns.ledger.preferences())
+    agent.retract(0, further=True)
+    assert np.array_equal(agent.samples, samples)
+    assert len(agent._turns.ledger.preferences()) == taught - 1
+    with pytest.raises(ProtocolError, match="retracted already"):
+        agent.retract(0, further=True)
+    with pytest.raises(ProtocolError, match="no answer 999"):
+        agent.retract(999, further=True)
+
+
+def test_what_a_state_says_of_further_answers_is_checked():
+    agent = asking(3)
+    run(agent, stop=9)
+    plain = agent.state.to_dict()
+    assert plain["further"]
+    for change in ({"after": 99}, {"challenger": 50}, {"incumbent": None}):
+        broken = {**plain, "further": [{**plain["further"][0], **change}]}
+        with pytest.raises(SettingsError, match="further answer"):
+            GLISp.restore(SQUARE, AgentState.from_dict(broken))
+
+
+def test_lessons_come_in_the_order_answered():
+    agent = asking(3)
+    asked = [q for q in run(agent) if q.incumbent is not None]
+    taught = agent._turns.ledger.preferences()
+    assert taught.first.tolist() == [q.challenger.index for q in asked]
+    assert taught.second.tolist() == [q.incumbent.index for q in asked]
+
+
+def test_samples_are_listed_once_each_whatever_is_asked():
+    def make(space, **counts):
+        return GLISp(space, settings=GLISpSettings(questions_per_experiment=3), **counts)
+
+    found = minimize_by_preference(prefer, SQUARE, agent=make, n_max=12)
+    assert len(found.samples) == 12
+    assert len(found.answers) > 11
+
+
+def test_zero_questions_are_refused():
+    with pytest.raises(SettingsError, match="questions_per_experiment"):
+        GLISpSettings(questions_per_experiment=0)
+
+
+def test_further_answers_teach_the_order():
+    """With them the surrogate ranks the samples better than without."""
+
+    def agreement(questions):
+        agent = asking(questions, n_init=8, n_max=12)
+        run(agent)
+        found = np.argsort(np.argsort(agent.surrogate(agent.samples)))
+        true = np.argsort(np.argsort([bowl(t) for t in agent.samples]))
+        return np.corrcoef(found, true)[0, 1]
+
+    assert agreement(12) > 0.99
+    assert agreement(12) > agreement(1)
+
+
+def test_the_winner_stays_the_winner_along_the_first_answers():
+    agent = asking(12)
+    run(agent)
+    costs = [bowl(theta) for theta in agent.samples]
+    assert np.array_equal(agent.best, agent.samples[int(np.argmin(costs))])
+    assert Preference.INCUMBENT in {c.answer.preference for c in agent._turns.ledger.further}

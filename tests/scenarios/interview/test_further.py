@@ -1,0 +1,157 @@
+"""Several questions for each experiment, from the agent to the study file and the page."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from prefcal_agents import GLISp, GLISpSettings
+from prefcal_env.errors import StaleError, StudyError
+from prefcal_env.preference import Preference
+from prefcal_env.studies import Answered, Shown, StudyFile
+from prefcal_env.study import calibrate
+from prefcal_scenarios.interview import Choice, unattended
+from prefcal_scenarios.interview.memory import agent_of
+from prefcal_scenarios.outcomes import outcome
+from prefcal_scenarios.window.view import asked_view, history_view
+from support.interviews import begin, proceed, reopened
+from toy_study import toy_scenario
+
+THREE = partial(GLISp, settings=GLISpSettings(questions_per_experiment=3))
+
+
+@pytest.fixture
+def toy():
+    return toy_scenario()
+
+
+def judge(question, cost):
+    left, right = cost(question.left.experiment), cost(question.right.experiment)
+    return Choice.LEFT if left < right else Choice.RIGHT
+
+
+def until_further(interview):
+    """Answer until a further question is open."""
+    while not (now := proceed(interview)).question.further:
+        interview.answer(now.question.id, judge(now.question, interview.scenario.cost))
+    return now.question
+
+
+def test_a_whole_study_equals_the_loop_in_memory(toy):
+    judge_ = toy.calibrators["synthetic"](0)
+    agent = THREE(toy.space, n_init=3, n_max=8, seed=0)
+    plain = list(calibrate(agent, toy.run, judge_, partial(outcome, toy)))
+    interview = begin(toy, n_max=8, agent=THREE)
+    list(unattended(interview, judge_))
+    state = interview.now().state
+    assert len(state.closed) == 8
+    assert len(state.further) == len(plain) - 8 > 0
+    thetas = [np.array(sample.theta) for sample in state.samples]
+    assert all(map(np.array_equal, thetas, agent.samples))
+    assert len(agent_of(state, toy.space)._turns.ledger.further) == len(state.further)
+
+
+def test_a_further_question_is_about_two_known_experiments(toy):
+    interview = begin(toy, n_max=8, agent=THREE)
+    question = until_further(interview)
+    assert question.further
+    assert {question.left.index, question.right.index} < set(interview.now().state.finished)
+    sides = history_view(interview)["answers"]
+    assert not any(row["further"] for row in sides)
+
+
+def test_the_sides_of_a_further_question_are_randomised(toy):
+    lefts = set()
+    for seed in range(6):
+        interview = begin(toy, n_max=8, agent=THREE, seed=seed)
+        lefts.add(until_further(interview).left.challenger)
+    assert lefts == {True, False}
+
+
+def test_it_is_saved_resumed_undone_and_retracted(toy, tmp_path):
+    path = tmp_path / "three.prefcal"
+    interview = begin(toy, n_max=8, agent=THREE, path=path)
+    question = until_further(interview)
+    interview.study.close()
+    interview = reopened(toy, path)
+    assert interview.now().question == question
+    interview.answer(question.id, judge(question, toy.cost), comment="so")
+    after = proceed(interview)
+    assert after.state.further[0].comment == "so"
+    assert after.state.further[0].after == len(after.state.closed)
+    undone = interview.undo(after.version)
+    assert not undone.state.further
+    again = proceed(interview).question
+    assert (again.left.index, again.right.index) == (question.left.index, question.right.index)
+    interview.answer(again.id, judge(again, toy.cost))
+    interview.retract(-1)
+    assert interview.now().state.further[0].retracted
+    with pytest.raises(StaleError, match="retracted already"):
+        interview.retract(-1)
+    with pytest.raises(StaleError, match="no further answer 2"):
+        interview.retract(-2)
+    interview.study.close()
+    resumed = reopened(toy, path)
+    assert resumed.now().state.further[0].retracted
+    assert (
+        len(resumed._flow.agent._turns.ledger.preferences()) == len(resumed.now().state.closed) - 1
+    )
+
+
+def test_a_retraction_leaves_an_open_further_question_consistent(toy):
+    interview = begin(toy, n_max=8, agent=THREE)
+    until_further(interview)
+    interview.retract(1)
+    now = proceed(interview)
+    asked = interview._flow.agent.ask()
+    assert now.question.challenger.index == asked.challenger.index
+    interview.answer(now.question.id, judge(now.question, toy.cost))
+    assert proceed(interview).question is not None
+
+
+def test_history_shows_it_under_a_number_of_its_own(toy):
+    interview = begin(toy, n_max=8, agent=THREE)
+    question = until_further(interview)
+    interview.answer(question.id, judge(question, toy.cost))
+    row = history_view(interview)["answers"][-1]
+    assert row["further"]
+    assert row["answer"] == -1
+    seen = asked_view(interview, -1)
+    assert seen["question"]["further"]
+    roles = {seen["question"][side]["role"] for side in ("left", "right")}
+    assert roles == {"new", "earlier"}
+
+
+def test_running_ahead_changes_nothing(toy):
+    def answers(ahead):
+        interview = begin(toy, n_max=7, agent=THREE, ahead=ahead)
+        while (now := proceed(interview)).question is not None:
+            while ahead and interview.work():
+                pass
+            interview.answer(now.question.id, judge(now.question, toy.cost))
+        state = interview.now().state
+        return [(c.challenger, c.incumbent, c.answer) for c in state.answers]
+
+    assert answers(ahead=True) == answers(ahead=False)
+
+
+def test_a_file_that_compares_an_experiment_before_its_own_question_is_refused(toy):
+    interview = begin(toy, n_max=8, agent=THREE)
+    question = until_further(interview)
+    new, old = question.challenger.index, question.incumbent.index
+    study: StudyFile = interview.study
+    [shown] = study.append(Shown(new, old, True))
+    verdict = interview.now().state.closed[-1].answer
+    with pytest.raises(StudyError, match="is not on show"):
+        study.append(Answered(shown, old, new, verdict))
+
+
+def test_verdicts_are_counted_with_the_others(toy):
+    from prefcal_scenarios.window.view import status_view
+
+    interview = begin(toy, n_max=8, agent=THREE)
+    question = until_further(interview)
+    before = sum(status_view(interview)["verdicts"].values())
+    interview.answer(question.id, judge(question, toy.cost))
+    assert sum(status_view(interview)["verdicts"].values()) == before + 1
+    assert interview.now().state.further[0].answer.preference in Preference
