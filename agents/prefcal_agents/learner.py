@@ -70,7 +70,7 @@ class Learner:
         margin = margin if noise is None else margin * noise
         features = shape.features(preferences.samples)
         constraints = Constraints.of(preferences, features, margin)
-        outcomes = Outcomes.of(ledger)
+        outcomes = Outcomes.of(ledger) if any(self.settings.outcome_scales) else Outcomes.none()
         scale = self._outcome_scale(ledger, shape, outcomes)
         if scale == 0:
             v = fit(constraints, learning, self.backend)

@@ -121,7 +121,8 @@ class GLISpSettings:
         _increasing("kernel_epsilons", self.kernel_epsilons)
         choice("minimiser", self.minimiser, MINIMISERS)
         integer("questions_per_experiment", self.questions_per_experiment, low=1)
-        _increasing("epsilons", self.epsilons)
+        _increasing("epsilons", self.epsilons, strict=True)
+        _increasing("outcome_scales", self.outcome_scales, strict=False)
         if self.validate_at != EVERY_STEP:
             _counts("validate_at", self.validate_at)
 
@@ -171,13 +172,16 @@ class GLISpSettings:
     def of(cls, pairs: tuple[tuple[str, Any], ...]) -> "GLISpSettings":
         """Read what `pairs` gave; a setting that is missing has its default.
 
+        Without `outcome_scales` it is of a time before KPIs taught: they are left out, so that
+        the study goes on as it began.
+
         Raises:
             SettingsError: an unknown setting or an impossible value.
         """
         unknown = {name for name, _ in pairs} - {f.name for f in fields(cls)}
         if unknown:
             raise SettingsError(f"GLISp has no settings called {sorted(unknown)}")
-        return cls(**dict(pairs))
+        return cls(**{"outcome_scales": (0.0,), **dict(pairs)})
 
 
 def _flag(name: str, value: Any) -> None:
@@ -185,11 +189,11 @@ def _flag(name: str, value: Any) -> None:
         raise SettingsError(f"{name} must be True or False, got {value!r}")
 
 
-def _increasing(name: str, values: Any) -> None:
+def _increasing(name: str, values: Any, *, strict: bool) -> None:
     if not isinstance(values, tuple) or not values:
         raise SettingsError(f"{name} must be a tuple of one or more numbers, got {values!r}")
     for value in values:
-        number(f"each of {name}", value, strict=True)
+        number(f"each of {name}", value, strict=strict)
     if any(a >= b for a, b in pairwise(values)):
         raise SettingsError(f"{name} must increase, got {values!r}")
 

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents.learned_index import LearnedIndex
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Answer, Strength
 from prefcal_env.studies import Closed, Noted, StudyFile
@@ -18,6 +19,7 @@ from .album import Album
 from .consistency import Consistency
 from .flow import Flow, in_words
 from .memory import agent_of, incumbent
+from .minded import index_of, known_outcomes
 from .moment import Choice, Now, Phase, Question
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
@@ -112,6 +114,13 @@ class Interview:
             learned = any(c.answer.preference is not None and not c.retracted for c in closed)
             # A twin: what is learned must not change while it is looked at.
             return getattr(self._flow.agent.copy(), "surrogate", None) if learned else None
+
+    @property
+    def index(self) -> LearnedIndex | None:
+        """What the answers say that a person minds; None while they say nothing of it."""
+        with self._changed:
+            ledger = known_outcomes(self.study.state, self._flow.album)
+        return index_of(ledger, self._flow.seed)
 
     @property
     def consistency(self) -> Consistency:

@@ -69,6 +69,11 @@ def agent_of(state: State, space: KnobSpace) -> AnyAgent:
         SettingsError: an agent that this version does not know.
     """
     check_space(state.configuration, space)
+    return restore(space, agent_state(state))
+
+
+def agent_state(state: State) -> AgentState:
+    """The state of the agent of a study. Raises SettingsError if it is none."""
     told = {
         "n_max": state.n_max,
         "samples": [list(sample.z) for sample in state.samples],
@@ -77,7 +82,7 @@ def agent_of(state: State, space: KnobSpace) -> AnyAgent:
             {"challenger": c.challenger, "after": c.after, **_told(c)} for c in state.further
         ],
     }
-    return restore(space, AgentState.from_dict({**state.configuration["agent"], **told}))
+    return AgentState.from_dict({**state.configuration["agent"], **told})
 
 
 def incumbent(state: State) -> int | None:
