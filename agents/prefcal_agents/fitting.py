@@ -55,10 +55,13 @@ class Constraints:
     def of(
         cls,
         preferences: Preferences,
-        phi: Float[np.ndarray, "N N"],
+        phi: Float[np.ndarray, "N p"],
         margin: Float[np.ndarray, " M"],
     ) -> "Constraints":
-        """Those of M comparisons, with φ between all samples and a margin in units of σ each."""
+        """Those of M comparisons, with a margin in units of σ each.
+
+        `phi` is what Ĵ is made of at all samples: φ between them, or other p features.
+        """
         difference = phi[preferences.first] - phi[preferences.second]
         strict, tie = np.flatnonzero(preferences.b), np.flatnonzero(preferences.b == 0)
         owner = np.concatenate([strict, tie, tie])
