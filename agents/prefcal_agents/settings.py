@@ -118,7 +118,7 @@ class GLISpSettings:
         number("trust_region", self.trust_region)
         if self.trust_region > 0.5:
             raise SettingsError(f"trust_region must be at most 0.5, got {self.trust_region!r}")
-        _increasing("kernel_epsilons", self.kernel_epsilons)
+        _increasing("kernel_epsilons", self.kernel_epsilons, strict=True)
         choice("minimiser", self.minimiser, MINIMISERS)
         integer("questions_per_experiment", self.questions_per_experiment, low=1)
         _increasing("epsilons", self.epsilons, strict=True)
