@@ -23,7 +23,7 @@ from .surrogate import Composite, Shape, Surrogate
 from .threads import one_thread
 from .trust_region import around, half_width
 
-_MANY = 100  # comparisons from which on cross-validation tries fewer shapes
+_MANY = 100  # comparisons; beyond, cross-validation tries fewer shapes: at 400 it took 0.5 s
 
 
 @dataclass(frozen=True, slots=True)
