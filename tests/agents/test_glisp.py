@@ -129,9 +129,10 @@ def test_looking_at_the_surrogate_changes_nothing():
         GLISpSettings(delta=0.0, perturb_every=0),
         GLISpSettings(validate_at=()),
         GLISpSettings(epsilons=(1.0,)),
-        GLISpSettings(kernel=False),
-        GLISpSettings(trust_region=0.0, trend=0.0),
-        GLISpSettings(kernel_epsilons=(1.0,)),
+        GLISpSettings(kernel=True),
+        GLISpSettings(trust_region=0.2),
+        GLISpSettings(kernel=True, trust_region=0.2, trend=0.0),
+        GLISpSettings(kernel=True, kernel_epsilons=(1.0,)),
     ],
     ids=lambda s: (
         f"{s.rbf}-{s.lam}-{s.minimiser}-{s.delta}-{s.validate_at}-{len(s.epsilons)}"

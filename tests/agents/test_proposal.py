@@ -32,7 +32,7 @@ def study(count, space=SQUARE, *, outcomes=None, agent=None, **settings):
 
 
 def test_each_surrogate_is_validated_when_it_has_a_turn_and_only_then():
-    agent = study(13)
+    agent = study(13, kernel=True)
     agent.ask()
     # After 4 initial samples the kernel has the second and third of every four.
     assert {(ledger.answered, kernel) for ledger, kernel in agent._learner.shapes} == {
@@ -40,8 +40,8 @@ def test_each_surrogate_is_validated_when_it_has_a_turn_and_only_then():
     }
 
 
-def test_without_the_kernel_it_is_never_learned():
-    agent = study(12, kernel=False)
+def test_unless_asked_for_the_kernel_is_never_learned():
+    agent = study(12)
     assert not any(kernel for _, kernel in agent._learner.shapes)
 
 
@@ -66,11 +66,17 @@ def test_a_trust_region_of_integers_that_holds_nothing_new_is_left():
 
 @pytest.mark.parametrize("kernel", [False, True])
 def test_kpis_teach_either_surrogate(kernel):
-    agent = study(14, outcomes=lambda theta: {"off": bowl(theta), "none": float(theta[0] > 0.5)})
+    agent = study(
+        14,
+        outcomes=lambda theta: {"off": bowl(theta), "none": float(theta[0] > 0.5)},
+        kernel=kernel,
+        outcome_scales=(1.0,),
+    )
     learned = agent._learner.learned(agent._turns.ledger, kernel=kernel)
     assert isinstance(learned, Composite)
     assert isinstance(learned.over_theta.shape, KernelShape) == kernel
     assert np.all(learned.over_kpis.weights >= 0)
+    assert learned.over_kpis.weights.max() > 0
     values = learned(learned.centres)
     latent = [bowl(SQUARE.decode(z)) for z in learned.centres]
     assert np.argmin(values) == np.argmin(latent)
