@@ -9,7 +9,7 @@ from prefcal_env.knobs import KnobSpace
 from prefcal_env.qp import Backend
 
 from .acquisition import Acquisition
-from .cross_validation import Validation, choose_epsilon, rescale_knob
+from .cross_validation import GAIN, Validation, choose_epsilon, rescale_knob
 from .cube import Tried, latin_hypercube
 from .fitting import Constraints, Learning, fit, margins
 from .ledger import Ledger
@@ -153,6 +153,8 @@ class Strategy:
             validation.reproduced(shape, scale * outcomes.columns if scale else None)
             for scale in scales
         ]
+        if scales[0] == 0 and max(scores) < scores[0] + GAIN:
+            return 0.0  # else useless KPIs cost experiments: docs/research/outcomes.md
         winners = [s for s, score in zip(scales, scores, strict=True) if score == max(scores)]
         return winners[len(winners) // 2]
 
