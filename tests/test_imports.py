@@ -22,7 +22,17 @@ AGENTS_MAY_USE = ("errors", "end", "knobs", "preference", "qp")
 
 LAYERS = (
     {"errors", "end"},
-    {"constraints", "knobs", "preference", "experiment", "qp", "control", "variants"},
+    {
+        "constraints",
+        "knobs",
+        "outcome",
+        "preference",
+        "experiment",
+        "tracking",
+        "qp",
+        "control",
+        "variants",
+    },
     {"plants", "overtaking"},
     {"mpc", "envs"},
     {"rollout", "rig"},
