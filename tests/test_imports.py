@@ -24,11 +24,11 @@ LAYERS = (
     {"errors", "end"},
     {
         "constraints",
-        "knobs",
         "outcome",
+        "tracking",
+        "knobs",
         "preference",
         "experiment",
-        "tracking",
         "qp",
         "control",
         "variants",

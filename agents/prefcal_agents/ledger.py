@@ -7,10 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from prefcal_env.errors import ProtocolError
-from prefcal_env.preference import Answer, Mark, Preference
+from prefcal_env.preference import Answer, Preference
+
+from .marked import Marks
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,21 +69,6 @@ class Preferences:
         return Preferences(
             self.samples, self.first[rows], self.second[rows], self.b[rows], self.weights[rows]
         )
-
-
-@dataclass(frozen=True, slots=True)
-class Marks:
-    """What K samples that a calibrator looked at were marked as.
-
-    Args:
-        samples: Points of the unit cube, shape (K, n).
-        unsafe: Shape (K,); a sample without that mark counts as safe.
-        good: Whether good enough, shape (K,); never where unsafe.
-    """
-
-    samples: Float[np.ndarray, "K n"]
-    unsafe: Bool[np.ndarray, " K"]
-    good: Bool[np.ndarray, " K"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,30 +164,8 @@ class Ledger:
         return tuple(known)
 
     def marks(self) -> Marks:
-        """What the remaining answers mark; one that says a sample is unsafe is enough.
-
-        The answer to the first query is often given by a program: it can mark sample 0, but
-        that it does not mark it says nothing.
-        """
-        seen: set[int] = set()
-        marked: dict[Mark, set[int]] = {mark: set() for mark in Mark}
-        for comparison in self.comparisons:
-            if comparison.retracted:
-                continue
-            sides = (comparison.challenger, comparison.incumbent)
-            seen.update(side for side in sides if side is not None and sides[1] is not None)
-            for mark in comparison.answer.marks:
-                side = sides[mark in (Mark.INCUMBENT_UNSAFE, Mark.INCUMBENT_GOOD_ENOUGH)]
-                if side is not None:
-                    marked[mark].add(side)
-        unsafe = marked[Mark.CHALLENGER_UNSAFE] | marked[Mark.INCUMBENT_UNSAFE]
-        good = marked[Mark.CHALLENGER_GOOD_ENOUGH] | marked[Mark.INCUMBENT_GOOD_ENOUGH]
-        known = np.array(sorted(seen | unsafe | good), dtype=np.int64)
-        return Marks(
-            samples=self.cube()[known],
-            unsafe=np.array([index in unsafe for index in known], dtype=np.bool_),
-            good=np.array([index in good - unsafe for index in known], dtype=np.bool_),
-        )
+        """What the remaining answers mark."""
+        return Marks.of(self.in_order(), self.cube())
 
     def until(self, count: int) -> "Ledger":
         """The first `count` samples and their answers, further ones among them included."""

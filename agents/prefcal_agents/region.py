@@ -9,7 +9,7 @@ from prefcal_env.errors import KnobError
 from prefcal_env.knobs import KnobSpace
 
 from .ledger import Ledger
-from .minimise import Domain
+from .minimise import Box, Domain
 from .rbf import squared_distances
 from .snapping import decode_all, integer_mask, snap_all
 
@@ -139,8 +139,8 @@ def random_points(
     return Region(space).draw(count, rng) if space.constraints else rng.random((count, len(space)))
 
 
-def search_domain(space: KnobSpace, ledger: Ledger) -> Domain:
-    """Where an acquisition is minimised: the cube, or what the constraints leave of it.
+def search_domain(space: KnobSpace, ledger: Ledger, box: Box | None = None) -> Domain:
+    """Where an acquisition is minimised: the cube or a box, or what the constraints leave of it.
 
     Points that are not allowed are moved to the edge of the region; so a search need not know
     about it, and finds optima at the edge.
@@ -148,6 +148,6 @@ def search_domain(space: KnobSpace, ledger: Ledger) -> Domain:
     start = np.array(ledger.samples[ledger.incumbent or 0])
     fixed = integer_mask(space)
     if not space.constraints:
-        return Domain(fixed, lambda z: snap_all(space, z), start)
+        return Domain(fixed, lambda z: snap_all(space, z), start, box)
     region, anchors = Region(space), ledger.cube()
-    return Domain(fixed, lambda z: region.repaired(z, anchors), start)
+    return Domain(fixed, lambda z: region.repaired(z, anchors), start, box)

@@ -1,5 +1,6 @@
 """The settings of GLISp, checked at birth; the paper's are one call away."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any, Literal
@@ -8,6 +9,7 @@ from prefcal_env.errors import SettingsError
 
 from .checks import choice, integer, number
 from .fitting import Learning
+from .kernel import KernelShape
 from .minimise import Minimiser, multistart, particle_swarm
 from .rbf import RADIAL_FUNCTIONS
 from .surrogate import Shape
@@ -49,6 +51,12 @@ class GLISpSettings:
         strong_margins: Whether the strength of a preference multiplies its margin; if not, it is
             only its weight c_h.
         perturb_every: Every how many proposals the margins are drawn at random; 0: never.
+        kernel: Whether every second and third proposal of four minimises the surrogate of least
+            kernel norm; see `KernelShape`.
+        kernel_epsilons: Its values of ε among which cross-validation chooses, increasing.
+        trend: How much linear and quadratic terms may explain of that surrogate, 0 or more.
+        trust_region: First half width of the box round the best sample in which every third and
+            fourth proposal of four is searched, up to 0.5 of the cube; 0: the whole cube always.
         outcome_scales: By how much the KPIs that come with the answers may count beside θ, 0 or
             more, increasing; cross-validation chooses. (0,) leaves them out.
         unsafe_weight: What a place costs that is surely unsafe by the marks so far, in units of
@@ -77,6 +85,10 @@ class GLISpSettings:
     margin_power: float = 1.0
     strong_margins: bool = True
     perturb_every: int = 2
+    kernel: bool = True
+    kernel_epsilons: tuple[float, ...] = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0, 8.0)
+    trend: float = 1.0
+    trust_region: float = 0.3
     outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
     unsafe_weight: float = 30.0
     least_safe: float = 0.9
@@ -101,6 +113,12 @@ class GLISpSettings:
         if self.least_safe >= 1:
             raise SettingsError(f"least_safe must be below 1, got {self.least_safe!r}")
         number("good_weight", self.good_weight)
+        _flag("kernel", self.kernel)
+        number("trend", self.trend)
+        number("trust_region", self.trust_region)
+        if self.trust_region > 0.5:
+            raise SettingsError(f"trust_region must be at most 0.5, got {self.trust_region!r}")
+        _increasing("kernel_epsilons", self.kernel_epsilons, strict=True)
         choice("minimiser", self.minimiser, MINIMISERS)
         integer("questions_per_experiment", self.questions_per_experiment, low=1)
         _increasing("epsilons", self.epsilons, strict=True)
@@ -118,6 +136,8 @@ class GLISpSettings:
             soften=1.0,
             strong_margins=False,
             perturb_every=0,
+            kernel=False,
+            trust_region=0.0,
             outcome_scales=(0.0,),
             unsafe_weight=0.0,
             good_weight=0.0,
@@ -132,6 +152,17 @@ class GLISpSettings:
     def shape(self, n: int) -> Shape:
         """Shape of φ for `n` knobs before the first cross-validation."""
         return Shape(self.epsilon, (1.0,) * n, self.rbf)
+
+    def kernel_shape(self, n: int) -> KernelShape:
+        """The same of the surrogate of least kernel norm."""
+        middle = self.kernel_epsilons[len(self.kernel_epsilons) // 2]
+        return KernelShape(middle, (1.0,) * n, self.trend)
+
+    def candidates(self, shape: Shape | KernelShape) -> Sequence[float]:
+        """Values of ε among which cross-validation chooses for `shape`, increasing."""
+        if isinstance(shape, KernelShape):
+            return self.kernel_epsilons
+        return tuple(self.epsilon * factor for factor in self.epsilons)
 
     def pairs(self) -> tuple[tuple[str, Any], ...]:
         """Name and value of every setting, for an `AgentState`."""

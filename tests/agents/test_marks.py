@@ -57,6 +57,12 @@ def test_one_answer_that_says_unsafe_is_enough_and_outdoes_good_enough():
     assert marked(book) == [[0, 1, 2, 3], [0], []]
 
 
+def test_marks_of_a_further_comparison_count_too():
+    book = ledger(None, 1, 1).told_further(Answer(1, marks=(NEW, OLD_GOOD)), 2, 1)
+    assert marked(book) == [[0, 1, 2], [2], [1]]
+    assert marked(book.retracted(0, further=True)) == [[0, 1, 2], [], []]
+
+
 def differences(f, z, step=1e-6):
     steps = step * np.eye(len(z))
     return (f(z + steps) - f(z - steps)) / (2 * step)

@@ -122,7 +122,7 @@ def test_no_kpis_break_a_proposal(known):
 
 def test_slopes_are_those_of_the_values():
     learned = study(terms, 16, options=GLISpSettings(outcome_scales=(3.0,)))
-    composite = learned._strategy.learned(learned.state.ledger)
+    composite = learned._learner.learned(learned.state.ledger)
     assert isinstance(composite, Composite)
     assert composite.over_kpis.weights.max() > 0
     for part in (composite, composite.over_kpis):

@@ -71,8 +71,8 @@ def told(settings, flips):
 
 def test_softening_can_be_switched_off_and_then_nothing_is_weighed():
     agent = told(GLISpSettings(soften=1.0), {8, 12})
-    assert not agent._strategy.evidence
-    assert told(GLISpSettings(), {8, 12})._strategy.evidence
+    assert not agent._learner.evidence
+    assert told(GLISpSettings(), {8, 12})._learner.evidence
 
 
 def test_a_restored_agent_weighs_the_same_evidence():

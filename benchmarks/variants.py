@@ -1,0 +1,131 @@
+"""Which deviation of GLISp from the paper pays: paired studies on many functions.
+
+    python benchmarks/variants.py                          # all variants, all functions, 10 seeds
+    python benchmarks/variants.py --variants before,default --functions held-out --seeds 20
+    python benchmarks/variants.py --functions camel,hartman6 --first 100 --n-init 6
+
+Every study of a variant is paired with the study of `before` on the same function and seed. One
+process; a study of 50 experiments takes about a second. docs/research/better-glisp.md has the
+results.
+"""
+
+import argparse
+from collections.abc import Callable
+
+import numpy as np
+
+from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
+from prefcal_scenarios.functions import FUNCTIONS, TestFunction, box
+
+FLOOR = 1e-9  # the optima are not known better
+BEFORE = {"kernel": False, "trust_region": 0.0}
+VARIANTS: dict[str, GLISpSettings] = {
+    "before": GLISpSettings(**BEFORE),
+    "default": GLISpSettings(),
+    "no kernel": GLISpSettings(kernel=False),
+    "no trust region": GLISpSettings(trust_region=0.0),
+    "no trend": GLISpSettings(trend=0.0),
+    "paper": GLISpSettings.paper(),
+}
+DEVELOPED_ON = ("camel", "rosenbrock2", "hartman3", "styblinski3", "levy4", "ackley5", "hartman6")
+
+
+def dixon_price(x: np.ndarray) -> float:
+    """A valley curved twice, minimum 0."""
+    i = np.arange(2, len(x) + 1)
+    return float((x[0] - 1) ** 2 + i @ (2 * x[1:] ** 2 - x[:-1]) ** 2)
+
+
+def griewank(x: np.ndarray) -> float:
+    """A bowl with shallow waves, minimum 0 at 0."""
+    return float(1 + x @ x / 4000 - np.prod(np.cos(x / np.sqrt(np.arange(1, len(x) + 1)))))
+
+
+def zakharov(x: np.ndarray) -> float:
+    """A plate that bends up steeply along one direction, minimum 0 at 0."""
+    s = 0.5 * np.arange(1, len(x) + 1) @ x
+    return float(x @ x + s**2 + s**4)
+
+
+_TURN = np.linalg.qr(np.random.default_rng(7).standard_normal((6, 6)))[0]
+
+
+def ellipsoid(x: np.ndarray) -> float:
+    """A bowl 100 times steeper along one of its (turned) axes than along another, minimum 0."""
+    return float(10 ** np.linspace(0, 2, 6) @ (_TURN @ (x - 0.37)) ** 2)
+
+
+def michalewicz(x: np.ndarray) -> float:
+    """Steep ridges along every knob; a sum of one function a knob."""
+    i = np.arange(1, len(x) + 1)
+    return float(-np.sum(np.sin(x) * np.sin(i * x**2 / np.pi) ** 20))
+
+
+def _held_out() -> dict[str, TestFunction]:
+    def of(name: str, f: Callable[..., float], bounds: list, optimum: float = 0.0) -> TestFunction:
+        return TestFunction(name, f, box(*bounds), optimum, ())
+
+    return {
+        "dixon3": of("dixon3", dixon_price, [(-10, 10)] * 3),
+        "griewank4": of("griewank4", griewank, [(-6, 9)] * 4),
+        "zakharov5": of("zakharov5", zakharov, [(-5, 10)] * 5),
+        "ellipsoid6": of("ellipsoid6", ellipsoid, [(0, 1)] * 6),
+        "michalewicz4": of("michalewicz4", michalewicz, [(0, np.pi)] * 4, -3.698857098466),
+    }
+
+
+OTHERS = _held_out()
+ALL = {**FUNCTIONS, **OTHERS}
+GROUPS = {
+    "all": tuple(ALL),
+    "developed-on": DEVELOPED_ON,
+    "held-out": tuple(name for name in ALL if name not in DEVELOPED_ON),
+}
+
+
+def gap(settings: GLISpSettings, function: TestFunction, seed: int, n_init: int) -> float:
+    """What remains to the optimum after 50 experiments."""
+
+    def agent(space: object, **counts: int) -> GLISp:
+        return GLISp(space, settings=settings, **counts)  # type: ignore[arg-type]
+
+    found = minimize_by_preference(
+        function.prefer, function.space, agent=agent, n_init=n_init, n_max=50, seed=seed
+    )
+    return max(function.gap(found.best), FLOOR)
+
+
+def main() -> None:
+    """Print one line a function and variant, and the mean over all."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--variants", default=",".join(VARIANTS))
+    parser.add_argument("--functions", default="all", help="all, developed-on, held-out, or names")
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--n-init", type=int, default=10)
+    given = parser.parse_args()
+    seeds = range(given.first, given.first + given.seeds)
+    names = given.variants.split(",")
+    ratios: dict[str, list[float]] = {name: [] for name in names}
+    for key in GROUPS.get(given.functions) or given.functions.split(","):
+        paired = [gap(VARIANTS["before"], ALL[key], seed, given.n_init) for seed in seeds]
+        for name in names:
+            gaps = paired
+            if name != "before":
+                gaps = [gap(VARIANTS[name], ALL[key], seed, given.n_init) for seed in seeds]
+            against = np.log10(gaps) - np.log10(paired)
+            ratios[name].extend(against)
+            print(f"{key:13} {name:16} {np.median(gaps):9.2g} {_summary(against)}", flush=True)
+    for name, against in ratios.items():
+        print(f"{'mean':13} {name:16} {'':9} {_summary(np.array(against))}")
+
+
+def _summary(against: np.ndarray) -> str:
+    """Mean log10 ratio to `before` with its standard error, wins and losses."""
+    error = np.std(against) / np.sqrt(len(against))
+    won, lost = np.sum(against < -1e-9), np.sum(against > 1e-9)
+    return f"{np.mean(against):+.2f} ± {error:.2f}  {won}:{lost}"
+
+
+if __name__ == "__main__":
+    main()
