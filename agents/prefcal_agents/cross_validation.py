@@ -19,7 +19,7 @@ from .surrogate import Shape
 
 AnyShape = TypeVar("AnyShape", Shape, KernelShape)
 
-_GAIN = 2  # comparisons that a change of scale must win: one more is often chance
+GAIN = 2  # comparisons that a change of scale must win: one more is often chance
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +128,7 @@ def rescale_knob(
             continue
         rescaled = replace(best, scales=tuple(map(float, scales)))
         challenger, reproduced = choose_epsilon(validation, rescaled, around)
-        if reproduced >= score + _GAIN:
+        if reproduced >= score + GAIN:
             best, score = challenger, reproduced
     return best
 

@@ -143,7 +143,8 @@ def test_without_outcomes_it_is_glisp_bit_for_bit(empty):
 
 def test_switched_off_kpis_change_nothing():
     assert proposals(study(terms, options=ALONE)) == proposals(study(None, options=ALONE))
-    assert proposals(study(terms)) != proposals(study(None, options=ALONE))
+    always = GLISpSettings(outcome_scales=(1.0,))
+    assert proposals(study(terms, options=always)) != proposals(study(None, options=ALONE))
 
 
 RANDOM = np.random.default_rng(5)
