@@ -13,6 +13,8 @@ from prefcal_env.calibrators import HumanCalibrator as HumanCalibrator
 from prefcal_env.calibrators import LatentCost as LatentCost
 from prefcal_env.calibrators import Lexicographic as Lexicographic
 from prefcal_env.calibrators import Thurstone as Thurstone
+from prefcal_env.constraints import Constraint as Constraint
+from prefcal_env.constraints import LinearConstraint as LinearConstraint
 from prefcal_env.control import Controller as Controller
 from prefcal_env.control import Measurement as Measurement
 from prefcal_env.control import Move as Move
@@ -25,6 +27,7 @@ from prefcal_env.experiment import End as End
 from prefcal_env.experiment import Experiment as Experiment
 from prefcal_env.knobs import Knob as Knob
 from prefcal_env.knobs import KnobSpace as KnobSpace
+from prefcal_env.outcome import Outcome as Outcome
 from prefcal_env.preference import Agent as Agent
 from prefcal_env.preference import Answer as Answer
 from prefcal_env.preference import Calibrator as Calibrator
@@ -38,6 +41,7 @@ from prefcal_env.rig import Rig as Rig
 from prefcal_env.rollout import rollout as rollout
 from prefcal_env.study import Comparison as Comparison
 from prefcal_env.study import calibrate as calibrate
+from prefcal_env.tracking import tracking_kpis as tracking_kpis
 from prefcal_env.tuning import TuningEnv as TuningEnv
 
 _register("prefcal/CSTR-v0", "prefcal_env.envs.cstr:cstr_env")

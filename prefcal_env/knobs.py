@@ -6,13 +6,13 @@ from math import isfinite
 from typing import Literal, get_args
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from prefcal_env.constraints import AnyConstraint, checked
 from prefcal_env.errors import KnobError
+from prefcal_env.parts import exact, is_number, parts
 
 Scale = Literal["linear", "log10"]
-_ROUNDING = 1e-14  # of decoding, by the size of a linear knob's bounds or a log10 knob's value
-_NARROWEST = 1e-9  # part of a knob's range that can be searched, in the unit cube
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Knob:
         box = f"got [{self.low}, {self.high}] {self.unit}".rstrip()
         if not (isinstance(self.name, str) and self.name.strip()):
             raise KnobError(f"a knob needs a name, got {self.name!r}")
-        if not (_is_number(self.low) and _is_number(self.high)):
+        if not (is_number(self.low) and is_number(self.high)):
             raise KnobError(f"knob {self.name!r}: low and high must be numbers, {box}")
         if not (isfinite(self.low) and isfinite(self.high) and isfinite(self.high - self.low)):
             raise KnobError(f"knob {self.name!r}: low and high must be finite, {box}")
@@ -69,29 +69,32 @@ class Knob:
         return float(min(max(z, 0.0), 1.0))
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-
-
 @dataclass(frozen=True)
 class KnobSpace:
     """The box Θ in which θ is sought, an ordered collection of knobs.
 
     Args:
         knobs: One or more.
+        constraints: What every proposed θ satisfies beside its box. `decode`, `encode` and
+            `check` know the box alone, since pictures show what lies outside, too.
         within: Knob name to the (low, high) that is still searched, physical; equal: the knob is
             frozen. What lies outside stays part of the space: it was tried, and teaches.
 
     Raises:
-        KnobError: no knob, something that is not a `Knob`, two knobs of one name, or a part of
-            a range that is none.
+        KnobError: no knob, something that is not a `Knob` or a constraint, two of one name, a
+            linear constraint on a knob that is not there, or a part of a range that is none.
     """
 
     knobs: tuple[Knob, ...]
+    constraints: tuple[AnyConstraint, ...]
     within: tuple[tuple[float, float], ...]
 
     def __init__(
-        self, knobs: Sequence[Knob], within: Mapping[str, tuple[float, float]] | None = None
+        self,
+        knobs: Sequence[Knob],
+        constraints: Sequence[AnyConstraint] = (),
+        *,
+        within: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
         if isinstance(knobs, Knob) or not isinstance(knobs, Iterable):
             raise KnobError(f"a knob space needs a sequence of Knobs, got {knobs!r}")
@@ -102,7 +105,8 @@ class KnobSpace:
         duplicates = {n for n in self.names if self.names.count(n) > 1}
         if duplicates:
             raise KnobError(f"knob names must differ, got {sorted(duplicates)} more than once")
-        object.__setattr__(self, "within", _parts(self.knobs, within or {}))
+        object.__setattr__(self, "constraints", checked(constraints, self.names))
+        object.__setattr__(self, "within", parts(self.knobs, within or {}))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -126,8 +130,8 @@ class KnobSpace:
         Raises:
             KnobError: as the constructor.
         """
-        parts = dict(zip(self.names, self.within, strict=True))
-        return KnobSpace(self.knobs, {**parts, **within})
+        now = dict(zip(self.names, self.within, strict=True))
+        return KnobSpace(self.knobs, self.constraints, within={**now, **within})
 
     def searches(self, theta: Float[np.ndarray, " n"]) -> bool:
         """Whether a physical θ, shape (n,), lies in what is searched."""
@@ -152,7 +156,7 @@ class KnobSpace:
                 raise KnobError(f"z of knob {knob.name!r} must be in [0, 1], got {zi}")
         values = [k.decode(zi) for k, zi in zip(self.knobs, z, strict=True)]
         return np.array(
-            [_exact(*each) for each in zip(self.knobs, values, self.within, strict=True)]
+            [exact(*each) for each in zip(self.knobs, values, self.within, strict=True)]
         )
 
     def encode(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -186,6 +190,45 @@ class KnobSpace:
                 raise KnobError(f"theta of knob {knob.name!r} must be an integer, got {value}")
         return theta
 
+    def allows(self, theta: Float[np.ndarray, "*m n"]) -> Bool[np.ndarray, "*m"] | bool:
+        """Whether the constraints allow physical θ, shape (n,), or each of several, shape (m, n).
+
+        Raises:
+            KnobError: another shape, or a constraint that cannot be computed.
+        """
+        thetas = np.asarray(theta, dtype=float)
+        if thetas.ndim == 1:
+            return bool(np.all(self.excess(self._vector(thetas, "theta")[None]) <= 0))
+        return np.asarray(np.all(self.excess(thetas) <= 0, axis=1))
+
+    def excess(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m c"]:
+        """The c constraints at physical θ, shape (m, n): 0 or less where allowed, shape (m, c).
+
+        Raises:
+            KnobError: another shape, or a constraint that cannot be computed.
+        """
+        if np.ndim(thetas) != 2 or np.shape(thetas)[1] != len(self):
+            raise KnobError(f"thetas must have shape (m, {len(self)}), got {np.shape(thetas)}")
+        if not self.constraints or not len(thetas):
+            return np.zeros((len(thetas), len(self.constraints)))
+        values = {name: thetas[:, k] for k, name in enumerate(self.names)}
+        return np.array([constraint(values) for constraint in self.constraints]).T
+
+    def check_allowed(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return `theta` as `check` does.
+
+        Raises:
+            KnobError: as `check`, or a constraint does not allow it.
+        """
+        theta = self.check(theta)
+        for constraint, g in zip(self.constraints, self.excess(theta[None])[0], strict=True):
+            if not g <= 0:
+                raise KnobError(
+                    f"constraint {constraint.name!r} must be 0 or less, got {g:g} at "
+                    f"theta {self.named(theta)}"
+                )
+        return theta
+
     def named(self, theta: Float[np.ndarray, " n"]) -> dict[str, float]:
         """Knob name to physical value, in order; integers as int, for people and JSON."""
         theta = self.check(theta)
@@ -209,40 +252,3 @@ class KnobSpace:
                 f"{what} must be finite, got {dict(zip(self.names, vector.tolist(), strict=True))}"
             )
         return vector
-
-
-def _exact(knob: Knob, value: float, part: tuple[float, float]) -> float:
-    """`value`, or the border of `part` that it missed by rounding."""
-    for border in part:
-        size = abs(border) if knob.scale == "log10" else max(abs(knob.low), abs(knob.high))
-        if abs(value - border) <= _ROUNDING * size:
-            return border
-    return value
-
-
-def _parts(
-    knobs: tuple[Knob, ...], within: Mapping[str, tuple[float, float]]
-) -> tuple[tuple[float, float], ...]:
-    """What is searched of each knob, in their order."""
-    unknown = sorted(set(within) - {knob.name for knob in knobs})
-    if unknown:
-        raise KnobError(f"there are no knobs {unknown} to be searched within a range")
-    parts = {knob.name: (float(knob.low), float(knob.high)) for knob in knobs}
-    for knob in knobs:
-        if knob.name not in within:
-            continue
-        low, high = within[knob.name]
-        box = f"[{knob.low}, {knob.high}] {knob.unit}".rstrip()
-        if not (_is_number(low) and _is_number(high) and knob.low <= low <= high <= knob.high):
-            raise KnobError(
-                f"knob {knob.name!r}: a part of {box} was expected, got {low} to {high}"
-            )
-        if knob.integer and (low != round(low) or high != round(high)):
-            raise KnobError(f"knob {knob.name!r}: integers were expected, got {low} to {high}")
-        if low < high and knob.encode(high) - knob.encode(low) < _NARROWEST:
-            raise KnobError(
-                f"knob {knob.name!r}: {low} to {high} is too narrow to be searched: freeze it, "
-                "with one value as both"
-            )
-        parts[knob.name] = (float(low), float(high))
-    return tuple(parts.values())

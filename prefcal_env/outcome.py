@@ -27,7 +27,8 @@ class Outcome(Mapping[str, float]):
             numeric = isinstance(value, (int, float, np.integer, np.floating))
             if not isinstance(name, str) or not numeric:
                 raise PreferenceError(f"a KPI must be a name and a number, got {name!r}: {value!r}")
-        known = {name: float(value) for name, value in kpis.items() if not np.isnan(value)}
+        values = {name: _float(name, value) for name, value in kpis.items()}
+        known = {name: value for name, value in values.items() if not np.isnan(value)}
         self._kpis = dict(sorted(known.items()))
 
     def __getitem__(self, name: str) -> float:
@@ -52,4 +53,16 @@ class Outcome(Mapping[str, float]):
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Outcome":
         """Read what `to_dict` gave. Raises PreferenceError if it is something else."""
-        return cls({name: _NUMBERS.get(value, value) for name, value in data.items()})
+        if not isinstance(data, Mapping):
+            raise PreferenceError(f"an outcome must map names to numbers, got {data!r}")
+        words: dict[str, Any] = {
+            k: _NUMBERS.get(v, v) if isinstance(v, str) else v for k, v in data.items()
+        }
+        return cls(words)
+
+
+def _float(name: str, value: Any) -> float:
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise PreferenceError(f"KPI {name!r} must be a number, got one too large") from error

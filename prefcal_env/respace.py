@@ -38,7 +38,8 @@ def respaced(old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None =
         _wider(knob, before[knob.name]) if knob.name in before else _with(knob, added[knob.name])
         for knob in new
     ]
-    return KnobSpace(knobs, dict(zip(new.names, new.within, strict=True)))
+    within = dict(zip(new.names, new.within, strict=True))
+    return KnobSpace(knobs, new.constraints, within=within)
 
 
 def carried(

@@ -22,7 +22,19 @@ AGENTS_MAY_USE = ("errors", "end", "knobs", "respace", "preference", "qp")
 
 LAYERS = (
     {"errors", "end"},
-    {"knobs", "respace", "preference", "experiment", "qp", "control", "variants"},
+    {
+        "constraints",
+        "outcome",
+        "tracking",
+        "parts",
+        "knobs",
+        "respace",
+        "preference",
+        "experiment",
+        "qp",
+        "control",
+        "variants",
+    },
     {"plants", "overtaking"},
     {"mpc", "envs"},
     {"rollout", "rig"},

@@ -3,41 +3,21 @@
 from itertools import product
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, ProtocolError
 from prefcal_env.knobs import KnobSpace
 
+from .capacity import capacity
 from .ledger import Ledger
-from .minimise import Domain
-from .turns import capacity
+from .rbf import squared_distances
+from .region import Region, random_points
+from .snapping import integer_mask as integer_mask
+from .snapping import scaled as scaled
+from .snapping import snap_all as snap_all
 
 _DRAWS = 200  # random points looked at before an integer space is searched in full
-
-
-def integer_mask(space: KnobSpace) -> Bool[np.ndarray, " n"]:
-    """Which knobs are integers, shape (n,)."""
-    return np.array([knob.integer for knob in space], dtype=np.bool_)
-
-
-def snap_all(space: KnobSpace, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
-    """`KnobSpace.snap` of the integer coordinates of many points at once, shape (m, n).
-
-    Points outside of what is searched are moved to its border.
-    """
-    snapped = np.asarray(np.clip(z, *space.corners))
-    for k, knob in enumerate(space):
-        if not knob.integer:
-            continue
-        if knob.scale == "log10":
-            low, decades = np.log10(knob.low), np.log10(knob.high / knob.low)
-            value = np.floor(10.0 ** (low + decades * snapped[:, k]) + 0.5)
-            snapped[:, k] = np.log10(np.clip(value, knob.low, knob.high) / knob.low) / decades
-        else:
-            width = knob.high - knob.low
-            value = np.floor(knob.low + width * snapped[:, k] + 0.5)
-            snapped[:, k] = (np.clip(value, knob.low, knob.high) - knob.low) / width
-    return snapped
+_POOL, _POOL_SHARE = 200, 20  # allowed points to choose from: at least, and for each one chosen
 
 
 def encode_all(space: KnobSpace, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
@@ -59,20 +39,28 @@ def latin_hypercube(space: KnobSpace, count: int, seed: int) -> Float[np.ndarray
     from scipy.stats import qmc  # takes most of a second to import
 
     sampler = qmc.LatinHypercube(len(space), rng=np.random.default_rng([seed, 0]))
-    return scaled(space, np.asarray(sampler.random(count), dtype=float))
+    points = scaled(space, np.asarray(sampler.random(count), dtype=float))
+    return _moved_inside(points, space, seed) if space.constraints else points
 
 
-def scaled(space: KnobSpace, w: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
-    """Points `w` of a unit cube, shape (m, n), as points of what is searched of `space`."""
-    lower, upper = space.corners
-    return np.asarray(lower + (upper - lower) * w)
-
-
-def search_box(space: KnobSpace, start: Float[np.ndarray, " n"]) -> Domain:
-    """What is searched of `space`, for a minimiser; frozen knobs stay put."""
-    lower, upper = space.corners
-    fixed = integer_mask(space) | (lower == upper)
-    return Domain(fixed, lambda z: snap_all(space, z), np.clip(start, lower, upper), lower, upper)
+def _moved_inside(
+    points: Float[np.ndarray, "N n"], space: KnobSpace, seed: int
+) -> Float[np.ndarray, "N n"]:
+    """Replace each point that the constraints refuse by an allowed one far from all others."""
+    region = Region(space)
+    refused = np.flatnonzero(~region.allows(points))
+    if len(refused):
+        pool = region.draw(
+            max(_POOL, _POOL_SHARE * len(refused)), np.random.default_rng([seed, 0, 1])
+        )
+        nearest = squared_distances(pool, np.delete(points, refused, axis=0)).min(
+            axis=1, initial=np.inf
+        )
+        for index in refused:
+            farthest = int(np.argmax(nearest))
+            points[index] = pool[farthest]
+            nearest = np.minimum(nearest, squared_distances(pool, pool[farthest, None])[:, 0])
+    return points
 
 
 class Tried:
@@ -89,20 +77,27 @@ class Tried:
     def __contains__(self, z: Float[np.ndarray, " n"]) -> bool:
         return self._key(self._space.snap(z)) in self._seen
 
+    def may_run(self, z: Float[np.ndarray, " n"]) -> bool:
+        """Whether the θ of `z`, shape (n,), has not run and the constraints allow it."""
+        snapped = self._space.snap(z)
+        allowed = self._space.allows(self._space.decode(snapped))
+        return bool(allowed) and self._key(snapped) not in self._seen
+
     def fresh(
         self, z: Float[np.ndarray, " n"], rng: np.random.Generator
     ) -> Float[np.ndarray, " n"]:
-        """`z`, shape (n,), or if its θ ran already, another point whose θ did not.
+        """`z`, shape (n,), or if its θ ran already or is not allowed, another one's point.
 
         Random points are those of what is searched.
 
         Raises:
             ProtocolError: every θ of the space has been tried.
+            KnobError: none was found that the constraints allow.
         """
-        if z not in self:
+        if self.may_run(z):
             return z
-        for candidate in scaled(self._space, rng.random((_DRAWS, len(z)))):
-            if candidate not in self:
+        for candidate in random_points(self._space, _DRAWS, rng):
+            if self.may_run(candidate):
                 return np.asarray(candidate)
         if not np.isfinite(capacity(self._space)):
             raise ProtocolError(f"no new θ was found in {_DRAWS} random draws")
@@ -116,6 +111,6 @@ class Tried:
         ]
         for theta in product(*values):
             z = self._space.encode(np.array(theta, dtype=float))
-            if z not in self:
+            if self.may_run(z):
                 return z
         raise ProtocolError(f"every one of the {len(self._seen)} θ of the space has been tried")

@@ -9,11 +9,12 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import KnobSpace
 
 from .checks import integer
-from .cube import Tried, encode_all, latin_hypercube, scaled, search_box
+from .cube import Tried, encode_all, latin_hypercube
 from .glis_settings import GLISSettings
 from .interpolation import Interpolant, best_interpolant, normalised
 from .ledger import Ledger
 from .minimise import multistart
+from .region import random_points, search_domain
 from .start import Start
 from .state import AgentState
 from .threads import one_thread
@@ -73,11 +74,11 @@ class GLIS(ValueBased):
         if index < self.n_init:
             return tried.fresh(latin_hypercube(space, self.n_init, self._seed)[index], rng)
         if not len(ledger.scores()[0]):
-            return tried.fresh(scaled(space, rng.random((1, len(space))))[0], rng)
-        domain = search_box(space, np.array(ledger.samples[ledger.incumbent or 0]))
+            return tried.fresh(random_points(space, 1, rng)[0], rng)
+        domain = search_domain(space, ledger)
         with one_thread():
             for z in multistart(self._acquisition(ledger), domain, rng):
-                if z not in tried:
+                if tried.may_run(z):
                     return np.asarray(z)
         return tried.fresh(domain.start, rng)
 

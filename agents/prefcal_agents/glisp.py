@@ -13,6 +13,7 @@ from prefcal_env.qp import make_backend
 from .checks import integer
 from .cube import encode_all
 from .learned_index import LearnedIndex
+from .learner import Learner
 from .proposal import Strategy
 from .settings import GLISpSettings
 from .start import Start
@@ -20,7 +21,7 @@ from .state import AgentState
 from .turn_taking import PreferenceBased
 from .turns import Turns
 
-VERSION = 1
+VERSION = 2
 """Of the algorithm: raised when the same answers would lead to another next sample."""
 
 
@@ -67,7 +68,8 @@ class GLISp(PreferenceBased):
         self._settings = settings if delta is None else replace(settings, delta=delta)
         self._seed = int(seed)
         # A backend of its own: twins may think ahead at the same time.
-        self._strategy = Strategy(space, self._settings, n_init, self._seed, make_backend("piqp"))
+        self._learner = Learner(space, self._settings, n_init, self._seed, make_backend("piqp"))
+        self._strategy = Strategy(space, self._settings, n_init, self._seed, self._learner)
         self._turns = Turns(
             space,
             n_init,
@@ -122,7 +124,8 @@ class GLISp(PreferenceBased):
     def copy(self) -> "GLISp":
         """Return an independent twin, for running ahead on each likely answer."""
         twin = self.restore(self.space, self._snapshot())
-        twin._strategy.shapes.update(self._strategy.shapes)
+        twin._learner.shapes.update(self._learner.shapes)
+        twin._learner.evidence.update(self._learner.evidence)
         return twin
 
     @property
@@ -133,7 +136,7 @@ class GLISp(PreferenceBased):
     @property
     def epsilon(self) -> float:
         """ε of eq. rbf in use, after the answers so far."""
-        return self._strategy.shape(self._turns.ledger).epsilon
+        return self._learner.shape(self._turns.ledger).epsilon
 
     @property
     def index(self) -> LearnedIndex | None:
@@ -141,7 +144,7 @@ class GLISp(PreferenceBased):
 
         None where no KPIs came with the answers, or nothing is learned from them.
         """
-        return LearnedIndex.of(self._turns.ledger, self._seed, self._strategy.backend)
+        return LearnedIndex.of(self._turns.ledger, self._seed, self._learner.backend)
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Ĵ/ΔĴ at physical `thetas`, shape (m, n), less its smallest value on the samples.
@@ -155,7 +158,7 @@ class GLISp(PreferenceBased):
         z = encode_all(self.space, thetas)
         if len(self._turns.ledger.preferences()) == 0:
             return np.zeros(len(z))
-        learned = self._strategy.learned(self._turns.ledger)
+        learned = self._learner.learned(self._turns.ledger)
         on_samples = learned(learned.centres)
         spread = float(np.ptp(on_samples))
         return np.asarray((learned(z) - on_samples.min()) / (spread if spread > 0 else 1.0))

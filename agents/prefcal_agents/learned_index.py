@@ -1,7 +1,7 @@
 """The score that a person could not write down: a weighted sum of KPIs, from his answers."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -14,8 +14,10 @@ from .outcomes import Outcomes
 
 _SOFT = Learning(sigma=1.0, lam=0.1)
 """Of a few dozen answers some contradict any sum of KPIs: a slack costs ten margins, no more."""
+_ALIKE = 1e-6  # experiments whose KPIs differ less count as this far apart
 
 _FOLDS = 3
+_SURE = 1.645  # standard deviations: one-sided 5 %
 _COUNTS = 0.01  # a smaller share of the weights is left out
 
 
@@ -53,6 +55,12 @@ class LearnedIndex:
         return float(sum(t.weight * _share(kpis.get(name), t) for name, t in self.terms.items()))
 
     @property
+    def explains(self) -> bool:
+        """Whether it foretells clearly more than half: by chance it would once in 20 studies."""
+        beyond = self.foretold - self.answers / 2
+        return bool(beyond > _SURE * np.sqrt(self.answers) / 2)
+
+    @property
     def weights(self) -> Mapping[str, float]:
         """KPI name to its share of all weights, the heaviest first."""
         return {name: term.weight for name, term in self.terms.items()}
@@ -62,6 +70,7 @@ class LearnedIndex:
         """Learn it from the answers in `ledger`; None where KPIs or strict answers are missing.
 
         Source: none; eq. QP-pref with KPIs in the place of φ, weights 0 or more, and soft.
+        Its margins are in `_weights`.
         """
         outcomes, preferences = Outcomes.of(ledger), ledger.preferences()
         if not len(outcomes) or not preferences.b.any():
@@ -103,7 +112,8 @@ def index(kpis):
     total = 0.0
     for name, (weight, best, worst) in TERMS.items():
         share = (kpis.get(name, worst) - best) / (worst - best)
-        total += weight * (max(share, -1.0) if share < 1.0 else 1.0)
+        better = share < 1.0 or kpis.get(name, worst) < best
+        total += weight * (max(-1.0, share) if better else 1.0)
     return total
 '''
 
@@ -112,17 +122,28 @@ def _share(value: float | None, term: Term) -> float:
     if value is None:
         return 1.0
     share = (value - term.best) / (term.worst - term.best)
-    return max(share, -1.0) if share < 1.0 else 1.0  # NaN (unknown, or never) counts in full
+    # NaN (unknown, or never) counts in full, unless it is -inf against an infinite worst.
+    better = share < 1.0 or value < term.best
+    return max(-1.0, share) if better else 1.0
 
 
 def _weights(
     preferences: Preferences, columns: Float[np.ndarray, "N p"], backend: Backend
 ) -> Float[np.ndarray, " p"]:
-    """w, 0 or more, shape (p,)."""
+    """w, 0 or more, shape (p,).
+
+    The margin of a comparison is the distance of its two experiments in KPIs. (One margin for
+    all takes those that hardly differ, the most towards the end of a study, for the weightiest:
+    it found the two KPIs behind the answers in 6 of 10 studies of a toy, this one in 8, and on
+    the CSTR ranked other experiments with a correlation of 0.41 with the true index, this 0.60.)
+    """
     nothing = np.zeros((len(columns), 0))
-    unit = np.ones(len(preferences))
-    constraints = Constraints.of(preferences, nothing, unit).with_outcomes(preferences, columns)
-    return np.asarray(np.maximum(fit(constraints, _SOFT, backend), 0.0))
+    plain = Constraints.of(preferences, nothing, np.ones(len(preferences)))
+    constraints = plain.with_outcomes(preferences, columns)
+    apart = np.linalg.norm(columns[preferences.first] - columns[preferences.second], axis=1)
+    length = np.append(np.maximum(apart, _ALIKE), 1.0)[constraints.owner]  # the last: owner -1
+    unit = replace(constraints, rows=constraints.rows / length[:, None])
+    return np.asarray(np.maximum(fit(unit, _SOFT, backend), 0.0))
 
 
 def _foretold(

@@ -12,6 +12,8 @@ from jaxtyping import Float, Int
 from prefcal_env.errors import ProtocolError
 from prefcal_env.preference import Answer, Preference
 
+from .marked import Marks
+
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
@@ -160,6 +162,10 @@ class Ledger:
                 if index is not None and outcome and not known[index]:
                     known[index] = outcome
         return tuple(known)
+
+    def marks(self) -> Marks:
+        """What the remaining answers mark."""
+        return Marks.of(self.in_order(), self.cube())
 
     def until(self, count: int) -> "Ledger":
         """The first `count` samples and their answers, further ones among them included."""

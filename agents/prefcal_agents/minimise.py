@@ -1,7 +1,8 @@
-"""Minimising the acquisition over the unit cube: particle swarm (the paper's) and multistart.
+"""Minimising the acquisition: particle swarm (the paper's) and multistart.
 
-Both respect integer knobs, take the incumbent as one of their starts, and return points in
-increasing order of the objective, so that a caller who cannot use the first takes the next.
+Both search the unit cube or a box in it, respect integer knobs, take the incumbent as one of
+their starts, and return points in increasing order of the objective, so that a caller who cannot
+use the first takes the next.
 """
 
 from collections.abc import Callable
@@ -10,6 +11,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
+
+Box = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 
 _SCALES = (1e-4, 0.3)  # of the steps around the incumbent, in units of the cube
 _APART = 0.1  # two starts of a descent are at least this far from each other, in the cube
@@ -28,28 +31,25 @@ class Objective(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Domain:
-    """Where is searched: a box in the unit cube, which coordinates stay put, how points snap.
+    """Where is searched: the unit cube, which coordinates stay put, and how points snap.
 
     Args:
         fixed: Coordinates that a descent must not move (integer knobs), shape (n,).
         snap: Moves the rows of an array (m, n) to the points of the cube that can run.
         start: A point worth starting from (the incumbent), shape (n,).
-        lower: Lower corner of the box, shape (n,); None: the whole cube.
-        upper: Upper corner, shape (n,).
+        box: Lower and upper corner of what is searched, each of shape (n,); None: the cube.
     """
 
     fixed: Bool[np.ndarray, " n"]
     snap: Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, "m n"]] = field(repr=False)
     start: Float[np.ndarray, " n"]
-    lower: Float[np.ndarray, " n"] | None = None
-    upper: Float[np.ndarray, " n"] | None = None
+    box: Box | None = None
 
     @property
-    def corners(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    def corners(self) -> Box:
         """Lower and upper corner, each of shape (n,)."""
         n = len(self.start)
-        lower = np.zeros(n) if self.lower is None else self.lower
-        return lower, np.ones(n) if self.upper is None else self.upper
+        return (np.zeros(n), np.ones(n)) if self.box is None else self.box
 
 
 Minimiser = Callable[[Objective, Domain, np.random.Generator], Float[np.ndarray, "m n"]]
@@ -84,11 +84,11 @@ def multistart(
 
 def _sampled(domain: Domain, rng: np.random.Generator, draws: int) -> Float[np.ndarray, "m n"]:
     n, near = len(domain.start), draws // 3
-    lower, upper = domain.corners
     steps = np.exp(rng.uniform(np.log(_SCALES[0]), np.log(_SCALES[1]), size=(near, 1)))
     around = domain.start + steps * rng.standard_normal((near, n))
-    wide = lower + (upper - lower) * rng.random((draws - near, n))
-    return domain.snap(np.clip(np.vstack([domain.start[None], around, wide]), lower, upper))
+    low, high = domain.corners
+    wide = low + (high - low) * rng.random((draws - near, n))
+    return domain.snap(np.clip(np.vstack([domain.start[None], around, wide]), low, high))
 
 
 def _apart(points: Float[np.ndarray, "m n"], count: int) -> list[int]:
@@ -114,7 +114,7 @@ def _descend(
     from scipy.optimize import minimize  # a third of a second to import
 
     point = z.copy()
-    lower, upper = (corner[free] for corner in domain.corners)
+    low, high = domain.corners
 
     def value_and_slope(part: np.ndarray) -> tuple[float, np.ndarray]:
         point[free] = part
@@ -125,10 +125,10 @@ def _descend(
         z[free],
         jac=True,
         method="L-BFGS-B",
-        bounds=list(zip(lower, upper, strict=True)),
+        bounds=list(zip(low[free], high[free], strict=True)),
         options={"maxiter": iterations},
     )
-    point[free] = np.clip(result.x, lower, upper)
+    point[free] = np.clip(result.x, low[free], high[free])
     return point
 
 
@@ -147,10 +147,10 @@ def particle_swarm(
     Deviation: the paper's swarm is coupled with a pattern search; this one is not.
     """
     n = len(domain.start)
-    lower, upper = domain.corners
-    position = lower + (upper - lower) * rng.random((particles, n))
-    position[0] = np.clip(domain.start, lower, upper)
-    velocity = (upper - lower) * rng.uniform(-0.5, 0.5, (particles, n))
+    low, high = domain.corners
+    position = low + (high - low) * rng.random((particles, n))
+    position[0] = domain.start
+    velocity = (high - low) * rng.uniform(-0.5, 0.5, (particles, n))
     own = domain.snap(position)
     own_value = objective(own)
     for _ in range(iterations):
@@ -159,7 +159,7 @@ def particle_swarm(
         velocity = 0.7298 * velocity + 1.4962 * (
             pull[0] * (own - position) + pull[1] * (leader - position)
         )
-        moved = np.clip(position + velocity, lower, upper)
+        moved = np.clip(position + velocity, low, high)
         velocity = np.where(moved == position + velocity, velocity, 0.0)
         position = moved
         snapped = domain.snap(position)

@@ -32,6 +32,11 @@ class Outcomes:
     ranges: tuple[tuple[float, float], ...]
 
     @classmethod
+    def none(cls) -> "Outcomes":
+        """No KPIs at all."""
+        return cls(np.zeros((0, 0)), (), (), ())
+
+    @classmethod
     def of(cls, ledger: Ledger) -> "Outcomes":
         """Those that the answers in `ledger` hold.
 

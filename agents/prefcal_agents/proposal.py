@@ -1,84 +1,65 @@
 """GLISp's next sample, as a function of seed, settings and ledger alone."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.knobs import KnobSpace
-from prefcal_env.qp import Backend
 
 from .acquisition import Acquisition
-from .cross_validation import Validation, choose_epsilon, rescale_knob
-from .cube import Tried, latin_hypercube, search_box
-from .fitting import Constraints, fit, margins
+from .cube import Tried, latin_hypercube
+from .learner import Learner
 from .ledger import Ledger
-from .minimise import multistart
-from .outcomes import Judgement, Outcomes
+from .marks import POOL, replaced, steered, unsafe_worry
+from .minimise import Box, Domain, multistart
 from .placing import to_place
-from .settings import EVERY_STEP, MINIMISERS, GLISpSettings
-from .surrogate import Composite, Shape, Surrogate
+from .region import random_points, search_domain
+from .schedule import Turn, turn_of
+from .settings import MINIMISERS, GLISpSettings
 from .threads import one_thread
+from .trust_region import around, half_width
 
 
 @dataclass(frozen=True, slots=True)
 class Strategy:
-    """Everything that stays the same during a study, and a cache of shapes.
+    """Everything that stays the same during a study.
 
     Args:
         space: The knobs.
         settings: Of GLISp.
         n_init: Samples of the Latin hypercube.
         seed: Of all randomness; sample i draws from `(seed, i)`.
-        backend: QP solver.
-        shapes: Ledger to the shape of φ after it; a cache, which changes no result.
+        learner: What is learned from a ledger.
     """
 
     space: KnobSpace
     settings: GLISpSettings
     n_init: int
     seed: int
-    backend: Backend
-    shapes: dict[Ledger, Shape] = field(default_factory=dict, repr=False, compare=False)
+    learner: Learner
 
     def propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
         """Cube point of the sample that follows `ledger`, shape (n,).
 
         Source: eq. xNp1.
-        Deviation: every `perturb_every`-th proposal minimises a surrogate whose margins are
-        drawn at random (each times an exponential variate), without the exploration term.
+        Deviation: those of `turn_of`. A perturbed proposal minimises a surrogate whose margins
+        are drawn at random (each times an exponential variate), without the exploration term.
         Equal margins are arbitrary: others reproduce the same answers with another minimum,
         and one fixed choice keeps returning to the same place when it is wrong.
         """
         with one_thread():
             return self._proposed(ledger)
 
-    def _proposed(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
-        index = ledger.answered
-        rng = np.random.default_rng([self.seed, index])
-        tried = Tried(self.space, ledger)
-        if index < self.n_init:
-            return tried.fresh(latin_hypercube(self.space, self.n_init, self.seed)[index], rng)
-        noise, delta = None, self.settings.delta
-        if self._perturbs(index):
-            noise, delta = rng.exponential(size=len(ledger.preferences())), 0.0
-        surrogate = self.learned(ledger, noise)
-        domain = search_box(self.space, np.array(ledger.samples[ledger.incumbent or 0]))
-        minimise = MINIMISERS[self.settings.minimiser]
-        for z in minimise(Acquisition.of(surrogate, delta), domain, rng):
-            if z not in tried:
-                return np.asarray(z)
-        return tried.fresh(domain.start, rng)
-
     def promise(self, ledger: Ledger) -> float | None:
         """How far Ĵ at its minimum lies below the best sample, in units of ΔĴ; 0 or more."""
         if not len(ledger.preferences()):
             return None
         with one_thread():
-            objective = Acquisition.of(self.learned(ledger), 0.0)
+            objective = Acquisition.of(self.learner.learned(ledger), 0.0)
             best = np.array([ledger.samples[ledger.incumbent or 0]])
             rng = np.random.default_rng([self.seed, ledger.answered, 2])
-            lowest = multistart(objective, search_box(self.space, best[0]), rng)[0]
+            lowest = multistart(objective, search_domain(self.space, ledger), rng)[0]
             return max(0.0, float(objective(best)[0] - objective(lowest[None])[0]))
 
     def further(self, ledger: Ledger) -> tuple[int, int] | None:
@@ -86,91 +67,56 @@ class Strategy:
         if len(ledger.latest) >= self.settings.questions_per_experiment or ledger.answered < 3:
             return None
         with one_thread():
-            # Without a cross-validation of its own: each answer is followed by the next question.
-            shape = self.shape(ledger.until(ledger.answered - 1))
-            return to_place(ledger, self.learned(ledger, shape=shape)(ledger.cube()))
+            # Without a cross-validation of its own: the next question follows each answer.
+            earlier = ledger.until(ledger.answered - 1)
+            return to_place(ledger, self.learner.learned(ledger, validated=earlier)(ledger.cube()))
 
-    def learned(
-        self,
-        ledger: Ledger,
-        noise: Float[np.ndarray, " M"] | None = None,
-        shape: Shape | None = None,
-    ) -> Surrogate | Composite:
-        """Ĵ that the M answers in `ledger` teach, with a factor `noise`, (M,), on their margins.
+    def _proposed(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
+        index = ledger.answered
+        rng = np.random.default_rng([self.seed, index])
+        tried = Tried(self.space, ledger)
+        if index < self.n_init:
+            return tried.fresh(self._planned(ledger, rng), rng)
+        turn, noise, delta = self.turn(index), None, self.settings.delta
+        if turn.perturbed:
+            noise, delta = rng.exponential(size=len(ledger.preferences())), 0.0
+        acquisition = Acquisition.of(self.learner.learned(ledger, noise, kernel=turn.kernel), delta)
+        objective = steered(acquisition, ledger, self.settings)
+        minimise = MINIMISERS[self.settings.minimiser]
+        # A trust region of integers may hold nothing new.
+        for domain in self._domains(ledger, turn):
+            for z in minimise(objective, domain, rng):
+                if tried.may_run(z):
+                    return np.asarray(z)
+        return tried.fresh(domain.start, rng)
 
-        Deviation: KPIs that explain the answers are part of it, as far as cross-validation finds
-        that they help to foretell answers; scale 0 among the `outcome_scales` is without them.
-        """
-        preferences = ledger.preferences()
-        shape = self.shape(ledger) if shape is None else shape
-        margin = margins(preferences, self.settings.margin_power, self.settings.strong_margins)
-        margin = margin if noise is None else margin * noise
-        phi = shape.basis(preferences.samples, preferences.samples)
-        constraints = Constraints.of(preferences, phi, margin)
-        outcomes = Outcomes.of(ledger)
-        scale = self._outcome_scale(ledger, shape, outcomes)
-        if scale == 0:
-            beta = fit(constraints, self.settings.learning, self.backend)
-            return Surrogate(preferences.samples, beta, shape)
-        constraints = constraints.with_outcomes(preferences, scale * outcomes.columns)
-        beta = fit(constraints, self.settings.learning, self.backend)
-        n = len(phi)
-        judgement = Judgement(outcomes, scale * np.maximum(beta[n:], 0.0))
-        return Composite(Surrogate(preferences.samples, beta[:n], shape), judgement)
+    def _planned(self, ledger: Ledger, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
+        """Of the start, unless marks say that it is likely unsafe there."""
+        plan, index = latin_hypercube(self.space, self.n_init, self.seed), ledger.answered
+        worry = unsafe_worry(ledger, self.settings)
+        if worry is None:
+            return np.asarray(plan[index])
+        others = np.vstack([ledger.cube(), plan[index + 1 :]])
+        return replaced(plan[index], others, random_points(self.space, POOL, rng), worry)
 
-    def _outcome_scale(self, ledger: Ledger, shape: Shape, outcomes: Outcomes) -> float:
-        """By how much KPIs count beside θ, so that left-out answers are foretold best."""
-        scales, preferences = self.settings.outcome_scales, ledger.preferences()
-        if not len(outcomes) or len(preferences) < self.settings.folds:
-            return 0.0
-        validation = self._validation(ledger)
-        scores = [
-            validation.reproduced(shape, scale * outcomes.columns if scale else None)
-            for scale in scales
-        ]
-        winners = [s for s, score in zip(scales, scores, strict=True) if score == max(scores)]
-        return winners[len(winners) // 2]
+    def _domains(self, ledger: Ledger, turn: Turn) -> list[Domain]:
+        """Where to search, and where to search next if nothing new is found there."""
+        boxes: list[Box | None] = [None]
+        if turn.local:
+            half = half_width(ledger, self.settings.trust_region, self._is_local)
+            best = np.array(ledger.samples[ledger.incumbent or 0])
+            boxes.insert(0, around(np.clip(best, *self.space.corners), half))
+        return [search_domain(self.space, ledger, box) for box in boxes]
 
-    def _validation(self, ledger: Ledger) -> Validation:
+    def turn(self, index: int) -> Turn:
+        """What kind of proposal sample number `index` is; not of the initial ones."""
         settings = self.settings
-        rng = np.random.default_rng([self.seed, ledger.answered, 1])
-        return Validation.deal(
-            ledger.preferences(), settings.learning, self.backend, settings.folds, rng
+        return turn_of(
+            index - self.n_init,
+            kernel=settings.kernel,
+            perturb_every=settings.perturb_every,
+            local=settings.trust_region > 0,
         )
 
-    def shape(self, ledger: Ledger) -> Shape:
-        """Shape of φ in use after `ledger`: each cross-validation starts from the one before."""
-        missing: list[Ledger] = []
-        shape = self.settings.shape(len(self.space))
-        for count in range(ledger.answered, 0, -1):
-            if not self._validates(count):
-                continue
-            prefix = ledger.until(count)
-            if prefix in self.shapes:
-                shape = self.shapes[prefix]
-                break
-            missing.append(prefix)
-        for prefix in reversed(missing):
-            shape = self.shapes[prefix] = self._validated(prefix, shape)
-        return shape
-
-    def _validated(self, ledger: Ledger, shape: Shape) -> Shape:
-        """The better shape that cross-validation finds next to `shape`."""
-        settings, preferences = self.settings, ledger.preferences()
-        if len(preferences) < settings.folds:
-            return shape
-        validation = self._validation(ledger)
-        candidates = [settings.epsilon * factor for factor in settings.epsilons]
-        shape, score = choose_epsilon(validation, shape, candidates)
-        if settings.rescale and len(self.space) > 1:
-            knob = ledger.answered % len(self.space)
-            shape = rescale_knob(validation, shape, score, candidates, knob=knob)
-        return shape
-
-    def _validates(self, answered: int) -> bool:
-        at = self.settings.validate_at
-        return answered >= self.n_init if at == EVERY_STEP else answered in at
-
-    def _perturbs(self, index: int) -> bool:
-        every = self.settings.perturb_every
-        return every > 0 and (index - self.n_init) % every == 0
+    def _is_local(self, index: int) -> bool:
+        return index >= self.n_init and self.turn(index).local

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from .kernel import KernelShape
 from .outcomes import Judgement
 from .rbf import RADIAL_FUNCTIONS, squared_distances
 
@@ -43,6 +44,30 @@ class Shape:
         u = (self.epsilon * self.distances(a, b)) ** 2
         return np.asarray(RADIAL_FUNCTIONS[self.rbf].value(u))
 
+    def gradient(
+        self,
+        z: Float[np.ndarray, " n"],
+        centres: Float[np.ndarray, "N n"],
+        beta: Float[np.ndarray, " N"],
+    ) -> Float[np.ndarray, " n"]:
+        """∂/∂z of Σ β_i φ(εd(z, centre i)) at one point, shape (n,)."""
+        squared_scales = np.array(self.scales) ** 2
+        away = z - centres
+        d = (away * away) @ squared_scales
+        slope = RADIAL_FUNCTIONS[self.rbf].slope((self.epsilon * d) ** 2)
+        # du/dz = ε² 2d ∂d/dz and ∂d/dz = 2 scales² (z - centre).
+        return np.asarray(((4 * self.epsilon**2 * beta * slope * d) @ away) * squared_scales)
+
+    def features(self, samples: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N N"]:
+        """What the coefficients of eq. QP-pref multiply: φ between all samples."""
+        return self.basis(samples, samples)
+
+    def weights(
+        self, features: Float[np.ndarray, "N N"], v: Float[np.ndarray, " N"]
+    ) -> Float[np.ndarray, " N"]:
+        """β that belongs to the coefficients `v` of `features`, shape (N,): `v` itself."""
+        return v
+
 
 @dataclass(frozen=True, slots=True)
 class Surrogate:
@@ -50,7 +75,7 @@ class Surrogate:
 
     centres: Float[np.ndarray, "N n"]
     beta: Float[np.ndarray, " N"]
-    shape: Shape
+    shape: Shape | KernelShape
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Ĵ at the rows of `z`, shape (m, n), unit cube; shape (m,)."""
@@ -58,13 +83,7 @@ class Surrogate:
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """∂Ĵ/∂z at one point of the cube, shape (n,)."""
-        squared_scales = np.array(self.shape.scales) ** 2
-        away = z - self.centres
-        d = (away * away) @ squared_scales
-        epsilon = self.shape.epsilon
-        slope = RADIAL_FUNCTIONS[self.shape.rbf].slope((epsilon * d) ** 2)
-        # du/dz = ε² 2d ∂d/dz and ∂d/dz = 2 scales² (z - centre).
-        return np.asarray(((4 * epsilon**2 * self.beta * slope * d) @ away) * squared_scales)
+        return self.shape.gradient(z, self.centres, self.beta)
 
     @property
     def spread(self) -> float:

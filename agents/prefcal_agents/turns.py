@@ -5,7 +5,6 @@ An agent composes one `Turns` and brings a proposal strategy: a function of the 
 """
 
 from collections.abc import Callable
-from math import prod
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from prefcal_env.errors import KnobError, ProtocolError, SettingsError
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preference import Answer, Preference, Query, Suggestion
 
+from .capacity import capacity
 from .checks import integer
 from .ledger import Ledger
 from .start import Start, start_points
@@ -81,6 +81,7 @@ class Turns:
         self._propose, self.by_value, self._further = propose, by_value, further
         self._promise = promise
         self._thought: tuple[Ledger, tuple[int, int] | None] | None = None
+        self._capacity = capacity(space)
         self._start = start_points(space, start, self._asked_for)
         self.ledger = Ledger()
 
@@ -90,7 +91,7 @@ class Turns:
         return self._most(self.ledger)
 
     def _most(self, ledger: Ledger) -> int:
-        most = capacity(self.space)
+        most = self._capacity
         if np.isfinite(most):
             # θ that are no longer searched count too, if they have run.
             thetas = (self.space.decode(np.array(z)) for z in ledger.samples)
@@ -217,7 +218,7 @@ class Turns:
                 raise SettingsError(f"a further answer of a state cannot be {c}")
         for index, z in enumerate(ledger.samples):
             try:
-                self.space.decode(np.array(z))
+                self.space.check_allowed(self.space.decode(np.array(z)))
             except KnobError as error:
                 raise SettingsError(f"sample {index} of a state: {error}") from error
         stored, most = len(ledger.samples), self._most(ledger)
@@ -232,10 +233,3 @@ class Turns:
             raise SettingsError(f"the start of a state: {error}") from error
         self._start = start_points(self.space, thetas, self._asked_for)
         self.ledger = ledger
-
-
-def capacity(space: KnobSpace) -> float:
-    """How many different θ are searched; infinite unless all knobs are integers, or frozen."""
-    if not all(knob.integer or frozen for knob, frozen in zip(space, space.frozen, strict=True)):
-        return np.inf
-    return float(prod(int(high - low) + 1 for low, high in space.within))

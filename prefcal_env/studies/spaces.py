@@ -32,6 +32,7 @@ def space_of(configuration: Mapping[str, Any]) -> KnobSpace:
     try:
         knobs = [Knob(**knob) for knob in configuration["knobs"]]
         within = configuration.get("within", {})
-        return KnobSpace(knobs, {name: (low, high) for name, (low, high) in within.items()})
+        parts = {name: (low, high) for name, (low, high) in within.items()}
+        return KnobSpace(knobs, within=parts)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, KnobError) as error:
         raise StudyError(f"the knobs of the study cannot be read: {error}") from error

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .export import load_controller as load_controller
+    from .outcomes import outcome as outcome
     from .report.trajectories import figure as figure
     from .scenario import KPI as KPI
     from .scenario import Panel as Panel
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "figure": "report.trajectories",
     "load_controller": "export",
+    "outcome": "outcomes",
     "KPI": "scenario",
     "Panel": "scenario",
     "Scenario": "scenario",

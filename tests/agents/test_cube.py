@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from prefcal_agents.capacity import capacity
 from prefcal_agents.cube import Tried, latin_hypercube, snap_all
 from prefcal_agents.ledger import Ledger
-from prefcal_agents.turns import capacity
 from prefcal_env.errors import ProtocolError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Answer

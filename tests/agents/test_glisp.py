@@ -43,6 +43,13 @@ def study(count=14, **options):
         {"margin_power": -1.0},
         {"perturb_every": -1},
         {"rescale": 1},
+        {"kernel": 1},
+        {"kernel_epsilons": ()},
+        {"kernel_epsilons": (2.0, 1.0)},
+        {"trend": -1.0},
+        {"trend": np.nan},
+        {"trust_region": -0.1},
+        {"trust_region": 0.6},
         {"minimiser": "newton"},
         {"delta": "0.3"},
         {"delta": True},
@@ -74,6 +81,7 @@ def test_the_paper_s_settings_are_those_of_section_iv():
     assert paper.validate_at == (10, 20, 30, 40)
     assert paper.rbf == "inverse_quadratic"
     assert (paper.margin_power, paper.perturb_every, paper.rescale) == (0, 0, False)
+    assert (paper.kernel, paper.trust_region, paper.outcome_scales) == (False, 0.0, (0.0,))
 
 
 def test_epsilon_is_one_until_the_first_cross_validation():
@@ -121,8 +129,15 @@ def test_looking_at_the_surrogate_changes_nothing():
         GLISpSettings(delta=0.0, perturb_every=0),
         GLISpSettings(validate_at=()),
         GLISpSettings(epsilons=(1.0,)),
+        GLISpSettings(kernel=True),
+        GLISpSettings(trust_region=0.2),
+        GLISpSettings(kernel=True, trust_region=0.2, trend=0.0),
+        GLISpSettings(kernel=True, kernel_epsilons=(1.0,)),
     ],
-    ids=lambda s: f"{s.rbf}-{s.lam}-{s.minimiser}-{s.delta}-{s.validate_at}-{len(s.epsilons)}",
+    ids=lambda s: (
+        f"{s.rbf}-{s.lam}-{s.minimiser}-{s.delta}-{s.validate_at}-{len(s.epsilons)}"
+        f"-{s.kernel}-{s.trend}-{len(s.kernel_epsilons)}"
+    ),
 )
 @pytest.mark.unchecked  # for speed: the contract suite checks the shapes
 def test_every_variant_finds_a_bowl(settings):
@@ -150,7 +165,7 @@ def test_the_weight_of_an_answer_decides_when_answers_contradict_each_other():
 
     # λσ = 1: β grows with c_h until the margin is reached.
     agents = [told(strength) for strength in (0.1, 0.2)]
-    raw = [agent._strategy.learned(agent._turns.ledger).spread for agent in agents]
+    raw = [agent._learner.learned(agent._turns.ledger).spread for agent in agents]
     assert raw[1] == pytest.approx(2 * raw[0])
 
 

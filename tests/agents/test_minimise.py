@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,3 +62,13 @@ def test_points_come_in_increasing_order_and_stay_in_the_cube(minimise):
 def test_the_same_generator_gives_the_same_points(minimise):
     runs = [minimise(Waves((0.3, 0.8, 0.5)), domain(REAL), np.random.default_rng(7)) for _ in "ab"]
     assert np.array_equal(*runs)
+
+
+@MINIMISERS
+def test_nothing_outside_the_box_is_looked_at(minimise):
+    low, high = np.array([0.4, 0.0, 0.6]), np.array([0.7, 0.1, 0.9])
+    inside = replace(domain(REAL, (0.5, 0.05, 0.7)), box=(low, high))
+    waves = Waves((0.3, 0.8, 0.75))
+    found = minimise(waves, inside, np.random.default_rng(0))
+    assert np.all((found >= low) & (found <= high))
+    assert waves(found[:1])[0] <= waves(np.array([[0.4, 0.1, 0.75]]))[0] + 0.02

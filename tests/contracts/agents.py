@@ -7,7 +7,8 @@ puts its agent through all of it. What an agent must remember stands in `agents_
 import numpy as np
 import pytest
 
-from prefcal_env.errors import PreferenceError, ProtocolError, SettingsError
+from prefcal_env.constraints import Constraint, LinearConstraint
+from prefcal_env.errors import KnobError, PreferenceError, ProtocolError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Answer, Mark, Preference, Query, Suggestion
 
@@ -20,6 +21,21 @@ MIXED = KnobSpace(
 )
 SMALL = KnobSpace([Knob("a", 1, 4, integer=True), Knob("b", 1, 1000, scale="log10", integer=True)])
 TINY = KnobSpace([Knob("a", 0, 2, integer=True), Knob("b", 1, 2, integer=True)])
+
+HALF = KnobSpace(MIXED.knobs, [LinearConstraint("sum", {"gain": 1, "horizon": 1}, 6)])
+RING = KnobSpace(
+    MIXED.knobs,
+    [Constraint("ring", lambda knobs: abs(knobs["weight"] ** 2 + knobs["horizon"] - 8) - 1)],
+)
+RARE = KnobSpace(
+    MIXED.knobs,
+    [
+        Constraint("gain", lambda knobs: abs(np.log10(knobs["gain"])) - 0.03, vectorised=True),
+        Constraint("weight", lambda knobs: abs(knobs["weight"] - knobs["horizon"] / 5) - 0.1, True),
+    ],
+)
+"""Some 0.05 % of the box."""
+STAIRS = KnobSpace(SMALL.knobs, [Constraint("stairs", lambda knobs: 50 * knobs["a"] - knobs["b"])])
 
 
 def latent(theta):
@@ -140,6 +156,31 @@ def test_theta_stays_in_the_box_integers_are_whole_and_none_runs_twice(make_agen
     agent = make_agent(space, n_init=5, n_max=16, seed=2)
     thetas = [space.check(q.challenger.theta) for q in run(agent)]
     assert len({theta.tobytes() for theta in thetas}) == 16
+
+
+@pytest.mark.unchecked
+@pytest.mark.parametrize(
+    "space", [HALF, RING, RARE, STAIRS], ids=["half", "ring", "rare", "stairs"]
+)
+def test_every_proposal_is_allowed_by_the_constraints(make_agent, space):
+    agent = make_agent(space, n_init=4, n_max=9, seed=2)
+    thetas = [space.check_allowed(q.challenger.theta) for q in run(agent)]
+    assert len({theta.tobytes() for theta in thetas}) == 9
+    assert space.allows(agent.best)
+    assert agent.copy().state == agent.state
+
+
+def test_a_state_of_theta_that_are_not_allowed_is_refused(make_agent):
+    agent = make_agent(MIXED, n_init=4, n_max=9, seed=2)
+    assert not all(HALF.allows(query.challenger.theta) for query in run(agent))
+    with pytest.raises(SettingsError, match=r"sample .* of a state: constraint 'sum' must be 0"):
+        type(agent).restore(HALF, agent.state)
+
+
+def test_where_the_constraints_allow_nothing_asking_says_so(make_agent):
+    impossible = Constraint("never", lambda knobs: knobs["weight"] ** 2 + 1, vectorised=True)
+    with pytest.raises(KnobError, match=r"no θ was found.*'never' is 1"):
+        make_agent(KnobSpace(MIXED.knobs, [impossible]), n_init=3, n_max=6).ask()
 
 
 def test_a_space_with_fewer_theta_than_experiments_is_tried_in_full(make_agent):

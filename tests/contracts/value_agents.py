@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from contracts.agents import MIXED, SMALL, TINY, latent
+from contracts.agents import HALF, MIXED, RARE, RING, SMALL, STAIRS, TINY, latent
 from prefcal_agents import AgentState
 from prefcal_env.errors import PreferenceError, ProtocolError, SettingsError
 from prefcal_env.preference import Answer
@@ -31,6 +31,16 @@ def run(agent, values=None):
         queries.append(agent.ask())
         agent.tell(queries[-1], value(queries[-1]) if callable(value) else value)
     return queries
+
+
+@pytest.mark.unchecked
+@pytest.mark.parametrize(
+    "space", [HALF, RING, RARE, STAIRS], ids=["half", "ring", "rare", "stairs"]
+)
+def test_every_proposal_is_allowed_by_the_constraints(make_agent, space):
+    agent = make_agent(space, n_init=4, n_max=9, seed=2)
+    thetas = [space.check_allowed(q.challenger.theta) for q in run(agent)]
+    assert len({theta.tobytes() for theta in thetas}) == 9
 
 
 def test_no_query_has_an_incumbent_and_asking_is_pure(make_agent):

@@ -1,5 +1,6 @@
 """Who compares in the benchmark: sure of himself, or erring now and then."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -21,11 +22,13 @@ class Outcome:
         theta: Physical, shape (n,).
         cost: Latent, lower is better; None where the problem has none.
         experiment: None for a test function.
+        kpis: What an agent may learn from beside the answers; None for a test function.
     """
 
     theta: Float[np.ndarray, " n"]
     cost: float | None
     experiment: Experiment | None = None
+    kpis: Mapping[str, float] | None = None
 
 
 class Judge(Protocol):

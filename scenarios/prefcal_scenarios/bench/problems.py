@@ -119,13 +119,14 @@ def _reactor() -> Problem:
     """
     from prefcal_scenarios.cstr import cstr as scenario  # loads solvers
     from prefcal_scenarios.cstr.room import lexicographic
+    from prefcal_scenarios.outcomes import outcome
 
     cost = scenario.cost
     assert cost is not None
 
     def run(theta: Float[np.ndarray, " 3"]) -> Outcome:
         experiment = scenario.run(theta)
-        return Outcome(theta, float(cost(experiment)), experiment)
+        return Outcome(theta, float(cost(experiment)), experiment, outcome(scenario, experiment))
 
     return Problem(
         name="cstr",
@@ -135,16 +136,19 @@ def _reactor() -> Problem:
         | {"lexicographic": partial(_sure, ByCriteria(lexicographic()))},
         referee=ByCost(),
         best_known=CSTR_BEST,
+        version=2,
     )
 
 
 def _overtaking() -> Problem:
     """The paper's overtaking: criteria in their order, and no cost."""
+    from prefcal_scenarios.outcomes import outcome
     from prefcal_scenarios.overtake import overtake as scenario
     from prefcal_scenarios.overtake.criteria import synthetic
 
     def run(theta: Float[np.ndarray, " 5"]) -> Outcome:
-        return Outcome(theta, None, scenario.run(theta))
+        experiment = scenario.run(theta)
+        return Outcome(theta, None, experiment, outcome(scenario, experiment))
 
     referee = ByCriteria(synthetic())
     return Problem(
@@ -154,6 +158,7 @@ def _overtaking() -> Problem:
         calibrators=judges(referee, "lexicographic"),
         referee=referee,
         paper=scenario.references["paper, preferences"],
+        version=2,
     )
 
 

@@ -107,6 +107,26 @@ def _optional(name: str, kind: Kind, extra: str, class_: str, packages: Mapping[
     return Entry(name, kind, partial(_make_at, place), version, needs, extra)
 
 
+def _glisp(name: str, **settings: Any) -> Entry:
+    """GLISp with these settings in place of its own."""
+    make = partial(_make_glisp, tuple(settings.items()))
+    return Entry(name, "preference", make, partial(_glisp_version, make))
+
+
+def _make_glisp(
+    settings: tuple[tuple[str, Any], ...], space: KnobSpace, n_init: int, n_max: int, seed: int
+) -> Any:
+    from prefcal_agents import GLISp, GLISpSettings
+
+    chosen = GLISpSettings(**dict(settings))
+    return GLISp(space, n_init=n_init, n_max=n_max, seed=seed, settings=chosen)
+
+
+def _glisp_version(make: Callable[..., Any]) -> str:
+    state = make(KnobSpace([Knob("x", 0, 1)]), 1, 2, 0).state
+    return f"{state.version} {state.settings!r}"
+
+
 _GLIS = {"glis": "glis", "pyswarm": "pyswarm", "pyDOE": "pyDOE"}
 _OPTUNA = {"optuna": "optuna", "optuna_dashboard": "optuna-dashboard", "botorch": "botorch"}
 _SB3 = {"stable_baselines3": "stable-baselines3", "torch": "torch"}
@@ -116,6 +136,9 @@ def _make_roster() -> Mapping[str, Entry]:
     entries = (
         _ours("GLISp"),
         _ours("GLISp.paper"),
+        _glisp("GLISp.no-outcomes", outcome_scales=(0.0,)),
+        _glisp("GLISp.3-questions", questions_per_experiment=3),
+        _glisp("GLISp.12-questions", questions_per_experiment=12),
         _ours("GLIS", "value"),
         _ours("RandomSearch"),
         _ours("LatinHypercube"),

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from prefcal_agents.threads import one_thread
 from prefcal_env.errors import BenchmarkError, MissingExtraError, ProtocolError, SettingsError
-from prefcal_env.preference import Preference, Query, Suggestion
+from prefcal_env.preference import Answer, Query, Suggestion
 
 from .cell import Cell
 from .judges import Judge, Outcome
@@ -96,13 +96,15 @@ class _Study:
         asked = 0
         while not self._agent.done:
             query = self._ask()
-            answer: Preference | None = None
-            if query.incumbent is not None:
+            new, preference = self._tried(query.challenger), None
+            old = None if query.incumbent is None else self._tried(query.incumbent)
+            if old is not None:
                 asked += 1
-                answer = self._judge.prefer(
-                    self._tried(query.challenger), self._tried(query.incumbent)
-                )
-            self._agent.tell(query, answer)
+                preference = self._judge.prefer(new, old)
+            kpis = None if new.kpis is None else (new.kpis, None if old is None else old.kpis)
+            self._agent.tell(
+                query, preference if kpis is None else Answer(preference, outcomes=kpis)
+            )
             self._note(asked)
 
     def by_value(self) -> None:

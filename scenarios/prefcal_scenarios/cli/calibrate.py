@@ -31,6 +31,9 @@ EPILOG = """\
 [cyan]prefcal calibrate cstr --agent glis[/cyan]
   What optimisation finds when it sees the score that you could not write down.
 
+[cyan]prefcal calibrate cstr --agent glis --cost mine.py:cost[/cyan]
+  Unattended by what you cared about: mine.py is written by `prefcal studies index`.
+
 [cyan]prefcal calibrate own.py:plant --agent random --n-max 20[/cyan]
   Your own scenario, simulated or a rig that you run yourself; random search.
 """
@@ -114,6 +117,18 @@ _Noise = Annotated[
         help="Standard deviation of his error in each cost.", show_default="the scenario's"
     ),
 ]
+_NoOutcomes = Annotated[
+    bool,
+    typer.Option("--no-outcomes", help="glisp learns from θ alone, not from KPIs of experiments."),
+]
+_Cost = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE.py:NAME",
+        help="For glis: a function of an experiment, lower is better.",
+        show_default="the scenario's score",
+    ),
+]
 _Folder = Annotated[
     Path | None,
     typer.Option(help="Folder of the report; may exist.", show_default="./prefcal-SCENARIO-SEED"),
@@ -149,6 +164,8 @@ def calibrate(
     start: _Start = None,
     tie_band: _TieBand = None,
     answer_noise: _Noise = None,
+    no_outcomes: _NoOutcomes = False,
+    cost: _Cost = None,
     out: _Folder = None,
     terminal: _Terminal = False,
     no_browser: _NoBrowser = False,
@@ -173,6 +190,7 @@ def calibrate(
         "n_init": n_init, "n_max": n_max, "delta": delta, "tie_band": tie_band,
         "answer_noise": answer_noise, "questions_per_experiment": questions_per_experiment,
         "start": tuple(start) if start else None,
+        "outcomes": False if no_outcomes else None, "cost": cost,
     }  # fmt: skip
     front = Front(terminal, not no_browser, host, port)
     raise typer.Exit(run(given, study, out, front, json=json))

@@ -22,26 +22,35 @@ def make_agent(options: Options, scenario: Scenario) -> "AnyAgent":
     """The agent of the options.
 
     Raises:
-        SettingsError: an unknown agent, settings that it refuses, or δ for one without it.
+        SettingsError: an unknown agent, settings that it refuses, or options for another one.
         KnobError: a θ to begin with that is outside the space.
     """
     if options.agent not in AGENTS:
         raise SettingsError(f"agent must be one of {sorted(AGENTS)}, got {options.agent!r}")
     if options.delta is not None and options.agent != "glisp":
         raise SettingsError(f"only the agent glisp takes a delta, not {options.agent!r}")
+    if not options.outcomes and options.agent != "glisp":
+        raise SettingsError(
+            f"only the agent glisp learns from outcomes: leave --no-outcomes out for "
+            f"{options.agent!r}"
+        )
+    if options.questions_per_experiment != 1 and options.agent != "glisp":
+        raise SettingsError(
+            f"only the agent glisp asks more questions per experiment, not {options.agent!r}"
+        )
+    if options.cost is not None and options.agent not in BY_VALUE:
+        raise SettingsError(
+            f"only an agent that is told scores ({', '.join(BY_VALUE)}) takes a cost, "
+            f"not {options.agent!r}"
+        )
     if options.agent in BY_VALUE:
         _check_score(options, scenario)
     import prefcal_agents
 
     extra: dict[str, Any] = {} if options.delta is None else {"delta": options.delta}
-    if options.questions_per_experiment != 1:
-        if options.agent != "glisp":
-            raise SettingsError(
-                f"only the agent glisp asks more questions per experiment, not {options.agent!r}"
-            )
-        extra["settings"] = prefcal_agents.GLISpSettings(
-            questions_per_experiment=options.questions_per_experiment
-        )
+    settings = _settings(options)
+    if settings:
+        extra["settings"] = prefcal_agents.GLISpSettings(**settings)
     if options.start:
         extra["start"] = [start_of(text, scenario) for text in options.start]
     make = getattr(prefcal_agents, AGENTS[options.agent])
@@ -49,6 +58,16 @@ def make_agent(options: Options, scenario: Scenario) -> "AnyAgent":
         scenario.space, n_init=options.n_init, n_max=options.n_max, seed=options.seed, **extra
     )
     return agent
+
+
+def _settings(options: Options) -> dict[str, Any]:
+    """Those of GLISp that the options name, beside δ."""
+    given: dict[str, Any] = {}
+    if not options.outcomes:
+        given["outcome_scales"] = (0.0,)
+    if options.questions_per_experiment != 1:
+        given["questions_per_experiment"] = options.questions_per_experiment
+    return given
 
 
 def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
@@ -102,7 +121,7 @@ def _check_score(options: Options, scenario: Scenario) -> None:
     if scenario.cost is None:
         raise SettingsError(
             f"agent {options.agent!r} learns from a score, and scenario {scenario.name!r} has "
-            "none: take another agent, or give the scenario a cost"
+            "none: take another agent, or give the scenario a cost, or one out of a file (--cost)"
         )
     if options.calibrator != SCORE:
         raise SettingsError(

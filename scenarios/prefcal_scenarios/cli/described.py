@@ -15,7 +15,8 @@ _FIELDS: Mapping[str, type] = {
 _OPTIONS: Mapping[str, tuple[type, ...]] = {
     "scenario": (str,), "calibrator": (str,), "agent": (str,), "seed": (int,), "n_init": (int,),
     "n_max": (int,), "delta": (int, float, type(None)), "tie_band": (int, float, type(None)),
-    "answer_noise": (int, float, type(None)), "start": (list,),
+    "answer_noise": (int, float, type(None)), "outcomes": (bool,), "cost": (str, type(None)),
+    "start": (list,),
 }  # fmt: skip
 
 
@@ -63,4 +64,4 @@ def _listed(value: Any) -> list[Any]:
 
 def _is(value: Any, types: tuple[type, ...]) -> bool:
     """Whether it is of these types; true and false are no numbers here."""
-    return isinstance(value, types) and not isinstance(value, bool)
+    return isinstance(value, types) and isinstance(value, bool) == (bool in types)

@@ -13,7 +13,7 @@ from prefcal_scenarios.cli.clock import wall_clock
 from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.cli.options import Options
 from prefcal_scenarios.export import jsonable, versions
-from prefcal_scenarios.interview.memory import agent_as_dict, knobs_as_dicts
+from prefcal_scenarios.interview.memory import agent_as_dict, constraint_names, knobs_as_dicts
 from prefcal_scenarios.scenario import Scenario
 
 IN_MEMORY = ":memory:"
@@ -72,6 +72,7 @@ def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
         "name": scenario.name,
         "title": scenario.title,
         "knobs": knobs_as_dicts(scenario.space),
+        **_constraints(scenario),
         "kpis": [{"name": k.name, "title": k.title, "unit": k.unit} for k in scenario.kpis],
         "agent": agent_as_dict(make_agent(options, scenario)),
         "n_max": options.n_max,
@@ -81,6 +82,12 @@ def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
     }
     plain: dict[str, Any] = jsonable(configuration)
     return plain
+
+
+def _constraints(scenario: Scenario) -> dict[str, Any]:
+    # Absent where there are none: so the studies of before and of today read the same.
+    names = constraint_names(scenario.space)
+    return {"constraints": names} if names else {}
 
 
 def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario) -> Opened:

@@ -22,6 +22,9 @@ BY_VALUE = ("glis",)
 class Options:
     """The options of `prefcal calibrate`; None where the default of whoever uses it holds.
 
+    `outcomes` says whether glisp learns from KPIs too; `cost` is a function out of a file,
+    PATH:NAME, in place of the scenario's score.
+
     Raises:
         SettingsError: a seed below 0, or more initial experiments than experiments.
     """
@@ -35,6 +38,8 @@ class Options:
     delta: float | None = None
     tie_band: float | None = None
     answer_noise: float | None = None
+    outcomes: bool = True
+    cost: str | None = None
     questions_per_experiment: int = 1
     start: tuple[str, ...] = ()
 
@@ -67,8 +72,16 @@ class Options:
             SettingsError: any other option is given with another value.
         """
         known = {f.name for f in fields(cls)}
-        options = {name: value for name, value in stored.items() if name in known}
+        # A study from before KPIs taught: it goes on as it began.
+        began: dict[str, Any] = {"outcomes": stored.get("agent") != "glisp"}
+        options = began | {name: value for name, value in stored.items() if name in known}
         options["start"] = tuple(options.get("start", ()))  # a list in JSON
+        if options.get("cost") is not None and given.get("cost") is None:
+            # Whoever sent the study must not choose which program is run here.
+            raise SettingsError(
+                f"the study is scored by a program: say so if you trust it, "
+                f"--cost {shlex.quote(str(options['cost']))}"
+            )
         for name, value in given.items():
             if name in ("n_max", "scenario") or value is None or value == options.get(name):
                 continue
@@ -110,6 +123,7 @@ class Options:
             "questions per experiment": self._more_questions,
             "tie band": self.tie_band, "answer noise": self.answer_noise,
             "begins with": "; ".join(self.start) or None,
+            "learns from KPIs": None if self.outcomes else "no", "cost": self.cost,
         }  # fmt: skip
         return {name: value for name, value in every.items() if value is not None}
 
@@ -121,10 +135,13 @@ class Options:
             "--n-init": self.n_init, "--n-max": self.n_max, "--delta": self.delta,
             "--questions-per-experiment": self._more_questions,
             "--tie-band": self.tie_band, "--answer-noise": self.answer_noise,
+            "--cost": self.cost,
         }  # fmt: skip
         for flag, value in flags.items():
             if value is not None:
                 words += [flag, str(value)]
         for theta in self.start:
             words += ["--start", theta]
+        if not self.outcomes:
+            words.append("--no-outcomes")
         return shlex.join(words)

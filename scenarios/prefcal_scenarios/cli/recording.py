@@ -9,6 +9,7 @@ from prefcal_env.rig import Rig
 from prefcal_scenarios.cli.options import Options
 from prefcal_scenarios.interview import Interview
 from prefcal_scenarios.interview.moment import GOOD_ENOUGH
+from prefcal_scenarios.report.minded import Minded
 from prefcal_scenarios.report.record import Record
 from prefcal_scenarios.scenario import Scenario
 
@@ -30,6 +31,7 @@ def record_of(
         n_max=interview.n_max,
         command=options.command(),
         surrogate=interview.surrogate,
+        minded=Minded.of(interview.index, interview.scenario),
         good_enough=state.ended == GOOD_ENOUGH,
         advice="" if advice is None else advice.text,
         further=tuple(c.answer for c in state.further if not c.retracted),

@@ -15,6 +15,14 @@ def report(
             show_default="the built-in one that the study names",
         ),
     ] = None,
+    cost: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.py:NAME",
+            help="The cost that the study was begun with, if it was: a program, too.",
+            show_default="the scenario's score",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder; may exist.", show_default="./prefcal-SCENARIO-SEED"),
@@ -26,4 +34,4 @@ def report(
     """Write the report of a study as it stands, complete or not."""
     from prefcal_scenarios.cli.reporting import report_of
 
-    report_of(study, scenario, out, json=json)
+    report_of(study, {"scenario": scenario, "cost": cost}, out, json=json)

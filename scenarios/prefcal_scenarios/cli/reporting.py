@@ -1,5 +1,6 @@
 """What `prefcal report` does."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from rich.console import Console
@@ -10,17 +11,24 @@ from prefcal_scenarios.cli.opening import Opened
 from prefcal_scenarios.cli.options import Options
 from prefcal_scenarios.cli.shelf import existing
 from prefcal_scenarios.cli.sitting import Sitting
+from prefcal_scenarios.cost_file import with_cost
 from prefcal_scenarios.interview import Interview
 from prefcal_scenarios.report.folder import folder_for
 from prefcal_scenarios.scenario import BUILT_IN, load
 
 
-def report_of(name: str, source: str | None, out: Path | None, *, json: bool) -> None:
+def report_of(
+    name: str, programs: Mapping[str, str | None], out: Path | None, *, json: bool
+) -> None:
     """Write the report of the study called `name`.
+
+    `programs` are the "scenario" and the "cost" that the user trusts, where he has named them.
 
     Raises:
         StudyError: no such study, or of a scenario that has to be named.
+        SettingsError: the same of a cost.
     """
+    source, cost = programs["scenario"], programs["cost"]
     with open_described(existing(name)) as file:
         stored, named = file.state.configuration["options"], file.state.configuration["scenario"]
         if source is None and named not in BUILT_IN:
@@ -29,9 +37,11 @@ def report_of(name: str, source: str | None, out: Path | None, *, json: bool) ->
                 f"study {name!r} calibrates {named!r}, which is a program: "
                 f"say so if you trust it, --scenario {named}"
             )
-        scenario = load(source or named)
+        scenario = with_cost(load(source or named), cost)
+        if cost is not None and stored.get("cost") is not None:
+            stored = {**stored, "cost": cost}  # the file may have moved
         options = Options.resumed(
-            {**stored, "n_max": file.state.n_max}, {"scenario": source or named}
+            {**stored, "n_max": file.state.n_max}, {"scenario": source or named, "cost": cost}
         )
         folder = folder_for(options.folder(scenario.name) if out is None else out)
         # A window may be open on it: one event from here, and its next answer would be refused.

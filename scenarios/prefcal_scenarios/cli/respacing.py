@@ -11,7 +11,7 @@ from prefcal_env.studies.fold import step
 from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.cli.shelf import existing
 from prefcal_scenarios.cli.start import knob_called
-from prefcal_scenarios.interview.memory import agent_of
+from prefcal_scenarios.interview.memory import agent_of, with_constraints
 from prefcal_scenarios.scenario import BUILT_IN, load
 
 Part = tuple[float, float]
@@ -54,13 +54,14 @@ _ABLE = ("GLISp", "GLIS", "RandomSearch", "LatinHypercube")
 
 
 def _event(state: State, scenario: KnobSpace, changes: Changes) -> tuple[Respaced, KnobSpace]:
-    old = space_of(state.configuration)
+    old = with_constraints(space_of(state.configuration), scenario)
     parts = _parts(state, old, scenario)
     asked = _asked(changes, scenario)
     added = {knob_called(k, scenario): v for k, v in map(_value, changes.add)}
     wanted = KnobSpace(
         [_holding(knob, asked.get(knob.name, parts[knob.name])) for knob in scenario],
-        {**parts, **asked},
+        scenario.constraints,
+        within={**parts, **asked},
     )
     space = respaced(old, wanted, added)
     if space == old and state.configuration.get("scenario_knobs") in (

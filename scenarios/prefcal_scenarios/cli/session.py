@@ -13,6 +13,7 @@ from prefcal_scenarios.cli.interrupt import Interruption, interruption
 from prefcal_scenarios.cli.opening import open_study
 from prefcal_scenarios.cli.options import Options
 from prefcal_scenarios.cli.sitting import Sitting
+from prefcal_scenarios.cost_file import with_cost
 from prefcal_scenarios.interview import Interview, unattended
 from prefcal_scenarios.report.folder import folder_for
 from prefcal_scenarios.scenario import load
@@ -33,7 +34,7 @@ def run(
         PrefcalError: the options do not fit the scenario, the study or the machine.
     """
     with interruption() as ctrl_c:
-        scenario = load(given["scenario"])
+        scenario = with_cost(load(given["scenario"]), given.get("cost"))
         if Options.of(given).by_a_person and not front.terminal:
             front.check()  # a port that is taken must not cost a study
         opened = open_study(given, scenario, study)

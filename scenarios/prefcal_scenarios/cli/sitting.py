@@ -72,7 +72,8 @@ class Sitting:
     def again(self) -> str:
         """The command that takes the study up again."""
         options, name = self.opened.options, self.opened.name or ""
-        return shlex.join(["prefcal", "calibrate", options.scenario, "--study", name])
+        cost = [] if options.cost is None else ["--cost", options.cost]
+        return shlex.join(["prefcal", "calibrate", options.scenario, "--study", name, *cost])
 
     def say(self, text: str) -> None:
         """One line for people."""

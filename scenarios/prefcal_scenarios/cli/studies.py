@@ -1,4 +1,4 @@
-"""`prefcal studies`: list, show, export, import, verify and change study files."""
+"""`prefcal studies`: list, show, export, import, verify, change study files, what they teach."""
 
 from enum import Enum
 from pathlib import Path
@@ -8,7 +8,7 @@ import typer
 
 app = typer.Typer(
     name="studies",
-    help="List, show, export, import and verify studies.",
+    help="List, show, export, import and verify studies; write what was learned as a function.",
     no_args_is_help=True,
     rich_markup_mode="rich",
 )
@@ -58,6 +58,33 @@ def export(
     from prefcal_scenarios.cli.shelf import export_study
 
     typer.echo(f"Written: {export_study(study, format.value, out)}")
+
+
+@app.command()
+def index(
+    study: _Name,
+    out: Annotated[
+        Path | None, typer.Option(help="The Python file.", show_default="STUDY_index.py")
+    ] = None,
+    scenario: Annotated[
+        str | None,
+        typer.Option(
+            help="Your own scenario, own.py:name: a study file never makes us run a program.",
+            show_default="the built-in one that the study names",
+        ),
+    ] = None,
+) -> None:
+    """Write what the answers say that counts as a Python function, `cost(experiment)`.
+
+    With it an agent runs unattended:
+    prefcal calibrate SCENARIO --agent glis --cost STUDY_index.py:cost
+    """
+    from prefcal_scenarios.cli.indexing import export_index
+
+    file, minded = export_index(study, scenario, out)
+    typer.echo(minded.sentence())
+    typer.echo(minded.trust)
+    typer.echo(f"Written: {file}")
 
 
 @app.command("import")

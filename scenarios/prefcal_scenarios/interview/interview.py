@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents import Advice
+from prefcal_agents.learned_index import LearnedIndex
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Answer, Strength
 from prefcal_env.studies import Closed, Noted, StudyFile
@@ -19,6 +20,7 @@ from .album import Album
 from .consistency import Consistency
 from .flow import Flow, in_words
 from .memory import agent_of, as_studied, incumbent
+from .minded import index_of, known_outcomes
 from .moment import Choice, Now, Phase, Question
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
@@ -121,6 +123,13 @@ class Interview:
         with self._changed:
             twin = self._flow.agent.copy()
         return getattr(twin, "advice", None)
+
+    @property
+    def index(self) -> LearnedIndex | None:
+        """What the answers say that a person minds; None while they say nothing of it."""
+        with self._changed:
+            ledger = known_outcomes(self.study.state, self._flow.album)
+        return index_of(ledger, self._flow.seed)
 
     @property
     def consistency(self) -> Consistency:

@@ -14,6 +14,11 @@ from prefcal_env.studies import knobs_as_dicts as knobs_as_dicts
 from prefcal_scenarios.scenario import Scenario
 
 
+def constraint_names(space: KnobSpace) -> list[str]:
+    """What a study remembers of the constraints: they are code, which the scenario brings."""
+    return [constraint.name for constraint in space.constraints]
+
+
 def agent_as_dict(agent: AnyAgent) -> dict[str, Any]:
     """An agent's settings as plain data, without what it has learned."""
     state = agent.state.to_dict()
@@ -21,11 +26,12 @@ def agent_as_dict(agent: AnyAgent) -> dict[str, Any]:
 
 
 def check_space(configuration: Mapping[str, Any], space: KnobSpace) -> None:
-    """Refuse a study of other knobs than the scenario has today.
+    """Refuse a study of other knobs or constraints than the scenario has today.
 
     Raises:
-        StudyError: the knobs differ.
+        StudyError: they differ.
     """
+    _check_constraints(configuration, space)
     then, now = configuration["knobs"], knobs_as_dicts(space)
     if then == now:
         return
@@ -38,6 +44,16 @@ def check_space(configuration: Mapping[str, Any], space: KnobSpace) -> None:
     )
 
 
+def _check_constraints(configuration: Mapping[str, Any], space: KnobSpace) -> None:
+    # Studies from before there were constraints have none.
+    then, now = configuration.get("constraints", []), constraint_names(space)
+    if not isinstance(then, list) or {str(name) for name in then} != set(now):
+        raise StudyError(
+            f"the study was made with the constraints {then} on the knobs, the scenario has {now} "
+            "now: a study keeps those that it was begun with"
+        )
+
+
 def as_studied(scenario: Scenario, state: State) -> Scenario:
     """`scenario` with the space of the study, where that was changed since it was begun.
 
@@ -47,8 +63,15 @@ def as_studied(scenario: Scenario, state: State) -> Scenario:
     configuration = state.configuration
     if "respaced" not in configuration:
         return scenario
-    check_space({"knobs": configuration.get("scenario_knobs")}, scenario.space)
-    return replace(scenario, space=space_of(configuration))
+    check_space({**configuration, "knobs": configuration.get("scenario_knobs")}, scenario.space)
+    return replace(scenario, space=with_constraints(space_of(configuration), scenario.space))
+
+
+def with_constraints(space: KnobSpace, scenario: KnobSpace) -> KnobSpace:
+    """`space` with the constraints of the scenario's: they are code, which no study holds."""
+    return KnobSpace(
+        space.knobs, scenario.constraints, within=dict(zip(space.names, space.within, strict=True))
+    )
 
 
 def agent_of(state: State, space: KnobSpace) -> AnyAgent:
@@ -59,6 +82,11 @@ def agent_of(state: State, space: KnobSpace) -> AnyAgent:
         SettingsError: an agent that this version does not know.
     """
     check_space(state.configuration, space)
+    return restore(space, agent_state(state))
+
+
+def agent_state(state: State) -> AgentState:
+    """The state of the agent of a study. Raises SettingsError if it is none."""
     told = {
         "n_max": state.n_max,
         "samples": [list(sample.z) for sample in state.samples],
@@ -67,7 +95,7 @@ def agent_of(state: State, space: KnobSpace) -> AnyAgent:
             {"challenger": c.challenger, "after": c.after, **_told(c)} for c in state.further
         ],
     }
-    return restore(space, AgentState.from_dict({**state.configuration["agent"], **told}))
+    return AgentState.from_dict({**state.configuration["agent"], **told})
 
 
 def incumbent(state: State) -> int | None:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from html import escape
 
 from prefcal_scenarios.export import REBUILD, versions
+from prefcal_scenarios.report.minded import Minded
 from prefcal_scenarios.report.parts import document, image, listing, section
 from prefcal_scenarios.report.pictures import Drawn
 from prefcal_scenarios.report.record import Record
@@ -22,6 +23,8 @@ def _body(record: Record, drawn: Sequence[Drawn]) -> Iterator[str]:
     if record.best is not None:
         yield from _best(record)
         yield section("Result", result_table(record))
+    if record.minded is not None:
+        yield section("What counts", _minded(record.minded, record.settings.get("calibrator")))
     for d in drawn:
         caption = f"<figcaption>{escape(d.picture.caption)}</figcaption>"
         shown = _image(d) if d.markup is None else d.markup
@@ -69,6 +72,21 @@ def _best(record: Record) -> Iterator[str]:
         for k in record.scenario.space
     ]
     yield section("Best θ", f'<dl class="values">\n{"".join(items)}\n</dl>')
+
+
+def _minded(minded: Minded, calibrator: object) -> str:
+    """The learned weights as bars; the numbers are beside them for whoever does not see those."""
+    who = "You seem" if calibrator == "human" else "The calibrator seems"
+    rows = "".join(
+        f'<tr><th scope="row">{html(bar.title)}</th><td>{bar.text}</td>'
+        f'<td class="bar{" rest" * bar.rest}" aria-hidden="true">'
+        f'<span style="width:{100 * bar.width:.1f}%"></span></td></tr>'
+        for bar in minded.bars
+    )
+    caption = "<caption>Shares of the learned weights.</caption>"
+    table = f'<table class="shares">\n{caption}\n<tbody>{rows}</tbody>\n</table>\n' if rows else ""
+    lead = f'<p class="finding">{html(minded.sentence(who))}</p>'
+    return f'{lead}\n{table}<p class="note">{escape(minded.trust)}</p>'
 
 
 def _repeat(record: Record) -> Iterator[str]:

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Answer, Preference
 from prefcal_env.study import Comparison
+from prefcal_scenarios.report.minded import Minded
 from prefcal_scenarios.scenario import KPI, Scenario
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
@@ -64,6 +65,7 @@ class Record:
         n_max: Number of experiments that were planned.
         command: One command line that repeats the study.
         surrogate: What the agent has learned; None if it learns nothing.
+        minded: What the calibrator seems to care about; None where nothing can be said.
         good_enough: Whether it was ended early because the best is good enough.
         further: Answers about two experiments that had both been compared before.
         advice: What further experiments would be expected to gain, in words; empty if not known.
@@ -78,6 +80,7 @@ class Record:
     n_max: int = 50
     command: str = ""
     surrogate: Surrogate | None = None
+    minded: Minded | None = None
     good_enough: bool = False
     further: tuple[Answer, ...] = ()
     advice: str = ""

@@ -1,13 +1,19 @@
 """History and state of a study in a terminal."""
 
+from collections.abc import Iterator
+
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from prefcal_scenarios.interview import Interview
+from prefcal_scenarios.report.minded import Minded
 from prefcal_scenarios.report.wording import printable, theta_text
 from prefcal_scenarios.window.view.history import history_view
 from prefcal_scenarios.window.view.status import in_words
+
+_WIDTH = 24
+"""Characters of the longest bar."""
 
 
 def show_history(interview: Interview, console: Console) -> None:
@@ -43,5 +49,15 @@ def show_status(interview: Interview, console: Console) -> None:
     lines.append(in_words(interview.consistency))
     if (advice := interview.advice) is not None:
         lines.append(advice.text)
+    minded = Minded.of(interview.index, interview.scenario)
+    if minded is not None:
+        lines += [minded.sentence(), *_bars(minded), minded.trust]
     for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        console.print(printable(line), markup=False, highlight=False, soft_wrap=True)
+
+
+def _bars(minded: Minded) -> Iterator[str]:
+    """A line for each share: its bar, number and title."""
+    for bar in minded.bars:
+        drawn = ("░" if bar.rest else "█") * max(round(_WIDTH * bar.width), 1)
+        yield f"  {drawn:<{_WIDTH}} {bar.text:>5}  {bar.title}"

@@ -21,7 +21,7 @@ from prefcal_env.studies.events import from_text, to_text
 from prefcal_env.studies.fold import begin, step
 
 OLD = KnobSpace([Knob("a", 0.0, 2.0, "h")])
-NEW = KnobSpace([Knob("b", 1.0, 5.0), Knob("a", 0.0, 4.0, "h")], {"a": (1.0, 3.0)})
+NEW = KnobSpace([Knob("b", 1.0, 5.0), Knob("a", 0.0, 4.0, "h")], within={"a": (1.0, 3.0)})
 
 
 def content(space=NEW, **changed):

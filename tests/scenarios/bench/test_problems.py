@@ -64,7 +64,7 @@ GOLDEN = {
 @pytest.mark.parametrize("name", GOLDEN)
 def test_outcomes_are_those_of_this_version(name):
     where = problem(name)
-    assert where.version == 1
+    assert where.version == 2
     middle = where.outcome(where.space.decode(np.full(len(where.space), 0.75)))
     assert middle.cost == pytest.approx(GOLDEN[name], rel=1e-7)
 
@@ -79,7 +79,7 @@ def test_flipped_answers_are_those_of_this_version():
 
 def test_the_overtaking_is_that_of_this_version():
     where = problem("overtake")
-    assert where.version == 1
+    assert where.version == 2
     kpis = where.outcome(where.paper).experiment.kpis
     assert kpis["lateral_distance"] == pytest.approx(2.9998143, abs=1e-6)
     assert kpis["speed_variation"] == pytest.approx(22.453724, abs=1e-4)

@@ -4,6 +4,7 @@ import io
 import re
 from dataclasses import replace
 from importlib.resources import files
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from prefcal_env.preference import Strength
 from prefcal_env.rig import Rig
 from prefcal_env.studies import Answered, StudyFile
 from prefcal_scenarios.interview import Background, Phase
+from prefcal_scenarios.report.minded import Bar, Minded
 from prefcal_scenarios.scenario import Panel
 from prefcal_scenarios.terminal import converse
 from prefcal_scenarios.terminal.keys import END
@@ -268,3 +270,16 @@ def test_an_answer_is_taken_back_while_a_record_is_waited_for(tmp_path):
     talk(interview, "lx", [str(file), str(file), "z"])
     assert interview.now().phase is Phase.QUESTION
     assert len(interview.now().state.closed) == 1
+
+
+def test_where_are_we_says_what_counts_once_the_answers_tell(interview):
+    assert "care most about" not in talk(interview, "wx")
+    told = Minded(
+        ("a", "b"), (Bar("a", 0.6, 1.0), Bar("2 others together", 0.4, 2 / 3, True)), 9, 9
+    )
+    with patch("prefcal_scenarios.terminal.looking.Minded.of", lambda *_: told):
+        out = talk(interview, "wx")
+    assert "You seem to care most about: a and b." in out
+    assert f"  {'█' * 24}  60 %  a" in out
+    assert f"  {'░' * 16}{' ' * 8}  40 %  2 others together" in out
+    assert "foretold 9 of 9" in out

@@ -2,7 +2,7 @@
 
 import { get } from "./api.js";
 import { bestCard } from "./best.js";
-import { $, el, fill } from "./dom.js";
+import { $, el, fill, symbol } from "./dom.js";
 import { open } from "./flow.js";
 import { named, slice, tried } from "./miniature.js";
 
@@ -17,6 +17,7 @@ export async function showStatus(now, act) {
     return fill(view, title, el("p", {}, error.message));
   }
   fill(view, title, el("div", { class: "columns" }, bestCard(status.best), answers(now, status, act)),
+    cares(status.minded),
     status.advice ? [el("h3", {}, "What would ten more experiments gain?"), el("p", {}, status.advice)] : [],
     el("h3", {}, "θ tried"), legend(),
     figures("tried", status.tried.knobs, (knob) => `${knob.name} of every experiment`),
@@ -54,6 +55,20 @@ function answers(now, { verdicts, consistency: { text, can_repeat: can } }, act)
     el("table", { class: "shares" }, el("tbody", {}, bars)),
     el("h3", {}, "How consistent are they?"), el("p", {}, text), el("p", {}, again),
     el("p", { class: "faint" }, "It teaches nothing: it only shows how sure you are."));
+}
+
+// What the person seems to care about: shares as bars, and in words for whoever does not see them.
+function cares(minded) {
+  const title = el("h3", {}, "What counts for you");
+  if (!minded) return el("div", { class: "card" }, title, el("p", { class: "faint" }, "Nothing can be said yet: that takes answers about experiments that differ in their indicators."));
+  const rows = minded.bars.map(({ title: words, text, width, rest }) => {
+    const bar = el("span", { class: rest ? "share rest" : "share" }, el("span", {}));
+    bar.firstChild.style.width = `${100 * width}%`;
+    return el("tr", {}, el("th", { scope: "row" }, symbol(words)), el("td", { class: "number" }, text), el("td", { "aria-hidden": "true" }, bar));
+  });
+  return el("div", { class: "card cares" }, title, el("p", { class: "finding" }, symbol(minded.sentence)),
+    rows.length ? el("table", { class: "shares", "aria-label": "Shares of the weights" }, el("tbody", {}, rows)) : null,
+    el("p", { class: "faint" }, minded.trust, rows.length ? [" It is learned from your answers alone. As a Python function: ", el("code", {}, "prefcal studies index")] : null));
 }
 
 function table({ knobs, experiments }) {

@@ -10,6 +10,7 @@ from prefcal_env.knobs import Knob
 from prefcal_scenarios.interview import Consistency, Interview, Now
 from prefcal_scenarios.interview.memory import incumbents
 from prefcal_scenarios.interview.order import to_repeat
+from prefcal_scenarios.report.minded import Minded
 from prefcal_scenarios.report.record import VERDICTS
 from prefcal_scenarios.report.wording import number
 
@@ -37,6 +38,7 @@ def status_view(interview: Interview, *, report: Path | None = None) -> dict[str
         },
         "advice": None if (advice := interview.advice) is None else advice.text,
         "verdicts": _verdicts(now),
+        "minded": _minded(interview),
         "report": report_view(report),
     }
 
@@ -113,6 +115,21 @@ def _slices(interview: Interview, now: Now) -> Any:
 def _stretched(cost: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
     """Signed square root: only the order has a meaning, and the good end is what matters."""
     return np.asarray(np.sign(cost) * np.sqrt(np.abs(cost)))
+
+
+def _minded(interview: Interview) -> Any:
+    """What the person seems to care about; None while nothing can be said."""
+    minded = Minded.of(interview.index, interview.scenario)
+    if minded is None:
+        return None
+    return {
+        "sentence": minded.sentence(),
+        "trust": minded.trust,
+        "bars": [
+            {"title": bar.title, "text": bar.text, "width": bar.width, "rest": bar.rest}
+            for bar in minded.bars
+        ],
+    }
 
 
 def _verdicts(now: Now) -> dict[str, int]:

@@ -3,10 +3,11 @@ import json
 import numpy as np
 import pytest
 
+from prefcal_agents import LatinHypercube
 from prefcal_scenarios.interview import Choice, Consistency
 from prefcal_scenarios.window.view import status_view
 from prefcal_scenarios.window.view.status import in_words
-from support.interviews import begin
+from support.interviews import answer_all, begin, proceed
 from support.looks import SPACE, asked, toy
 
 
@@ -83,6 +84,28 @@ def test_an_earlier_question_can_be_asked_again_once_there_is_one():
     later, _ = asked(*[Choice.LEFT] * 4)
     assert status_view(fresh)["consistency"]["can_repeat"] is False
     assert status_view(later)["consistency"]["can_repeat"] is True
+
+
+def test_what_counts_is_drawn_once_the_answers_tell():
+    interview = begin(toy, n_max=20, agent=LatinHypercube)
+    assert status_view(interview)["minded"] is None
+    answer_all(interview, lambda number: None)
+    minded = status_view(interview)["minded"]
+    json.dumps(minded, allow_nan=False)
+    assert minded["sentence"].startswith("You seem to care most about: ")
+    assert max(bar["width"] for bar in minded["bars"]) == 1.0
+    assert all(0 < bar["width"] <= 1 and bar["text"].endswith(" %") for bar in minded["bars"])
+    assert "answers that it had not learned from" in minded["trust"]
+
+
+def test_answers_like_coin_tosses_give_words_in_place_of_weights():
+    rng = np.random.default_rng(3)
+    interview = begin(toy, n_max=20, agent=LatinHypercube)
+    while (now := proceed(interview)).question is not None:
+        interview.answer(now.question.id, rng.choice([Choice.LEFT, Choice.RIGHT]))
+    minded = status_view(interview)["minded"]
+    assert minded["bars"] == []
+    assert "do not explain the answers (yet)" in minded["sentence"]
 
 
 def test_what_ten_more_would_gain_is_said_once_enough_is_answered():

@@ -1,0 +1,126 @@
+"""What KPIs beside θ are worth: the CSTR calibrated with useful, useless and misleading ones.
+
+    python benchmarks/outcomes.py                         # all, 20 seeds, 50 experiments
+    python benchmarks/outcomes.py --kinds none all --n-init 6 --n-max 25 --jobs 2
+
+Prints a Markdown table: median and quartiles of the true index of the best so far after some
+numbers of experiments. The answers come from the scenario's synthetic calibrator. With
+OPENBLAS_NUM_THREADS=1 in the environment it takes half the time.
+"""
+
+import argparse
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from prefcal_agents import GLISp
+from prefcal_env import tracking_kpis
+from prefcal_env.experiment import Experiment
+from prefcal_env.study import calibrate
+from prefcal_scenarios import load, outcome
+
+AFTER = (15, 20, 25, 50)
+"""Numbers of experiments that the table has a column for."""
+_RANDOM, _LOST = 8, 0.4
+
+Kpis = Callable[[Experiment, np.random.Generator], Mapping[str, float]]
+
+
+def _all(experiment: Experiment, rng: np.random.Generator) -> Mapping[str, float]:
+    return outcome(load("cstr"), experiment)
+
+
+def _generic(experiment: Experiment, rng: np.random.Generator) -> Mapping[str, float]:
+    return tracking_kpis(experiment)
+
+
+def _random(experiment: Experiment, rng: np.random.Generator) -> Mapping[str, float]:
+    return {f"number {i}": float(v) for i, v in enumerate(rng.random(_RANDOM))}
+
+
+def _reversed(experiment: Experiment, rng: np.random.Generator) -> Mapping[str, float]:
+    return {name: -value for name, value in _all(experiment, rng).items()}
+
+
+def _lost(experiment: Experiment, rng: np.random.Generator) -> Mapping[str, float]:
+    known = _all(experiment, rng).items()
+    return {name: np.nan if rng.random() < _LOST else value for name, value in known}
+
+
+KINDS: Mapping[str, Kpis | None] = {
+    "none": None,
+    "all": _all,
+    "generic": _generic,
+    "random": _random,
+    "reversed": _reversed,
+    "40 % NaN": _lost,
+}
+
+
+class Study(NamedTuple):
+    """One calibration to run."""
+
+    n_init: int
+    kind: str
+    seed: int
+    n_max: int
+
+
+def best_costs(study: Study) -> list[float]:
+    """True index of the incumbent after each experiment, (n_max,)."""
+    scenario, kpis = load("cstr"), KINDS[study.kind]
+    assert scenario.cost is not None
+    agent = GLISp(scenario.space, n_init=study.n_init, n_max=study.n_max, seed=study.seed)
+    judge = scenario.calibrators["synthetic"](study.seed)
+
+    def known(experiment: Experiment) -> Mapping[str, float]:
+        # Drawn from θ: the same experiment always has the same KPIs.
+        seeds = [study.seed, *experiment.theta.view(np.uint64).tolist()]
+        return {} if kpis is None else kpis(experiment, np.random.default_rng(seeds))
+
+    steps = calibrate(agent, scenario.run, judge, None if kpis is None else known)
+    return [scenario.cost(step.winner) for step in steps]
+
+
+def run(studies: Sequence[Study], jobs: int) -> Iterator[list[float]]:
+    """The results in the order of `studies`, with a progress bar."""
+    with ProcessPoolExecutor(jobs) as pool:
+        results = pool.map(best_costs, studies)
+        yield from track(results, "calibrating", total=len(studies), console=Console(stderr=True))
+
+
+def table(rows: Sequence[tuple[int, str]], costs: np.ndarray) -> str:
+    """Markdown: median [quartiles] of the seeds; `costs` is (rows, seeds, n_max)."""
+    after = [n for n in AFTER if n <= costs.shape[2]]
+    lines = ["| n_init | KPIs | " + " | ".join(f"after {n}" for n in after) + " |"]
+    lines += ["| --- " * (2 + len(after)) + "|"]
+    for (n_init, kind), found in zip(rows, costs, strict=True):
+        quartiles = [np.quantile(found[:, n - 1], [0.5, 0.25, 0.75]) for n in after]
+        cells = [f"{middle:.4f} [{low:.4f}, {high:.4f}]" for middle, low, high in quartiles]
+        lines.append(f"| {n_init} | {kind} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
+    parser.add_argument("--n-init", type=int, nargs="+", default=[6, 10])
+    parser.add_argument("--n-max", type=int, default=50, help="experiments of a study")
+    parser.add_argument("--seeds", type=int, default=20, help="number of seeds")
+    parser.add_argument("--jobs", type=int, default=1, help="processes at a time")
+    args = parser.parse_args()
+    rows = list(product(args.n_init, args.kinds))
+    studies = [Study(*row, seed, args.n_max) for row in rows for seed in range(args.seeds)]
+    costs = np.array(list(run(studies, args.jobs))).reshape(len(rows), args.seeds, -1)
+    print(table(rows, costs))
+
+
+if __name__ == "__main__":
+    main()
