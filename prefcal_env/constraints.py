@@ -1,6 +1,6 @@
 """Known constraints on θ: what is not even tried, because somebody knows that it cannot work."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -138,7 +138,7 @@ def checked(constraints: object, names: tuple[str, ...]) -> tuple[AnyConstraint,
     """Return `constraints` on knobs called `names`. Raises KnobError if they are none."""
     if isinstance(constraints, str) or not isinstance(constraints, Iterable):
         raise KnobError(f"constraints must be a sequence of them, got {constraints!r}")
-    found = tuple(constraints)
+    found: tuple[AnyConstraint, ...] = tuple(constraints)
     for constraint in found:
         if not isinstance(constraint, (Constraint, LinearConstraint)):
             raise KnobError(f"expected a Constraint or a LinearConstraint, got {constraint!r}")
