@@ -167,14 +167,6 @@ def test_every_proposal_is_allowed_by_the_constraints(make_agent, space):
     thetas = [space.check_allowed(q.challenger.theta) for q in run(agent)]
     assert len({theta.tobytes() for theta in thetas}) == 9
     assert space.allows(agent.best)
-    assert agent.copy().state == agent.state
-
-
-def test_a_state_of_theta_that_are_not_allowed_is_refused(make_agent):
-    agent = make_agent(MIXED, n_init=4, n_max=9, seed=2)
-    assert not all(HALF.allows(query.challenger.theta) for query in run(agent))
-    with pytest.raises(SettingsError, match=r"sample .* of a state: constraint 'sum' must be 0"):
-        type(agent).restore(HALF, agent.state)
 
 
 def test_where_the_constraints_allow_nothing_asking_says_so(make_agent):

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from contracts.agents import MIXED, SMALL, judge, run
+from contracts.agents import HALF, MIXED, SMALL, judge, run
 from prefcal_agents import AgentState
 from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.preference import Answer, Mark
@@ -197,3 +197,10 @@ def test_any_order_of_calls_keeps_the_promises(make_agent, actions, seed):
         assert agent.state == agent.copy().state
         if not agent.done:
             assert agent.ask().challenger.index == agent.state.ledger.answered
+
+
+def test_a_state_of_theta_that_are_not_allowed_is_refused(make_agent):
+    agent = make_agent(MIXED, n_init=4, n_max=9, seed=2)
+    assert not all(HALF.allows(query.challenger.theta) for query in run(agent))
+    with pytest.raises(SettingsError, match=r"sample .* of a state: constraint 'sum' must be 0"):
+        type(agent).restore(HALF, agent.state)

@@ -64,7 +64,7 @@ GOLDEN = {
 @pytest.mark.parametrize("name", GOLDEN)
 def test_outcomes_are_those_of_this_version(name):
     where = problem(name)
-    assert where.version == 2
+    assert where.version == (2 if name == "cstr" else 1)
     middle = where.outcome(where.space.decode(np.full(len(where.space), 0.75)))
     assert middle.cost == pytest.approx(GOLDEN[name], rel=1e-7)
 
