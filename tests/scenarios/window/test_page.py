@@ -236,7 +236,9 @@ def test_shift_and_an_arrow_is_much_better(browser, window):
     watched.shot("history-much-better")
     page.keyboard.press("z")
     page.keyboard.press("Escape")
-    page.wait_for_function("() => document.getElementById('progress-text').innerText.includes(' 4 ')")
+    page.wait_for_function(
+        "() => document.getElementById('progress-text').innerText.includes(' 4 ')"
+    )
     assert [c.answer.strength for c in state_of(served).closed[1:]] == [3, 1, 1]
     assert watched.errors == []
 
