@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import fsum
 
 import numpy as np
 from jaxtyping import Float
@@ -52,7 +53,8 @@ class LearnedIndex:
 
     def __call__(self, kpis: Mapping[str, float]) -> float:
         """The index of an experiment; a KPI that is not known or infinite counts in full."""
-        return float(sum(t.weight * _share(kpis.get(name), t) for name, t in self.terms.items()))
+        # fsum: the sum of the exported module, to the last digit, whichever Python runs that.
+        return fsum(t.weight * _share(kpis.get(name), t) for name, t in self.terms.items())
 
     @property
     def explains(self) -> bool:
@@ -99,7 +101,7 @@ _MODULE = '''"""An index learned from comparisons of experiments; lower is bette
 It foretold {foretold} of {answers} answers that it had not learned from.
 """
 
-from math import inf
+from math import fsum, inf
 
 TERMS = {{
     # KPI: (weight, best value of the study, value that counts in full)
@@ -109,12 +111,12 @@ TERMS = {{
 
 def index(kpis):
     """The index of an experiment, from its KPIs by name; an unknown one counts in full."""
-    total = 0.0
+    terms = []
     for name, (weight, best, worst) in TERMS.items():
         share = (kpis.get(name, worst) - best) / (worst - best)
         better = share < 1.0 or kpis.get(name, worst) < best
-        total += weight * (max(-1.0, share) if better else 1.0)
-    return total
+        terms.append(weight * (max(-1.0, share) if better else 1.0))
+    return fsum(terms)
 '''
 
 

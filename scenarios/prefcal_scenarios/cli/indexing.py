@@ -69,8 +69,8 @@ def export_index(name: str, source: str | None, out: Path | None) -> tuple[Path,
 
 def module(index: LearnedIndex, source: str) -> str:
     """A module with `index(kpis)`, and `cost(experiment)` for the scenario called `source`."""
-    imports = "from functools import cache\nfrom math import inf"
-    text = index.to_python().replace("from math import inf", imports, 1)
+    first = "\nfrom math import"
+    text = index.to_python().replace(first, f"\nfrom functools import cache{first}", 1)
     return text + _COST.format(source=source)
 
 
