@@ -1,0 +1,82 @@
+"""What a new study takes over from an earlier one: `prefcal calibrate SCENARIO --from STUDY`."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from prefcal_agents.earlier import PLACES, Earlier
+from prefcal_env.errors import PrefcalError, SettingsError, StudyError
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.studies import State, space_of
+from prefcal_scenarios.cli.choices import Thetas
+from prefcal_scenarios.cli.described import open_described
+from prefcal_scenarios.cli.options import Options
+from prefcal_scenarios.cli.shelf import existing
+from prefcal_scenarios.interview.memory import incumbents
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """What was taken over, and from where; the new study records it, and needs no more.
+
+    Args:
+        study: Name of the earlier study, as it was given.
+        scenario: What that one calibrates.
+        experiments: How many of its experiments are answered.
+        thetas: Physical θ of the new space, the best one first, each of length n.
+    """
+
+    study: str
+    scenario: str
+    experiments: int
+    thetas: tuple[tuple[float, ...], ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, for the configuration of the new study."""
+        return {
+            "study": self.study,
+            "scenario": self.scenario,
+            "experiments": self.experiments,
+            "thetas": [list(theta) for theta in self.thetas],
+        }
+
+
+def taken_from(options: Options, space: KnobSpace, mine: Thetas) -> Taken | None:
+    """What the options take over from an earlier study; None if nothing was asked for.
+
+    A knob that the earlier study did not have takes the value of the first θ of `mine`.
+
+    Args:
+        options: Of the new study.
+        space: Of the new study.
+        mine: θ that it begins with in any case, physical, each of shape (n,).
+
+    Raises:
+        StudyError: there is no such study, or it has no answered experiment.
+        KnobError: a knob without a value, or in another unit.
+        SettingsError: the constraints refuse every θ, or there is no experiment left for one.
+    """
+    if options.earlier is None:
+        return None
+    with open_described(existing(options.earlier)) as file:
+        state = file.state
+    added = dict(zip(space.names, map(float, mine[0]), strict=True)) if len(mine) else {}
+    # Half of the initial experiments stay as they are, in case the earlier study misleads.
+    count = min(PLACES, max(1, options.n_init // 2), options.n_max - len(mine))
+    if count < 1:
+        raise SettingsError("every experiment has its θ: leave --from out, or give more --n-max")
+    thetas = _earlier(state, options.earlier).start(space, count=count, added=added, beside=mine)
+    if not thetas and not len(mine):
+        raise SettingsError(f"the constraints refuse every best θ of study {options.earlier!r}")
+    scenario = str(state.configuration["name"])
+    return Taken(options.earlier, scenario, len(state.closed), thetas)
+
+
+def _earlier(state: State, name: str) -> Earlier:
+    if not state.closed:
+        raise StudyError(f"study {name!r} has no experiment yet that anything could be taken from")
+    winners = dict.fromkeys(reversed(incumbents(state)))  # a later one is better
+    try:
+        knobs = space_of(state.configuration).knobs
+        return Earlier(knobs, tuple(state.samples[i].theta for i in winners))
+    except PrefcalError as error:
+        raise StudyError(f"nothing can be taken from study {name!r}: {error}") from error
