@@ -1,6 +1,6 @@
 """Warm start from an earlier study: of another person, or of a similar plant."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,11 +15,10 @@ from .checks import integer
 from .ledger import Ledger
 from .state import AgentState
 
-PLACES = 3
+PLACES = 1
 """θ that are taken over unless said otherwise; measured in docs/research/warm_start.md."""
 APART = 0.1
 """Root mean square distance per knob, in the unit cube, from which on two θ are distinct."""
-_SAME = 1e-9  # that of two θ which differ by rounding
 
 
 class HasState(Protocol):
@@ -73,7 +72,6 @@ class Earlier:
         *,
         count: int = PLACES,
         added: Mapping[str, float] | None = None,
-        beside: Sequence[Float[np.ndarray, " n"]] = (),
     ) -> tuple[tuple[float, ...], ...]:
         """The best θ and the next distinct ones as θ of `space`, for the `start` of an agent.
 
@@ -85,8 +83,6 @@ class Earlier:
             space: Of the new study.
             count: Most θ, 1 or more; fewer where fewer are distinct (`APART`).
             added: Physical value of each knob of `space` that the earlier study did not have.
-            beside: θ of `space` that the new study begins with anyway, each of shape (n,): they
-                are not given again.
 
         Returns:
             Physical θ, each of length len(space), the best one first; perhaps none.
@@ -96,27 +92,28 @@ class Earlier:
             SettingsError: an impossible count.
         """
         integer("count", count, low=1)
-        taken = [space.encode(theta) for theta in beside]
         found: list[tuple[float, ...]] = []
         points: list[Float[np.ndarray, " n"]] = []
         for values in self._values(space, dict(added or {})):
             theta = np.array(list(map(_nearest, space, values, space.within)))
             z = space.encode(theta)
             distinct = all(_distance(z, p) > APART for p in points)
-            again = any(_distance(z, p) < _SAME for p in taken)
-            if distinct and not again and space.allows(theta):
+            if distinct and space.allows(theta):
                 found.append(tuple(map(float, theta)))
                 points.append(z)
         return tuple(found[:count])
 
+    def missing(self, space: KnobSpace, added: Mapping[str, float]) -> list[str]:
+        """Knobs of `space` that neither the earlier study nor `added` has a value of."""
+        known = {*added, *(knob.name for knob in self.knobs)}
+        return [name for name in space.names if name not in known]
+
     def _values(self, space: KnobSpace, added: Mapping[str, float]) -> list[list[float]]:
         """The winners with the knobs of `space`, in its order."""
         before = {knob.name: knob for knob in self.knobs}
-        missing = [k.name for k in space if k.name not in before and k.name not in added]
+        missing = self.missing(space, added)
         if missing:
-            raise KnobError(
-                f"the earlier study has no knobs {missing}: say which values to begin with"
-            )
+            raise KnobError(f"the earlier study has no knobs {missing}: their values are needed")
         for knob in space:
             unit = before[knob.name].unit if knob.name in before else knob.unit
             if unit != knob.unit:

@@ -1,10 +1,13 @@
 """What a new study takes over from an earlier one: `prefcal calibrate SCENARIO --from STUDY`."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
-from prefcal_agents.earlier import PLACES, Earlier
-from prefcal_env.errors import PrefcalError, SettingsError, StudyError
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents import Earlier
+from prefcal_env.errors import KnobError, PrefcalError, SettingsError, StudyError
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.studies import State, space_of
 from prefcal_scenarios.cli.choices import Thetas
@@ -12,6 +15,8 @@ from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.cli.options import Options
 from prefcal_scenarios.cli.shelf import existing
 from prefcal_scenarios.interview.memory import incumbents
+
+_SAME = 1e-9  # distance along a knob, in the unit cube, of two θ that differ by rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +37,16 @@ class Taken:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, for the configuration of the new study."""
-        return {
-            "study": self.study,
-            "scenario": self.scenario,
-            "experiments": self.experiments,
-            "thetas": [list(theta) for theta in self.thetas],
-        }
+        return asdict(self)
+
+    def beside(self, mine: Thetas, space: KnobSpace) -> list[Float[np.ndarray, " n"]]:
+        """Its θ that are not among `mine`."""
+        begun = [space.encode(theta) for theta in mine]
+        return [
+            np.array(theta)
+            for theta in self.thetas
+            if not any(np.allclose(space.encode(np.array(theta)), z, 0, _SAME) for z in begun)
+        ]
 
 
 def taken_from(options: Options, space: KnobSpace, mine: Thetas) -> Taken | None:
@@ -55,20 +64,24 @@ def taken_from(options: Options, space: KnobSpace, mine: Thetas) -> Taken | None
         KnobError: a knob without a value, or in another unit.
         SettingsError: the constraints refuse every θ, or there is no experiment left for one.
     """
-    if options.earlier is None:
+    name = options.earlier
+    if name is None:
         return None
-    with open_described(existing(options.earlier)) as file:
+    with open_described(existing(name)) as file:
         state = file.state
+    earlier = _earlier(state, name)
     added = dict(zip(space.names, map(float, mine[0]), strict=True)) if len(mine) else {}
-    # Half of the initial experiments stay as they are, in case the earlier study misleads.
-    count = min(PLACES, max(1, options.n_init // 2), options.n_max - len(mine))
-    if count < 1:
+    missing = earlier.missing(space, added)
+    if missing:
+        raise KnobError(
+            f"study {name!r} has no knobs {missing}: give --start as well, whose values they take"
+        )
+    if options.n_max <= len(mine):
         raise SettingsError("every experiment has its θ: leave --from out, or give more --n-max")
-    thetas = _earlier(state, options.earlier).start(space, count=count, added=added, beside=mine)
-    if not thetas and not len(mine):
-        raise SettingsError(f"the constraints refuse every best θ of study {options.earlier!r}")
-    scenario = str(state.configuration["name"])
-    return Taken(options.earlier, scenario, len(state.closed), thetas)
+    thetas = earlier.start(space, added=added)
+    if not thetas:
+        raise SettingsError(f"the constraints refuse every best θ of study {name!r}")
+    return Taken(name, str(state.configuration["name"]), len(state.closed), thetas)
 
 
 def _earlier(state: State, name: str) -> Earlier:

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from prefcal_env.errors import StudyError
 from prefcal_env.studies import Extended, Reopened, StudyFile, make_data_folder, study_path
 from prefcal_scenarios.cli.choices import make_agent, make_calibrator
@@ -73,7 +71,7 @@ def _create(path: Path | str, options: Options, scenario: Scenario) -> StudyFile
 def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
     mine = [start_of(text, scenario) for text in options.start]
     taken = taken_from(options, scenario.space, mine)
-    theirs = [] if taken is None else [np.array(theta) for theta in taken.thetas]
+    theirs = [] if taken is None else taken.beside(mine, scenario.space)
     configuration = {
         "scenario": options.scenario,
         "name": scenario.name,
