@@ -6,15 +6,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents import Earlier
 from prefcal_env.errors import KnobError, PrefcalError, SettingsError, StudyError
 from prefcal_env.knobs import KnobSpace
-from prefcal_env.studies import State, space_of
 from prefcal_scenarios.cli.choices import Thetas
 from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.cli.options import Options
 from prefcal_scenarios.cli.shelf import existing
-from prefcal_scenarios.interview.memory import incumbents
+from prefcal_scenarios.interview.memory import earlier_of
 
 _SAME = 1e-9  # distance along a knob, in the unit cube, of two θ that differ by rounding
 
@@ -69,7 +67,10 @@ def taken_from(options: Options, space: KnobSpace, mine: Thetas) -> Taken | None
         return None
     with open_described(existing(name)) as file:
         state = file.state
-    earlier = _earlier(state, name)
+    try:
+        earlier = earlier_of(state)
+    except PrefcalError as error:
+        raise StudyError(f"nothing can be taken from study {name!r}: {error}") from error
     added = dict(zip(space.names, map(float, mine[0]), strict=True)) if len(mine) else {}
     missing = earlier.missing(space, added)
     if missing:
@@ -82,14 +83,3 @@ def taken_from(options: Options, space: KnobSpace, mine: Thetas) -> Taken | None
     if not thetas:
         raise SettingsError(f"the constraints refuse every best θ of study {name!r}")
     return Taken(name, str(state.configuration["name"]), len(state.closed), thetas)
-
-
-def _earlier(state: State, name: str) -> Earlier:
-    if not state.closed:
-        raise StudyError(f"study {name!r} has no experiment yet that anything could be taken from")
-    winners = dict.fromkeys(reversed(incumbents(state)))  # a later one is better
-    try:
-        knobs = space_of(state.configuration).knobs
-        return Earlier(knobs, tuple(state.samples[i].theta for i in winners))
-    except PrefcalError as error:
-        raise StudyError(f"nothing can be taken from study {name!r}: {error}") from error
