@@ -122,8 +122,12 @@ class Earlier:
                     f"{knob.unit!r} now"
                 )
         position = {knob.name: k for k, knob in enumerate(self.knobs)}
+        try:
+            values = {name: float(value) for name, value in added.items()}
+        except (TypeError, ValueError) as error:
+            raise KnobError(f"added must hold numbers, got {added!r}") from error
         return [
-            [theta[position[n]] if n in position else float(added[n]) for n in space.names]
+            [theta[position[n]] if n in position else values[n] for n in space.names]
             for theta in self.winners
         ]
 

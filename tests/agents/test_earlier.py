@@ -87,6 +87,13 @@ def test_a_new_knob_needs_a_value():
     assert record(7).start(AREA, added={"x": 1, "y": 9}) == ((4.0, 7.0),)
 
 
+@pytest.mark.unchecked
+@pytest.mark.parametrize("value", ["fast", None, np.nan])
+def test_a_value_of_it_that_is_none_is_refused(value):
+    with pytest.raises(KnobError, match=r"numbers|finite"):
+        record(7).start(AREA, added={"y": value})
+
+
 def test_another_unit_is_refused():
     with pytest.raises(KnobError, match="'x' was in 'm' in the earlier study, and is in 'km'"):
         record(7).start(KnobSpace([Knob("x", 0, 10, "km")]))
