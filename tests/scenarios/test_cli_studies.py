@@ -2,12 +2,14 @@
 
 import io
 import json
+import shutil
 import socket
 import sqlite3
 
 import pytest
 
 from prefcal_env.studies import Noted
+from prefcal_scenarios.cli import main
 from prefcal_scenarios.interview import Choice
 from support.interviews import begin, proceed
 from toy_study import TOY_FILE, toy_scenario
@@ -21,10 +23,24 @@ def _data_folder(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
 
 
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory):
+    """A folder with what a calibration left behind: its report, and its study among the data."""
+    folder = tmp_path_factory.mktemp("calibrated")
+    words = ["calibrate", TOY, *SYNTHETIC, "--n-max", "5", "--study", "mine"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setenv("XDG_DATA_HOME", str(folder / "data"))
+        patch.setattr("sys.argv", ["prefcal", *words])
+        with pytest.raises(SystemExit) as end:
+            main()
+    assert not end.value.code
+    return folder
+
+
 @pytest.fixture
-def study(prefcal):
-    code, _, err = prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "5", "--study", "mine")
-    assert code == 0, err
+def study(calibrated, tmp_path):
+    shutil.copytree(calibrated, tmp_path, dirs_exist_ok=True)
     return "mine"
 
 
