@@ -80,6 +80,15 @@ def test_no_worker_takes_notice_of_ctrl_c_however_young():
     workers.close(at_once=False)
 
 
+@pytest.fixture
+def _ctrl_c_raises():
+    """As at a terminal: whatever runs the tests in the background has it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("_ctrl_c_raises")
 def test_ctrl_c_while_a_worker_is_started_comes_after_it(monkeypatch):
     workers = Processes(1)
     pool = workers.open()
