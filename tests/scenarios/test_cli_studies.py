@@ -2,15 +2,14 @@
 
 import io
 import json
-import shutil
 import socket
 import sqlite3
 
 import pytest
 
 from prefcal_env.studies import Noted
-from prefcal_scenarios.cli import main
 from prefcal_scenarios.interview import Choice
+from support.calibrated import calibrated, copied
 from support.interviews import begin, proceed
 from toy_study import TOY_FILE, toy_scenario
 
@@ -24,23 +23,15 @@ def _data_folder(monkeypatch, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def calibrated(tmp_path_factory):
-    """A folder with what a calibration left behind: its report, and its study among the data."""
-    folder = tmp_path_factory.mktemp("calibrated")
-    words = ["calibrate", TOY, *SYNTHETIC, "--n-max", "5", "--study", "mine"]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        patch.setenv("XDG_DATA_HOME", str(folder / "data"))
-        patch.setattr("sys.argv", ["prefcal", *words])
-        with pytest.raises(SystemExit) as end:
-            main()
-    assert not end.value.code
-    return folder
+def made(tmp_path_factory):
+    """A folder with a report, and a study among its data."""
+    words = [TOY, *SYNTHETIC, "--n-max", "5", "--study", "mine"]
+    return calibrated(tmp_path_factory.mktemp("made"), *words)
 
 
 @pytest.fixture
-def study(calibrated, tmp_path):
-    shutil.copytree(calibrated, tmp_path, dirs_exist_ok=True)
+def study(made, tmp_path):
+    copied(made, tmp_path)
     return "mine"
 
 
