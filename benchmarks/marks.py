@@ -2,20 +2,31 @@
 
     python benchmarks/marks.py                          # 15 problems, 20 seeds, some 40 minutes
     python benchmarks/marks.py --seeds 5 --functions camel hartman3
+    python benchmarks/marks.py --scenarios              # automatic marks: 4 scenes, half an hour
 
 Prints a Markdown table. The synthetic calibrator prefers a safe experiment to an unsafe one and
-compares two of a kind by the function; with marks it also says which side was unsafe.
+compares two of a kind by the function; with marks it also says which side was unsafe. With
+--scenarios nobody marks anything: what differs is whether the agent learns from the marks of
+interrupted runs.
 """
 
 import argparse
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one thread
+
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 
-from prefcal_agents import GLISp
-from prefcal_env import Answer, Mark, Query
+from prefcal_agents import GLISp, GLISpSettings
+from prefcal_env import Answer, End, Experiment, Mark, Preference, Query, calibrate
+from prefcal_env.envs.overtake import Obstacle, OvertakeOptions
+from prefcal_scenarios import Scenario, load, outcome
 from prefcal_scenarios.functions import FUNCTIONS, TestFunction
 
 Level = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -98,12 +109,98 @@ def row(name: str, kept: np.ndarray, told: np.ndarray) -> str:
             f"| {np.median(gaps[0]):.2g} | {np.median(gaps[1]):.2g} | {duel} |")  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Found:
+    """What is kept of one calibration of a scenario."""
+
+    unsafe: int
+    thetas: np.ndarray
+    best: Experiment
+
+
+HEATING = 8.5
+"""Heating rate of the reactor [K/h] above which the alarmed one is stopped: in 30 % of the box; the
+best θ known stays below, at 8.26."""
+BRAKING = OvertakeOptions(obstacles=(Obstacle(deceleration=4.0, brakes_at=2.5),))
+"""The car ahead brakes with 4 m/s² after 2.5 s: a third of the box runs into it."""
+
+
+def alarmed(theta: np.ndarray, seed: int = 0) -> Experiment:
+    """A run of the reactor that an alarm ends where it heats up faster than `HEATING`."""
+    e = load("cstr").run(theta, seed=seed)
+    fast = np.flatnonzero(np.diff(e.x[:, 0]) > HEATING * np.diff(e.t))
+    if not len(fast):
+        return e
+    kept, steps = fast[0] + 2, np.count_nonzero(e.t_control <= e.t[fast[0]])
+    rows = {k: getattr(e, k)[:kept] for k in ("t", "x", "u")}
+    rows |= {k: getattr(e, k)[:steps] for k in
+             ("t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")}  # fmt: skip
+    signals = {name: values[:kept] for name, values in e.signals.items()}
+    return replace(e, **rows, signals=signals, end=End.UNSAFE)
+
+
+@cache
+def scenes() -> Mapping[str, Scenario]:
+    """The scenarios by name, and two of them where a third of the box is unsafe."""
+    from prefcal_scenarios.overtake import overtake_variants
+
+    return {
+        "cstr": load("cstr"),
+        "overtake": load("overtake"),
+        "cstr, alarm": replace(load("cstr"), run=alarmed),
+        "overtake, braking": overtake_variants({"braking": BRAKING}, estimator=None),
+    }
+
+
+def unasked(scene: Scenario, seed: int, marks: bool, outcomes: bool) -> Found:
+    """One calibration; without marks, the agent takes no notice of them."""
+    off = {} if marks else {"unsafe_weight": 0.0, "good_weight": 0.0}
+    agent = GLISp(scene.space, n_max=50, seed=seed, settings=GLISpSettings(**off))
+    judge: Any = scene.calibrators["synthetic"](seed)
+    known = (lambda e: outcome(scene, e)) if outcomes else None
+    steps = list(calibrate(agent, scene.run, judge, known))
+    unsafe = sum(step.challenger.end is End.UNSAFE for step in steps)
+    return Found(unsafe, agent.samples, steps[-1].winner)
+
+
+def compared(scene: Scenario, found: list[tuple[Found, Found]]) -> str:
+    """The rest of a line: unsafe ones, index, and which of the two results is preferred."""
+    judge: Any = scene.calibrators["synthetic"](0)
+    verdicts = [judge.prefer(told.best, kept.best) for kept, told in found]
+    wins, ties = (verdicts.count(v) for v in (Preference.CHALLENGER, Preference.TIE))
+    same = sum(np.array_equal(kept.thetas, told.thetas) for kept, told in found)
+    cells = [f"{np.mean([pair[k].unsafe for pair in found]):.1f}" for k in (0, 1)]
+    if scene.cost is None:
+        cells += ["", ""]
+    else:
+        costs = np.array([[scene.cost(f.best) for f in pair] for pair in found])
+        cells += ["{1:.4f} [{0:.4f}, {2:.4f}]".format(*np.quantile(c, [0.25, 0.5, 0.75]))
+                  for c in costs.T]  # fmt: skip
+    return " | ".join([*cells, f"{wins} to {len(found) - wins - ties}, {ties}", str(same)])
+
+
+def automatic(names: list[str], seeds: int, outcomes: bool) -> None:
+    """Measure the marks of interrupted runs, and print."""
+    print("| scenario | unsafe, off | on | median index [quartiles], off | on | on wins, ties "
+          "| studies alike |\n|" + 7 * " --- |")  # fmt: skip
+    for name in names or scenes():
+        scene = scenes()[name]
+        found = [(unasked(scene, seed, False, outcomes), unasked(scene, seed, True, outcomes))
+                 for seed in range(seeds)]  # fmt: skip
+        print(f"| {name} | {compared(scene, found)} |", flush=True)
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--functions", nargs="+", choices=sorted(FUNCTIONS), default=DEFAULT)
     parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--scenarios", nargs="*", help=f"any of {', '.join(scenes())}")
+    parser.add_argument("--no-outcomes", action="store_true", help="with scenarios: KPIs left out")
     options = parser.parse_args()
+    if options.scenarios is not None:
+        automatic(options.scenarios, options.seeds, not options.no_outcomes)
+        return
     print("| problem | unsafe, off | on | median gap, off | on | on wins |\n|" + 6 * " --- |")
     every = []
     for name, region in product(options.functions, REGIONS):

@@ -8,6 +8,7 @@ from .archive import export_json as export_json
 from .archive import import_json as import_json
 from .codec import decode as decode
 from .codec import encode as encode
+from .counted import counted_unsafe as counted_unsafe
 from .events import Answered as Answered
 from .events import Created as Created
 from .events import Ended as Ended

@@ -1,7 +1,5 @@
 """What an answer, a mark, an undo and a retraction do to the flow. Each is durable first."""
 
-from dataclasses import replace
-
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.preference import Answer
 from prefcal_env.studies import Answered, Closed, Marked, Retracted, Shown, Undone
@@ -25,8 +23,7 @@ def open_question(flow: Flow, question: int) -> Question:
 def close(flow: Flow, asked: Question, given: Answer, comment: str, blind: bool) -> None:
     """Record the answer, teach it, and go on."""
     new, old = asked.challenger.index, asked.incumbent.index
-    if given.outcomes is None:
-        given = replace(given, outcomes=asked.outcomes)
+    given = asked.completed(given)
     flow.study.append(Answered(asked.id, new, old, given, comment, blind))
     if asked.repeats is None:
         flow.tell(given)

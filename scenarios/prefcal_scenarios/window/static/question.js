@@ -131,7 +131,8 @@ function describe(name, question) {
 function which(side) {
   const words = [];
   if (side.number) words.push(`experiment ${side.number}`, side.role);
-  if (side.interrupted) words.push(side.ended);
+  if (side.counts_as_unsafe) words.push("counts as unsafe: run interrupted");
+  else if (side.interrupted) words.push(side.ended);
   if (side.runs > 1) words.push(`${side.runs} runs, the first bold`);
   return words.join(" · ");
 }
@@ -181,7 +182,7 @@ export function thetas(side) {
 
 function marks(name, side) {
   const unsafe = side.marks.includes("unsafe");
-  $(name).classList.toggle("unsafe", unsafe);
+  $(name).classList.toggle("unsafe", unsafe || side.counts_as_unsafe);
   const buttons = Object.entries(MARKS).map(([kind, { words, [name]: key }]) =>
     el("button", { type: "button", class: `mark ${kind === "unsafe" ? "bad" : "good"}`,
       id: `${name}-${kind.replace(" ", "-")}`, "aria-pressed": String(side.marks.includes(kind)),

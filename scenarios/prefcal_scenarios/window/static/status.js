@@ -32,7 +32,7 @@ export async function showStatus(now, act) {
 }
 
 const legend = () => el("p", { class: "marks-legend faint" }, [["★", "best", "the best so far"], ["○", "was", "was the best for a while"],
-  ["●", "other", "another experiment"], ["✕", "bad", "marked unsafe"]].map(([sign, kind, words]) =>
+  ["●", "other", "another experiment"], ["✕", "bad", "unsafe: marked, or its run was interrupted"]].map(([sign, kind, words]) =>
   el("span", {}, el("span", { class: `sign ${kind}`, "aria-hidden": "true" }, sign), words)));
 
 const figures = (kind, knobs, words) => el("div", { class: "grid" }, knobs.map((knob) =>
