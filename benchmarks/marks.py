@@ -179,14 +179,14 @@ def compared(scene: Scenario, found: list[tuple[Found, Found]]) -> str:
     return " | ".join([*cells, f"{wins} to {len(found) - wins - ties}, {ties}", str(same)])
 
 
-def automatic(names: list[str], seeds: int, outcomes: bool) -> None:
+def automatic(names: list[str], seeds: range, outcomes: bool) -> None:
     """Measure the marks of interrupted runs, and print."""
     print("| scenario | unsafe, off | on | median index [quartiles], off | on | on wins, ties "
           "| studies alike |\n|" + 7 * " --- |")  # fmt: skip
     for name in names or scenes():
         scene = scenes()[name]
         found = [(unasked(scene, seed, False, outcomes), unasked(scene, seed, True, outcomes))
-                 for seed in range(seeds)]  # fmt: skip
+                 for seed in seeds]  # fmt: skip
         print(f"| {name} | {compared(scene, found)} |", flush=True)
 
 
@@ -195,11 +195,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--functions", nargs="+", choices=sorted(FUNCTIONS), default=DEFAULT)
     parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="with scenarios: the first seed")
     parser.add_argument("--scenarios", nargs="*", help=f"any of {', '.join(scenes())}")
     parser.add_argument("--no-outcomes", action="store_true", help="with scenarios: KPIs left out")
     options = parser.parse_args()
     if options.scenarios is not None:
-        automatic(options.scenarios, options.seeds, not options.no_outcomes)
+        seeds = range(options.first, options.first + options.seeds)
+        automatic(options.scenarios, seeds, not options.no_outcomes)
         return
     print("| problem | unsafe, off | on | median gap, off | on | on wins |\n|" + 6 * " --- |")
     every = []

@@ -38,6 +38,7 @@ def status_view(interview: Interview, *, report: Path | None = None) -> dict[str
         },
         "advice": None if (advice := interview.advice) is None else advice.text,
         "verdicts": _verdicts(now),
+        "questions": interview.questions,
         "minded": _minded(interview),
         "report": report_view(report),
     }
