@@ -131,8 +131,7 @@ function describe(name, question) {
 function which(side) {
   const words = [];
   if (side.number) words.push(`experiment ${side.number}`, side.role);
-  if (side.counts_as_unsafe) words.push("counts as unsafe: run interrupted");
-  else if (side.interrupted) words.push(side.ended);
+  if (side.interrupted) words.push(side.ended);
   if (side.runs > 1) words.push(`${side.runs} runs, the first bold`);
   return words.join(" · ");
 }
@@ -186,11 +185,14 @@ function marks(name, side) {
   const buttons = Object.entries(MARKS).map(([kind, { words, [name]: key }]) =>
     el("button", { type: "button", class: `mark ${kind === "unsafe" ? "bad" : "good"}`,
       id: `${name}-${kind.replace(" ", "-")}`, "aria-pressed": String(side.marks.includes(kind)),
-      on: { click: () => mark(name, kind) } }, `${words} `, el("kbd", {}, key)));
+      title: counted(side, kind) ? "It counts as unsafe because its run was interrupted, whether you mark it or not." : null,
+      on: { click: () => mark(name, kind) } }, `${counted(side, kind) ? "Unsafe: interrupted" : words} `, el("kbd", {}, key)));
   const active = document.activeElement?.id;
   fill($(`${name}-marks`), buttons);
   if (active) buttons.find((button) => button.id === active)?.focus();
 }
+
+const counted = (side, kind) => kind === "unsafe" && side.counts_as_unsafe;
 
 export function inWords(question) {
   const told = (name) => {
