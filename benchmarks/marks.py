@@ -3,11 +3,12 @@
     python benchmarks/marks.py                          # 15 problems, 20 seeds, some 40 minutes
     python benchmarks/marks.py --seeds 5 --functions camel hartman3
     python benchmarks/marks.py --scenarios              # automatic marks: 4 scenes, half an hour
+    python benchmarks/marks.py --good 0 0.1 0.3         # the weight of "good enough", 20 minutes
 
 Prints a Markdown table. The synthetic calibrator prefers a safe experiment to an unsafe one and
 compares two of a kind by the function; with marks it also says which side was unsafe. With
 --scenarios nobody marks anything: what differs is whether the agent learns from the marks of
-interrupted runs.
+interrupted runs. With --good nothing is unsafe, and the best tenth of the box is good enough.
 """
 
 import argparse
@@ -33,6 +34,7 @@ Level = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 DEFAULT = ("camel", "branin", "hartman3", "styblinski3", "hartman6")
 SHARE = 1 / 3  # of the box that is unsafe
+GOOD = 0.1  # of the box that is good enough
 REGIONS: Mapping[str, Level] = {
     "half space": lambda z, best: (z - best) @ (best - 0.5 + 1e-3),
     "ball": lambda z, best: -np.linalg.norm(z - (0.6 * best + 0.2), axis=1),
@@ -190,17 +192,66 @@ def automatic(names: list[str], seeds: range, outcomes: bool) -> None:
         print(f"| {name} | {compared(scene, found)} |", flush=True)
 
 
+def satisfied(function: TestFunction, seed: int, weight: float) -> float:
+    """Gap of the θ returned, where every experiment in the best tenth of the box is marked."""
+    space = function.space
+    cube = np.random.default_rng(0).random((10_000, len(space)))
+    enough = np.quantile([function(space.decode(z)) for z in cube], GOOD)
+    agent = GLISp(space, n_max=50, seed=seed, settings=GLISpSettings(good_weight=weight))
+    while not agent.done:
+        query = agent.ask()
+        sides = (query.challenger, query.incumbent)
+        words = (Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH)
+        marks = tuple(
+            word for word, side in zip(words, sides, strict=True)
+            if side is not None and function(side.theta) <= enough
+        )  # fmt: skip
+        old = query.incumbent
+        verdict = None if old is None else function.prefer(query.challenger.theta, old.theta)
+        agent.tell(query, Answer(verdict, marks=marks))
+    return function(agent.best) - function.optimum
+
+
+def weighed(names: list[str], seeds: range, weights: list[float]) -> None:
+    """Measure weights of "good enough" against the first of them, and print."""
+    heads = [f"{w:g}: median gap, log10 ratio, wins" for w in weights[1:]]
+    print(f"| function | {weights[0]:g}: median gap | {' | '.join(heads)} |\n|"
+          + (len(weights) + 1) * " --- |")  # fmt: skip
+    every = []
+    for name in names:
+        gaps = np.array([[satisfied(FUNCTIONS[name], s, w) for w in weights] for s in seeds])
+        every.append(gaps)
+        print(ratios(name, gaps), flush=True)
+    print(ratios("all", np.concatenate(every)))
+
+
+def ratios(name: str, gaps: np.ndarray) -> str:
+    """A line of that table; gaps of each seed and weight, (seeds, weights)."""
+    ratio = np.log10(np.maximum(gaps, 1e-9) / np.maximum(gaps[:, :1], 1e-9))
+    cells = [f"{np.median(gaps[:, 0]):.2g}"]
+    for k in range(1, gaps.shape[1]):
+        r = ratio[:, k]
+        error = r.std(ddof=1) / np.sqrt(len(r)) if len(r) > 1 else np.nan
+        cells.append(f"{np.median(gaps[:, k]):.2g}, {r.mean():+.2f} ± {error:.2f}, "
+                     f"{np.sum(r < 0)} to {np.sum(r > 0)}")  # fmt: skip
+    return f"| {name} | {' | '.join(cells)} |"
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--functions", nargs="+", choices=sorted(FUNCTIONS), default=DEFAULT)
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0, help="with scenarios: the first seed")
+    parser.add_argument("--first", type=int, default=0, help="with the next two: the first seed")
     parser.add_argument("--scenarios", nargs="*", help=f"any of {', '.join(scenes())}")
+    parser.add_argument("--good", nargs="+", type=float, help="weights of good enough")
     parser.add_argument("--no-outcomes", action="store_true", help="with scenarios: KPIs left out")
     options = parser.parse_args()
+    seeds = range(options.first, options.first + options.seeds)
+    if options.good is not None:
+        weighed(list(options.functions), seeds, options.good)
+        return
     if options.scenarios is not None:
-        seeds = range(options.first, options.first + options.seeds)
         automatic(options.scenarios, seeds, not options.no_outcomes)
         return
     print("| problem | unsafe, off | on | median gap, off | on | on wins |\n|" + 6 * " --- |")

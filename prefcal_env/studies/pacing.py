@@ -31,7 +31,7 @@ def paced(configuration: Mapping[str, Any], questions: int) -> Mapping[str, Any]
     """
     if questions < 1:
         raise StudyError(f"there must be 1 or more questions per experiment, got {questions}")
-    agent = configuration.get("agent")
+    agent: Any = configuration.get("agent")
     settings = _settings(agent)
     if settings is None:
         raise StudyError("the agent of the study has no settings that could be changed")
