@@ -18,7 +18,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from typing import Any
 
@@ -111,15 +111,8 @@ def row(name: str, kept: np.ndarray, told: np.ndarray) -> str:
             f"| {np.median(gaps[0]):.2g} | {np.median(gaps[1]):.2g} | {duel} |")  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Found:
-    """What is kept of one calibration of a scenario."""
-
-    unsafe: int
-    thetas: np.ndarray
-    best: Experiment
-
-
+Found = tuple[int, np.ndarray, Experiment]
+"""What is kept of one calibration: how many unsafe ones, every θ, the experiment of the best."""
 HEATING = 8.5
 """Heating rate of the reactor [K/h] above which the alarmed one is stopped: in 30 % of the box; the
 best θ known stays below, at 8.26."""
@@ -154,60 +147,51 @@ def scenes() -> Mapping[str, Scenario]:
     }
 
 
-def unasked(scene: Scenario, seed: int, marks: bool, outcomes: bool) -> Found:
+def unasked(scene: Scenario, seed: int, marks: bool) -> Found:
     """One calibration; without marks, the agent takes no notice of them."""
     off = {} if marks else {"unsafe_weight": 0.0, "good_weight": 0.0}
     agent = GLISp(scene.space, n_max=50, seed=seed, settings=GLISpSettings(**off))
     judge: Any = scene.calibrators["synthetic"](seed)
-    known = (lambda e: outcome(scene, e)) if outcomes else None
-    steps = list(calibrate(agent, scene.run, judge, known))
+    steps = list(calibrate(agent, scene.run, judge, partial(outcome, scene)))
     unsafe = sum(step.challenger.end is End.UNSAFE for step in steps)
-    return Found(unsafe, agent.samples, steps[-1].winner)
+    return unsafe, agent.samples, steps[-1].winner
 
 
 def compared(scene: Scenario, found: list[tuple[Found, Found]]) -> str:
     """The rest of a line: unsafe ones, index, and which of the two results is preferred."""
     judge: Any = scene.calibrators["synthetic"](0)
-    verdicts = [judge.prefer(told.best, kept.best) for kept, told in found]
+    verdicts = [judge.prefer(told[2], kept[2]) for kept, told in found]
     wins, ties = (verdicts.count(v) for v in (Preference.CHALLENGER, Preference.TIE))
-    same = sum(np.array_equal(kept.thetas, told.thetas) for kept, told in found)
-    cells = [f"{np.mean([pair[k].unsafe for pair in found]):.1f}" for k in (0, 1)]
-    if scene.cost is None:
-        cells += ["", ""]
-    else:
-        costs = np.array([[scene.cost(f.best) for f in pair] for pair in found])
-        cells += ["{1:.4f} [{0:.4f}, {2:.4f}]".format(*np.quantile(c, [0.25, 0.5, 0.75]))
-                  for c in costs.T]  # fmt: skip
+    same = sum(np.array_equal(kept[1], told[1]) for kept, told in found)
+    cells = [f"{np.mean([pair[k][0] for pair in found]):.1f}" for k in (0, 1)]
+    for k in (0, 1):
+        costs = [] if scene.cost is None else [scene.cost(pair[k][2]) for pair in found]
+        low, middle, high = np.quantile(costs, [0.25, 0.5, 0.75]) if costs else 3 * [np.nan]
+        cells.append(f"{middle:.4f} [{low:.4f}, {high:.4f}]" if costs else "")
     return " | ".join([*cells, f"{wins} to {len(found) - wins - ties}, {ties}", str(same)])
 
 
-def automatic(names: list[str], seeds: range, outcomes: bool) -> None:
+def automatic(names: list[str], seeds: range) -> None:
     """Measure the marks of interrupted runs, and print."""
     print("| scenario | unsafe, off | on | median index [quartiles], off | on | on wins, ties "
           "| studies alike |\n|" + 7 * " --- |")  # fmt: skip
     for name in names or scenes():
         scene = scenes()[name]
-        found = [(unasked(scene, seed, False, outcomes), unasked(scene, seed, True, outcomes))
-                 for seed in seeds]  # fmt: skip
+        found = [(unasked(scene, seed, False), unasked(scene, seed, True)) for seed in seeds]
         print(f"| {name} | {compared(scene, found)} |", flush=True)
 
 
 def satisfied(function: TestFunction, seed: int, weight: float) -> float:
     """Gap of the θ returned, where every experiment in the best tenth of the box is marked."""
-    space = function.space
-    cube = np.random.default_rng(0).random((10_000, len(space)))
+    space, cube = function.space, np.random.default_rng(0).random((10_000, len(function.space)))
     enough = np.quantile([function(space.decode(z)) for z in cube], GOOD)
     agent = GLISp(space, n_max=50, seed=seed, settings=GLISpSettings(good_weight=weight))
     while not agent.done:
         query = agent.ask()
-        sides = (query.challenger, query.incumbent)
-        words = (Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH)
-        marks = tuple(
-            word for word, side in zip(words, sides, strict=True)
-            if side is not None and function(side.theta) <= enough
-        )  # fmt: skip
-        old = query.incumbent
-        verdict = None if old is None else function.prefer(query.challenger.theta, old.theta)
+        new, old = query.challenger, query.incumbent
+        sides = ((Mark.CHALLENGER_GOOD_ENOUGH, new), (Mark.INCUMBENT_GOOD_ENOUGH, old))
+        marks = tuple(m for m, side in sides if side and function(side.theta) <= enough)
+        verdict = None if old is None else function.prefer(new.theta, old.theta)
         agent.tell(query, Answer(verdict, marks=marks))
     return function(agent.best) - function.optimum
 
@@ -231,8 +215,8 @@ def ratios(name: str, gaps: np.ndarray) -> str:
     cells = [f"{np.median(gaps[:, 0]):.2g}"]
     for k in range(1, gaps.shape[1]):
         r = ratio[:, k]
-        error = r.std(ddof=1) / np.sqrt(len(r)) if len(r) > 1 else np.nan
-        cells.append(f"{np.median(gaps[:, k]):.2g}, {r.mean():+.2f} ± {error:.2f}, "
+        error = f"± {r.std() / np.sqrt(max(len(r) - 1, 1)):.2f}"
+        cells.append(f"{np.median(gaps[:, k]):.2g}, {r.mean():+.2f} {error}, "
                      f"{np.sum(r < 0)} to {np.sum(r > 0)}")  # fmt: skip
     return f"| {name} | {' | '.join(cells)} |"
 
@@ -245,14 +229,13 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="with the next two: the first seed")
     parser.add_argument("--scenarios", nargs="*", help=f"any of {', '.join(scenes())}")
     parser.add_argument("--good", nargs="+", type=float, help="weights of good enough")
-    parser.add_argument("--no-outcomes", action="store_true", help="with scenarios: KPIs left out")
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.seeds)
     if options.good is not None:
         weighed(list(options.functions), seeds, options.good)
         return
     if options.scenarios is not None:
-        automatic(options.scenarios, seeds, not options.no_outcomes)
+        automatic(options.scenarios, seeds)
         return
     print("| problem | unsafe, off | on | median gap, off | on | on wins |\n|" + 6 * " --- |")
     every = []
