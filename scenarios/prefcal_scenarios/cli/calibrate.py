@@ -93,7 +93,7 @@ _Questions = Annotated[
     typer.Option(
         min=1,
         help="Most comparisons for each experiment: where runs are dear and looking is cheap, 3 "
-        "or more spare experiments (glisp only).",
+        "or more spare experiments (glisp only). Another number changes that of a study.",
         show_default="1",
     ),
 ]

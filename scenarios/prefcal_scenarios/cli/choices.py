@@ -39,10 +39,7 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Any
             f"only the agent glisp learns from outcomes: leave --no-outcomes out for "
             f"{options.agent!r}"
         )
-    if options.questions_per_experiment != 1 and options.agent != "glisp":
-        raise SettingsError(
-            f"only the agent glisp asks more questions per experiment, not {options.agent!r}"
-        )
+    check_questions(options)
     if options.cost is not None and options.agent not in BY_VALUE:
         raise SettingsError(
             f"only an agent that is told scores ({', '.join(BY_VALUE)}) takes a cost, "
@@ -63,6 +60,14 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Any
         scenario.space, n_init=options.n_init, n_max=options.n_max, seed=options.seed, **extra
     )
     return agent
+
+
+def check_questions(options: Options) -> None:
+    """Raise SettingsError if more than one question is asked of an agent that asks one."""
+    if options.questions_per_experiment != 1 and options.agent != "glisp":
+        raise SettingsError(
+            f"only the agent glisp asks more questions per experiment, not {options.agent!r}"
+        )
 
 
 def _settings(options: Options) -> dict[str, Any]:

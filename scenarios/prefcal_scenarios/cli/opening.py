@@ -7,8 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from prefcal_env.errors import StudyError
-from prefcal_env.studies import Extended, Reopened, StudyFile, make_data_folder, study_path
-from prefcal_scenarios.cli.choices import make_agent, make_calibrator
+from prefcal_env.studies import (
+    Extended,
+    Paced,
+    Reopened,
+    State,
+    StudyFile,
+    make_data_folder,
+    questions_of,
+    study_path,
+)
+from prefcal_scenarios.cli.choices import check_questions, make_agent, make_calibrator
 from prefcal_scenarios.cli.clock import wall_clock
 from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.cli.earlier import taken_from
@@ -109,14 +118,25 @@ def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario)
         if given.get("n_max") == begun["n_max"]:
             # The same line again: experiments that the page has added since stay.
             given = {**given, "n_max": None}
-        stored = {**begun, "n_max": state.n_max}
-        options = Options.resumed(stored, given)
+        options = Options.resumed(by_now(state), given)
+        if options.questions_per_experiment != questions_of(state.configuration):
+            check_questions(options)
+            file.append(Paced(options.questions_per_experiment))
         if options.n_max > state.n_max:
             file.append(Extended(options.n_max), *([Reopened()] if state.ended else []))
     except BaseException:
         file.close()
         raise
     return Opened(file, options, name, True)
+
+
+def by_now(state: State) -> dict[str, Any]:
+    """The options that a study was begun with, as far as they were not changed since."""
+    return {
+        **state.configuration["options"],
+        "n_max": state.n_max,
+        "questions_per_experiment": questions_of(state.configuration),
+    }
 
 
 def _free(scenario: str, taken: Callable[[str], bool] | None = None) -> str:

@@ -14,6 +14,9 @@ HUMAN = "human"
 SCORE = "score"
 """Stands for the scenario's own score, where the agent learns from that: nobody compares."""
 
+_ANEW = ("n_max", "questions_per_experiment", "scenario")
+"""What may be given anew for a study that was begun before."""
+
 BY_VALUE = ("glis",)
 """The agents that are told scores."""
 
@@ -67,7 +70,7 @@ class Options:
 
     @classmethod
     def resumed(cls, stored: Mapping[str, Any], given: Mapping[str, Any]) -> "Options":
-        """The options that a study was begun with; n_max may be given anew.
+        """The options of a study by now; n_max and the questions per experiment may be given anew.
 
         Raises:
             SettingsError: any other option is given with another value.
@@ -84,7 +87,7 @@ class Options:
                 f"--cost {shlex.quote(str(options['cost']))}"
             )
         for name, value in given.items():
-            if name in ("n_max", "scenario") or value is None or value == options.get(name):
+            if name in _ANEW or value is None or value == options.get(name):
                 continue
             raise SettingsError(
                 f"the study was begun with {name} {options.get(name)}, got {value}: leave it out, "
@@ -96,7 +99,8 @@ class Options:
                 f"n_max must not fall below the {options['n_max']} that the study has by now, "
                 f"got {wanted}"
             )
-        return cls(**{**options, "n_max": wanted, "scenario": given["scenario"]})
+        anew = {name: given[name] for name in _ANEW if given.get(name) is not None}
+        return cls(**{**options, **anew, "n_max": wanted})
 
     @property
     def _more_questions(self) -> int | None:

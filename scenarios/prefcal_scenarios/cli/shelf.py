@@ -136,6 +136,7 @@ def _answers(state: State) -> Iterator[dict[str, Any]]:
             "incumbent": None if closed.incumbent is None else closed.incumbent + 1,
             "verdict": verdict_text(closed.answer),
             "marks": [mark.value for mark in closed.answer.marks],
+            "automatic": [mark.value for mark in closed.answer.automatic],
             "comment": closed.comment,
             "blind": closed.blind,
             "said": _said(closed),
@@ -154,7 +155,8 @@ def _table(answers: list[Mapping[str, Any]]) -> Table:
     for heading in ("when", "new", "best", "verdict", "marks", "comment", ""):
         table.add_column(heading, overflow="fold")
     for answer in answers:
-        shown = {**answer, "marks": ", ".join(mark_text(Mark(m)) for m in answer["marks"])}
+        marks = (mark_text(Mark(m), automatic=m in answer["automatic"]) for m in answer["marks"])
+        shown = {**answer, "marks": ", ".join(marks)}
         table.add_row(*(escape(printable(shown[key])) for key in columns))
     return table
 
