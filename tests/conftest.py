@@ -14,7 +14,7 @@ import jaxtyping
 import matplotlib as mpl
 import pytest
 
-import support.type_checker  # noqa: F401
+from support.type_checker import jaxtyped
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = {
@@ -43,6 +43,7 @@ def checked_modules() -> list[str]:
     return names
 
 
+jaxtyping.jaxtyped = jaxtyped  # the hook's decorator
 jaxtyping.install_import_hook(checked_modules(), "support.type_checker.check")
 
 

@@ -11,6 +11,7 @@ from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.studies import StudyFile, export_csv, export_json, import_json, study_path, verify
 from prefcal_scenarios.cli.respacing import Changes, respace
 from prefcal_scenarios.interview import Choice, Interview, Phase
+from support.calibrated import calibrated, copied
 from support.interviews import begin, proceed, reopened
 from toy_study import TOY_FILE, toy_scenario
 
@@ -34,12 +35,23 @@ def _data_folder(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
 
 
-@pytest.fixture(params=["glisp", "random"])
-def study(prefcal, request):
-    code, _, err = prefcal("calibrate", TOY, *SYNTHETIC, "--agent", request.param, "--n-max", "5",
-                           "--study", "mine", "--start", "T_s=1.2,N_p=10,gain=2")  # fmt: skip
-    assert code == 0, err
+@pytest.fixture(scope="module", params=["glisp", "random"])
+def made(request, tmp_path_factory):
+    words = [TOY, *SYNTHETIC, "--agent", request.param, "--n-max", "5",
+             "--study", "mine", "--start", "T_s=1.2,N_p=10,gain=2"]  # fmt: skip
+    return calibrated(tmp_path_factory.mktemp("made"), *words)
+
+
+@pytest.fixture
+def study(made, tmp_path):
+    copied(made, tmp_path)
     return "mine"
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    words = [TOY, *SYNTHETIC, "--agent", "random", "--n-max", "3", "--study", "mine"]
+    return calibrated(tmp_path_factory.mktemp("short"), *words)
 
 
 def thetas(name="mine"):
@@ -117,8 +129,10 @@ def test_a_widened_range_is_searched(prefcal, study):
         (["--add", "gain=1"], "added knobs [], got ['gain']"),
     ],
 )
-def test_what_cannot_be_is_refused_and_leaves_the_study_alone(prefcal, words, said):
-    prefcal("calibrate", TOY, *SYNTHETIC, "--agent", "random", "--n-max", "3", "--study", "mine")
+def test_what_cannot_be_is_refused_and_leaves_the_study_alone(
+    prefcal, short, tmp_path, words, said
+):
+    copied(short, tmp_path)
     before = study_path("mine").read_bytes()
     code, _, err = prefcal("studies", "respace", "mine", "--scenario", TOY, *words)
     assert code != 0

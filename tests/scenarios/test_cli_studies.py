@@ -9,6 +9,7 @@ import pytest
 
 from prefcal_env.studies import Noted
 from prefcal_scenarios.interview import Choice
+from support.calibrated import calibrated, copied
 from support.interviews import begin, proceed
 from toy_study import TOY_FILE, toy_scenario
 
@@ -21,10 +22,16 @@ def _data_folder(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder with a report, and a study among its data."""
+    words = [TOY, *SYNTHETIC, "--n-max", "5", "--study", "mine"]
+    return calibrated(tmp_path_factory.mktemp("made"), *words)
+
+
 @pytest.fixture
-def study(prefcal):
-    code, _, err = prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "5", "--study", "mine")
-    assert code == 0, err
+def study(made, tmp_path):
+    copied(made, tmp_path)
     return "mine"
 
 

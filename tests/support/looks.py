@@ -19,7 +19,13 @@ def asked(*choices: Choice, n_max: int = 6) -> tuple[Interview, Now]:
     interview = begin(toy, n_max=n_max)
     now = proceed(interview)
     for choice in choices:
-        assert now.question is not None
-        interview.answer(now.question.id, choice, comment=f"said {choice.value}")
-        now = proceed(interview)
+        now = answer(interview, choice)
     return interview, now
+
+
+def answer(interview: Interview, choice: Choice) -> Now:
+    """Answer the open question, and work until the next one is."""
+    question = interview.now().question
+    assert question is not None
+    interview.answer(question.id, choice, comment=f"said {choice.value}")
+    return proceed(interview)

@@ -1,7 +1,10 @@
 """The run-time checker of array shapes in the tests: jaxtyping and beartype, with latitude."""
 
+import inspect
+from functools import partial
 from typing import Any, get_args
 
+import jaxtyping
 import numpy as np
 from beartype import BeartypeConf, beartype
 from beartype.roar import BeartypeDecorHintException
@@ -22,6 +25,25 @@ def check(function: Any) -> Any:
         return beartype(conf=_LATITUDE)(function) if function.__annotations__ else function
     except BeartypeDecorHintException:  # beside the array a hint that only a class could check
         return function
+
+
+_ABSENT, _jaxtyped = object(), jaxtyping.jaxtyped
+
+
+def jaxtyped(function: Any = _ABSENT, **options: Any) -> Any:
+    """As jaxtyping's own, which costs microseconds a call, but only where there is a shape."""
+    if function is _ABSENT:
+        return partial(jaxtyped, **options)
+    return _jaxtyped(function, **options) if _mentions_shape(function) else function
+
+
+def _mentions_shape(function: Any) -> bool:
+    if inspect.isclass(function):
+        return _mentions_shape(function.__init__)  # of a dataclass: its fields
+    if isinstance(function, property):
+        return any(map(_mentions_shape, (function.fget, function.fset, function.fdel)))
+    hints = getattr(getattr(function, "__func__", function), "__annotations__", {})
+    return any(isinstance(hint, str) or _has_shape(hint) for hint in hints.values())
 
 
 def _has_shape(hint: Any) -> bool:

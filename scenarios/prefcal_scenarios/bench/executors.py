@@ -4,13 +4,23 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+)
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
-from typing import Protocol, final
+from typing import Any, ParamSpec, Protocol, TypeVar, final
 
 from prefcal_env.errors import SettingsError
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class Workers(Protocol):
@@ -72,9 +82,7 @@ class Processes:
         """Return a new pool."""
         self._others = set(multiprocessing.active_children())
         context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(self._jobs, mp_context=context, initializer=_begin)
-        with _deaf():
-            self._pool.submit(os.getpid)  # starts them all
+        self._pool = _Pool(self._jobs, mp_context=context, initializer=_begin)
         return self._pool
 
     def close(self, *, at_once: bool) -> None:
@@ -92,17 +100,38 @@ class Processes:
         return isinstance(error, (BrokenExecutor, CancelledError))
 
 
+@final
+class _Pool(ProcessPoolExecutor):
+    """Whose processes take no notice of Ctrl-C, not even before `_begin`.
+
+    Any of its submissions may start one; none is left half done.
+    """
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        with _postponed():
+            return super().submit(fn, *args, **kwargs)
+
+
 @contextmanager
-def _deaf() -> Iterator[None]:
-    """Processes started inside take no notice of Ctrl-C, not even before `_begin`."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _postponed() -> Iterator[None]:
+    """Ctrl-C comes after it; processes and threads started inside begin with it blocked."""
+    resource_tracker.ensure_running()  # starting it would unblock the signal
+    pressed: list[int] = []
+    # Blocked in this thread, the signal goes to another one, and then its handler runs in the
+    # main thread all the same.
+    main = threading.current_thread() is threading.main_thread()
+    before: Any = signal.signal(signal.SIGINT, lambda *_: pressed.append(1)) if main else None
+    blocks = hasattr(signal, "pthread_sigmask")  # not on Windows
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if blocks else None
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        if mask is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if main:
+            signal.signal(signal.SIGINT, before)
+        if pressed:
+            signal.raise_signal(signal.SIGINT)
 
 
 def usable_cores() -> int:

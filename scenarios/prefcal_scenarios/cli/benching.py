@@ -15,6 +15,7 @@ from prefcal_scenarios.bench.executors import Workers, usable_cores
 from prefcal_scenarios.bench.results import as_csv, duel_table, table, write
 from prefcal_scenarios.cli.bench_display import BenchDisplay
 from prefcal_scenarios.cli.bench_table import show
+from prefcal_scenarios.cli.interrupt import interruption
 from prefcal_scenarios.export import jsonable
 
 INTERRUPTED = 130
@@ -92,18 +93,20 @@ def run(wishes: Wishes, out: Path, *, json: bool, csv: bool) -> int:
     if json and csv:
         raise SettingsError("--json and --csv both want standard output: give one")
     suite, workers = wishes.suite(), wishes.workers()
-    store = Store(out)
     messages = Console(stderr=True)
     for words in suite.left_out:
         _say(messages, f"Left out: {words}")
-    with BenchDisplay(messages) as display:
-        try:
-            finished = run_suite(suite, store, workers, display)
-        except KeyboardInterrupt:
-            display.say(
-                f"Stopped; {display.done} results are kept in {out}: go on with the same line."
-            )
-            return INTERRUPTED
+    with interruption() as pressed:  # from the first folder on, Ctrl-C has its own words
+        store = Store(out)
+        with BenchDisplay(messages) as display:
+            try:
+                with pressed.allowed():
+                    finished = run_suite(suite, store, workers, display)
+            except KeyboardInterrupt:
+                display.say(
+                    f"Stopped; {display.done} results are kept in {out}: go on with the same line."
+                )
+                return INTERRUPTED
     page = write(
         finished.results, finished.duels, store.folder, command=wishes.command(out),
         digest=finished.digest, notes=(*suite.left_out, *finished.trouble),

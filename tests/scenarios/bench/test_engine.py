@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import signal
 import time
 from functools import partial
 
@@ -65,6 +66,44 @@ def test_standard_output_of_a_worker_is_not_ours(capfd):
     seen = capfd.readouterr()
     assert seen.out == ""
     assert "from a worker" in seen.err
+
+
+def test_no_worker_takes_notice_of_ctrl_c_however_young():
+    workers = Processes(2)
+    pool = workers.open()
+    futures = [pool.submit(tasks.double, k) for k in range(2)]
+    young = multiprocessing.active_children()
+    assert len(young) == 2
+    for process in young:
+        os.kill(process.pid, signal.SIGINT)
+    assert [future.result(timeout=60) for future in futures] == [0, 2]
+    workers.close(at_once=False)
+
+
+@pytest.fixture
+def _ctrl_c_raises():
+    """As at a terminal: whatever runs the tests in the background has it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("_ctrl_c_raises")
+def test_ctrl_c_while_a_worker_is_started_comes_after_it(monkeypatch):
+    workers = Processes(1)
+    pool = workers.open()
+    start = multiprocessing.process.BaseProcess.start
+
+    def pressed(process):
+        signal.raise_signal(signal.SIGINT)
+        start(process)
+
+    monkeypatch.setattr(multiprocessing.process.BaseProcess, "start", pressed)
+    with pytest.raises(KeyboardInterrupt):
+        pool.submit(tasks.double, 1)
+    assert len(multiprocessing.active_children()) == 1
+    workers.close(at_once=True)
+    assert not multiprocessing.active_children()
 
 
 @pytest.mark.parametrize("jobs", [0, -1, True, 1.5])

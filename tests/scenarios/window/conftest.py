@@ -33,10 +33,18 @@ def room(toy, static):
 
 
 @pytest.fixture(scope="module")
-def browser():
+def running_browser():
     """Chromium, headless."""
     with chromium() as browser:
         yield browser
+
+
+@pytest.fixture
+def browser(running_browser):
+    """The same chromium for every test; its pages are closed in the end, else they go on asking."""
+    yield running_browser
+    for context in running_browser.contexts:
+        context.close()
 
 
 @pytest.fixture

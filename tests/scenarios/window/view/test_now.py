@@ -1,7 +1,7 @@
 import json
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_scenarios.interview import Choice, Phase
@@ -9,7 +9,7 @@ from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.window.view import now_view
 from prefcal_scenarios.window.view.now import report_view
 from support.interviews import begin, proceed
-from support.looks import SPACE, asked, run, toy
+from support.looks import SPACE, answer, asked, run, toy
 
 
 def test_progress_counts_comparisons_which_are_one_fewer_than_experiments():
@@ -25,12 +25,19 @@ def test_before_the_first_experiment_it_runs_and_asks_nothing():
     json.dumps(view, allow_nan=False)
 
 
-@given(choices=st.lists(st.sampled_from(list(Choice)), max_size=5), blind=st.booleans())
-def test_every_moment_of_a_study_is_json_without_nan(choices, blind):
-    interview, now = asked(*choices)
-    view = json.loads(json.dumps(now_view(interview, blind=blind), allow_nan=False))
-    assert view["version"] == now.version
-    assert (view["over"] is None) == (now.phase is not Phase.OVER)
+# Each example is looked at after none, one, ... and all of its answers, open and blind: 300 views.
+@settings(max_examples=25)
+@given(choices=st.lists(st.sampled_from(list(Choice)), min_size=5, max_size=5))
+def test_every_moment_of_a_study_is_json_without_nan(choices):
+    interview, now = asked()
+    for answered in range(len(choices) + 1):
+        for blind in (False, True):
+            view = json.loads(json.dumps(now_view(interview, blind=blind), allow_nan=False))
+            assert view["version"] == now.version
+            assert (view["over"] is None) == (now.phase is not Phase.OVER)
+        if answered < len(choices):
+            now = answer(interview, choices[answered])
+    assert now.phase is Phase.OVER
 
 
 def test_the_end_shows_the_best_with_theta_to_copy_and_the_commands():
