@@ -15,13 +15,13 @@ from .cube import encode_all
 from .learned_index import LearnedIndex
 from .learner import Learner
 from .proposal import Strategy
-from .settings import GLISpSettings
+from .settings import INVERSE_DISTANCE, GLISpSettings
 from .start import Start
 from .state import AgentState
 from .turn_taking import PreferenceBased
 from .turns import Turns
 
-VERSION = 2
+VERSION = 3
 """Of the algorithm: raised when the same answers would lead to another next sample."""
 
 
@@ -30,7 +30,7 @@ class GLISp(PreferenceBased):
     """Active preference learning: asks for the experiment that promises or teaches most.
 
     The first `n_init` samples are a Latin hypercube. Then Ĵ is learned from all preferences
-    (eq. QP-pref), ε chosen by cross-validation, and eq. acquisition minimised (eq. xNp1).
+    (eq. QP-pref), ε chosen by cross-validation, and an acquisition minimised (eq. xNp1).
 
     Source: section III of the paper.
     Deviation: those of `GLISpSettings`; `GLISp.paper` learns without any.
@@ -43,7 +43,7 @@ class GLISp(PreferenceBased):
         settings: Everything else.
         start: Physical θ to begin with, the present tuning say, shape (n,), or several: they
             take the place of the first of the `n_init` samples.
-        delta: δ of eq. acquisition, in place of the one in `settings`.
+        delta: δ of eq. acquisition, in place of the one in `settings`; that is minimised then.
 
     Raises:
         SettingsError: an impossible value.
@@ -65,7 +65,9 @@ class GLISp(PreferenceBased):
         if not isinstance(settings, GLISpSettings):
             raise SettingsError(f"settings must be GLISpSettings, got {settings!r}")
         integer("seed", seed, low=0)
-        self._settings = settings if delta is None else replace(settings, delta=delta)
+        if delta is not None:
+            settings = replace(settings, delta=delta, acquisition=INVERSE_DISTANCE)
+        self._settings = settings
         self._seed = int(seed)
         # A backend of its own: twins may think ahead at the same time.
         self._learner = Learner(space, self._settings, n_init, self._seed, make_backend("piqp"))

@@ -86,10 +86,13 @@ def best_interpolants(
     columns: Float[np.ndarray, "N p"],
     epsilons: Sequence[float],
     rbf: str,
-) -> tuple[Interpolant, ...]:
-    """For each of p columns, that with the ε of `epsilons` that foretells left-out values best."""
+) -> tuple[tuple[Interpolant, float], ...]:
+    """For each of p columns, that with the ε of `epsilons` that foretells left-out values best.
+
+    With its leave-one-out error.
+    """
     tries = [_interpolate(samples, columns, epsilon, rbf) for epsilon in epsilons]
-    return tuple(min(found, key=lambda f: f[1])[0] for found in zip(*tries, strict=True))
+    return tuple(min(found, key=lambda f: f[1]) for found in zip(*tries, strict=True))
 
 
 def best_interpolant(
@@ -99,7 +102,7 @@ def best_interpolant(
     rbf: str,
 ) -> Interpolant:
     """The interpolant with the ε of `epsilons` that foretells left-out values best."""
-    return best_interpolants(samples, values[:, None], epsilons, rbf)[0]
+    return best_interpolants(samples, values[:, None], epsilons, rbf)[0][0]
 
 
 def normalised(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndarray, " N"]:

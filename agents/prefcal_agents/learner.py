@@ -9,7 +9,7 @@ from jaxtyping import Float
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.qp import Backend
 
-from .cross_validation import GAIN, AnyShape, Validation, choose_epsilon, nearest, rescale_knob
+from .cross_validation import AnyShape, Validation, choose_epsilon, nearest, rescale_knob
 from .fitting import Constraints, Learning, fit, margins
 from .kernel import KernelShape
 from .ledger import Ledger
@@ -70,7 +70,9 @@ class Learner:
         margin = margin if noise is None else margin * noise
         features = shape.features(preferences.samples)
         constraints = Constraints.of(preferences, features, margin)
-        outcomes = Outcomes.of(ledger) if any(self.settings.outcome_scales) else Outcomes.none()
+        outcomes = Outcomes.none()
+        if any(self.settings.outcome_scales):
+            outcomes = Outcomes.of(ledger).foreseeable()
         scale = self._outcome_scale(ledger, shape, outcomes)
         if scale == 0:
             v = fit(constraints, learning, self.backend)
@@ -112,8 +114,6 @@ class Learner:
             validation.reproduced(shape, scale * outcomes.columns if scale else None)
             for scale in scales
         ]
-        if scales[0] == 0 and max(scores) < scores[0] + GAIN:
-            return 0.0  # else useless KPIs cost experiments: docs/research/outcomes.md
         winners = [s for s, score in zip(scales, scores, strict=True) if score == max(scores)]
         return winners[len(winners) // 2]
 

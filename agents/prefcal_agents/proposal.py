@@ -9,14 +9,16 @@ from prefcal_env.knobs import KnobSpace
 
 from .acquisition import Acquisition
 from .cube import Tried, latin_hypercube
+from .improvement import ExpectedImprovement
 from .learner import Learner
 from .ledger import Ledger
 from .marks import POOL, replaced, steered, unsafe_worry
-from .minimise import Box, Domain, multistart
+from .minimise import Box, Domain, Objective, multistart
 from .placing import to_place
 from .region import random_points, search_domain
 from .schedule import Turn, turn_of
-from .settings import MINIMISERS, GLISpSettings
+from .settings import IMPROVEMENT, MINIMISERS, GLISpSettings
+from .surrogate import Composite, Surrogate
 from .threads import one_thread
 from .trust_region import around, half_width
 
@@ -43,10 +45,10 @@ class Strategy:
         """Cube point of the sample that follows `ledger`, shape (n,).
 
         Source: eq. xNp1.
-        Deviation: those of `turn_of`. A perturbed proposal minimises a surrogate whose margins
-        are drawn at random (each times an exponential variate), without the exploration term.
-        Equal margins are arbitrary: others reproduce the same answers with another minimum,
-        and one fixed choice keeps returning to the same place when it is wrong.
+        Deviation: those of `turn_of`. A perturbed proposal learns from margins that are drawn
+        at random (each times an exponential variate), without the exploration term of
+        eq. acquisition. Equal margins are arbitrary: others reproduce the same answers with
+        another minimum, and one fixed choice keeps returning to the same place when it is wrong.
         """
         with one_thread():
             return self._proposed(ledger)
@@ -77,11 +79,11 @@ class Strategy:
         tried = Tried(self.space, ledger)
         if index < self.n_init:
             return tried.fresh(self._planned(ledger, rng), rng)
-        turn, noise, delta = self.turn(index), None, self.settings.delta
+        turn, noise = self.turn(index), None
         if turn.perturbed:
-            noise, delta = rng.exponential(size=len(ledger.preferences())), 0.0
-        acquisition = Acquisition.of(self.learner.learned(ledger, noise, kernel=turn.kernel), delta)
-        objective = steered(acquisition, ledger, self.settings)
+            noise = rng.exponential(size=len(ledger.preferences()))
+        surrogate = self.learner.learned(ledger, noise, kernel=turn.kernel)
+        objective = steered(self._acquisition(surrogate, turn), ledger, self.settings)
         minimise = MINIMISERS[self.settings.minimiser]
         # A trust region of integers may hold nothing new.
         for domain in self._domains(ledger, turn):
@@ -89,6 +91,12 @@ class Strategy:
                 if tried.may_run(z):
                     return np.asarray(z)
         return tried.fresh(domain.start, rng)
+
+    def _acquisition(self, surrogate: Surrogate | Composite, turn: Turn) -> Objective:
+        """What is minimised. A flat surrogate tells nothing to improve on, so it is explored."""
+        if self.settings.acquisition == IMPROVEMENT and surrogate.spread > 0:
+            return ExpectedImprovement.of(surrogate)
+        return Acquisition.of(surrogate, 0.0 if turn.perturbed else self.settings.delta)
 
     def _planned(self, ledger: Ledger, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
         """Of the start, unless marks say that it is likely unsafe there."""

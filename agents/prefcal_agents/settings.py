@@ -14,6 +14,8 @@ from .minimise import Minimiser, multistart, particle_swarm
 from .rbf import RADIAL_FUNCTIONS
 from .surrogate import Shape
 
+INVERSE_DISTANCE, IMPROVEMENT = "inverse_distance", "expected_improvement"
+ACQUISITIONS = (INVERSE_DISTANCE, IMPROVEMENT)
 EVERY_STEP: Literal["every step"] = "every step"
 MINIMISERS: dict[str, Minimiser] = {
     "multistart": multistart,
@@ -36,6 +38,9 @@ class GLISpSettings:
     (docs/research/better-glisp.md).
 
     Args:
+        acquisition: What is minimised: "inverse_distance" is eq. acquisition,
+            "expected_improvement" that on a Gaussian process through the values which Ĵ has at
+            the samples. Measured in docs/research/improvement.md.
         delta: δ of eq. acquisition, 0 or more; 0 trusts the surrogate, well above 1 explores.
         rbf: φ of eq. rbf, a key of `RADIAL_FUNCTIONS`.
         sigma: σ of eq. QP-pref, above 0.
@@ -76,6 +81,7 @@ class GLISpSettings:
         SettingsError: an impossible value.
     """
 
+    acquisition: str = IMPROVEMENT
     delta: float = 0.3
     rbf: str = "inverse_quadratic"
     sigma: float = 1e-6
@@ -101,6 +107,7 @@ class GLISpSettings:
     questions_per_experiment: int = 1
 
     def __post_init__(self) -> None:
+        choice("acquisition", self.acquisition, ACQUISITIONS)
         number("delta", self.delta)
         choice("rbf", self.rbf, RADIAL_FUNCTIONS)
         number("sigma", self.sigma, strict=True)
@@ -134,6 +141,7 @@ class GLISpSettings:
     def paper(cls) -> "GLISpSettings":
         """The settings of section IV of the paper, with no deviation in what is learned."""
         return cls(
+            acquisition=INVERSE_DISTANCE,
             validate_at=(10, 20, 30, 40),
             rescale=False,
             margin_power=0.0,
@@ -176,8 +184,8 @@ class GLISpSettings:
     def of(cls, pairs: tuple[tuple[str, Any], ...]) -> "GLISpSettings":
         """Read what `pairs` gave; a setting that is missing has its default.
 
-        Without `outcome_scales` it is of a time before KPIs taught: they are left out, so that
-        the study goes on as it began.
+        Without `outcome_scales` or `acquisition` it is of a time before KPIs taught, or before
+        expected improvement: they are left out, so that the study goes on as it began.
 
         Raises:
             SettingsError: an unknown setting or an impossible value.
@@ -185,7 +193,8 @@ class GLISpSettings:
         unknown = {name for name, _ in pairs} - {f.name for f in fields(cls)}
         if unknown:
             raise SettingsError(f"GLISp has no settings called {sorted(unknown)}")
-        return cls(**{"outcome_scales": (0.0,), **dict(pairs)})
+        before = {"outcome_scales": (0.0,), "acquisition": INVERSE_DISTANCE}
+        return cls(**{**before, **dict(pairs)})
 
 
 def _flag(name: str, value: Any) -> None:
