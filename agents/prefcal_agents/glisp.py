@@ -15,7 +15,7 @@ from .cube import encode_all
 from .learned_index import LearnedIndex
 from .learner import Learner
 from .proposal import Strategy
-from .settings import INVERSE_DISTANCE, GLISpSettings
+from .settings import GLISpSettings
 from .start import Start
 from .state import AgentState
 from .turn_taking import PreferenceBased
@@ -66,7 +66,7 @@ class GLISp(PreferenceBased):
             raise SettingsError(f"settings must be GLISpSettings, got {settings!r}")
         integer("seed", seed, low=0)
         if delta is not None:
-            settings = replace(settings, delta=delta, acquisition=INVERSE_DISTANCE)
+            settings = replace(settings, delta=delta, improvement_up_to=0)
         self._settings = settings
         self._seed = int(seed)
         # A backend of its own: twins may think ahead at the same time.

@@ -17,7 +17,7 @@ from .minimise import Box, Domain, Objective, multistart
 from .placing import to_place
 from .region import random_points, search_domain
 from .schedule import Turn, turn_of
-from .settings import IMPROVEMENT, MINIMISERS, GLISpSettings
+from .settings import MINIMISERS, GLISpSettings
 from .surrogate import Composite, Surrogate
 from .threads import one_thread
 from .trust_region import around, half_width
@@ -83,7 +83,7 @@ class Strategy:
         if turn.perturbed:
             noise = rng.exponential(size=len(ledger.preferences()))
         surrogate = self.learner.learned(ledger, noise, kernel=turn.kernel)
-        objective = steered(self._acquisition(surrogate, turn), ledger, self.settings)
+        objective = steered(self._acquisition(ledger, surrogate, turn), ledger, self.settings)
         minimise = MINIMISERS[self.settings.minimiser]
         # A trust region of integers may hold nothing new.
         for domain in self._domains(ledger, turn):
@@ -92,9 +92,18 @@ class Strategy:
                     return np.asarray(z)
         return tried.fresh(domain.start, rng)
 
-    def _acquisition(self, surrogate: Surrogate | Composite, turn: Turn) -> Objective:
-        """What is minimised. A flat surrogate tells nothing to improve on, so it is explored."""
-        if self.settings.acquisition == IMPROVEMENT and surrogate.spread > 0:
+    def _acquisition(
+        self, ledger: Ledger, surrogate: Surrogate | Composite, turn: Turn
+    ) -> Objective:
+        """What is minimised.
+
+        Deviation: with few knobs expected improvement. Its process has a length for each knob
+        and knows where it is unsure, which eq. acquisition does not; with many knobs that takes
+        more samples to learn than there are, but for KPIs. Ties alone have nothing to improve on.
+        """
+        most = self.settings.improvement_up_to
+        suits = most > 0 and (len(self.space) <= most or isinstance(surrogate, Composite))
+        if suits and ledger.preferences().b.any():
             return ExpectedImprovement.of(surrogate)
         return Acquisition.of(surrogate, 0.0 if turn.perturbed else self.settings.delta)
 

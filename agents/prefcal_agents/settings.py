@@ -14,8 +14,6 @@ from .minimise import Minimiser, multistart, particle_swarm
 from .rbf import RADIAL_FUNCTIONS
 from .surrogate import Shape
 
-INVERSE_DISTANCE, IMPROVEMENT = "inverse_distance", "expected_improvement"
-ACQUISITIONS = (INVERSE_DISTANCE, IMPROVEMENT)
 EVERY_STEP: Literal["every step"] = "every step"
 MINIMISERS: dict[str, Minimiser] = {
     "multistart": multistart,
@@ -38,9 +36,10 @@ class GLISpSettings:
     (docs/research/better-glisp.md).
 
     Args:
-        acquisition: What is minimised: "inverse_distance" is eq. acquisition,
-            "expected_improvement" that on a Gaussian process through the values which Ĵ has at
-            the samples. Measured in docs/research/improvement.md.
+        improvement_up_to: Most knobs with which, in place of eq. acquisition, the expected
+            improvement is maximised on a Gaussian process through the values that Ĵ has at the
+            samples; with more only where KPIs count; 0: never. Measured in
+            docs/research/improvement.md.
         delta: δ of eq. acquisition, 0 or more; 0 trusts the surrogate, well above 1 explores.
         rbf: φ of eq. rbf, a key of `RADIAL_FUNCTIONS`.
         sigma: σ of eq. QP-pref, above 0.
@@ -81,7 +80,7 @@ class GLISpSettings:
         SettingsError: an impossible value.
     """
 
-    acquisition: str = IMPROVEMENT
+    improvement_up_to: int = 3
     delta: float = 0.3
     rbf: str = "inverse_quadratic"
     sigma: float = 1e-6
@@ -107,7 +106,7 @@ class GLISpSettings:
     questions_per_experiment: int = 1
 
     def __post_init__(self) -> None:
-        choice("acquisition", self.acquisition, ACQUISITIONS)
+        integer("improvement_up_to", self.improvement_up_to, low=0)
         number("delta", self.delta)
         choice("rbf", self.rbf, RADIAL_FUNCTIONS)
         number("sigma", self.sigma, strict=True)
@@ -141,7 +140,7 @@ class GLISpSettings:
     def paper(cls) -> "GLISpSettings":
         """The settings of section IV of the paper, with no deviation in what is learned."""
         return cls(
-            acquisition=INVERSE_DISTANCE,
+            improvement_up_to=0,
             validate_at=(10, 20, 30, 40),
             rescale=False,
             margin_power=0.0,
@@ -184,8 +183,8 @@ class GLISpSettings:
     def of(cls, pairs: tuple[tuple[str, Any], ...]) -> "GLISpSettings":
         """Read what `pairs` gave; a setting that is missing has its default.
 
-        Without `outcome_scales` or `acquisition` it is of a time before KPIs taught, or before
-        expected improvement: they are left out, so that the study goes on as it began.
+        Without `outcome_scales` or `improvement_up_to` it is of a time before KPIs taught, or
+        before expected improvement: they are left out, so that the study goes on as it began.
 
         Raises:
             SettingsError: an unknown setting or an impossible value.
@@ -193,7 +192,7 @@ class GLISpSettings:
         unknown = {name for name, _ in pairs} - {f.name for f in fields(cls)}
         if unknown:
             raise SettingsError(f"GLISp has no settings called {sorted(unknown)}")
-        before = {"outcome_scales": (0.0,), "acquisition": INVERSE_DISTANCE}
+        before = {"outcome_scales": (0.0,), "improvement_up_to": 0}
         return cls(**{**before, **dict(pairs)})
 
 

@@ -2,6 +2,8 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, GLISpSettings
+from prefcal_agents.acquisition import Acquisition
+from prefcal_agents.improvement import ExpectedImprovement
 from prefcal_agents.kernel import KernelShape
 from prefcal_agents.surrogate import Composite
 from prefcal_env.knobs import Knob, KnobSpace
@@ -13,7 +15,7 @@ SQUARE = KnobSpace([Knob("a", 0.0, 1.0), Knob("b", 0.0, 1.0)])
 
 
 def bowl(theta):
-    return float(np.sum((theta - np.array([0.3, 0.6])) ** 2))
+    return float(np.sum((theta - np.resize([0.3, 0.6], len(theta))) ** 2))
 
 
 def study(count, space=SQUARE, *, outcomes=None, agent=None, **settings):
@@ -71,6 +73,7 @@ def test_kpis_teach_either_surrogate(kernel):
         outcomes=lambda theta: {"off": bowl(theta), "none": float(theta[0] > 0.5)},
         kernel=kernel,
         outcome_scales=(1.0,),
+        improvement_up_to=0,  # samples not so close that no QP tells them apart
     )
     learned = agent._learner.learned(agent._turns.ledger, kernel=kernel)
     assert isinstance(learned, Composite)
@@ -80,3 +83,33 @@ def test_kpis_teach_either_surrogate(kernel):
     values = learned(learned.centres)
     latent = [bowl(SQUARE.decode(z)) for z in learned.centres]
     assert np.argmin(values) == np.argmin(latent)
+
+
+def test_with_few_knobs_the_expected_improvement_is_maximised():
+    cube = KnobSpace([Knob(name, 0.0, 1.0) for name in "abcd"])
+    for space, most, expected in ((SQUARE, 3, True), (SQUARE, 0, False), (cube, 3, False)):
+        strategy = study(8, space, improvement_up_to=most)._strategy
+        ledger = study(8, space)._turns.ledger
+        surrogate = strategy.learner.learned(ledger)
+        objective = strategy._acquisition(ledger, surrogate, strategy.turn(8))
+        assert isinstance(objective, ExpectedImprovement) == expected
+
+
+def test_where_all_are_ties_nothing_can_be_improved_on():
+    agent = GLISp(SQUARE, n_init=2, n_max=9, seed=2)
+    for _ in range(8):
+        agent.tell(agent.ask(), None if agent.ask().incumbent is None else 0)  # all ties
+    strategy, ledger = agent._strategy, agent._turns.ledger
+    objective = strategy._acquisition(ledger, strategy.learner.learned(ledger), strategy.turn(8))
+    assert isinstance(objective, Acquisition)
+    assert agent.ask().challenger.theta.tolist() not in agent.samples.tolist()[:8]
+
+
+def test_with_kpis_that_count_it_is_maximised_whatever_the_number_of_knobs():
+    cube = KnobSpace([Knob(name, 0.0, 1.0) for name in "abcd"])
+    agent = study(9, cube, outcomes=lambda theta: {"off": bowl(theta)}, outcome_scales=(1.0,))
+    ledger, strategy = agent._turns.ledger, agent._strategy
+    surrogate = strategy.learner.learned(ledger)
+    assert isinstance(surrogate, Composite)
+    objective = strategy._acquisition(ledger, surrogate, strategy.turn(9))
+    assert isinstance(objective, ExpectedImprovement)
