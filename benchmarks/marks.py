@@ -2,26 +2,39 @@
 
     python benchmarks/marks.py                          # 15 problems, 20 seeds, some 40 minutes
     python benchmarks/marks.py --seeds 5 --functions camel hartman3
+    python benchmarks/marks.py --scenarios              # automatic marks: 4 scenes, half an hour
+    python benchmarks/marks.py --good 0 0.1 0.3         # the weight of "good enough", 20 minutes
 
 Prints a Markdown table. The synthetic calibrator prefers a safe experiment to an unsafe one and
-compares two of a kind by the function; with marks it also says which side was unsafe.
+compares two of a kind by the function; with marks it also says which side was unsafe. With
+--scenarios nobody marks anything: what differs is whether the agent learns from the marks of
+interrupted runs. With --good nothing is unsafe, and the best tenth of the box is good enough.
 """
 
 import argparse
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one thread
+
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 
-from prefcal_agents import GLISp
-from prefcal_env import Answer, Mark, Query
+from prefcal_agents import GLISp, GLISpSettings
+from prefcal_env import Answer, End, Experiment, Mark, Preference, Query, calibrate
+from prefcal_env.envs.overtake import Obstacle, OvertakeOptions
+from prefcal_scenarios import Scenario, load, outcome
 from prefcal_scenarios.functions import FUNCTIONS, TestFunction
 
 Level = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 DEFAULT = ("camel", "branin", "hartman3", "styblinski3", "hartman6")
 SHARE = 1 / 3  # of the box that is unsafe
+GOOD = 0.1  # of the box that is good enough
 REGIONS: Mapping[str, Level] = {
     "half space": lambda z, best: (z - best) @ (best - 0.5 + 1e-3),
     "ball": lambda z, best: -np.linalg.norm(z - (0.6 * best + 0.2), axis=1),
@@ -98,12 +111,132 @@ def row(name: str, kept: np.ndarray, told: np.ndarray) -> str:
             f"| {np.median(gaps[0]):.2g} | {np.median(gaps[1]):.2g} | {duel} |")  # fmt: skip
 
 
+Found = tuple[int, np.ndarray, Experiment]
+"""What is kept of one calibration: how many unsafe ones, every θ, the experiment of the best."""
+HEATING = 8.5
+"""Heating rate of the reactor [K/h] above which the alarmed one is stopped: in 30 % of the box; the
+best θ known stays below, at 8.26."""
+BRAKING = OvertakeOptions(obstacles=(Obstacle(deceleration=4.0, brakes_at=2.5),))
+"""The car ahead brakes with 4 m/s² after 2.5 s: a third of the box runs into it."""
+
+
+def alarmed(theta: np.ndarray, seed: int = 0) -> Experiment:
+    """A run of the reactor that an alarm ends where it heats up faster than `HEATING`."""
+    e = load("cstr").run(theta, seed=seed)
+    fast = np.flatnonzero(np.diff(e.x[:, 0]) > HEATING * np.diff(e.t))
+    if not len(fast):
+        return e
+    kept, steps = fast[0] + 2, np.count_nonzero(e.t_control <= e.t[fast[0]])
+    rows = {k: getattr(e, k)[:kept] for k in ("t", "x", "u")}
+    rows |= {k: getattr(e, k)[:steps] for k in
+             ("t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")}  # fmt: skip
+    signals = {name: values[:kept] for name, values in e.signals.items()}
+    return replace(e, **rows, signals=signals, end=End.UNSAFE)
+
+
+@cache
+def scenes() -> Mapping[str, Scenario]:
+    """The scenarios by name, and two of them where a third of the box is unsafe."""
+    from prefcal_scenarios.overtake import overtake_variants
+
+    return {
+        "cstr": load("cstr"),
+        "overtake": load("overtake"),
+        "cstr, alarm": replace(load("cstr"), run=alarmed),
+        "overtake, braking": overtake_variants({"braking": BRAKING}, estimator=None),
+    }
+
+
+def unasked(scene: Scenario, seed: int, marks: bool) -> Found:
+    """One calibration; without marks, the agent takes no notice of them."""
+    off = {} if marks else {"unsafe_weight": 0.0, "good_weight": 0.0}
+    agent = GLISp(scene.space, n_max=50, seed=seed, settings=GLISpSettings(**off))
+    judge: Any = scene.calibrators["synthetic"](seed)
+    steps = list(calibrate(agent, scene.run, judge, partial(outcome, scene)))
+    unsafe = sum(step.challenger.end is End.UNSAFE for step in steps)
+    return unsafe, agent.samples, steps[-1].winner
+
+
+def compared(scene: Scenario, found: list[tuple[Found, Found]]) -> str:
+    """The rest of a line: unsafe ones, index, and which of the two results is preferred."""
+    judge: Any = scene.calibrators["synthetic"](0)
+    verdicts = [judge.prefer(told[2], kept[2]) for kept, told in found]
+    wins, ties = (verdicts.count(v) for v in (Preference.CHALLENGER, Preference.TIE))
+    same = sum(np.array_equal(kept[1], told[1]) for kept, told in found)
+    cells = [f"{np.mean([pair[k][0] for pair in found]):.1f}" for k in (0, 1)]
+    for k in (0, 1):
+        costs = [] if scene.cost is None else [scene.cost(pair[k][2]) for pair in found]
+        low, middle, high = np.quantile(costs, [0.25, 0.5, 0.75]) if costs else 3 * [np.nan]
+        cells.append(f"{middle:.4f} [{low:.4f}, {high:.4f}]" if costs else "")
+    return " | ".join([*cells, f"{wins} to {len(found) - wins - ties}, {ties}", str(same)])
+
+
+def automatic(names: list[str], seeds: range) -> None:
+    """Measure the marks of interrupted runs, and print."""
+    print("| scenario | unsafe, off | on | median index [quartiles], off | on | on wins, ties "
+          "| studies alike |\n|" + 7 * " --- |")  # fmt: skip
+    for name in names or scenes():
+        scene = scenes()[name]
+        found = [(unasked(scene, seed, False), unasked(scene, seed, True)) for seed in seeds]
+        print(f"| {name} | {compared(scene, found)} |", flush=True)
+
+
+def satisfied(function: TestFunction, seed: int, weight: float) -> float:
+    """Gap of the θ returned, where every experiment in the best tenth of the box is marked."""
+    space, cube = function.space, np.random.default_rng(0).random((10_000, len(function.space)))
+    enough = np.quantile([function(space.decode(z)) for z in cube], GOOD)
+    agent = GLISp(space, n_max=50, seed=seed, settings=GLISpSettings(good_weight=weight))
+    while not agent.done:
+        query = agent.ask()
+        new, old = query.challenger, query.incumbent
+        sides = ((Mark.CHALLENGER_GOOD_ENOUGH, new), (Mark.INCUMBENT_GOOD_ENOUGH, old))
+        marks = tuple(m for m, side in sides if side and function(side.theta) <= enough)
+        verdict = None if old is None else function.prefer(new.theta, old.theta)
+        agent.tell(query, Answer(verdict, marks=marks))
+    return function(agent.best) - function.optimum
+
+
+def weighed(names: list[str], seeds: range, weights: list[float]) -> None:
+    """Measure weights of "good enough" against the first of them, and print."""
+    heads = [f"{w:g}: median gap, log10 ratio, wins" for w in weights[1:]]
+    print(f"| function | {weights[0]:g}: median gap | {' | '.join(heads)} |\n|"
+          + (len(weights) + 1) * " --- |")  # fmt: skip
+    every = []
+    for name in names:
+        gaps = np.array([[satisfied(FUNCTIONS[name], s, w) for w in weights] for s in seeds])
+        every.append(gaps)
+        print(ratios(name, gaps), flush=True)
+    print(ratios("all", np.concatenate(every)))
+
+
+def ratios(name: str, gaps: np.ndarray) -> str:
+    """A line of that table; gaps of each seed and weight, (seeds, weights)."""
+    ratio = np.log10(np.maximum(gaps, 1e-9) / np.maximum(gaps[:, :1], 1e-9))
+    cells = [f"{np.median(gaps[:, 0]):.2g}"]
+    for k in range(1, gaps.shape[1]):
+        r = ratio[:, k]
+        error = f"± {r.std() / np.sqrt(max(len(r) - 1, 1)):.2f}"
+        cells.append(f"{np.median(gaps[:, k]):.2g}, {r.mean():+.2f} {error}, "
+                     f"{np.sum(r < 0)} to {np.sum(r > 0)}")  # fmt: skip
+    return f"| {name} | {' | '.join(cells)} |"
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--functions", nargs="+", choices=sorted(FUNCTIONS), default=DEFAULT)
     parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="with the next two: the first seed")
+    parser.add_argument("--scenarios", nargs="*", help=f"any of {', '.join(scenes())}")
+    parser.add_argument("--good", nargs="+", type=float, help="weights of good enough")
     options = parser.parse_args()
+    seeds = range(options.first, options.first + options.seeds)
+    if options.good is not None:
+        weighed(list(options.functions), seeds, options.good)
+        return
+    if options.scenarios is not None:
+        automatic(options.scenarios, seeds)
+        return
     print("| problem | unsafe, off | on | median gap, off | on | on wins |\n|" + 6 * " --- |")
     every = []
     for name, region in product(options.functions, REGIONS):

@@ -13,6 +13,7 @@ from prefcal_env.calibrators import HumanCalibrator as HumanCalibrator
 from prefcal_env.calibrators import LatentCost as LatentCost
 from prefcal_env.calibrators import Lexicographic as Lexicographic
 from prefcal_env.calibrators import Thurstone as Thurstone
+from prefcal_env.completing import completed as completed
 from prefcal_env.constraints import Constraint as Constraint
 from prefcal_env.constraints import LinearConstraint as LinearConstraint
 from prefcal_env.control import Controller as Controller

@@ -64,10 +64,13 @@ class Answer:
             by name, lower is better; infinite means never, NaN or no entry unknown.
         value: The challenger's score, lower is better, which a value-based agent learns from in
             place of a preference.
+        automatic: Those of `marks` that nobody gave: they follow from how a run ended, see
+            `completed`.
 
     Raises:
         PreferenceError: a preference other than -1, 0, 1 or None, a strength that is not
-            positive and finite, something that is not a mark, or a value that is not finite.
+            positive and finite, something that is not a mark, an automatic one that is not among
+            them, or a value that is not finite.
     """
 
     preference: Preference | None
@@ -75,6 +78,7 @@ class Answer:
     marks: tuple[Mark, ...] = ()
     outcomes: Outcomes | None = None
     value: float | None = None
+    automatic: tuple[Mark, ...] = ()
 
     def __post_init__(self) -> None:
         if self.preference is not None:
@@ -88,6 +92,11 @@ class Answer:
         for mark in self.marks:
             if not isinstance(mark, Mark):
                 raise PreferenceError(f"a mark must be one of {list(Mark)}, got {mark!r}")
+        object.__setattr__(self, "automatic", tuple(self.automatic))
+        if not set(self.automatic) <= set(self.marks):
+            raise PreferenceError(
+                f"automatic must be some of the marks {self.marks}, got {self.automatic}"
+            )
         if self.outcomes is not None:
             object.__setattr__(self, "outcomes", _outcomes(self.outcomes))
         if self.value is not None:
@@ -123,14 +132,18 @@ class Answer:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; `from_dict` reads it back."""
-        plain = {
+        plain: dict[str, Any] = {
             "preference": None if self.preference is None else int(self.preference),
             "strength": float(self.strength),
             "marks": [mark.value for mark in self.marks],
             "outcomes": self._plain_outcomes(),
         }
         # Absent where there is none: so the studies of before are read and written unchanged.
-        return plain if self.value is None else {**plain, "value": self.value}
+        if self.value is not None:
+            plain["value"] = self.value
+        if self.automatic:
+            plain["automatic"] = [mark.value for mark in self.automatic]
+        return plain
 
     def _plain_outcomes(self) -> list[dict[str, float | str] | None] | None:
         if self.outcomes is None:
@@ -150,8 +163,10 @@ class Answer:
                 challenger, incumbent = outcomes
                 outcomes = (_outcome(challenger), _outcome(incumbent))
             marks = tuple(Mark(value) for value in data["marks"])
-            value = data.get("value")
-            return cls(data["preference"], data["strength"], marks, outcomes, value)
+            automatic = tuple(Mark(value) for value in data.get("automatic", ()))
+            return cls(
+                data["preference"], data["strength"], marks, outcomes, data.get("value"), automatic
+            )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise PreferenceError(
                 f"an answer cannot be read: {type(error).__name__} {error}"

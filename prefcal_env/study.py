@@ -1,11 +1,12 @@
 """The loop of a study: ask, run, compare, tell. It may be stopped between any two comparisons."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.completing import completed
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Agent, Answer, Calibrator, Preference, Query
 
@@ -47,6 +48,8 @@ def calibrate(
 ) -> Iterator[Comparison]:
     """Drive `agent` until it is done, yielding every comparison after it was told.
 
+    An experiment that became unsafe is marked so, whatever the calibrator says: see `completed`.
+
     Args:
         agent: Proposes θ; changed by this.
         run: One closed-loop experiment of a physical θ, shape (n,); called once for each θ.
@@ -68,8 +71,9 @@ def calibrate(
         answer = Answer(None)
         if incumbent is not None:
             answer = Answer.of(calibrator.prefer(challenger, incumbent))
+        pair = None
         if outcome is not None and answer.outcomes is None:
             pair = (outcome(challenger), None if incumbent is None else outcome(incumbent))
-            answer = replace(answer, outcomes=pair)
+        answer = completed(answer, challenger, incumbent, pair)
         agent.tell(query, answer)
         yield Comparison(query, answer, challenger, incumbent)

@@ -31,6 +31,7 @@ LAYERS = (
         "respace",
         "preference",
         "experiment",
+        "completing",
         "qp",
         "control",
         "variants",

@@ -125,7 +125,22 @@ class GLISp(PreferenceBased):
 
     def copy(self) -> "GLISp":
         """Return an independent twin, for running ahead on each likely answer."""
-        twin = self.restore(self.space, self._snapshot())
+        return self._twin(self._snapshot())
+
+    def with_questions(self, most: int) -> "GLISp":
+        """A twin that asks at most so many comparisons for each experiment from now on, 1 or more.
+
+        Nothing that was answered is lost. An open query about a new experiment stays; an open
+        further one goes where it would be one too many.
+
+        Raises:
+            SettingsError: `most` is no integer from 1 on.
+        """
+        settings = replace(self._settings, questions_per_experiment=most)
+        return self._twin(replace(self._snapshot(), settings=settings.pairs()))
+
+    def _twin(self, state: AgentState) -> "GLISp":
+        twin = self.restore(self.space, state)
         twin._learner.shapes.update(self._learner.shapes)
         twin._learner.evidence.update(self._learner.evidence)
         return twin

@@ -65,5 +65,6 @@ def _turned(answer: Answer) -> Answer:
     preference = None if answer.preference is None else Preference(-answer.preference)
     outcomes = None if answer.outcomes is None else answer.outcomes[::-1]
     return Answer(
-        preference, answer.strength, tuple(_OTHER_SIDE[m] for m in answer.marks), outcomes
-    )
+        preference, answer.strength, tuple(_OTHER_SIDE[m] for m in answer.marks), outcomes,
+        automatic=tuple(_OTHER_SIDE[m] for m in answer.automatic),
+    )  # fmt: skip

@@ -8,6 +8,7 @@ from .archive import export_json as export_json
 from .archive import import_json as import_json
 from .codec import decode as decode
 from .codec import encode as encode
+from .counted import counted_unsafe as counted_unsafe
 from .events import Answered as Answered
 from .events import Created as Created
 from .events import Ended as Ended
@@ -17,6 +18,7 @@ from .events import Failed as Failed
 from .events import Finished as Finished
 from .events import Marked as Marked
 from .events import Noted as Noted
+from .events import Paced as Paced
 from .events import Recorded as Recorded
 from .events import Reopened as Reopened
 from .events import Respaced as Respaced
@@ -30,6 +32,7 @@ from .fold import State as State
 from .locations import make_data_folder as make_data_folder
 from .locations import studies_in_data_folder as studies_in_data_folder
 from .locations import study_path as study_path
+from .pacing import questions_of as questions_of
 from .spaces import knobs_as_dicts as knobs_as_dicts
 from .spaces import space_of as space_of
 from .spaces import within_as_dict as within_as_dict

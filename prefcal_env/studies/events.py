@@ -136,12 +136,22 @@ class Respaced:
     added: Mapping[str, float]
 
 
+@dataclass(frozen=True, slots=True)
+class Paced:
+    """At most so many comparisons for each experiment from now on, 1 or more.
+
+    A further question that is on show is put away where it would be one too many.
+    """
+
+    questions: int
+
+
 MARKS = ("unsafe", "good enough")
 """What an experiment may be marked as."""
 
 Event = (
     Created | Suggested | Finished | Failed | Shown | Answered | Marked | Retracted | Undone
-    | Noted | Extended | Ended | Reopened | Respaced
+    | Noted | Extended | Ended | Reopened | Respaced | Paced
 )  # fmt: skip
 
 
@@ -158,7 +168,7 @@ KINDS: Mapping[str, type[Event]] = {
     kind.__name__.lower(): kind
     for kind in (
         Created, Suggested, Finished, Failed, Shown, Answered, Marked, Retracted, Undone, Noted,
-        Extended, Ended, Reopened, Respaced,
+        Extended, Ended, Reopened, Respaced, Paced,
     )
 }  # fmt: skip
 """The kinds of events by the name that they bear in a study file."""

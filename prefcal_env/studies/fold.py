@@ -22,6 +22,7 @@ from .events import (
     Finished,
     Marked,
     Noted,
+    Paced,
     Reopened,
     Respaced,
     Retracted,
@@ -29,6 +30,7 @@ from .events import (
     Suggested,
     Undone,
 )
+from .pacing import paced
 from .spaces import space_of
 
 
@@ -164,6 +166,8 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
             return replace(state, ended=None)
         case Respaced():
             return _respaced(state, seq, event)
+        case Paced(questions):
+            return _paced(state, seq, questions)
         case Created():
             raise StudyError(f"event {seq}: a study is created once")
 
@@ -256,6 +260,18 @@ def _undone(state: State, seq: int) -> State:
         open=None,
         ended=None,
     )
+
+
+def _paced(state: State, seq: int, questions: int) -> State:
+    try:
+        configuration = paced(state.configuration, questions)
+    except StudyError as error:
+        raise StudyError(f"event {seq} is impossible: {error}") from error
+    due, shown = len(state.closed), None if state.open is None else state.open[1]
+    further = shown is not None and shown.repeats is None and shown.challenger < due
+    asked = 1 + sum(c.after == due for c in state.further)
+    put_away = further and asked >= questions
+    return replace(state, configuration=configuration, open=None if put_away else state.open)
 
 
 def _respaced(state: State, seq: int, event: Respaced) -> State:

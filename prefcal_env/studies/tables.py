@@ -9,6 +9,7 @@ from typing import Any
 from prefcal_env.errors import StudyError
 from prefcal_env.experiment import Channel, Experiment
 
+from .counted import counted_unsafe
 from .file import StudyFile
 from .fold import Closed, State
 from .trouble import told
@@ -41,8 +42,8 @@ def _write(path: Path, rows: Iterable[Iterable[Any]]) -> None:
 
 def _comparisons(state: State) -> Iterable[list[Any]]:
     yield ["answer", "at", "challenger", "incumbent", "preference", "strength", "marks",
-           "challenger on the left", "blind", "comment", "retracted", "repeats question",
-           "question"]  # fmt: skip
+           "automatic marks", "challenger on the left", "blind", "comment", "retracted",
+           "repeats question", "question"]  # fmt: skip
     for closed in state.answers:
         yield _comparison(closed)
 
@@ -57,6 +58,7 @@ def _comparison(closed: Closed) -> list[Any]:
         "" if answer.preference is None else int(answer.preference),
         answer.strength,
         "; ".join(mark.value for mark in answer.marks),
+        "; ".join(mark.value for mark in answer.automatic),
         closed.challenger_left,
         closed.blind,
         closed.comment,
@@ -71,14 +73,16 @@ def _experiments(state: State, experiments: dict[int, Experiment]) -> Iterable[l
     units = dict(_units(state, "kpis"))
     kpis = sorted({name for e in experiments.values() for name in e.kpis})
     yield ["experiment", *knobs, *(_with_unit(k, units.get(k, "")) for k in kpis), "ended", "marks",
-           "score"]  # fmt: skip
+           "automatic marks", "score"]  # fmt: skip
     scores = {c.challenger: c.answer.value for c in state.closed if c.answer.value is not None}
+    counted = counted_unsafe(state)
     for index, e in experiments.items():
+        automatic = "unsafe" if index in counted else ""
         marks = "; ".join(sorted(state.marks.get(index, ())))
         values = [e.kpis.get(k, "") for k in kpis]
         # Not the experiment's own: knobs may have been added since.
         theta = state.samples[index].theta
-        yield [index + 1, *theta, *values, e.end.value, marks, scores.get(index, "")]
+        yield [index + 1, *theta, *values, e.end.value, marks, automatic, scores.get(index, "")]
 
 
 def _units(state: State, what: str) -> list[tuple[str, str]]:

@@ -167,6 +167,57 @@ def test_zero_questions_are_refused():
         GLISpSettings(questions_per_experiment=0)
 
 
+def until_further(agent):
+    while not (query := agent.ask()).further:
+        run(agent, 1)
+    return query
+
+
+def test_the_number_can_be_raised_and_lowered_while_it_runs():
+    agent = asking(1)
+    run(agent, 6)
+    more = agent.with_questions(3)
+    assert (more.ask(), more.ask().further) == (agent.ask(), False)  # its experiment has run
+    further = until_further(more)
+    fewer = more.with_questions(1)
+    assert not fewer.ask().further
+    assert fewer.ask().challenger.index == further.challenger.index + 1
+    assert fewer.with_questions(3).ask() == fewer.ask()  # that sample is stored by now
+    assert more.with_questions(12).ask() == further
+    assert [a.settings.questions_per_experiment for a in (agent, more, fewer)] == [1, 3, 1]
+
+
+def test_an_answer_to_a_further_query_stays_when_the_number_is_lowered():
+    agent = asking(3)
+    until_further(agent)
+    run(agent, 1)
+    before = agent.state.ledger
+    fewer = agent.with_questions(1)
+    assert fewer.state.ledger.further == before.further != ()
+    fewer.undo()
+    assert fewer.state.ledger.further == before.further[:-1]
+    assert not fewer.ask().further
+
+
+def test_a_changed_agent_is_restored_with_the_identical_query():
+    agent = asking(1)
+    run(agent, 6)
+    agent = agent.with_questions(3)
+    while not agent.done:
+        twin = GLISp.restore(SQUARE, AgentState.from_dict(agent.state.to_dict()))
+        assert twin.ask() == agent.ask()
+        run(agent, 1)
+    assert agent.state.ledger.further
+
+
+@pytest.mark.parametrize("most", [0, -1, 1.5, True, None])
+def test_an_impossible_number_is_refused_and_changes_nothing(most):
+    agent = asking(2)
+    with pytest.raises(SettingsError, match="questions_per_experiment"):
+        agent.with_questions(most)
+    assert agent.settings.questions_per_experiment == 2
+
+
 def test_further_answers_teach_the_order():
     """With them the surrogate ranks the samples better than without."""
 

@@ -60,6 +60,15 @@ def test_marks_are_marks():
         Answer(None, marks=("unsafe",))
 
 
+def test_automatic_marks_are_marks_and_survive_json():
+    marks = (Mark.INCUMBENT_UNSAFE, Mark.CHALLENGER_UNSAFE)
+    answer = Answer(1, marks=marks, automatic=marks[:1])
+    assert Answer.from_dict(json.loads(json.dumps(answer.to_dict()))) == answer
+    assert "automatic" not in Answer(1, marks=marks).to_dict()  # as the studies of before have it
+    with pytest.raises(PreferenceError, match="automatic must be some of the marks"):
+        Answer(1, automatic=marks)
+
+
 def test_queries_are_equal_by_value():
     one = Query(Suggestion(1, np.array([1.0, 2.0])), Suggestion(0, np.array([0.0, 0.0])))
     same = Query(Suggestion(1, np.array([1.0, 2.0])), Suggestion(0, np.array([0.0, 0.0])))

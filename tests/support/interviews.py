@@ -2,14 +2,18 @@
 
 import itertools
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from prefcal_agents import GLISp
+from prefcal_agents import GLISp, GLISpSettings
 from prefcal_env.studies import StudyFile
-from prefcal_scenarios.interview import Choice, Interview, Now, Phase
+from prefcal_scenarios.interview import Choice, Interview, Now, Phase, Question
 from prefcal_scenarios.interview.memory import agent_as_dict, knobs_as_dicts
 from prefcal_scenarios.scenario import Scenario
+
+THREE = partial(GLISp, settings=GLISpSettings(questions_per_experiment=3))
+"""An agent that asks up to three questions for each experiment."""
 
 
 def clock() -> Any:
@@ -45,12 +49,26 @@ def proceed(interview: Interview) -> Now:
     return interview.now()
 
 
+def judge(question: Question, cost: Any) -> Choice:
+    """The choice by a latent cost."""
+    left, right = cost(question.left.experiment), cost(question.right.experiment)
+    return Choice.LEFT if left < right else Choice.RIGHT if right < left else Choice.SAME
+
+
+def until_further(interview: Interview) -> Question:
+    """Answer until a further question is open: that question."""
+    while True:
+        question = proceed(interview).question
+        assert question is not None
+        if question.further:
+            return question
+        interview.answer(question.id, judge(question, interview.scenario.cost))
+
+
 def answer_all(interview: Interview, answered: Callable[[int], None]) -> None:
     """Answer by the scenario's latent cost until it is over, saying each number when it is safe."""
     cost = interview.scenario.cost
     assert cost is not None
     while (now := proceed(interview)).question is not None:
-        left, right = cost(now.question.left.experiment), cost(now.question.right.experiment)
-        choice = Choice.LEFT if left < right else Choice.RIGHT if right < left else Choice.SAME
-        interview.answer(now.question.id, choice)
+        interview.answer(now.question.id, judge(now.question, cost))
         answered(now.question.number)

@@ -1,25 +1,30 @@
 """From the words of the command line to agents and calibrators."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Calibrator
 from prefcal_env.rig import Rig
 from prefcal_scenarios.cli.options import BY_VALUE, SCORE, Options
-from prefcal_scenarios.cli.start import start_of
 from prefcal_scenarios.scenario import Scenario
 
 if TYPE_CHECKING:
     from prefcal_agents.restore import AnyAgent
 
+Thetas = Sequence[Float[np.ndarray, " n"]]
+
 AGENTS = {"glisp": "GLISp", "glis": "GLIS", "random": "RandomSearch", "lhs": "LatinHypercube"}
 """Word to class in `prefcal_agents`."""
 
 
-def make_agent(options: Options, scenario: Scenario) -> "AnyAgent":
-    """The agent of the options.
+def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "AnyAgent":
+    """The agent of the options, which begins with the physical θ in `start`.
 
     Raises:
         SettingsError: an unknown agent, settings that it refuses, or options for another one.
@@ -34,10 +39,7 @@ def make_agent(options: Options, scenario: Scenario) -> "AnyAgent":
             f"only the agent glisp learns from outcomes: leave --no-outcomes out for "
             f"{options.agent!r}"
         )
-    if options.questions_per_experiment != 1 and options.agent != "glisp":
-        raise SettingsError(
-            f"only the agent glisp asks more questions per experiment, not {options.agent!r}"
-        )
+    check_questions(options)
     if options.cost is not None and options.agent not in BY_VALUE:
         raise SettingsError(
             f"only an agent that is told scores ({', '.join(BY_VALUE)}) takes a cost, "
@@ -51,13 +53,21 @@ def make_agent(options: Options, scenario: Scenario) -> "AnyAgent":
     settings = _settings(options)
     if settings:
         extra["settings"] = prefcal_agents.GLISpSettings(**settings)
-    if options.start:
-        extra["start"] = [start_of(text, scenario) for text in options.start]
+    if start:
+        extra["start"] = start
     make = getattr(prefcal_agents, AGENTS[options.agent])
     agent: AnyAgent = make(
         scenario.space, n_init=options.n_init, n_max=options.n_max, seed=options.seed, **extra
     )
     return agent
+
+
+def check_questions(options: Options) -> None:
+    """Raise SettingsError if more than one question is asked of an agent that asks one."""
+    if options.questions_per_experiment != 1 and options.agent != "glisp":
+        raise SettingsError(
+            f"only the agent glisp asks more questions per experiment, not {options.agent!r}"
+        )
 
 
 def _settings(options: Options) -> dict[str, Any]:

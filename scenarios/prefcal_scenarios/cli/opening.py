@@ -7,11 +7,22 @@ from pathlib import Path
 from typing import Any
 
 from prefcal_env.errors import StudyError
-from prefcal_env.studies import Extended, Reopened, StudyFile, make_data_folder, study_path
-from prefcal_scenarios.cli.choices import make_agent, make_calibrator
+from prefcal_env.studies import (
+    Extended,
+    Paced,
+    Reopened,
+    State,
+    StudyFile,
+    make_data_folder,
+    questions_of,
+    study_path,
+)
+from prefcal_scenarios.cli.choices import check_questions, make_agent, make_calibrator
 from prefcal_scenarios.cli.clock import wall_clock
 from prefcal_scenarios.cli.described import open_described
+from prefcal_scenarios.cli.earlier import taken_from
 from prefcal_scenarios.cli.options import Options
+from prefcal_scenarios.cli.start import start_of
 from prefcal_scenarios.export import jsonable, versions
 from prefcal_scenarios.interview.memory import agent_as_dict, constraint_names, knobs_as_dicts
 from prefcal_scenarios.scenario import Scenario
@@ -67,6 +78,9 @@ def _create(path: Path | str, options: Options, scenario: Scenario) -> StudyFile
 
 
 def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
+    mine = [start_of(text, scenario) for text in options.start]
+    taken = taken_from(options, scenario.space, mine)
+    theirs = [] if taken is None else taken.beside(mine, scenario.space)
     configuration = {
         "scenario": options.scenario,
         "name": scenario.name,
@@ -74,7 +88,8 @@ def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
         "knobs": knobs_as_dicts(scenario.space),
         **_constraints(scenario),
         "kpis": [{"name": k.name, "title": k.title, "unit": k.unit} for k in scenario.kpis],
-        "agent": agent_as_dict(make_agent(options, scenario)),
+        "agent": agent_as_dict(make_agent(options, scenario, [*mine, *theirs])),
+        **({} if taken is None else {"earlier": taken.as_dict()}),
         "n_max": options.n_max,
         "seed": options.seed,
         "options": options.as_dict(),
@@ -103,14 +118,25 @@ def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario)
         if given.get("n_max") == begun["n_max"]:
             # The same line again: experiments that the page has added since stay.
             given = {**given, "n_max": None}
-        stored = {**begun, "n_max": state.n_max}
-        options = Options.resumed(stored, given)
+        options = Options.resumed(by_now(state), given)
+        if options.questions_per_experiment != questions_of(state.configuration):
+            check_questions(options)
+            file.append(Paced(options.questions_per_experiment))
         if options.n_max > state.n_max:
             file.append(Extended(options.n_max), *([Reopened()] if state.ended else []))
     except BaseException:
         file.close()
         raise
     return Opened(file, options, name, True)
+
+
+def by_now(state: State) -> dict[str, Any]:
+    """The options that a study was begun with, as far as they were not changed since."""
+    return {
+        **state.configuration["options"],
+        "n_max": state.n_max,
+        "questions_per_experiment": questions_of(state.configuration),
+    }
 
 
 def _free(scenario: str, taken: Callable[[str], bool] | None = None) -> str:

@@ -14,6 +14,9 @@ HUMAN = "human"
 SCORE = "score"
 """Stands for the scenario's own score, where the agent learns from that: nobody compares."""
 
+_ANEW = ("n_max", "questions_per_experiment", "scenario")
+"""What may be given anew for a study that was begun before."""
+
 BY_VALUE = ("glis",)
 """The agents that are told scores."""
 
@@ -23,7 +26,7 @@ class Options:
     """The options of `prefcal calibrate`; None where the default of whoever uses it holds.
 
     `outcomes` says whether glisp learns from KPIs too; `cost` is a function out of a file,
-    PATH:NAME, in place of the scenario's score.
+    PATH:NAME, in place of the scenario's score. `earlier` is the study whose best θ are begun with.
 
     Raises:
         SettingsError: a seed below 0, or more initial experiments than experiments.
@@ -42,6 +45,7 @@ class Options:
     cost: str | None = None
     questions_per_experiment: int = 1
     start: tuple[str, ...] = ()
+    earlier: str | None = None
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -66,7 +70,7 @@ class Options:
 
     @classmethod
     def resumed(cls, stored: Mapping[str, Any], given: Mapping[str, Any]) -> "Options":
-        """The options that a study was begun with; n_max may be given anew.
+        """The options of a study by now; n_max and the questions per experiment may be given anew.
 
         Raises:
             SettingsError: any other option is given with another value.
@@ -83,7 +87,7 @@ class Options:
                 f"--cost {shlex.quote(str(options['cost']))}"
             )
         for name, value in given.items():
-            if name in ("n_max", "scenario") or value is None or value == options.get(name):
+            if name in _ANEW or value is None or value == options.get(name):
                 continue
             raise SettingsError(
                 f"the study was begun with {name} {options.get(name)}, got {value}: leave it out, "
@@ -95,7 +99,8 @@ class Options:
                 f"n_max must not fall below the {options['n_max']} that the study has by now, "
                 f"got {wanted}"
             )
-        return cls(**{**options, "n_max": wanted, "scenario": given["scenario"]})
+        anew = {name: given[name] for name in _ANEW if given.get(name) is not None}
+        return cls(**{**options, **anew, "n_max": wanted})
 
     @property
     def _more_questions(self) -> int | None:
@@ -122,7 +127,7 @@ class Options:
             "seed": self.seed, "initial experiments": self.n_init, "experiments": self.n_max,
             "questions per experiment": self._more_questions,
             "tie band": self.tie_band, "answer noise": self.answer_noise,
-            "begins with": "; ".join(self.start) or None,
+            "begins with": "; ".join(self.start) or None, "earlier study": self.earlier,
             "learns from KPIs": None if self.outcomes else "no", "cost": self.cost,
         }  # fmt: skip
         return {name: value for name, value in every.items() if value is not None}
@@ -135,7 +140,7 @@ class Options:
             "--n-init": self.n_init, "--n-max": self.n_max, "--delta": self.delta,
             "--questions-per-experiment": self._more_questions,
             "--tie-band": self.tie_band, "--answer-noise": self.answer_noise,
-            "--cost": self.cost,
+            "--cost": self.cost, "--from": self.earlier,
         }  # fmt: skip
         for flag, value in flags.items():
             if value is not None:

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from prefcal_env.errors import StudyError
 from prefcal_scenarios.cli.described import open_described
-from prefcal_scenarios.cli.opening import Opened
+from prefcal_scenarios.cli.opening import Opened, by_now
 from prefcal_scenarios.cli.options import Options
 from prefcal_scenarios.cli.shelf import existing
 from prefcal_scenarios.cli.sitting import Sitting
@@ -30,7 +30,7 @@ def report_of(
     """
     source, cost = programs["scenario"], programs["cost"]
     with open_described(existing(name)) as file:
-        stored, named = file.state.configuration["options"], file.state.configuration["scenario"]
+        stored, named = by_now(file.state), file.state.configuration["scenario"]
         if source is None and named not in BUILT_IN:
             # Whoever sent the study must not choose which program is run here.
             raise StudyError(
@@ -40,9 +40,7 @@ def report_of(
         scenario = with_cost(load(source or named), cost)
         if cost is not None and stored.get("cost") is not None:
             stored = {**stored, "cost": cost}  # the file may have moved
-        options = Options.resumed(
-            {**stored, "n_max": file.state.n_max}, {"scenario": source or named, "cost": cost}
-        )
+        options = Options.resumed(stored, {"scenario": source or named, "cost": cost})
         folder = folder_for(options.folder(scenario.name) if out is None else out)
         # A window may be open on it: one event from here, and its next answer would be refused.
         interview = Interview(scenario, file, ahead=False, asks=False)

@@ -28,7 +28,7 @@ from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.export import jsonable
 from prefcal_scenarios.interview.memory import incumbent
 from prefcal_scenarios.report.record import verdict_text
-from prefcal_scenarios.report.wording import labelled, mark_text, number, printable
+from prefcal_scenarios.report.wording import earlier_text, labelled, mark_text, number, printable
 
 
 def existing(name: str) -> Path:
@@ -91,6 +91,7 @@ def print_study(name: str, *, json: bool) -> None:
         "agent": state.configuration["agent"]["agent"], "seed": state.configuration["seed"],
         "versions": state.configuration["versions"],
         "questions": list(_answers(state)),
+        "earlier": state.configuration.get("earlier"),
         "notes": [{"at": at, "text": text} for at, text in state.notes],
     }  # fmt: skip
     if json:
@@ -99,6 +100,9 @@ def print_study(name: str, *, json: bool) -> None:
     console = Console()
     for key in ("study", "file", "scenario", "calibrator", "agent", "seed", "begun", "state"):
         line = printable(f"{key:<12}{content[key]}")
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    if content["earlier"]:
+        line = printable(f"{'from':<12}{earlier_text(content['earlier'])}")
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     done = f"{content['experiments']} of {state.n_max}"
     console.print(f"{'experiments':<12}{done}", highlight=False)
@@ -132,6 +136,7 @@ def _answers(state: State) -> Iterator[dict[str, Any]]:
             "incumbent": None if closed.incumbent is None else closed.incumbent + 1,
             "verdict": verdict_text(closed.answer),
             "marks": [mark.value for mark in closed.answer.marks],
+            "automatic": [mark.value for mark in closed.answer.automatic],
             "comment": closed.comment,
             "blind": closed.blind,
             "said": _said(closed),
@@ -150,7 +155,8 @@ def _table(answers: list[Mapping[str, Any]]) -> Table:
     for heading in ("when", "new", "best", "verdict", "marks", "comment", ""):
         table.add_column(heading, overflow="fold")
     for answer in answers:
-        shown = {**answer, "marks": ", ".join(mark_text(Mark(m)) for m in answer["marks"])}
+        marks = (mark_text(Mark(m), automatic=m in answer["automatic"]) for m in answer["marks"])
+        shown = {**answer, "marks": ", ".join(marks)}
         table.add_row(*(escape(printable(shown[key])) for key in columns))
     return table
 

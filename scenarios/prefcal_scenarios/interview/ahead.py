@@ -8,7 +8,9 @@ from jaxtyping import Float
 
 from prefcal_agents.restore import AnyAgent
 from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Answer, Mark, Outcomes, Preference, Strength
+from prefcal_env.preference import Answer, Preference, Strength
+
+from .moment import Question
 
 LIKELY: tuple[tuple[Preference | None, Strength], ...] = (
     (Preference.CHALLENGER, Strength.BETTER),
@@ -34,10 +36,10 @@ class Ahead:
     _tried: set[Answer] = field(default_factory=set)
     _experiments: OrderedDict[bytes, Experiment] = field(default_factory=OrderedDict)
 
-    def missing(self, marks: tuple[Mark, ...], outcomes: Outcomes | None) -> Answer | None:
-        """The next answer that nothing is known about; None if all are."""
+    def missing(self, asked: Question) -> Answer | None:
+        """The next answer to `asked`, complete, that nothing is known about; None if all are."""
         for preference, strength in LIKELY:
-            answer = Answer(preference, strength, marks, outcomes)
+            answer = asked.completed(Answer(preference, strength, asked.marks))
             if answer not in self._tried:
                 self._tried.add(answer)
                 return answer

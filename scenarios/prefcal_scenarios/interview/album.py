@@ -87,10 +87,14 @@ class Album:
         rival = closed.incumbent
         return Comparison(
             Query(_suggestion(state, index), None if rival is None else _suggestion(state, rival)),
-            Answer(None, marks=closed.answer.marks) if closed.retracted else closed.answer,
+            _abstained(closed.answer) if closed.retracted else closed.answer,
             self.experiment(index),
             None if rival is None else self.experiment(rival),
         )
+
+
+def _abstained(answer: Answer) -> Answer:
+    return Answer(None, marks=answer.marks, automatic=answer.automatic)
 
 
 def _suggestion(state: State, index: int) -> Suggestion:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from prefcal_agents.restore import AnyAgent
+from prefcal_env.completing import completed
 from prefcal_env.errors import PrefcalError, StudyError
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Answer, Query
@@ -113,7 +114,8 @@ class Flow:
             self.study.append(Answered(None, index, rival, answer))
             self.agent.tell(query, Answer(None, value=answer.value))
         else:
-            first = Answer(None, outcomes=self.album.outcomes(index, None))
+            alone = self.album.experiment(index)
+            first = completed(Answer(None), alone, None, self.album.outcomes(index, None))
             self.study.append(Answered(None, index, None, first))
             self.agent.tell(query, first)
         return self._proceed()

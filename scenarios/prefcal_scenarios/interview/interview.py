@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents import Advice
+from prefcal_agents import Advice, GLISp
 from prefcal_agents.learned_index import LearnedIndex
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Answer, Strength
@@ -109,6 +109,13 @@ class Interview:
         return self._flow.agent.n_max
 
     @property
+    def questions(self) -> int | None:
+        """Most comparisons for each experiment; None if the agent asks one and no more."""
+        with self._changed:
+            agent = self._flow.agent
+        return agent.settings.questions_per_experiment if isinstance(agent, GLISp) else None
+
+    @property
     def surrogate(self) -> Surrogate | None:
         """Learned latent cost of m physical θ, lower is better; None if nothing is learned."""
         with self._changed:
@@ -189,6 +196,16 @@ class Interview:
         """Ask an earlier question again, sides swapped; the answer teaches nothing."""
         with self._change() as flow:
             steps.repeat(flow)
+            return self.now()
+
+    def pace(self, questions: int) -> Now:
+        """Ask at most so many comparisons for each experiment from now on, 1 or more.
+
+        Raises:
+            SettingsError: the agent asks one and no more.
+        """
+        with self._change() as flow:
+            steps.pace(flow, questions)
             return self.now()
 
     def note(self, text: str) -> Now:

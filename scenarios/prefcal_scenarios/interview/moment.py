@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from enum import Enum
 
+from prefcal_env.completing import completed, counts_as_unsafe
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Answer, Mark, Outcomes, Preference, Strength
 from prefcal_env.studies import State, Suggested
@@ -47,6 +48,11 @@ class Side:
     experiment: Experiment
     challenger: bool
     marks: frozenset[str] = frozenset()
+
+    @property
+    def counts_as_unsafe(self) -> bool:
+        """Whether its answer marks it as unsafe because of how its run ended, unsaid."""
+        return counts_as_unsafe(self.experiment)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +100,11 @@ class Question:
     def answer(self, choice: Choice, strength: float = Strength.BETTER) -> Answer:
         """What `choice` means, with the marks that both sides bear now."""
         return Answer(self.preference(choice), strength, self.marks)
+
+    def completed(self, given: Answer) -> Answer:
+        """`given` with all that comes with it unasked: what is recorded and told."""
+        new, old = self.challenger.experiment, self.incumbent.experiment
+        return completed(given, new, old, self.outcomes)
 
     def choice(self, preference: Preference | None) -> Choice:
         """The reverse of `preference`."""

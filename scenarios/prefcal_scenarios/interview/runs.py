@@ -69,7 +69,7 @@ def _looking_ahead(flow: Flow) -> Attempt | None:
     assert asked is not None
     if asked.repeats is not None:
         return None
-    answer = flow.ahead.missing(asked.marks, asked.outcomes)
+    answer = flow.ahead.missing(asked)
     if answer is None:
         return None
     query, twin = flow.agent.ask(), flow.agent.copy()

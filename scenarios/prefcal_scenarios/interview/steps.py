@@ -1,10 +1,9 @@
 """What an answer, a mark, an undo and a retraction do to the flow. Each is durable first."""
 
-from dataclasses import replace
-
-from prefcal_env.errors import StaleError, StudyError
+from prefcal_agents import GLISp
+from prefcal_env.errors import SettingsError, StaleError, StudyError
 from prefcal_env.preference import Answer
-from prefcal_env.studies import Answered, Closed, Marked, Retracted, Shown, Undone
+from prefcal_env.studies import Answered, Closed, Marked, Paced, Retracted, Shown, Undone
 
 from .flow import Flow
 from .moment import MARKS, Phase, Question
@@ -25,8 +24,7 @@ def open_question(flow: Flow, question: int) -> Question:
 def close(flow: Flow, asked: Question, given: Answer, comment: str, blind: bool) -> None:
     """Record the answer, teach it, and go on."""
     new, old = asked.challenger.index, asked.incumbent.index
-    if given.outcomes is None:
-        given = replace(given, outcomes=asked.outcomes)
+    given = asked.completed(given)
     flow.study.append(Answered(asked.id, new, old, given, comment, blind))
     if asked.repeats is None:
         flow.tell(given)
@@ -98,6 +96,27 @@ def retract(flow: Flow, answer: int) -> None:
         flow.proceed()
     else:
         flow.version += 1
+
+
+def pace(flow: Flow, questions: int) -> None:
+    """Ask at most so many comparisons for each experiment from now on."""
+    agent = flow.agent
+    if not isinstance(agent, GLISp):
+        raise SettingsError("only the agent glisp asks more questions per experiment")
+    if flow.phase is Phase.FAILED:
+        # What is written and what the agent has in mind may differ until that is done.
+        raise StaleError("something has failed: try that again first")
+    changed = agent.with_questions(questions)
+    if questions == agent.settings.questions_per_experiment:
+        return
+    flow.study.append(Paced(questions))
+    flow.agent = changed
+    if flow.phase is not Phase.QUESTION:
+        flow.version += 1
+    elif flow.state.open is None:
+        flow.proceed()
+    else:
+        flow.refresh()  # what was foreseen for this question is no longer what follows
 
 
 def repeat(flow: Flow) -> None:

@@ -21,7 +21,7 @@ def comparisons_as_csv(record: Record) -> str:
 
 
 def _headings(record: Record) -> Iterator[str]:
-    yield from ("comparison", "verdict", "preference", "strength", "marks")
+    yield from ("comparison", "verdict", "preference", "strength", "marks", "automatic marks")
     scenario = record.scenario
     for side in ("challenger", "incumbent"):
         yield f"{side} experiment"
@@ -36,6 +36,7 @@ def _cells(record: Record, comparison: Comparison) -> Iterator[object]:
     yield "" if answer.preference is None else int(answer.preference)
     yield answer.strength
     yield ", ".join(mark.value for mark in answer.marks)
+    yield ", ".join(mark.value for mark in answer.automatic)
     assert query.incumbent is not None
     assert comparison.incumbent is not None
     yield query.challenger.index + 1

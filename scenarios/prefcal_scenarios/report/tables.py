@@ -7,7 +7,7 @@ from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Preference
 from prefcal_env.study import Comparison
 from prefcal_scenarios.report.record import Record, verdict_text
-from prefcal_scenarios.report.wording import html, measured, number
+from prefcal_scenarios.report.wording import html, marks_text, measured, number
 from prefcal_scenarios.scenario import KPI
 
 _MOST = 3
@@ -136,7 +136,8 @@ def _comparison_row(record: Record, row: int, comparison: Comparison) -> str:
         _side_cells(record, index + 1, experiment, preference == wins)
         for index, experiment, wins in sides
     )
-    verdict = escape(verdict_text(comparison.answer))
+    marks = "".join(f"<br><small>{escape(m)}</small>" for m in marks_text(comparison.answer))
+    verdict = escape(verdict_text(comparison.answer)) + marks
     return f'<tr><th scope="row">{row}</th><td class="words">{verdict}</td>{cells}</tr>'
 
 

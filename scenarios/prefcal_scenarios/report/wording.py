@@ -1,12 +1,14 @@
 """How numbers and names read, for terminals, HTML and plots alike."""
 
 import re
+from collections.abc import Mapping
 from html import escape
 from math import inf, isfinite
+from typing import Any
 
 from prefcal_env.experiment import Experiment
 from prefcal_env.knobs import Knob, KnobSpace
-from prefcal_env.preference import Mark
+from prefcal_env.preference import Answer, Mark
 from prefcal_scenarios.scenario import KPI
 
 _SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
@@ -30,9 +32,26 @@ def measured(kpi: KPI, experiment: Experiment) -> str:
     return number(value)
 
 
-def mark_text(mark: Mark) -> str:
+INTERRUPTED = "unsafe: run interrupted"
+"""What is said of an experiment that counts as unsafe though nobody marked it."""
+
+
+def earlier_text(taken: Mapping[str, Any]) -> str:
+    """What a study has taken over from an earlier one, as its configuration says."""
+    count = len(taken["thetas"])
+    which = "its best θ" if count == 1 else f"its {count} best θ"
+    return f"{taken['study']} ({taken['scenario']}): {which} of {taken['experiments']} experiments"
+
+
+def mark_text(mark: Mark, *, automatic: bool = False) -> str:
     """A mark in the words of the tables, whose columns are "new" and "best"."""
-    return mark.value.replace("challenger", "new").replace("incumbent", "best")
+    words = mark.value.replace("challenger", "new").replace("incumbent", "best")
+    return words.replace("unsafe", INTERRUPTED) if automatic else words
+
+
+def marks_text(answer: Answer) -> list[str]:
+    """The marks of an answer; of those that nobody gave, why they are there."""
+    return [mark_text(mark, automatic=mark in answer.automatic) for mark in answer.marks]
 
 
 def quantity(value: float | None, unit: str) -> str:

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from prefcal_env.rig import Rig
 from prefcal_scenarios.interview import Interview, Now, Question
-from prefcal_scenarios.report.wording import with_unit
+from prefcal_scenarios.report.wording import INTERRUPTED, with_unit
 from prefcal_scenarios.scenario import Scenario, panels_of
 from prefcal_scenarios.window.view.sides import numbers_view, theta_view
 
@@ -81,7 +81,9 @@ def _side(
         title += f" · experiment {side.index + 1} · {'new' if side.challenger else earlier}"
     if side.marks:
         title += f" · marked {', '.join(sorted(side.marks))}"
-    if side.experiment.end.interrupted:
+    if side.counts_as_unsafe:
+        title += f" · {INTERRUPTED}"
+    elif side.experiment.end.interrupted:
         title += f" · {side.experiment.end.value}"
     return Box(Group(*parts), title=Text(title), border_style=STYLES[name], title_align="left")
 

@@ -8,10 +8,12 @@ from typing import Any
 from prefcal_env.preference import Strength
 from prefcal_scenarios.interview import Choice, Interview
 
-from .bodies import Check, at_most, flag, numbered, one_of, text, whole
+from .bodies import Check, at_most, between, flag, numbered, one_of, text, whole
 
 MOST_MORE = 10_000
 """Further experiments that can be asked for at once."""
+MOST_QUESTIONS = 99
+"""Comparisons for each experiment: more than any place takes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,7 @@ ACTIONS: Mapping[str, Action] = MappingProxyType(
         "undo": Action({"version": whole}, _method("undo")),
         "retract": Action({"answer": numbered}, _method("retract")),
         "repeat": Action({}, _method("repeat")),
+        "pace": Action({"questions": between(1, MOST_QUESTIONS)}, _method("pace")),
         "note": Action({"text": text}, _method("note")),
         "retry": Action({"index": whole}, _method("retry")),
         "fail": Action({"index": whole, "reason": text}, _method("fail")),

@@ -68,6 +68,17 @@ def numbered(name: str, value: Any) -> int:
     return value
 
 
+def between(low: int, high: int) -> Check:
+    """A whole number from `low` to `high`."""
+
+    def check(name: str, value: Any) -> int:
+        if not low <= whole(name, value) <= high:
+            raise MalformedError(f"{name} must be from {low} to {high}.")
+        return int(value)
+
+    return check
+
+
 def at_most(limit: int) -> Check:
     """A whole number from 0 to `limit`."""
 

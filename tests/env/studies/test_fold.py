@@ -17,6 +17,7 @@ from prefcal_env.studies import (
     Finished,
     Marked,
     Noted,
+    Paced,
     Reopened,
     Retracted,
     Shown,
@@ -28,7 +29,9 @@ from prefcal_env.studies.fold import begin, step
 from support.interviews import clock
 from support.studies import CONFIGURATION, experiment, small_study
 
-CANDIDATES = ("answer", "undo", "retract", "mark", "note", "end", "reopen", "extend", "repeat")
+CANDIDATES = (
+    "answer", "undo", "retract", "mark", "note", "end", "reopen", "extend", "repeat", "pace",
+)  # fmt: skip
 
 
 def possible(state, dice):
@@ -51,7 +54,8 @@ def possible(state, dice):
     return {
         "undo": Undone(), "retract": Retracted(index), "note": Noted("so"), "end": Ended("stopped"),
         "mark": Marked(index, dice.choice(("unsafe", "good enough")), dice.random() < 0.7),
-        "reopen": Reopened(), "extend": Extended(dice.randrange(5, 40)),
+        "pace": Paced(dice.randrange(4)), "reopen": Reopened(),
+        "extend": Extended(dice.randrange(5, 40)),
         "repeat": Shown(max(due - 1, 0), 0, True, dice.randrange(30)),
     }[kind]  # fmt: skip
 
@@ -61,7 +65,8 @@ def possible(state, dice):
 def test_the_kept_state_is_the_fold_of_all_events(tmp_path_factory, seed):
     path = tmp_path_factory.mktemp("fold") / "a.prefcal"
     dice = random.Random(seed)
-    with StudyFile.create(path, CONFIGURATION, clock=clock()) as file:
+    paced = {**CONFIGURATION, "agent": {"settings": {}}}
+    with StudyFile.create(path, paced, clock=clock()) as file:
         for _ in range(60):
             event = possible(file.state, dice)
             before = file.state
@@ -129,6 +134,7 @@ def test_a_failed_run_is_forgotten_once_it_has_run():
         Retracted(2),
         Retracted(-1),
         Extended(1),
+        Paced(2),
     ],
     ids=repr,
 )

@@ -5,36 +5,21 @@ from functools import partial
 import numpy as np
 import pytest
 
-from prefcal_agents import GLISp, GLISpSettings
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.preference import Preference
 from prefcal_env.studies import Answered, Shown, StudyFile
 from prefcal_env.study import calibrate
-from prefcal_scenarios.interview import Choice, unattended
+from prefcal_scenarios.interview import unattended
 from prefcal_scenarios.interview.memory import agent_of
 from prefcal_scenarios.outcomes import outcome
 from prefcal_scenarios.window.view import asked_view, history_view
-from support.interviews import begin, proceed, reopened
+from support.interviews import THREE, begin, judge, proceed, reopened, until_further
 from toy_study import toy_scenario
-
-THREE = partial(GLISp, settings=GLISpSettings(questions_per_experiment=3))
 
 
 @pytest.fixture
 def toy():
     return toy_scenario()
-
-
-def judge(question, cost):
-    left, right = cost(question.left.experiment), cost(question.right.experiment)
-    return Choice.LEFT if left < right else Choice.RIGHT
-
-
-def until_further(interview):
-    """Answer until a further question is open."""
-    while not (now := proceed(interview)).question.further:
-        interview.answer(now.question.id, judge(now.question, interview.scenario.cost))
-    return now.question
 
 
 def test_a_whole_study_equals_the_loop_in_memory(toy):

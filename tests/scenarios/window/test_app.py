@@ -178,6 +178,15 @@ def test_the_study_ends_and_goes_on(room):
     assert room.post("go_on", more=10_001).status_code == 400
 
 
+def test_the_questions_per_experiment_are_changed(room):
+    assert room.page().get("/api/status").json()["questions"] == 1
+    assert room.post("pace", questions=3).status_code == 200
+    assert room.page().get("/api/status").json()["questions"] == 3
+    for impossible in (0, 100, 1.5, "3"):
+        assert room.post("pace", questions=impossible).status_code == 400
+    assert room.interview.questions == 3
+
+
 def test_history_and_status_are_shown(room):
     room.post("answer", **verdict(room))
     page = room.page()

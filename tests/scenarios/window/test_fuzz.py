@@ -36,6 +36,7 @@ BODIES = {
     "retract": {"answer": 1},
     "repeat": {},
     "note": {"text": "a note"},
+    "pace": {"questions": 3},
     "retry": {"index": 0},
     "fail": {"index": 0, "reason": "broken"},
     "finish": {},

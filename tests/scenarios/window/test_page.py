@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from prefcal_env.studies import StudyFile, verify
+from prefcal_env.studies import StudyFile, questions_of, verify
 from support.browser import CHROMIUM, Watched
 from support.interviews import clock
 from support.windows import TOY_STUDY as TOY
@@ -390,3 +390,19 @@ def test_the_overtaking_plays_on_one_clock(browser, window):
     assert pixels(watched.page, "#left-scene", BLUE) > 100
     assert pixels(watched.page, "#right-scene", ORANGE) > 100
     watched.shot("overtake-clock")
+
+
+def test_the_questions_per_experiment_are_chosen_on_the_page(browser, window):
+    served, watched = window(n_max=7), Watched(browser)
+    watched.open(served.link)
+    page = watched.page
+    page.keyboard.press("w")
+    assert page.wait_for_selector("#pace").input_value() == "1"
+    page.focus("#pace")
+    with page.expect_response("**/api/pace*") as posted:
+        page.select_option("#pace", "3")
+    assert posted.value.ok
+    page.wait_for_function("document.activeElement.id === 'pace'")  # drawn anew, and still in focus
+    assert page.input_value("#pace") == "3"
+    assert questions_of(state_of(served).configuration) == 3
+    assert watched.errors == []

@@ -11,7 +11,7 @@ export function bestCard(best, title = "Best so far") {
     el("div", {}, el("dt", {}, symbol(knob.name)), el("dd", {}, withUnit(knob.text, knob.unit)))));
   return el("div", { class: "card best" },
     el("div", { class: "card-head" }, el("h3", {}, `${title}: experiment ${best.number}`),
-      best.marks.map((mark) => el("span", { class: `chip ${mark === "unsafe" ? "bad" : "good"}` }, mark)), copy),
+      best.marks.map((mark) => el("span", { class: `chip ${mark.startsWith("unsafe") ? "bad" : "good"}` }, mark)), copy),
     theta, kpiTable(best.kpis));
 }
 

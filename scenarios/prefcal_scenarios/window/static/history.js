@@ -61,7 +61,7 @@ function row(answer, act) {
   return el("tr", { class: answer.retracted ? "retracted" : "" }, el("td", {}, look),
     number(challenger, winner === "new"), number(incumbent, winner === "best"),
     el("td", {}, el("span", { class: `chip ${winner}` }, answer.text)),
-    el("td", {}, answer.marks.map((mark) => el("span", { class: `chip ${mark.endsWith("unsafe") ? "bad" : "good"}` }, mark))),
+    el("td", {}, answer.marks.map((mark) => el("span", { class: `chip ${mark.includes("unsafe") ? "bad" : "good"}` }, mark))),
     el("td", { class: "comment" }, answer.comment, answer.blind ? el("span", { class: "chip" }, "blind") : null),
     el("td", { class: "faint" }, when(answer.at)), el("td", {}, retract));
 }

@@ -83,6 +83,6 @@ export function tried(div, knob, k, experiments) {
     group((e) => !e.was_best, { color: css("--muted"), size: 6, opacity: 0.7 }, "tried"),
     group((e) => e.was_best && !e.best, { color: css("--left"), size: 8, symbol: "circle-open", line: { width: 2 } }, "was the best"),
     group((e) => e.best, { color: css("--left"), size: 14, symbol: "star" }, "best"),
-    group((e) => e.marks.includes("unsafe"), { color: css("--bad"), size: 9, symbol: "x-thin-open", line: { width: 2 } }, "unsafe"),
+    group((e) => e.marks.some((mark) => mark.startsWith("unsafe")), { color: css("--bad"), size: 9, symbol: "x-thin-open", line: { width: 2 } }, "unsafe"),
   ], layout, STILL);
 }

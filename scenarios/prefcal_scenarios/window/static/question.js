@@ -181,15 +181,18 @@ export function thetas(side) {
 
 function marks(name, side) {
   const unsafe = side.marks.includes("unsafe");
-  $(name).classList.toggle("unsafe", unsafe);
+  $(name).classList.toggle("unsafe", unsafe || side.counts_as_unsafe);
   const buttons = Object.entries(MARKS).map(([kind, { words, [name]: key }]) =>
     el("button", { type: "button", class: `mark ${kind === "unsafe" ? "bad" : "good"}`,
       id: `${name}-${kind.replace(" ", "-")}`, "aria-pressed": String(side.marks.includes(kind)),
-      on: { click: () => mark(name, kind) } }, `${words} `, el("kbd", {}, key)));
+      title: counted(side, kind) ? "It counts as unsafe because its run was interrupted, whether you mark it or not." : null,
+      on: { click: () => mark(name, kind) } }, `${counted(side, kind) ? "Unsafe: interrupted" : words} `, el("kbd", {}, key)));
   const active = document.activeElement?.id;
   fill($(`${name}-marks`), buttons);
   if (active) buttons.find((button) => button.id === active)?.focus();
 }
+
+const counted = (side, kind) => kind === "unsafe" && side.counts_as_unsafe;
 
 export function inWords(question) {
   const told = (name) => {

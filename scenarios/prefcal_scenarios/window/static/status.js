@@ -16,6 +16,7 @@ export async function showStatus(now, act) {
   } catch (error) {
     return fill(view, title, el("p", {}, error.message));
   }
+  const chosen = document.activeElement?.id === "pace"; // changing it draws all anew
   fill(view, title, el("div", { class: "columns" }, bestCard(status.best), answers(now, status, act)),
     cares(status.minded),
     status.advice ? [el("h3", {}, "What would ten more experiments gain?"), el("p", {}, status.advice)] : [],
@@ -26,20 +27,22 @@ export async function showStatus(now, act) {
     status.slices ? [el("p", { class: "faint" }, "The learned cost along each knob through the best θ, and the experiments at their own learned cost. Lower is better; only the order has a meaning."),
       figures("slice", status.slices.map((s) => s.knob), (knob) => `Learned cost along ${knob.name}`)]
       : el("p", {}, "Nothing is learned yet: that takes an answer other than “can't tell”, and an agent that learns."));
+  if (chosen) $("pace")?.focus();
   view.querySelectorAll("[data-plot=tried]").forEach((div, k) => tried(div, status.tried.knobs[k], k, status.tried.experiments));
   view.querySelectorAll("[data-plot=slice]").forEach((div, k) => slice(div, status.slices[k]));
   return undefined;
 }
 
 const legend = () => el("p", { class: "marks-legend faint" }, [["★", "best", "the best so far"], ["○", "was", "was the best for a while"],
-  ["●", "other", "another experiment"], ["✕", "bad", "marked unsafe"]].map(([sign, kind, words]) =>
+  ["●", "other", "another experiment"], ["✕", "bad", "unsafe: marked, or its run was interrupted"]].map(([sign, kind, words]) =>
   el("span", {}, el("span", { class: `sign ${kind}`, "aria-hidden": "true" }, sign), words)));
 
 const figures = (kind, knobs, words) => el("div", { class: "grid" }, knobs.map((knob) =>
   el("div", { class: "figure", role: "img", "aria-label": words(knob), data: { plot: kind } })));
 
 // The answers: how many of each kind, and whether they agree.
-function answers(now, { verdicts, consistency: { text, can_repeat: can } }, act) {
+function answers(now, status, act) {
+  const { verdicts, consistency: { text, can_repeat: can } } = status;
   const { answered, comparisons, experiments, n_max: most } = now.progress;
   const again = el("button", { type: "button", disabled: !can, on: { click: async () => {
     if (await act("repeat", {})) open("now");
@@ -52,9 +55,20 @@ function answers(now, { verdicts, consistency: { text, can_repeat: can } }, act)
   });
   return el("div", { class: "card" }, el("h3", {}, "Your answers"),
     el("p", {}, `${answered} of ${comparisons} comparisons, ${experiments} of ${most} experiments.`),
-    el("table", { class: "shares" }, el("tbody", {}, bars)),
+    el("table", { class: "shares" }, el("tbody", {}, bars)), pace(status.questions, act),
     el("h3", {}, "How consistent are they?"), el("p", {}, text), el("p", {}, again),
     el("p", { class: "faint" }, "It teaches nothing: it only shows how sure you are."));
+}
+
+// How many comparisons an experiment may take, from now on.
+function pace(most, act) {
+  if (most === null) return null;
+  const choices = [...new Set([1, 2, 3, 4, 6, 12, most])].sort((a, b) => a - b);
+  const select = el("select", { id: "pace", on: { change: () => act("pace", { questions: Number(select.value) }) } },
+    choices.map((n) => el("option", { value: n, selected: n === most }, n)));
+  return el("p", { class: "pace" }, el("label", { for: "pace" }, "Comparisons for each experiment, at most "), select,
+    el("span", { class: "faint" }, most === 1 ? " More of them, with experiments that have run, are worth it where a run is dear."
+      : " Those after the first need no new run."));
 }
 
 // What the person seems to care about: shares as bars, and in words for whoever does not see them.

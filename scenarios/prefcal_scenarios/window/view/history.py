@@ -6,7 +6,7 @@ from prefcal_env.preference import Preference
 from prefcal_env.studies import Closed
 from prefcal_scenarios.interview import Interview
 from prefcal_scenarios.report.record import verdict_text
-from prefcal_scenarios.report.wording import mark_text
+from prefcal_scenarios.report.wording import marks_text
 
 from .sides import question_view
 
@@ -36,7 +36,7 @@ def _answer_view(closed: Closed, numbers: dict[int | None, int]) -> dict[str, An
         "winner": _WINNERS.get(closed.answer.preference, "none"),  # type: ignore[arg-type]
         "comment": closed.comment,
         "blind": closed.blind,
-        "marks": [mark_text(mark) for mark in closed.answer.marks],
+        "marks": marks_text(closed.answer),
         "retracted": closed.retracted,
         "repeated": again,
         "further": closed.after is not None,

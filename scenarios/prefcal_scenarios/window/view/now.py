@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from prefcal_env.rig import Rig
-from prefcal_env.studies import Suggested
+from prefcal_env.studies import State, Suggested, counted_unsafe
 from prefcal_scenarios.interview import Interview, Now, Phase
 from prefcal_scenarios.interview.moment import GOOD_ENOUGH
-from prefcal_scenarios.report.wording import number, quantity, with_unit
+from prefcal_scenarios.report.wording import INTERRUPTED, number, quantity, with_unit
 from prefcal_scenarios.scenario import Scenario
 
 from .sides import numbers_view, question_view, theta_view
@@ -109,8 +109,14 @@ def best_view(interview: Interview, now: Now) -> Any:
         "number": now.incumbent + 1,
         "theta": theta_view(scenario.space, experiment, np.False_),
         "copy": "\n".join(f"{k.name} = {quantity(float(v), k.unit)}" for k, v in knobs),
-        "marks": sorted(now.state.marks.get(now.incumbent, ())),
+        "marks": marks_of(now.state, now.incumbent),
     }
+
+
+def marks_of(state: State, index: int) -> list[str]:
+    """What experiment `index` is marked as, by the person, and by how its run ended."""
+    counted = [INTERRUPTED] if index in counted_unsafe(state) else []
+    return sorted(state.marks.get(index, ())) + counted
 
 
 def _over(interview: Interview, now: Now, command: str, report: Path | None) -> dict[str, Any]:

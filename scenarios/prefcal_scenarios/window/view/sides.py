@@ -52,6 +52,7 @@ def side_view(
         "number": None if blind else side.index + 1,
         "role": None if blind else ("new" if side.challenger else "best so far"),
         "marks": sorted(side.marks),
+        "counts_as_unsafe": side.counts_as_unsafe,
         "theta": [] if blind else theta_view(scenario.space, experiment, differing),
         "runs": max(len(experiment.runs), 1),
         "curves": [curves(p, experiment) for p in panels] if not empty else [[] for _ in panels],

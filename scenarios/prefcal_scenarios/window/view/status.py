@@ -14,7 +14,7 @@ from prefcal_scenarios.report.minded import Minded
 from prefcal_scenarios.report.record import VERDICTS
 from prefcal_scenarios.report.wording import number
 
-from .now import best_view, report_view
+from .now import best_view, marks_of, report_view
 
 _POINTS = 81
 """Of a slice through the surrogate."""
@@ -38,6 +38,7 @@ def status_view(interview: Interview, *, report: Path | None = None) -> dict[str
         },
         "advice": None if (advice := interview.advice) is None else advice.text,
         "verdicts": _verdicts(now),
+        "questions": interview.questions,
         "minded": _minded(interview),
         "report": report_view(report),
     }
@@ -78,7 +79,7 @@ def _tried(interview: Interview, now: Now) -> dict[str, Any]:
                 "best": index == now.incumbent,
                 "was_best": index in winners,
                 "ended": interview.experiment(index).end.value,
-                "marks": sorted(state.marks.get(index, ())),
+                "marks": marks_of(state, index),
             }
             for index in sorted(state.finished)
         ],
