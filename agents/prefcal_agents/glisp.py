@@ -21,7 +21,7 @@ from .state import AgentState
 from .turn_taking import PreferenceBased
 from .turns import Turns
 
-VERSION = 2
+VERSION = 3
 """Of the algorithm: raised when the same answers would lead to another next sample."""
 
 
@@ -77,6 +77,7 @@ class GLISp(PreferenceBased):
             self._strategy.propose,
             further=self._strategy.further,
             promise=self._strategy.promise,
+            best=self._learner.best,
             start=start,
         )
 
@@ -125,7 +126,7 @@ class GLISp(PreferenceBased):
         """Return an independent twin, for running ahead on each likely answer."""
         twin = self.restore(self.space, self._snapshot())
         twin._learner.shapes.update(self._learner.shapes)
-        twin._learner.evidence.update(self._learner.evidence)
+        twin._learner.doubts.update(self._learner.doubts)
         return twin
 
     @property

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from prefcal_agents.softness import advantage, contradictory
 
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.fitting import Learning
 from prefcal_agents.ledger import Preferences
-from prefcal_agents.softness import advantage, contradictory
 from prefcal_agents.surrogate import Shape
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
