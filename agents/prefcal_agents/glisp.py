@@ -12,6 +12,7 @@ from prefcal_env.qp import make_backend
 
 from .checks import integer
 from .cube import encode_all
+from .doubt import Doubts
 from .learned_index import LearnedIndex
 from .learner import Learner
 from .proposal import Strategy
@@ -68,7 +69,9 @@ class GLISp(PreferenceBased):
         self._settings = settings if delta is None else replace(settings, delta=delta)
         self._seed = int(seed)
         # A backend of its own: twins may think ahead at the same time.
-        self._learner = Learner(space, self._settings, n_init, self._seed, make_backend("piqp"))
+        doubts = Doubts(space, self._settings.rbf, n_init, self._settings.error_rate)
+        backend = make_backend("piqp")
+        self._learner = Learner(space, self._settings, n_init, self._seed, backend, doubts)
         self._strategy = Strategy(space, self._settings, n_init, self._seed, self._learner)
         self._turns = Turns(
             space,
@@ -126,7 +129,7 @@ class GLISp(PreferenceBased):
         """Return an independent twin, for running ahead on each likely answer."""
         twin = self.restore(self.space, self._snapshot())
         twin._learner.shapes.update(self._learner.shapes)
-        twin._learner.doubts.update(self._learner.doubts)
+        twin._learner.doubts.take_over(self._learner.doubts)
         return twin
 
     @property

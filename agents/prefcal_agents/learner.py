@@ -1,7 +1,6 @@
 """What GLISp has learned after a ledger: surrogates, and what cross-validation chose for them."""
 
 from dataclasses import dataclass, field
-from functools import partial
 from typing import cast
 
 import numpy as np
@@ -12,7 +11,7 @@ from prefcal_env.qp import Backend
 
 from .belief import Belief
 from .cross_validation import GAIN, AnyShape, Validation, choose_epsilon, nearest, rescale_knob
-from .doubt import Doubt, believed_best, doubted, is_weighed, rows_of
+from .doubt import Doubt, Doubts, believed_best, rows_of
 from .fitting import Constraints, fit, margins
 from .kernel import KernelShape
 from .ledger import Ledger, Preferences
@@ -34,9 +33,9 @@ class Learner:
         n_init: Samples of the start, during which nothing is validated.
         seed: Of the cross-validations.
         backend: QP solver.
+        doubts: Whether answers contradict each other.
         shapes: The shape of φ of either surrogate after a ledger; a cache, which changes no
             result.
-        doubts: Ledger to what is doubted after it; a cache too.
         beliefs: The latest belief, and how much KPIs count in it; a cache too.
     """
 
@@ -45,10 +44,10 @@ class Learner:
     n_init: int
     seed: int
     backend: Backend
+    doubts: Doubts
     shapes: dict[tuple[Ledger, bool], Shape | KernelShape] = field(
         default_factory=dict, repr=False, compare=False
     )
-    doubts: dict[Ledger, Doubt] = field(default_factory=dict, repr=False, compare=False)
     beliefs: dict[tuple[Ledger, Ledger], tuple[Belief, float]] = field(
         default_factory=dict, repr=False, compare=False
     )
@@ -119,32 +118,8 @@ class Learner:
         return believed_best(ledger, self.learned(ledger)(ledger.cube()))
 
     def doubt(self, ledger: Ledger) -> Doubt | None:
-        """What is doubted after `ledger`; each shape is looked for from the one before.
-
-        None while there are too few answers.
-        """
-        if not self.settings.error_rate:
-            return None
-        missing: list[Ledger] = []
-        shape, first = Shape(1.0, (1.0,) * len(self.space), self.settings.rbf), True
-        newest: Ledger | None = None
-        for count in range(ledger.answered, self.n_init - 1, -1):
-            if not is_weighed(count):
-                continue
-            prefix = ledger.until(count)
-            newest = newest or prefix
-            if prefix in self.doubts:
-                shape, first = self.doubts[prefix].shape, False
-                break
-            missing.append(prefix)
-        for prefix in reversed(missing):
-            if not np.any(prefix.preferences().b):
-                continue
-            columns = partial(self._columns, prefix)
-            rate = self.settings.error_rate
-            self.doubts[prefix] = doubted(prefix, shape, rate, columns, first=first)
-            shape, first = self.doubts[prefix].shape, False
-        return None if newest is None else self.doubts.get(newest)
+        """What is doubted after `ledger`; None while there are too few answers."""
+        return self.doubts.after(ledger, self._columns)
 
     def _columns(self, ledger: Ledger) -> Float[np.ndarray, "N p"] | None:
         """KPIs that explain the answers, times how much they count; None without any."""
