@@ -6,6 +6,7 @@ Those that need an extra (`optional.OPTIONAL`) are loaded when first named.
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
+from .earlier import Earlier as Earlier
 from .glis import GLIS as GLIS
 from .glis_settings import GLISSettings as GLISSettings
 from .glisp import GLISp as GLISp

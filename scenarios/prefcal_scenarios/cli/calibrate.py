@@ -28,6 +28,9 @@ EPILOG = """\
 [cyan]prefcal calibrate cstr --start "T_s=0.5, N_p=30, log_Q=-1"[/cyan]
   The first experiment is your present tuning: everything is compared with that from the start.
 
+[cyan]prefcal calibrate cstr --from mine --study hers[/cyan]
+  Another person, or a similar plant: the best θ of the study called mine are tried early.
+
 [cyan]prefcal calibrate cstr --agent glis[/cyan]
   What optimisation finds when it sees the score that you could not write down.
 
@@ -104,6 +107,15 @@ _Start = Annotated[
         show_default="the agent's",
     ),
 ]
+_Earlier = Annotated[
+    str | None,
+    typer.Option(
+        "--from",
+        metavar="STUDY",
+        help="An earlier study, another person's or of a similar plant: its best θ are among the "
+        "first experiments. A name or the path of a file.",
+    ),
+]
 _TieBand = Annotated[
     float | None,
     typer.Option(
@@ -162,6 +174,7 @@ def calibrate(
     delta: _Delta = None,
     questions_per_experiment: _Questions = None,
     start: _Start = None,
+    earlier: _Earlier = None,
     tie_band: _TieBand = None,
     answer_noise: _Noise = None,
     no_outcomes: _NoOutcomes = False,
@@ -189,7 +202,7 @@ def calibrate(
         "scenario": scenario, "calibrator": calibrator, "agent": agent, "seed": seed,
         "n_init": n_init, "n_max": n_max, "delta": delta, "tie_band": tie_band,
         "answer_noise": answer_noise, "questions_per_experiment": questions_per_experiment,
-        "start": tuple(start) if start else None,
+        "start": tuple(start) if start else None, "earlier": earlier,
         "outcomes": False if no_outcomes else None, "cost": cost,
     }  # fmt: skip
     front = Front(terminal, not no_browser, host, port)

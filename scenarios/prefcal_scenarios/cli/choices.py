@@ -1,25 +1,30 @@
 """From the words of the command line to agents and calibrators."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Calibrator
 from prefcal_env.rig import Rig
 from prefcal_scenarios.cli.options import BY_VALUE, SCORE, Options
-from prefcal_scenarios.cli.start import start_of
 from prefcal_scenarios.scenario import Scenario
 
 if TYPE_CHECKING:
     from prefcal_agents.restore import AnyAgent
 
+Thetas = Sequence[Float[np.ndarray, " n"]]
+
 AGENTS = {"glisp": "GLISp", "glis": "GLIS", "random": "RandomSearch", "lhs": "LatinHypercube"}
 """Word to class in `prefcal_agents`."""
 
 
-def make_agent(options: Options, scenario: Scenario) -> "AnyAgent":
-    """The agent of the options.
+def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "AnyAgent":
+    """The agent of the options, which begins with the physical θ in `start`.
 
     Raises:
         SettingsError: an unknown agent, settings that it refuses, or options for another one.
@@ -51,8 +56,8 @@ def make_agent(options: Options, scenario: Scenario) -> "AnyAgent":
     settings = _settings(options)
     if settings:
         extra["settings"] = prefcal_agents.GLISpSettings(**settings)
-    if options.start:
-        extra["start"] = [start_of(text, scenario) for text in options.start]
+    if start:
+        extra["start"] = start
     make = getattr(prefcal_agents, AGENTS[options.agent])
     agent: AnyAgent = make(
         scenario.space, n_init=options.n_init, n_max=options.n_max, seed=options.seed, **extra

@@ -16,7 +16,7 @@ _OPTIONS: Mapping[str, tuple[type, ...]] = {
     "scenario": (str,), "calibrator": (str,), "agent": (str,), "seed": (int,), "n_init": (int,),
     "n_max": (int,), "delta": (int, float, type(None)), "tie_band": (int, float, type(None)),
     "answer_noise": (int, float, type(None)), "outcomes": (bool,), "cost": (str, type(None)),
-    "start": (list,),
+    "start": (list,), "earlier": (str, type(None)),
 }  # fmt: skip
 
 
@@ -54,8 +54,25 @@ def _problem(configuration: Mapping[str, Any]) -> str:
         return "its options must name a calibrator"
     if not all(isinstance(theta, str) for theta in _listed(options.get("start"))):
         return "its option start must list texts"
+    if not _is_taken(configuration.get("earlier")):
+        return "what it says of an earlier study cannot be read"
     wrong = [k for k, types in _OPTIONS.items() if k in options and not _is(options[k], types)]
     return f"its option {wrong[0]} cannot be {options[wrong[0]]!r:.40}" if wrong else ""
+
+
+def _is_taken(value: Any) -> bool:
+    """Whether it is what `Taken.as_dict` gives; most studies have none."""
+    if value is None:
+        return True
+    return isinstance(value, dict) and all(
+        _is(value.get(name), (type_,))
+        for name, type_ in (
+            ("study", str),
+            ("scenario", str),
+            ("experiments", int),
+            ("thetas", list),
+        )
+    )
 
 
 def _listed(value: Any) -> list[Any]:

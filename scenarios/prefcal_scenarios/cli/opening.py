@@ -11,7 +11,9 @@ from prefcal_env.studies import Extended, Reopened, StudyFile, make_data_folder,
 from prefcal_scenarios.cli.choices import make_agent, make_calibrator
 from prefcal_scenarios.cli.clock import wall_clock
 from prefcal_scenarios.cli.described import open_described
+from prefcal_scenarios.cli.earlier import taken_from
 from prefcal_scenarios.cli.options import Options
+from prefcal_scenarios.cli.start import start_of
 from prefcal_scenarios.export import jsonable, versions
 from prefcal_scenarios.interview.memory import agent_as_dict, constraint_names, knobs_as_dicts
 from prefcal_scenarios.scenario import Scenario
@@ -67,6 +69,9 @@ def _create(path: Path | str, options: Options, scenario: Scenario) -> StudyFile
 
 
 def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
+    mine = [start_of(text, scenario) for text in options.start]
+    taken = taken_from(options, scenario.space, mine)
+    theirs = [] if taken is None else taken.beside(mine, scenario.space)
     configuration = {
         "scenario": options.scenario,
         "name": scenario.name,
@@ -74,7 +79,8 @@ def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
         "knobs": knobs_as_dicts(scenario.space),
         **_constraints(scenario),
         "kpis": [{"name": k.name, "title": k.title, "unit": k.unit} for k in scenario.kpis],
-        "agent": agent_as_dict(make_agent(options, scenario)),
+        "agent": agent_as_dict(make_agent(options, scenario, [*mine, *theirs])),
+        **({} if taken is None else {"earlier": taken.as_dict()}),
         "n_max": options.n_max,
         "seed": options.seed,
         "options": options.as_dict(),

@@ -23,7 +23,7 @@ class Options:
     """The options of `prefcal calibrate`; None where the default of whoever uses it holds.
 
     `outcomes` says whether glisp learns from KPIs too; `cost` is a function out of a file,
-    PATH:NAME, in place of the scenario's score.
+    PATH:NAME, in place of the scenario's score. `earlier` is the study whose best θ are begun with.
 
     Raises:
         SettingsError: a seed below 0, or more initial experiments than experiments.
@@ -42,6 +42,7 @@ class Options:
     cost: str | None = None
     questions_per_experiment: int = 1
     start: tuple[str, ...] = ()
+    earlier: str | None = None
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -122,7 +123,7 @@ class Options:
             "seed": self.seed, "initial experiments": self.n_init, "experiments": self.n_max,
             "questions per experiment": self._more_questions,
             "tie band": self.tie_band, "answer noise": self.answer_noise,
-            "begins with": "; ".join(self.start) or None,
+            "begins with": "; ".join(self.start) or None, "earlier study": self.earlier,
             "learns from KPIs": None if self.outcomes else "no", "cost": self.cost,
         }  # fmt: skip
         return {name: value for name, value in every.items() if value is not None}
@@ -135,7 +136,7 @@ class Options:
             "--n-init": self.n_init, "--n-max": self.n_max, "--delta": self.delta,
             "--questions-per-experiment": self._more_questions,
             "--tie-band": self.tie_band, "--answer-noise": self.answer_noise,
-            "--cost": self.cost,
+            "--cost": self.cost, "--from": self.earlier,
         }  # fmt: skip
         for flag, value in flags.items():
             if value is not None:

@@ -11,6 +11,7 @@ from prefcal_scenarios.interview import Interview
 from prefcal_scenarios.interview.moment import GOOD_ENOUGH
 from prefcal_scenarios.report.minded import Minded
 from prefcal_scenarios.report.record import Record
+from prefcal_scenarios.report.wording import earlier_text
 from prefcal_scenarios.scenario import Scenario
 
 
@@ -22,12 +23,14 @@ def record_of(
     state = now.state
     agent, advice = state.configuration["agent"], interview.advice
     settings = {f"{agent['agent']} {name}": _text(v) for name, v in agent["settings"].items()}
+    taken = state.configuration.get("earlier")
+    earlier = {} if taken is None else {"earlier study": earlier_text(taken)}
     return Record(
         scenario=interview.scenario,
         source=options.scenario,
         comparisons=interview.comparisons(),
         references=references,
-        settings=dict(options.settings()) | settings,
+        settings=dict(options.settings()) | earlier | settings,
         n_init=options.n_init,
         n_max=interview.n_max,
         command=options.command(),

@@ -16,6 +16,7 @@ from prefcal_scenarios.cli.sitting import Sitting
 from prefcal_scenarios.cost_file import with_cost
 from prefcal_scenarios.interview import Interview, unattended
 from prefcal_scenarios.report.folder import folder_for
+from prefcal_scenarios.report.wording import earlier_text
 from prefcal_scenarios.scenario import load
 
 INTERRUPTED = 130
@@ -43,6 +44,9 @@ def run(
             folder = folder_for(options.folder(scenario.name) if out is None else out)
             interview = Interview(scenario, file, ahead=options.by_a_person)
             sitting = Sitting(interview, opened, folder, Console(stderr=True), json)
+            taken = file.state.configuration.get("earlier")
+            if taken and not opened.resumed:
+                sitting.say(f"From {earlier_text(taken)}.")
             if options.by_a_person:
                 return _attended(sitting, front, ctrl_c)
             return _unattended(sitting, ctrl_c)

@@ -28,7 +28,7 @@ from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.export import jsonable
 from prefcal_scenarios.interview.memory import believed_best
 from prefcal_scenarios.report.record import verdict_text
-from prefcal_scenarios.report.wording import labelled, mark_text, number, printable
+from prefcal_scenarios.report.wording import earlier_text, labelled, mark_text, number, printable
 
 
 def existing(name: str) -> Path:
@@ -91,6 +91,7 @@ def print_study(name: str, *, json: bool) -> None:
         "agent": state.configuration["agent"]["agent"], "seed": state.configuration["seed"],
         "versions": state.configuration["versions"],
         "questions": list(_answers(state)),
+        "earlier": state.configuration.get("earlier"),
         "notes": [{"at": at, "text": text} for at, text in state.notes],
     }  # fmt: skip
     if json:
@@ -99,6 +100,9 @@ def print_study(name: str, *, json: bool) -> None:
     console = Console()
     for key in ("study", "file", "scenario", "calibrator", "agent", "seed", "begun", "state"):
         line = printable(f"{key:<12}{content[key]}")
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    if content["earlier"]:
+        line = printable(f"{'from':<12}{earlier_text(content['earlier'])}")
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     done = f"{content['experiments']} of {state.n_max}"
     console.print(f"{'experiments':<12}{done}", highlight=False)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from prefcal_agents import AgentState, restore
+from prefcal_agents import AgentState, Earlier, restore
 from prefcal_agents.restore import AnyAgent
 from prefcal_env.errors import PrefcalError, StudyError
 from prefcal_env.knobs import KnobSpace
@@ -123,6 +123,19 @@ def incumbents(state: State) -> tuple[int, ...]:
             winner = closed.challenger
         winners.append(winner)
     return tuple(winners)
+
+
+def earlier_of(state: State) -> Earlier:
+    """What a study has found so far, for another one to begin with.
+
+    Raises:
+        SettingsError: it has no answered experiment.
+        StudyError: its knobs cannot be read.
+    """
+    winners = dict.fromkeys(reversed(incumbents(state)))  # a later one is better
+    return Earlier(
+        space_of(state.configuration).knobs, tuple(state.samples[i].theta for i in winners)
+    )
 
 
 def _told(closed: Closed) -> dict[str, Any]:

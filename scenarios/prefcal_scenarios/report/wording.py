@@ -1,8 +1,10 @@
 """How numbers and names read, for terminals, HTML and plots alike."""
 
 import re
+from collections.abc import Mapping
 from html import escape
 from math import inf, isfinite
+from typing import Any
 
 from prefcal_env.experiment import Experiment
 from prefcal_env.knobs import Knob, KnobSpace
@@ -28,6 +30,13 @@ def measured(kpi: KPI, experiment: Experiment) -> str:
     if value == inf and kpi.unit == experiment.channels.time_unit:
         return "never"
     return number(value)
+
+
+def earlier_text(taken: Mapping[str, Any]) -> str:
+    """What a study has taken over from an earlier one, as its configuration says."""
+    count = len(taken["thetas"])
+    which = "its best θ" if count == 1 else f"its {count} best θ"
+    return f"{taken['study']} ({taken['scenario']}): {which} of {taken['experiments']} experiments"
 
 
 def mark_text(mark: Mark) -> str:
