@@ -26,12 +26,13 @@ def test_whoever_contradicts_himself_sees_the_best_that_the_agent_believes_in(tm
     cost, differed = interview.scenario.cost, False
     while (question := proceed(interview).question) is not None:
         now = interview.now()
-        assert question.incumbent.index == now.incumbent == believed_best(now.state)
+        assert question.incumbent.index == now.incumbent
         differed |= now.incumbent != incumbent(now.state)
         better = cost(question.left.experiment) < cost(question.right.experiment)
         mistaken = question.number % 3 == 0
         interview.answer(question.id, Choice.LEFT if better != mistaken else Choice.RIGHT)
     assert differed
     best = interview.now().incumbent
+    assert best == believed_best(interview.now().state)
     interview.study.close()
     assert reopened(toy_scenario(), path).now().incumbent == best
