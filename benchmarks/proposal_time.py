@@ -34,7 +34,7 @@ def agent_after(name: str, count: int, *, kpis: bool, seed: int) -> GLISp:
     def outcome(theta: np.ndarray) -> dict[str, float]:
         z = space.encode(theta)
         found = {f"KPI {k}": float(np.sin(3 * w @ z)) for k, w in enumerate(weights)}
-        return {**found, "cost": function.evaluate(theta)}
+        return {**found, "cost": function(theta)}
 
     agent = GLISp(space, n_init=count, n_max=count + REPEATS + 1, seed=seed)
     for _ in range(count):

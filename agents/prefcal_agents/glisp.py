@@ -12,6 +12,7 @@ from prefcal_env.qp import make_backend
 
 from .checks import integer
 from .cube import encode_all
+from .doubt import Doubts
 from .learned_index import LearnedIndex
 from .learner import Learner
 from .proposal import Strategy
@@ -70,7 +71,9 @@ class GLISp(PreferenceBased):
         self._settings = settings
         self._seed = int(seed)
         # A backend of its own: twins may think ahead at the same time.
-        self._learner = Learner(space, self._settings, n_init, self._seed, make_backend("piqp"))
+        doubts = Doubts(space, self._settings.rbf, n_init, self._settings.error_rate)
+        backend = make_backend("piqp")
+        self._learner = Learner(space, self._settings, n_init, self._seed, backend, doubts)
         self._strategy = Strategy(space, self._settings, n_init, self._seed, self._learner)
         self._turns = Turns(
             space,
@@ -79,6 +82,7 @@ class GLISp(PreferenceBased):
             self._strategy.propose,
             further=self._strategy.further,
             promise=self._strategy.promise,
+            best=self._learner.best,
             start=start,
         )
 
@@ -142,7 +146,7 @@ class GLISp(PreferenceBased):
     def _twin(self, state: AgentState) -> "GLISp":
         twin = self.restore(self.space, state)
         twin._learner.shapes.update(self._learner.shapes)
-        twin._learner.evidence.update(self._learner.evidence)
+        twin._learner.doubts.take_over(self._learner.doubts)
         return twin
 
     @property

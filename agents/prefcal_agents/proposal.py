@@ -59,9 +59,9 @@ class Strategy:
             return None
         with one_thread():
             objective = Acquisition.of(self.learner.learned(ledger), 0.0)
-            best = np.array([ledger.samples[ledger.incumbent or 0]])
+            best = np.array([ledger.samples[self._best(ledger)]])
             rng = np.random.default_rng([self.seed, ledger.answered, 2])
-            lowest = multistart(objective, search_domain(self.space, ledger), rng)[0]
+            lowest = multistart(objective, self._domain(ledger), rng)[0]
             return max(0.0, float(objective(best)[0] - objective(lowest[None])[0]))
 
     def further(self, ledger: Ledger) -> tuple[int, int] | None:
@@ -79,10 +79,9 @@ class Strategy:
         tried = Tried(self.space, ledger)
         if index < self.n_init:
             return tried.fresh(self._planned(ledger, rng), rng)
-        turn, noise = self.turn(index), None
-        if turn.perturbed:
-            noise = rng.exponential(size=len(ledger.preferences()))
-        surrogate = self.learner.learned(ledger, noise, kernel=turn.kernel)
+        turn = self.turn(index)
+        drawn = rng if turn.perturbed else None
+        surrogate = self.learner.learned(ledger, drawn, kernel=turn.kernel)
         objective = steered(self._acquisition(ledger, surrogate, turn), ledger, self.settings)
         minimise = MINIMISERS[self.settings.minimiser]
         # A trust region of integers may hold nothing new.
@@ -121,9 +120,15 @@ class Strategy:
         boxes: list[Box | None] = [None]
         if turn.local:
             half = half_width(ledger, self.settings.trust_region, self._is_local)
-            best = np.array(ledger.samples[ledger.incumbent or 0])
+            best = np.array(ledger.samples[self._best(ledger)])
             boxes.insert(0, around(np.clip(best, *self.space.corners), half))
-        return [search_domain(self.space, ledger, box) for box in boxes]
+        return [self._domain(ledger, box) for box in boxes]
+
+    def _domain(self, ledger: Ledger, box: Box | None = None) -> Domain:
+        return search_domain(self.space, ledger, box, best=self._best(ledger))
+
+    def _best(self, ledger: Ledger) -> int:
+        return self.learner.best(ledger) or 0
 
     def turn(self, index: int) -> Turn:
         """What kind of proposal sample number `index` is; not of the initial ones."""
