@@ -19,7 +19,14 @@ Columns = Callable[[Ledger], Float[np.ndarray, "N p"] | None]
 _SURE = 0.003
 """Error rate of somebody who is as good as never wrong: 0 would allow no surrogate to be."""
 _ENOUGH = 1.0
-"""By how much better (in nats) answers must be foretold as a fallible person's."""
+"""By how much better (in nats) answers must be foretold with another scale of a knob."""
+_CLEAR = 3.0
+"""By how much better they must be foretold as a fallible person's, on average of the last doubts.
+
+A cost that jumps looks like mistakes for a while: with 1 nat and one doubt alone, calibrators of
+the reactor who never err were doubted in a third of all steps, which cost experiments.
+"""
+_WINDOW = 10  # doubts that are averaged
 _EPSILONS = (0.32, 0.56, 1.0, 1.8, 3.2, 5.6)
 _MANY = 100  # comparisons; beyond, the shape hardly moves and every try takes long
 _SELDOM = 10  # experiments between two doubts then
@@ -32,8 +39,8 @@ class Doubt:
 
     Args:
         shape: Of φ, with which a fallible person's answers are foretold best.
-        evidence: By how much better (in nats) than a person's who is never wrong; above 0 speaks
-            for mistakes.
+        evidence: By how much better (in nats) than a person's who is never wrong, on average of
+            the last doubts; above 0 speaks for mistakes.
     """
 
     shape: Shape
@@ -42,7 +49,7 @@ class Doubt:
     @property
     def justified(self) -> bool:
         """Whether answers are to be taken for a fallible person's."""
-        return self.evidence > _ENOUGH
+        return self.evidence > _CLEAR
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +63,7 @@ class Doubts:
         error_rate: Chance that an answer of a fallible person is wrong; 0: nobody errs.
         shapes: Ledger to the shape that suits a fallible person's answers; a cache, which changes
             no result.
-        known: Ledger to what is doubted; a cache too.
+        known: Ledger to the evidence after it alone; a cache too.
     """
 
     space: KnobSpace
@@ -64,7 +71,7 @@ class Doubts:
     n_init: int
     error_rate: float
     shapes: dict[Ledger, Shape] = field(default_factory=dict, repr=False, compare=False)
-    known: dict[Ledger, Doubt] = field(default_factory=dict, repr=False, compare=False)
+    known: dict[Ledger, float] = field(default_factory=dict, repr=False, compare=False)
 
     def after(self, ledger: Ledger, columns: Columns) -> Doubt | None:
         """What is doubted after `ledger`, or after an earlier one where that takes long.
@@ -81,15 +88,24 @@ class Doubts:
         ledger = ledger.until(count)
         if not self.error_rate or count < self.n_init:
             return None
+        if not np.any(ledger.preferences().b):
+            return None
+        found: list[float] = []
+        while len(found) < _WINDOW and count >= self.n_init:
+            found.append(self._evidence(ledger.until(count), columns))
+            count -= 1 if count <= _MANY else _SELDOM
+        return Doubt(self._shape(ledger), float(np.mean(found)))
+
+    def _evidence(self, ledger: Ledger, columns: Columns) -> float:
+        """By how much better the answers are foretold as a fallible person's, in nats."""
         if ledger not in self.known:
             preferences = ledger.preferences()
             if not np.any(preferences.b):
-                return None
-            shape = self._shape(ledger)
-            constraints = rows_of(preferences, shape, columns(ledger))
+                return 0.0
+            constraints = rows_of(preferences, self._shape(ledger), columns(ledger))
             rates = (self.error_rate, _SURE)
             fallible, sure = (Belief.of(constraints, e).foretold for e in rates)
-            self.known[ledger] = Doubt(shape, fallible - sure)
+            self.known[ledger] = fallible - sure
         return self.known[ledger]
 
     def take_over(self, other: "Doubts") -> None:

@@ -146,6 +146,7 @@ class GLISp(PreferenceBased):
     def _twin(self, state: AgentState) -> "GLISp":
         twin = self.restore(self.space, state)
         twin._learner.shapes.update(self._learner.shapes)
+        twin._learner.scales.update(self._learner.scales)
         twin._learner.doubts.take_over(self._learner.doubts)
         return twin
 

@@ -20,7 +20,9 @@ from .schedule import turn_of
 from .settings import EVERY_STEP, GLISpSettings
 from .surrogate import Composite, Shape, Surrogate
 
-_MANY = 100  # comparisons; beyond, cross-validation tries fewer shapes: at 400 it took 0.5 s
+_MANY = 100  # comparisons; beyond, cross-validation is rarer and tries less: at 400 it took 0.5 s
+_SELDOM = 10  # experiments between two of them then
+_SHAPE_AT, _SCALE_AT = 5, 7  # of these ten; doubts come at 0, so no proposal has to wait for all
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +39,7 @@ class Learner:
         shapes: The shape of φ of either surrogate after a ledger; a cache, which changes no
             result.
         beliefs: The latest belief, and how much KPIs count in it; a cache too.
+        scales: By how much KPIs count after a ledger, with a shape of φ; a cache too.
     """
 
     space: KnobSpace
@@ -49,6 +52,9 @@ class Learner:
         default_factory=dict, repr=False, compare=False
     )
     beliefs: dict[tuple[Ledger, Ledger], tuple[Belief, float]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
+    scales: dict[tuple[Ledger, Shape | KernelShape], float] = field(
         default_factory=dict, repr=False, compare=False
     )
 
@@ -136,9 +142,19 @@ class Learner:
         self, ledger: Ledger, shape: Shape | KernelShape, outcomes: Outcomes
     ) -> float:
         """By how much KPIs count beside θ, so that left-out answers are foretold best."""
-        scales, preferences = self.settings.outcome_scales, ledger.preferences()
-        if not len(outcomes) or len(preferences) < self.settings.folds:
+        if not len(outcomes) or len(ledger.preferences()) < self.settings.folds:
             return 0.0
+        if ledger.answered > _MANY + _SELDOM:
+            ledger = ledger.until(ledger.answered - (ledger.answered - _SCALE_AT) % _SELDOM)
+            shape = self.shape(ledger)
+        if (ledger, shape) not in self.scales:
+            if len(ledger.samples) < len(outcomes.columns):
+                outcomes = self._outcomes(ledger)
+            self.scales[ledger, shape] = self._best_scale(ledger, shape, outcomes)
+        return self.scales[ledger, shape]
+
+    def _best_scale(self, ledger: Ledger, shape: Shape | KernelShape, outcomes: Outcomes) -> float:
+        scales = self.settings.outcome_scales
         validation = self._validation(ledger)
         scores = [
             validation.reproduced(shape, scale * outcomes.columns if scale else None)
@@ -201,6 +217,8 @@ class Learner:
         at = self.settings.validate_at
         if at != EVERY_STEP:
             return answered in at
+        if answered > _MANY and answered % _SELDOM != _SHAPE_AT:
+            return False
         return answered >= self.n_init and self._is_kernel(answered) == kernel
 
     def _is_kernel(self, index: int) -> bool:

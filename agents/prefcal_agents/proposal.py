@@ -18,7 +18,7 @@ from .placing import to_place
 from .region import random_points, search_domain
 from .schedule import Turn, turn_of
 from .settings import MINIMISERS, GLISpSettings
-from .surrogate import Composite, Surrogate
+from .surrogate import Composite
 from .threads import one_thread
 from .trust_region import around, half_width
 
@@ -80,9 +80,7 @@ class Strategy:
         if index < self.n_init:
             return tried.fresh(self._planned(ledger, rng), rng)
         turn = self.turn(index)
-        drawn = rng if turn.perturbed else None
-        surrogate = self.learner.learned(ledger, drawn, kernel=turn.kernel)
-        objective = steered(self._acquisition(ledger, surrogate, turn), ledger, self.settings)
+        objective = steered(self._acquisition(ledger, turn, rng), ledger, self.settings)
         minimise = MINIMISERS[self.settings.minimiser]
         # A trust region of integers may hold nothing new.
         for domain in self._domains(ledger, turn):
@@ -91,20 +89,27 @@ class Strategy:
                     return np.asarray(z)
         return tried.fresh(domain.start, rng)
 
-    def _acquisition(
-        self, ledger: Ledger, surrogate: Surrogate | Composite, turn: Turn
-    ) -> Objective:
+    def _acquisition(self, ledger: Ledger, turn: Turn, rng: np.random.Generator) -> Objective:
         """What is minimised.
 
-        Deviation: with few knobs expected improvement. Its process has a length for each knob
-        and knows where it is unsure, which eq. acquisition does not; with many knobs that takes
-        more samples to learn than there are, but for KPIs. Ties alone have nothing to improve on.
+        Deviation: with few knobs, and with any number where KPIs count, expected improvement. Its
+        process has a length for each knob and knows where it is unsure, so it needs no random
+        margins; with many knobs that takes more samples to learn than there are.
         """
-        most = self.settings.improvement_up_to
-        suits = most > 0 and (len(self.space) <= most or isinstance(surrogate, Composite))
-        if suits and ledger.preferences().b.any():
-            return ExpectedImprovement.of(surrogate)
-        return Acquisition.of(surrogate, 0.0 if turn.perturbed else self.settings.delta)
+        if self._may_improve(ledger):
+            surrogate = self.learner.learned(ledger, kernel=turn.kernel)
+            few = len(self.space) <= self.settings.improvement_up_to
+            if few or isinstance(surrogate, Composite):
+                return ExpectedImprovement.of(surrogate)
+        learned = self.learner.learned(ledger, rng if turn.perturbed else None, kernel=turn.kernel)
+        return Acquisition.of(learned, 0.0 if turn.perturbed else self.settings.delta)
+
+    def _may_improve(self, ledger: Ledger) -> bool:
+        """Not on ties alone, and not where answers are doubted: it takes each for right."""
+        if not self.settings.improvement_up_to or not ledger.preferences().b.any():
+            return False
+        doubt = self.learner.doubt(ledger)
+        return doubt is None or not doubt.justified
 
     def _planned(self, ledger: Ledger, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
         """Of the start, unless marks say that it is likely unsafe there."""

@@ -3,6 +3,7 @@ import pytest
 
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.acquisition import Acquisition
+from prefcal_agents.doubt import Doubt, Doubts
 from prefcal_agents.improvement import ExpectedImprovement
 from prefcal_agents.kernel import KernelShape
 from prefcal_agents.surrogate import Composite
@@ -85,31 +86,40 @@ def test_kpis_teach_either_surrogate(kernel):
     assert np.argmin(values) == np.argmin(latent)
 
 
-def test_with_few_knobs_the_expected_improvement_is_maximised():
-    cube = KnobSpace([Knob(name, 0.0, 1.0) for name in "abcd"])
-    for space, most, expected in ((SQUARE, 3, True), (SQUARE, 0, False), (cube, 3, False)):
-        strategy = study(8, space, improvement_up_to=most)._strategy
-        ledger = study(8, space)._turns.ledger
-        surrogate = strategy.learner.learned(ledger)
-        objective = strategy._acquisition(ledger, surrogate, strategy.turn(8))
-        assert isinstance(objective, ExpectedImprovement) == expected
+def minimised(agent, index):
+    """What the sample number `index` of the study is a minimum of."""
+    strategy = agent._strategy
+    return strategy._acquisition(
+        agent._turns.ledger, strategy.turn(index), np.random.default_rng(0)
+    )
+
+
+CUBE = KnobSpace([Knob(name, 0.0, 1.0) for name in "abcd"])
+
+
+@pytest.mark.parametrize(("space", "most", "kind"), [
+    (SQUARE, 3, ExpectedImprovement), (SQUARE, 0, Acquisition), (CUBE, 3, Acquisition),
+])  # fmt: skip
+def test_with_few_knobs_the_expected_improvement_is_maximised(space, most, kind):
+    assert isinstance(minimised(study(8, space, improvement_up_to=most), 8), kind)
+
+
+def test_with_kpis_that_count_it_is_maximised_whatever_the_number_of_knobs():
+    agent = study(9, CUBE, outcomes=lambda theta: {"off": bowl(theta)}, outcome_scales=(1.0,))
+    assert isinstance(minimised(agent, 9), ExpectedImprovement)
 
 
 def test_where_all_are_ties_nothing_can_be_improved_on():
     agent = GLISp(SQUARE, n_init=2, n_max=9, seed=2)
     for _ in range(8):
-        agent.tell(agent.ask(), None if agent.ask().incumbent is None else 0)  # all ties
-    strategy, ledger = agent._strategy, agent._turns.ledger
-    objective = strategy._acquisition(ledger, strategy.learner.learned(ledger), strategy.turn(8))
-    assert isinstance(objective, Acquisition)
+        agent.tell(agent.ask(), None if agent.ask().incumbent is None else 0)
+    assert isinstance(minimised(agent, 8), Acquisition)
     assert agent.ask().challenger.theta.tolist() not in agent.samples.tolist()[:8]
 
 
-def test_with_kpis_that_count_it_is_maximised_whatever_the_number_of_knobs():
-    cube = KnobSpace([Knob(name, 0.0, 1.0) for name in "abcd"])
-    agent = study(9, cube, outcomes=lambda theta: {"off": bowl(theta)}, outcome_scales=(1.0,))
-    ledger, strategy = agent._turns.ledger, agent._strategy
-    surrogate = strategy.learner.learned(ledger)
-    assert isinstance(surrogate, Composite)
-    objective = strategy._acquisition(ledger, surrogate, strategy.turn(9))
-    assert isinstance(objective, ExpectedImprovement)
+def test_where_answers_are_doubted_none_is_taken_for_right(monkeypatch):
+    agent = study(8)
+    assert isinstance(minimised(agent, 8), ExpectedImprovement)
+    doubt = Doubt(agent._learner.shape(agent._turns.ledger), 100.0)
+    monkeypatch.setattr(Doubts, "after", lambda *given: doubt)
+    assert isinstance(minimised(agent, 8), Acquisition)
