@@ -12,6 +12,7 @@ from prefcal_env.qp import make_backend
 
 from .checks import integer
 from .cube import encode_all
+from .doubt import Doubts
 from .learned_index import LearnedIndex
 from .learner import Learner
 from .proposal import Strategy
@@ -21,7 +22,7 @@ from .state import AgentState
 from .turn_taking import PreferenceBased
 from .turns import Turns
 
-VERSION = 2
+VERSION = 3
 """Of the algorithm: raised when the same answers would lead to another next sample."""
 
 
@@ -30,7 +31,7 @@ class GLISp(PreferenceBased):
     """Active preference learning: asks for the experiment that promises or teaches most.
 
     The first `n_init` samples are a Latin hypercube. Then Ĵ is learned from all preferences
-    (eq. QP-pref), ε chosen by cross-validation, and eq. acquisition minimised (eq. xNp1).
+    (eq. QP-pref), ε chosen by cross-validation, and an acquisition minimised (eq. xNp1).
 
     Source: section III of the paper.
     Deviation: those of `GLISpSettings`; `GLISp.paper` learns without any.
@@ -43,7 +44,7 @@ class GLISp(PreferenceBased):
         settings: Everything else.
         start: Physical θ to begin with, the present tuning say, shape (n,), or several: they
             take the place of the first of the `n_init` samples.
-        delta: δ of eq. acquisition, in place of the one in `settings`.
+        delta: δ of eq. acquisition, in place of the one in `settings`; that is minimised then.
 
     Raises:
         SettingsError: an impossible value.
@@ -65,10 +66,14 @@ class GLISp(PreferenceBased):
         if not isinstance(settings, GLISpSettings):
             raise SettingsError(f"settings must be GLISpSettings, got {settings!r}")
         integer("seed", seed, low=0)
-        self._settings = settings if delta is None else replace(settings, delta=delta)
+        if delta is not None:
+            settings = replace(settings, delta=delta, improvement_up_to=0)
+        self._settings = settings
         self._seed = int(seed)
         # A backend of its own: twins may think ahead at the same time.
-        self._learner = Learner(space, self._settings, n_init, self._seed, make_backend("piqp"))
+        doubts = Doubts(space, self._settings.rbf, n_init, self._settings.error_rate)
+        backend = make_backend("piqp")
+        self._learner = Learner(space, self._settings, n_init, self._seed, backend, doubts)
         self._strategy = Strategy(space, self._settings, n_init, self._seed, self._learner)
         self._turns = Turns(
             space,
@@ -77,6 +82,7 @@ class GLISp(PreferenceBased):
             self._strategy.propose,
             further=self._strategy.further,
             promise=self._strategy.promise,
+            best=self._learner.best,
             start=start,
         )
 
@@ -140,7 +146,8 @@ class GLISp(PreferenceBased):
     def _twin(self, state: AgentState) -> "GLISp":
         twin = self.restore(self.space, state)
         twin._learner.shapes.update(self._learner.shapes)
-        twin._learner.evidence.update(self._learner.evidence)
+        twin._learner.scales.update(self._learner.scales)
+        twin._learner.doubts.take_over(self._learner.doubts)
         return twin
 
     @property

@@ -1,6 +1,6 @@
 """What GLISp has learned after a ledger: surrogates, and what cross-validation chose for them."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import cast
 
 import numpy as np
@@ -9,17 +9,20 @@ from jaxtyping import Float
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.qp import Backend
 
-from .cross_validation import GAIN, AnyShape, Validation, choose_epsilon, nearest, rescale_knob
-from .fitting import Constraints, Learning, fit, margins
+from .belief import Belief
+from .cross_validation import AnyShape, Validation, choose_epsilon, nearest, rescale_knob
+from .doubt import Doubt, Doubts, believed_best, rows_of
+from .fitting import Constraints, fit, margins
 from .kernel import KernelShape
-from .ledger import Ledger
+from .ledger import Ledger, Preferences
 from .outcomes import Judgement, Outcomes
 from .schedule import turn_of
 from .settings import EVERY_STEP, GLISpSettings
-from .softness import FEWEST, WINDOW, advantage, contradictory
 from .surrogate import Composite, Shape, Surrogate
 
-_MANY = 100  # comparisons; beyond, cross-validation tries fewer shapes: at 400 it took 0.5 s
+_MANY = 100  # comparisons; beyond, cross-validation is rarer and tries less: at 400 it took 0.5 s
+_SELDOM = 10  # experiments between two of them then
+_SHAPE_AT, _SCALE_AT = 5, 7  # of these ten; doubts come at 0, so no proposal has to wait for all
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +35,11 @@ class Learner:
         n_init: Samples of the start, during which nothing is validated.
         seed: Of the cross-validations.
         backend: QP solver.
+        doubts: Whether answers contradict each other.
         shapes: The shape of φ of either surrogate after a ledger; a cache, which changes no
             result.
-        evidence: Ledger to how much better a soft fit foretells answers; a cache too.
+        beliefs: The latest belief, and how much KPIs count in it; a cache too.
+        scales: By how much KPIs count after a ledger, with a shape of φ; a cache too.
     """
 
     space: KnobSpace
@@ -42,78 +47,119 @@ class Learner:
     n_init: int
     seed: int
     backend: Backend
+    doubts: Doubts
     shapes: dict[tuple[Ledger, bool], Shape | KernelShape] = field(
         default_factory=dict, repr=False, compare=False
     )
-    evidence: dict[Ledger, int] = field(default_factory=dict, repr=False, compare=False)
+    beliefs: dict[tuple[Ledger, Ledger], tuple[Belief, float]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
+    scales: dict[tuple[Ledger, Shape | KernelShape], float] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     def learned(
         self,
         ledger: Ledger,
-        noise: Float[np.ndarray, " M"] | None = None,
+        rng: np.random.Generator | None = None,
         *,
         kernel: bool = False,
         validated: Ledger | None = None,
     ) -> Surrogate | Composite:
-        """Ĵ that the M answers in `ledger` teach, with a factor `noise`, (M,), on their margins.
+        """Ĵ that the answers in `ledger` teach; with `rng` one at random of those they allow.
 
-        With `kernel` it is the one of least kernel norm. Shape and softness are those that
-        cross-validation finds for the ledger `validated`, an earlier one where time is short.
+        With `kernel` it is the one of least kernel norm. Shape and doubt are those found for the
+        ledger `validated`, an earlier one where time is short.
 
         Deviation: KPIs that explain the answers are part of it, as far as cross-validation finds
         that they help to foretell answers; scale 0 among the `outcome_scales` is without them.
+        Where answers contradict each other none has to be kept; see `Belief`.
         """
         validated = ledger if validated is None else validated
-        preferences, learning = ledger.preferences(), self._learning(validated)
+        doubt = self.doubt(validated)
+        if doubt is not None and doubt.justified:
+            return self._believed(ledger, doubt.shape, validated, rng)
+        preferences, learning = ledger.preferences(), self.settings.learning
         shape = self.kernel_shape(validated) if kernel else self.shape(validated)
         margin = margins(preferences, self.settings.margin_power, self.settings.strong_margins)
-        margin = margin if noise is None else margin * noise
+        if rng is not None:
+            margin = margin * rng.exponential(size=len(preferences))
         features = shape.features(preferences.samples)
         constraints = Constraints.of(preferences, features, margin)
-        outcomes = Outcomes.of(ledger) if any(self.settings.outcome_scales) else Outcomes.none()
+        outcomes = self._outcomes(ledger)
         scale = self._outcome_scale(ledger, shape, outcomes)
-        if scale == 0:
-            v = fit(constraints, learning, self.backend)
-            return Surrogate(preferences.samples, shape.weights(features, v), shape)
-        constraints = constraints.with_outcomes(preferences, scale * outcomes.columns)
+        if scale:
+            constraints = constraints.with_outcomes(preferences, scale * outcomes.columns)
         v = fit(constraints, learning, self.backend)
-        n = len(features)
-        judgement = Judgement(outcomes, scale * np.maximum(v[n:], 0.0))
-        beta = shape.weights(features, v[:n])
-        return Composite(Surrogate(preferences.samples, beta, shape), judgement)
+        return _assembled(preferences, shape, features, v, outcomes, scale)
 
-    def _learning(self, ledger: Ledger) -> Learning:
-        """How β is learned: softly where the answers contradict each other (see `advantage`)."""
-        learning, soften = self.settings.learning, self.settings.soften
-        if soften == 1.0 or learning.lam == 0:
-            return learning
-        first = max(ledger.answered - WINDOW, self.n_init - 1) + 1
-        found = [self._advantage(ledger.until(k)) for k in range(first, ledger.answered + 1)]
-        return replace(learning, lam=soften * learning.lam) if contradictory(found) else learning
+    def _believed(
+        self, ledger: Ledger, shape: Shape, validated: Ledger, rng: np.random.Generator | None
+    ) -> Surrogate | Composite:
+        """Ĵ where answers may be wrong."""
+        preferences, outcomes = ledger.preferences(), self._outcomes(ledger)
+        if (ledger, validated) not in self.beliefs:
+            scale = self._outcome_scale(ledger, self.shape(validated), outcomes)
+            columns = scale * outcomes.columns if scale else None
+            belief = Belief.of(rows_of(preferences, shape, columns), self.settings.error_rate)
+            self.beliefs.clear()  # each is as large as Φ
+            self.beliefs[ledger, validated] = belief, scale
+        belief, scale = self.beliefs[ledger, validated]
+        v = belief.mean if rng is None else belief.draw(rng)
+        features = shape.features(preferences.samples)
+        return _assembled(preferences, shape, features, v, outcomes, scale)
 
-    def _advantage(self, ledger: Ledger) -> int:
-        if ledger not in self.evidence:
-            preferences, settings = ledger.preferences(), self.settings
-            self.evidence[ledger] = 0 if len(preferences) < FEWEST else advantage(
-                preferences, self.shape(ledger), settings.learning, settings.soften, self.backend,
-                settings.folds, (self.seed, ledger.answered),
-            )  # fmt: skip
-        return self.evidence[ledger]
+    def best(self, ledger: Ledger) -> int | None:
+        """The sample that is believed to be the best; None before the first answer.
+
+        Source: none.
+        Deviation: the last winner, unless answers contradict each other. Then a sample that lost
+        by a mistake is thrown away for ever, and one that won by a mistake is what all others
+        are compared with; so it is the one of lowest Ĵ.
+        """
+        ledger = ledger.until(ledger.answered)
+        doubt = self.doubt(ledger)
+        if doubt is None or not doubt.justified:
+            return ledger.incumbent
+        return believed_best(ledger, self.learned(ledger)(ledger.cube()))
+
+    def doubt(self, ledger: Ledger) -> Doubt | None:
+        """What is doubted after `ledger`; None while there are too few answers."""
+        return self.doubts.after(ledger, self._columns)
+
+    def _columns(self, ledger: Ledger) -> Float[np.ndarray, "N p"] | None:
+        """KPIs that explain the answers, times how much they count; None without any."""
+        outcomes = self._outcomes(ledger)
+        scale = self._outcome_scale(ledger, self.shape(ledger), outcomes) if len(outcomes) else 0
+        return scale * outcomes.columns if scale else None
+
+    def _outcomes(self, ledger: Ledger) -> Outcomes:
+        if not any(self.settings.outcome_scales):
+            return Outcomes.none()
+        return Outcomes.of(ledger).foreseeable()
 
     def _outcome_scale(
         self, ledger: Ledger, shape: Shape | KernelShape, outcomes: Outcomes
     ) -> float:
         """By how much KPIs count beside θ, so that left-out answers are foretold best."""
-        scales, preferences = self.settings.outcome_scales, ledger.preferences()
-        if not len(outcomes) or len(preferences) < self.settings.folds:
+        if not len(outcomes) or len(ledger.preferences()) < self.settings.folds:
             return 0.0
+        if ledger.answered > _MANY + _SELDOM:
+            ledger = ledger.until(ledger.answered - (ledger.answered - _SCALE_AT) % _SELDOM)
+            shape = self.shape(ledger)
+        if (ledger, shape) not in self.scales:
+            if len(ledger.samples) < len(outcomes.columns):
+                outcomes = self._outcomes(ledger)
+            self.scales[ledger, shape] = self._best_scale(ledger, shape, outcomes)
+        return self.scales[ledger, shape]
+
+    def _best_scale(self, ledger: Ledger, shape: Shape | KernelShape, outcomes: Outcomes) -> float:
+        scales = self.settings.outcome_scales
         validation = self._validation(ledger)
         scores = [
             validation.reproduced(shape, scale * outcomes.columns if scale else None)
             for scale in scales
         ]
-        if scales[0] == 0 and max(scores) < scores[0] + GAIN:
-            return 0.0  # else useless KPIs cost experiments: docs/research/outcomes.md
         winners = [s for s, score in zip(scales, scores, strict=True) if score == max(scores)]
         return winners[len(winners) // 2]
 
@@ -171,8 +217,26 @@ class Learner:
         at = self.settings.validate_at
         if at != EVERY_STEP:
             return answered in at
+        if answered > _MANY and answered % _SELDOM != _SHAPE_AT:
+            return False
         return answered >= self.n_init and self._is_kernel(answered) == kernel
 
     def _is_kernel(self, index: int) -> bool:
         after_start, kernel = index - self.n_init, self.settings.kernel
         return turn_of(after_start, kernel=kernel, perturb_every=0, local=False).kernel
+
+
+def _assembled(
+    preferences: Preferences,
+    shape: Shape | KernelShape,
+    features: Float[np.ndarray, "N N"],
+    v: Float[np.ndarray, " P"],
+    outcomes: Outcomes,
+    scale: float,
+) -> Surrogate | Composite:
+    """Ĵ of the coefficients `v`: of the features, and of the KPIs unless their scale is 0."""
+    n = len(features)
+    surrogate = Surrogate(preferences.samples, shape.weights(features, v[:n]), shape)
+    if scale == 0:
+        return surrogate
+    return Composite(surrogate, Judgement(outcomes, scale * np.maximum(v[n:], 0.0)))

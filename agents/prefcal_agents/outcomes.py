@@ -13,6 +13,7 @@ _CEILING = 2.0  # see `normalised`: an interrupted run must not flatten the diff
 _EPSILONS = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2)
 _RBF = "inverse_quadratic"
 _FEWEST = 3  # values that a KPI needs before anything can be foretold
+_FORESEEABLE = 0.9  # of the error of foretelling the mean, below which θ does tell something
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,17 +25,20 @@ class Outcomes:
         models: Each column interpolated over the cube scaled to [-1, 1].
         names: Of the KPIs, p of them.
         ranges: Of each KPI, the values that count as 0 and as 1, in its unit.
+        errors: Of each KPI, by how much its model is wrong at a left-out sample, in units of how
+            wrong the mean of the others is.
     """
 
     columns: Float[np.ndarray, "N p"]
     models: tuple[Interpolant, ...]
     names: tuple[str, ...]
     ranges: tuple[tuple[float, float], ...]
+    errors: tuple[float, ...]
 
     @classmethod
     def none(cls) -> "Outcomes":
         """No KPIs at all."""
-        return cls(np.zeros((0, 0)), (), (), ())
+        return cls(np.zeros((0, 0)), (), (), (), ())
 
     @classmethod
     def of(cls, ledger: Ledger) -> "Outcomes":
@@ -52,20 +56,35 @@ class Outcomes:
             kpi = _KPI.of(known, name)
             if len(kpi.there) >= _FEWEST and np.ptp(kpi.shares) > 0:
                 alike.setdefault(tuple(kpi.there), []).append(kpi)
-        columns, models, kpis = [], [], []
+        columns, models, kpis, errors = [], [], [], []
         for group in alike.values():
             there, shares = group[0].there, np.array([kpi.shares for kpi in group]).T
-            for k, model in enumerate(best_interpolants(x[there], shares, _EPSILONS, _RBF)):
+            alone = np.std(shares, axis=0) * len(there) / (len(there) - 1)
+            best = best_interpolants(x[there], shares, _EPSILONS, _RBF)
+            for k, (model, error) in enumerate(best):
                 column = np.clip(model(x), 0.0, 1.0) if len(there) < len(x) else np.zeros(len(x))
                 column[there] = shares[:, k]
                 columns.append(column)
                 models.append(model)
                 kpis.append(group[k])
+                errors.append(error / float(alone[k]))
         return cls(
             columns=np.array(columns).reshape(len(columns), len(x)).T,
             models=tuple(models),
             names=tuple(kpi.name for kpi in kpis),
             ranges=tuple(kpi.range for kpi in kpis),
+            errors=tuple(errors),
+        )
+
+    def foreseeable(self) -> "Outcomes":
+        """Those KPIs that θ foretells: the others cannot say where to go, and lead astray."""
+        kept = [k for k, error in enumerate(self.errors) if error < _FORESEEABLE]
+        return Outcomes(
+            self.columns[:, kept],
+            tuple(self.models[k] for k in kept),
+            tuple(self.names[k] for k in kept),
+            tuple(self.ranges[k] for k in kept),
+            tuple(self.errors[k] for k in kept),
         )
 
     def __len__(self) -> int:

@@ -9,14 +9,16 @@ from prefcal_env.knobs import KnobSpace
 
 from .acquisition import Acquisition
 from .cube import Tried, latin_hypercube
+from .improvement import ExpectedImprovement
 from .learner import Learner
 from .ledger import Ledger
 from .marks import POOL, replaced, steered, unsafe_worry
-from .minimise import Box, Domain, multistart
+from .minimise import Box, Domain, Objective, multistart
 from .placing import to_place
 from .region import random_points, search_domain
 from .schedule import Turn, turn_of
 from .settings import MINIMISERS, GLISpSettings
+from .surrogate import Composite
 from .threads import one_thread
 from .trust_region import around, half_width
 
@@ -43,10 +45,10 @@ class Strategy:
         """Cube point of the sample that follows `ledger`, shape (n,).
 
         Source: eq. xNp1.
-        Deviation: those of `turn_of`. A perturbed proposal minimises a surrogate whose margins
-        are drawn at random (each times an exponential variate), without the exploration term.
-        Equal margins are arbitrary: others reproduce the same answers with another minimum,
-        and one fixed choice keeps returning to the same place when it is wrong.
+        Deviation: those of `turn_of`. A perturbed proposal learns from margins that are drawn
+        at random (each times an exponential variate), without the exploration term of
+        eq. acquisition. Equal margins are arbitrary: others reproduce the same answers with
+        another minimum, and one fixed choice keeps returning to the same place when it is wrong.
         """
         with one_thread():
             return self._proposed(ledger)
@@ -57,9 +59,9 @@ class Strategy:
             return None
         with one_thread():
             objective = Acquisition.of(self.learner.learned(ledger), 0.0)
-            best = np.array([ledger.samples[ledger.incumbent or 0]])
+            best = np.array([ledger.samples[self._best(ledger)]])
             rng = np.random.default_rng([self.seed, ledger.answered, 2])
-            lowest = multistart(objective, search_domain(self.space, ledger), rng)[0]
+            lowest = multistart(objective, self._domain(ledger), rng)[0]
             return max(0.0, float(objective(best)[0] - objective(lowest[None])[0]))
 
     def further(self, ledger: Ledger) -> tuple[int, int] | None:
@@ -77,11 +79,8 @@ class Strategy:
         tried = Tried(self.space, ledger)
         if index < self.n_init:
             return tried.fresh(self._planned(ledger, rng), rng)
-        turn, noise, delta = self.turn(index), None, self.settings.delta
-        if turn.perturbed:
-            noise, delta = rng.exponential(size=len(ledger.preferences())), 0.0
-        acquisition = Acquisition.of(self.learner.learned(ledger, noise, kernel=turn.kernel), delta)
-        objective = steered(acquisition, ledger, self.settings)
+        turn = self.turn(index)
+        objective = steered(self._acquisition(ledger, turn, rng), ledger, self.settings)
         minimise = MINIMISERS[self.settings.minimiser]
         # A trust region of integers may hold nothing new.
         for domain in self._domains(ledger, turn):
@@ -89,6 +88,28 @@ class Strategy:
                 if tried.may_run(z):
                     return np.asarray(z)
         return tried.fresh(domain.start, rng)
+
+    def _acquisition(self, ledger: Ledger, turn: Turn, rng: np.random.Generator) -> Objective:
+        """What is minimised.
+
+        Deviation: with few knobs, and with any number where KPIs count, expected improvement. Its
+        process has a length for each knob and knows where it is unsure, so it needs no random
+        margins; with many knobs that takes more samples to learn than there are.
+        """
+        if self._may_improve(ledger):
+            surrogate = self.learner.learned(ledger, kernel=turn.kernel)
+            few = len(self.space) <= self.settings.improvement_up_to
+            if few or isinstance(surrogate, Composite):
+                return ExpectedImprovement.of(surrogate)
+        learned = self.learner.learned(ledger, rng if turn.perturbed else None, kernel=turn.kernel)
+        return Acquisition.of(learned, 0.0 if turn.perturbed else self.settings.delta)
+
+    def _may_improve(self, ledger: Ledger) -> bool:
+        """Not on ties alone, and not where answers are doubted: it takes each for right."""
+        if not self.settings.improvement_up_to or not ledger.preferences().b.any():
+            return False
+        doubt = self.learner.doubt(ledger)
+        return doubt is None or not doubt.justified
 
     def _planned(self, ledger: Ledger, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
         """Of the start, unless marks say that it is likely unsafe there."""
@@ -104,9 +125,15 @@ class Strategy:
         boxes: list[Box | None] = [None]
         if turn.local:
             half = half_width(ledger, self.settings.trust_region, self._is_local)
-            best = np.array(ledger.samples[ledger.incumbent or 0])
+            best = np.array(ledger.samples[self._best(ledger)])
             boxes.insert(0, around(np.clip(best, *self.space.corners), half))
-        return [search_domain(self.space, ledger, box) for box in boxes]
+        return [self._domain(ledger, box) for box in boxes]
+
+    def _domain(self, ledger: Ledger, box: Box | None = None) -> Domain:
+        return search_domain(self.space, ledger, box, best=self._best(ledger))
+
+    def _best(self, ledger: Ledger) -> int:
+        return self.learner.best(ledger) or 0
 
     def turn(self, index: int) -> Turn:
         """What kind of proposal sample number `index` is; not of the initial ones."""

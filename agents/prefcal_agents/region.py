@@ -141,16 +141,19 @@ def random_points(
     return scaled(space, rng.random((count, len(space))))
 
 
-def search_domain(space: KnobSpace, ledger: Ledger, box: Box | None = None) -> Domain:
+def search_domain(
+    space: KnobSpace, ledger: Ledger, box: Box | None = None, *, best: int | None = None
+) -> Domain:
     """Where an acquisition is minimised: the cube or a box, or what the constraints leave of it.
 
     Of a space that is searched in part it is that part; frozen knobs stay put.
 
     Points that are not allowed are moved to the edge of the region; so a search need not know
-    about it, and finds optima at the edge.
+    about it, and finds optima at the edge. It starts at sample number `best`, or the incumbent.
     """
     lower, upper = space.corners
-    start = np.clip(np.array(ledger.samples[ledger.incumbent or 0]), lower, upper)
+    best = (ledger.incumbent or 0) if best is None else best
+    start = np.clip(np.array(ledger.samples[best]), lower, upper)
     low, high = (lower, upper) if box is None else (np.clip(c, lower, upper) for c in box)
     fixed = integer_mask(space) | (lower == upper)
     if not space.constraints:

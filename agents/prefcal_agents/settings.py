@@ -36,13 +36,17 @@ class GLISpSettings:
     (docs/research/better-glisp.md).
 
     Args:
+        improvement_up_to: Most knobs with which, in place of eq. acquisition, the expected
+            improvement is maximised on a Gaussian process through the values that Ĵ has at the
+            samples; with more only where KPIs count; 0: never. Measured in
+            docs/research/improvement.md.
         delta: δ of eq. acquisition, 0 or more; 0 trusts the surrogate, well above 1 explores.
         rbf: φ of eq. rbf, a key of `RADIAL_FUNCTIONS`.
         sigma: σ of eq. QP-pref, above 0.
         lam: λ of eq. QP-pref, 0 or more; the QP divided by σ has λσ, so 1 at σ = 1e-6 keeps all
             preferences that can be kept.
-        soften: Factor on λ once cross-validation finds that answers contradict the rest, 1 or
-            more; 1: never. Measured in docs/research/noise.md.
+        error_rate: Chance that an answer is wrong, below 0.5, that is reckoned with once answers
+            contradict each other; 0: never. Measured in docs/research/noise.md.
         epsilon: ε of eq. rbf before the first cross-validation, above 0, in the unit cube.
         epsilons: Multiples of `epsilon` among which cross-validation chooses, increasing.
         folds: K of the cross-validation, 2 or more.
@@ -76,11 +80,12 @@ class GLISpSettings:
         SettingsError: an impossible value.
     """
 
+    improvement_up_to: int = 3
     delta: float = 0.3
     rbf: str = "inverse_quadratic"
     sigma: float = 1e-6
     lam: float = 1.0
-    soften: float = 1e5
+    error_rate: float = 0.1
     epsilon: float = 1.0
     epsilons: tuple[float, ...] = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2, 5.6, 10.0)
     folds: int = 3
@@ -101,11 +106,14 @@ class GLISpSettings:
     questions_per_experiment: int = 1
 
     def __post_init__(self) -> None:
+        integer("improvement_up_to", self.improvement_up_to, low=0)
         number("delta", self.delta)
         choice("rbf", self.rbf, RADIAL_FUNCTIONS)
         number("sigma", self.sigma, strict=True)
         number("lam", self.lam)
-        number("soften", self.soften, low=1.0)
+        number("error_rate", self.error_rate)
+        if self.error_rate >= 0.5:
+            raise SettingsError(f"error_rate must be below 0.5, got {self.error_rate!r}")
         number("epsilon", self.epsilon, strict=True)
         integer("folds", self.folds, low=2)
         _flag("rescale", self.rescale)
@@ -134,10 +142,11 @@ class GLISpSettings:
     def paper(cls) -> "GLISpSettings":
         """The settings of section IV of the paper, with no deviation in what is learned."""
         return cls(
+            improvement_up_to=0,
             validate_at=(10, 20, 30, 40),
             rescale=False,
             margin_power=0.0,
-            soften=1.0,
+            error_rate=0.0,
             strong_margins=False,
             perturb_every=0,
             kernel=False,
@@ -176,16 +185,21 @@ class GLISpSettings:
     def of(cls, pairs: tuple[tuple[str, Any], ...]) -> "GLISpSettings":
         """Read what `pairs` gave; a setting that is missing has its default.
 
-        Without `outcome_scales` it is of a time before KPIs taught: they are left out, so that
-        the study goes on as it began.
+        Without `outcome_scales` or `improvement_up_to` it is of a time before KPIs taught, or
+        before expected improvement: they are left out, so that the study goes on as it began.
+        The former `soften` is `error_rate` now; 1 was off.
 
         Raises:
             SettingsError: an unknown setting or an impossible value.
         """
-        unknown = {name for name, _ in pairs} - {f.name for f in fields(cls)}
+        given = dict(pairs)
+        if given.pop("soften", None) == 1.0:
+            given.setdefault("error_rate", 0.0)
+        unknown = set(given) - {f.name for f in fields(cls)}
         if unknown:
             raise SettingsError(f"GLISp has no settings called {sorted(unknown)}")
-        return cls(**{"outcome_scales": (0.0,), **dict(pairs)})
+        before = {"outcome_scales": (0.0,), "improvement_up_to": 0}
+        return cls(**{**before, **given})
 
 
 def _flag(name: str, value: Any) -> None:

@@ -48,6 +48,11 @@ class TurnTaking(Protocol):
         return self._turns.best
 
     @property
+    def best_index(self) -> int | None:
+        """Number of the best sample, the incumbent of the next query; None before any answer."""
+        return self._turns.best_index
+
+    @property
     def samples(self) -> Float[np.ndarray, "N n"]:
         """θ of all answered queries, physical, in the order tried, shape (N, n)."""
         return self._turns.samples()

@@ -22,13 +22,16 @@ from .state import AgentState
 
 Propose = Callable[[Ledger], Float[np.ndarray, " n"]]
 Further = Callable[[Ledger], tuple[int, int] | None]
-
-
 Promise = Callable[[Ledger], float | None]
+Best = Callable[[Ledger], int | None]
 
 
 def _nothing_promised(ledger: Ledger) -> None:
     return None
+
+
+def _last_winner(ledger: Ledger) -> int | None:
+    return ledger.incumbent
 
 
 def _nothing_further(ledger: Ledger) -> None:
@@ -52,6 +55,7 @@ class Turns:
         further: Two known samples to compare before the next one is proposed, from the ledger:
             challenger and incumbent; None if there is nothing (more) to ask.
         promise: How far the minimum of what was learned from the ledger lies below the best.
+        best: The sample that is returned, and that the next one is compared with, from the ledger.
         start: Physical θ that are the first samples, in place of proposed ones.
 
     Raises:
@@ -69,6 +73,7 @@ class Turns:
         by_value: bool = False,
         further: Further = _nothing_further,
         promise: Promise = _nothing_promised,
+        best: Best = _last_winner,
         start: Start | None = None,
     ) -> None:
         if not isinstance(space, KnobSpace):
@@ -79,7 +84,8 @@ class Turns:
             raise SettingsError(f"n_max must not be below n_init, got {n_max} below {n_init}")
         self.space, self.n_init, self._asked_for = space, int(n_init), int(n_max)
         self._propose, self.by_value, self._further = propose, by_value, further
-        self._promise = promise
+        self._promise, self._choose = promise, best
+        self._chosen: tuple[Ledger, int | None] | None = None
         self._thought: tuple[Ledger, tuple[int, int] | None] | None = None
         self._capacity = capacity(space)
         self._start = start_points(space, start, self._asked_for)
@@ -106,9 +112,17 @@ class Turns:
     @property
     def best(self) -> Float[np.ndarray, " n"]:
         """θ of the incumbent, physical, shape (n,)."""
-        if self.ledger.incumbent is None:
+        if self.best_index is None:
             raise ProtocolError("there is no best θ before the first answer")
-        return self._theta(self.ledger.incumbent)
+        return self._theta(self.best_index)
+
+    @property
+    def best_index(self) -> int | None:
+        """Number of the sample that is the best so far; None before the first answer."""
+        ledger = self.ledger
+        if self._chosen is None or self._chosen[0] != ledger:
+            self._chosen = (ledger, self._choose(ledger))
+        return self._chosen[1]
 
     def promise(self) -> float | None:
         """As `Advice.promise`."""
@@ -143,7 +157,7 @@ class Turns:
 
     @property
     def _rival(self) -> int | None:
-        return None if self.by_value else self.ledger.incumbent
+        return None if self.by_value else self.best_index
 
     def tell(self, query: Query, answer: Answer | Preference | float | None) -> None:
         """Close `query` by an answer: a bare -1, 0, 1 or None, or a score where those are told."""

@@ -61,7 +61,8 @@ def test_impossible_settings_are_refused_by_name(options):
 
 
 def test_delta_may_be_given_alone_and_is_checked_too():
-    assert GLISp(SQUARE, delta=1.5).settings == GLISpSettings(delta=1.5)
+    # With the acquisition that it is part of.
+    assert GLISp(SQUARE, delta=1.5).settings == GLISpSettings(delta=1.5, improvement_up_to=0)
     with pytest.raises(SettingsError, match="delta"):
         GLISp(SQUARE, delta=-1.0)
     with pytest.raises(SettingsError, match="settings"):

@@ -2,6 +2,9 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, GLISpSettings
+from prefcal_agents.acquisition import Acquisition
+from prefcal_agents.doubt import Doubt, Doubts
+from prefcal_agents.improvement import ExpectedImprovement
 from prefcal_agents.kernel import KernelShape
 from prefcal_agents.surrogate import Composite
 from prefcal_env.knobs import Knob, KnobSpace
@@ -13,7 +16,7 @@ SQUARE = KnobSpace([Knob("a", 0.0, 1.0), Knob("b", 0.0, 1.0)])
 
 
 def bowl(theta):
-    return float(np.sum((theta - np.array([0.3, 0.6])) ** 2))
+    return float(np.sum((theta - np.resize([0.3, 0.6], len(theta))) ** 2))
 
 
 def study(count, space=SQUARE, *, outcomes=None, agent=None, **settings):
@@ -71,6 +74,7 @@ def test_kpis_teach_either_surrogate(kernel):
         outcomes=lambda theta: {"off": bowl(theta), "none": float(theta[0] > 0.5)},
         kernel=kernel,
         outcome_scales=(1.0,),
+        improvement_up_to=0,  # samples not so close that no QP tells them apart
     )
     learned = agent._learner.learned(agent._turns.ledger, kernel=kernel)
     assert isinstance(learned, Composite)
@@ -80,3 +84,42 @@ def test_kpis_teach_either_surrogate(kernel):
     values = learned(learned.centres)
     latent = [bowl(SQUARE.decode(z)) for z in learned.centres]
     assert np.argmin(values) == np.argmin(latent)
+
+
+def minimised(agent, index):
+    """What the sample number `index` of the study is a minimum of."""
+    strategy = agent._strategy
+    return strategy._acquisition(
+        agent._turns.ledger, strategy.turn(index), np.random.default_rng(0)
+    )
+
+
+CUBE = KnobSpace([Knob(name, 0.0, 1.0) for name in "abcd"])
+
+
+@pytest.mark.parametrize(("space", "most", "kind"), [
+    (SQUARE, 3, ExpectedImprovement), (SQUARE, 0, Acquisition), (CUBE, 3, Acquisition),
+])  # fmt: skip
+def test_with_few_knobs_the_expected_improvement_is_maximised(space, most, kind):
+    assert isinstance(minimised(study(8, space, improvement_up_to=most), 8), kind)
+
+
+def test_with_kpis_that_count_it_is_maximised_whatever_the_number_of_knobs():
+    agent = study(9, CUBE, outcomes=lambda theta: {"off": bowl(theta)}, outcome_scales=(1.0,))
+    assert isinstance(minimised(agent, 9), ExpectedImprovement)
+
+
+def test_where_all_are_ties_nothing_can_be_improved_on():
+    agent = GLISp(SQUARE, n_init=2, n_max=9, seed=2)
+    for _ in range(8):
+        agent.tell(agent.ask(), None if agent.ask().incumbent is None else 0)
+    assert isinstance(minimised(agent, 8), Acquisition)
+    assert agent.ask().challenger.theta.tolist() not in agent.samples.tolist()[:8]
+
+
+def test_where_answers_are_doubted_none_is_taken_for_right(monkeypatch):
+    agent = study(8)
+    assert isinstance(minimised(agent, 8), ExpectedImprovement)
+    doubt = Doubt(agent._learner.shape(agent._turns.ledger), 100.0)
+    monkeypatch.setattr(Doubts, "after", lambda *given: doubt)
+    assert isinstance(minimised(agent, 8), Acquisition)

@@ -155,6 +155,14 @@ def test_the_incumbent_is_followed_through_the_answers():
     assert sum(record.verdict_counts().values()) == 7
 
 
+def test_the_best_is_the_one_that_the_agent_believes_in_where_that_is_not_the_last_winner():
+    along = toy_record()
+    other = 2 if along.best.index != 2 else 1
+    record = replace(along, believed_best=other)
+    assert record.best.index == other
+    assert [t.index for t in record.incumbents[:-1]] == [t.index for t in along.incumbents[:-1]]
+
+
 def test_a_csv_without_questions_is_just_the_headings():
     assert comparisons_as_csv(toy_record(stop_after=1)).count("\n") == 1
 

@@ -77,7 +77,7 @@ _Initial = Annotated[
     int | None,
     typer.Option(
         help="Experiments before learning starts.",
-        show_default="10, or half of --n-max if that is less",
+        show_default="10; glisp: 2 a knob; at most half of --n-max",
     ),
 ]
 _Experiments = Annotated[

@@ -57,7 +57,7 @@ def open_study(given: Mapping[str, Any], scenario: Scenario, name: str | None) -
         StudyError: it cannot be opened, is another scenario's, or cannot be written.
         SettingsError: an option contradicts what the study was begun with.
     """
-    options = Options.of(given)
+    options = Options.of(given, len(scenario.space))
     if name is None and not options.by_a_person:
         return Opened(_create(IN_MEMORY, options, scenario), options, None, False)
     name = _free(scenario.name) if name is None else name

@@ -59,13 +59,18 @@ class Options:
             raise SettingsError(f"delta must be 0 or above and finite, got {self.delta}")
 
     @classmethod
-    def of(cls, given: Mapping[str, Any]) -> "Options":
-        """From what the user has given, None where he has not."""
+    def of(cls, given: Mapping[str, Any], knobs: int = 5) -> "Options":
+        """From what the user has given, None where he has not; `knobs` are to be calibrated.
+
+        GLISp starts to learn after two experiments a knob, ten at most: on the reactor with its
+        three, six in place of ten came to the same index with four experiments fewer.
+        """
         said = {name: value for name, value in given.items() if value is not None}
         n_max = said.get("n_max", cls.__dataclass_fields__["n_max"].default)
         if said.get("agent") in BY_VALUE:
             said.setdefault("calibrator", SCORE)
-        said.setdefault("n_init", min(10, max(1, n_max // 2)))
+        most = 2 * knobs if said.get("agent", "glisp") == "glisp" else 10
+        said.setdefault("n_init", min(10, most, max(1, n_max // 2)))
         return cls(**said)
 
     @classmethod

@@ -19,7 +19,8 @@ def record_of(
     interview: Interview, options: Options, references: Mapping[str, Experiment]
 ) -> Record:
     """The study as it stands."""
-    state = interview.now().state
+    now = interview.now()
+    state = now.state
     agent, advice = state.configuration["agent"], interview.advice
     settings = {f"{agent['agent']} {name}": _text(v) for name, v in agent["settings"].items()}
     taken = state.configuration.get("earlier")
@@ -37,6 +38,7 @@ def record_of(
         minded=Minded.of(interview.index, interview.scenario),
         good_enough=state.ended == GOOD_ENOUGH,
         advice="" if advice is None else advice.text,
+        believed_best=now.incumbent,
         further=tuple(c.answer for c in state.further if not c.retracted),
     )
 

@@ -26,7 +26,7 @@ from prefcal_env.studies import (
 from prefcal_scenarios.cli.clock import wall_clock
 from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.export import jsonable
-from prefcal_scenarios.interview.memory import incumbent
+from prefcal_scenarios.interview.memory import believed_best
 from prefcal_scenarios.report.record import verdict_text
 from prefcal_scenarios.report.wording import earlier_text, labelled, mark_text, number, printable
 
@@ -121,7 +121,7 @@ def _minute(at: str) -> str:
 
 def best_theta(state: State) -> dict[str, float] | None:
     """θ of the best so far by knob; None before the first experiment."""
-    best = incumbent(state)
+    best = believed_best(state)
     if best is None:
         return None
     names = [knob["name"] for knob in state.configuration["knobs"]]

@@ -56,6 +56,13 @@ class Flow:
         return int(self.state.configuration["seed"])
 
     @property
+    def best(self) -> int | None:
+        """Index of the best experiment so far, as the agent believes; None before the first."""
+        if not self.state.closed or self.agent.by_value:
+            return incumbent(self.state)
+        return self.agent.best_index
+
+    @property
     def pending(self) -> Suggested | None:
         """The sample that has no answer yet, once it is proposed."""
         state = self.state
@@ -75,14 +82,14 @@ class Flow:
             self._put(*shown)
 
     def _is_overtaken(self, shown: Shown) -> bool:
-        """Whether a retraction has changed who is best since.
+        """Whether a retraction, or a newer algorithm, has changed who is best since.
 
         A crash between a retraction and the question that follows it leaves the old question on
         show: an answer would be about another pair than the one that the agent asks about.
         """
         if shown.repeats is not None or shown.challenger < len(self.state.closed):
             return False
-        return shown.incumbent != incumbent(self.state)
+        return shown.incumbent != self.best
 
     def proceed(self) -> None:
         """Go on until something has to be run, or answered, or all is over.

@@ -19,7 +19,7 @@ from . import runs, steps
 from .album import Album
 from .consistency import Consistency
 from .flow import Flow, in_words
-from .memory import agent_of, as_studied, incumbent
+from .memory import agent_of, as_studied
 from .minded import index_of, known_outcomes
 from .moment import Choice, Now, Phase, Question
 
@@ -68,7 +68,7 @@ class Interview:
             return Now(
                 version=flow.version, phase=flow.phase, question=flow.question,
                 problem=None if flow.problem is None else in_words(flow.problem),
-                pending=flow.pending, incumbent=incumbent(flow.state),
+                pending=flow.pending, incumbent=flow.best,
                 can_undo=steps.can_undo(flow), state=flow.state,
             )  # fmt: skip
 

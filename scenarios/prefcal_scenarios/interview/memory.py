@@ -6,7 +6,7 @@ from typing import Any
 
 from prefcal_agents import AgentState, Earlier, restore
 from prefcal_agents.restore import AnyAgent
-from prefcal_env.errors import StudyError
+from prefcal_env.errors import PrefcalError, StudyError
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.preference import Preference
 from prefcal_env.studies import Closed, State, space_of
@@ -101,6 +101,18 @@ def agent_state(state: State) -> AgentState:
 def incumbent(state: State) -> int | None:
     """Index of the winner along the answers that stand; None before the first experiment."""
     return incumbents(state)[-1] if state.closed else None
+
+
+def believed_best(state: State) -> int | None:
+    """Index of the best experiment so far, as the agent of a study believes; None before any.
+
+    Without its scenario: where no agent can be made, it is the winner along the answers.
+    """
+    try:
+        agent = restore(space_of(state.configuration), agent_state(state))
+    except PrefcalError:
+        return incumbent(state)
+    return incumbent(state) if agent.by_value else agent.best_index
 
 
 def incumbents(state: State) -> tuple[int, ...]:

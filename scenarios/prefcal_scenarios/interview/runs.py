@@ -11,7 +11,7 @@ from prefcal_env.rig import Rig
 from prefcal_env.studies import Ended, Extended, Finished, Noted, Reopened, Suggested
 
 from .flow import Flow
-from .memory import agent_of, incumbent
+from .memory import agent_of
 from .moment import GOOD_ENOUGH, Phase
 
 Attempt = Callable[[], Callable[[], None]]
@@ -138,7 +138,7 @@ def finish(flow: Flow) -> None:
     """End the study, since the person says so."""
     if flow.phase is Phase.OVER:
         raise StaleError("the study has ended already")
-    best, marks = incumbent(flow.state), flow.state.marks
+    best, marks = flow.best, flow.state.marks
     good = best is not None and GOOD_ENOUGH in marks.get(best, frozenset())
     flow.study.append(Ended(GOOD_ENOUGH if good else "stopped"))
     flow.proceed()

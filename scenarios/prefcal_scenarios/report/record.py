@@ -69,6 +69,8 @@ class Record:
         good_enough: Whether it was ended early because the best is good enough.
         further: Answers about two experiments that had both been compared before.
         advice: What further experiments would be expected to gain, in words; empty if not known.
+        believed_best: Index of the best experiment, as the agent believes; None: the winner along
+            the answers.
     """
 
     scenario: Scenario
@@ -84,6 +86,7 @@ class Record:
     good_enough: bool = False
     further: tuple[Answer, ...] = ()
     advice: str = ""
+    believed_best: int | None = None
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:
@@ -138,6 +141,8 @@ class Record:
             if c.incumbent is None or c.answer.preference is Preference.CHALLENGER:
                 winner = c.query.challenger.index
             winners.append(by_index[winner])
+        if winners and self.believed_best is not None:
+            winners[-1] = by_index[self.believed_best]
         return tuple(winners)
 
     @cached_property

@@ -1,0 +1,145 @@
+"""A Gaussian process through the values that Ĵ has at the samples: what lies between, how sure."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+_LENGTH, _DOUBT = 0.5, 1.0  # of a knob before anything is known, in the cube; in natural logs
+_BOUNDS = (0.03, 10.0)  # of the lengths
+_NOISE = 1e-8  # variance beside that of the process; 1e-6 kept samples from converging
+_FITTED = 100  # samples, the last ones, that say which lengths are likeliest: enough, and quick
+_STEPS = 25  # of the search for them
+_ROOT5 = np.sqrt(5.0)
+
+
+@dataclass(frozen=True, slots=True)
+class GaussianProcess:
+    """Mean and standard deviation of a function that is known at N samples.
+
+    Source: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning" (2006),
+    algorithm 2.1, kernel of equation 4.17 (Matérn 5/2) with a length for each knob, which
+    maximise the posterior of section 5.2; mean and variance follow from them.
+
+    Args:
+        centres: The samples, unit cube, shape (N, n).
+        lengths: ℓ, of each knob, shape (n,).
+        mean: Far from all samples.
+        variance: Far from all samples.
+        alpha: K⁻¹ (values - mean), shape (N,).
+        factor: Lower Cholesky factor of K, the kernel between all samples, shape (N, N).
+    """
+
+    centres: Float[np.ndarray, "N n"]
+    lengths: Float[np.ndarray, " n"]
+    mean: float
+    variance: float
+    alpha: Float[np.ndarray, " N"]
+    factor: Float[np.ndarray, "N N"]
+
+    @classmethod
+    def through(
+        cls, centres: Float[np.ndarray, "N n"], values: Float[np.ndarray, " N"]
+    ) -> "GaussianProcess":
+        """The process with the likeliest lengths for `values` at `centres`; N is 1 or more."""
+        last = slice(max(len(values) - _FITTED, 0), None)
+        return cls._with(centres, values, _likeliest(centres[last], values[last]))
+
+    @classmethod
+    def _with(
+        cls,
+        centres: Float[np.ndarray, "N n"],
+        values: Float[np.ndarray, " N"],
+        lengths: Float[np.ndarray, " n"],
+    ) -> "GaussianProcess":
+        from scipy.linalg import cho_solve  # takes a tenth of a second to import
+
+        kernel = _matern(_squares(centres, centres) / lengths[:, None, None] ** 2)[0]
+        factor = np.linalg.cholesky(kernel + _NOISE * np.eye(len(values)))
+        ones = cho_solve((factor, True), np.ones(len(values)))
+        mean = float(ones @ values / ones.sum())
+        alpha = cho_solve((factor, True), values - mean)
+        variance = float((values - mean) @ alpha) / len(values)
+        return cls(centres, lengths, mean, max(variance, 1e-300), alpha, factor)
+
+    def __call__(
+        self, z: Float[np.ndarray, "m n"]
+    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+        """Mean and standard deviation at the rows of `z`, unit cube, shape (m,) each."""
+        from scipy.linalg import solve_triangular
+
+        k = _matern(_squares(z, self.centres) / self.lengths[:, None, None] ** 2)[0]
+        v = solve_triangular(self.factor, k.T, lower=True)
+        share = np.maximum(1 + _NOISE - np.sum(v * v, axis=0), _NOISE**2)
+        return self.mean + k @ self.alpha, np.sqrt(self.variance * share)
+
+    def slopes(
+        self, z: Float[np.ndarray, " n"]
+    ) -> tuple[float, float, Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Mean and standard deviation at one point, and the gradient of each, shape (n,)."""
+        from scipy.linalg import solve_triangular
+
+        away = (z - self.centres) / self.lengths
+        k, slope = _matern((away.T**2)[:, :, None])
+        gradient = slope[:, 0, None] * away / self.lengths
+        v = solve_triangular(self.factor, k[:, 0], lower=True)
+        weights = solve_triangular(self.factor, v, lower=True, trans=1)
+        share = max(1 + _NOISE - float(v @ v), _NOISE**2)
+        deviation = float(np.sqrt(self.variance * share))
+        of_deviation = -self.variance * (weights @ gradient) / deviation
+        return (
+            self.mean + float(k[:, 0] @ self.alpha),
+            deviation,
+            self.alpha @ gradient,
+            of_deviation,
+        )
+
+
+def _squares(
+    a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]
+) -> Float[np.ndarray, "n m N"]:
+    """Squared differences of every knob."""
+    return np.asarray((a.T[:, :, None] - b.T[:, None, :]) ** 2)
+
+
+def _matern(
+    u: Float[np.ndarray, "n m N"],
+) -> tuple[Float[np.ndarray, "m N"], Float[np.ndarray, "m N"]]:
+    """The kernel of the squared scaled differences `u`, and twice its slope in their sum."""
+    r = np.sqrt(np.sum(u, axis=0))
+    decay = np.exp(-_ROOT5 * r)
+    return (1 + _ROOT5 * r + 5 / 3 * r * r) * decay, -5 / 3 * (1 + _ROOT5 * r) * decay
+
+
+def _likeliest(
+    centres: Float[np.ndarray, "N n"], values: Float[np.ndarray, " N"]
+) -> Float[np.ndarray, " n"]:
+    """ℓ at the maximum of the posterior: log-normal prior, mean and variance the likeliest."""
+    from scipy.optimize import minimize
+
+    squares, eye = _squares(centres, centres), np.eye(len(values))
+
+    def loss(logs: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
+        u = squares / np.exp(2 * logs)[:, None, None]
+        kernel, slope = _matern(u)
+        factor = np.linalg.cholesky(kernel + _NOISE * eye)
+        inverse = np.linalg.inv(kernel + _NOISE * eye)
+        rest = values - np.sum(inverse @ values) / np.sum(inverse)
+        alpha = inverse @ rest
+        variance = max(float(rest @ alpha) / len(values), 1e-300)
+        beyond = (logs - np.log(_LENGTH)) / _DOUBT
+        value = len(values) / 2 * np.log(variance) + np.sum(np.log(np.diag(factor)))
+        # ∂K/∂log ℓ_j = -slope u_j; Rasmussen and Williams, equation 5.9.
+        inner = (inverse - np.outer(alpha, alpha) / variance) * slope
+        gradient = -0.5 * np.einsum("mN,jmN->j", inner, u) + beyond / _DOUBT
+        return float(value + 0.5 * beyond @ beyond), gradient
+
+    found = minimize(
+        loss,
+        np.full(centres.shape[1], np.log(_LENGTH)),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[tuple(np.log(_BOUNDS))] * centres.shape[1],
+        options={"maxiter": _STEPS},
+    )
+    return np.asarray(np.exp(found.x))

@@ -1,0 +1,119 @@
+"""Answers that contradict each other are noticed; then the best is what the surrogate says."""
+
+import numpy as np
+import pytest
+
+from prefcal_agents import GLISp, GLISpSettings
+from prefcal_agents.doubt import Doubts, believed_best
+from prefcal_agents.ledger import Ledger
+from prefcal_env.errors import SettingsError
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preference import Answer, Mark
+
+SQUARE = KnobSpace([Knob("x", -1.0, 1.0), Knob("y", -1.0, 1.0)])
+
+
+def bowl(theta):
+    return float(np.sum((theta - 0.2) ** 2))
+
+
+def told(settings, flips, *, space=SQUARE, cost=bowl, n_init=6, n_max=16, seed=0):
+    """A study in which the answers about the experiments of `flips` are wrong."""
+    agent = GLISp(space, n_init=n_init, n_max=n_max, settings=settings, seed=seed)
+    while not agent.done:
+        query = agent.ask()
+        answer = None
+        if query.incumbent is not None:
+            answer = int(np.sign(cost(query.challenger.theta) - cost(query.incumbent.theta)))
+            answer *= -1 if query.challenger.index in flips else 1
+        agent.tell(query, answer)
+    return agent
+
+
+def ledger_of(flips, seed=0):
+    """30 random samples of a bowl, each compared with an earlier one."""
+    rng = np.random.default_rng(seed)
+    ledger, costs = Ledger(), []
+    for k, z in enumerate(rng.random((30, 2))):
+        costs.append(float(np.sum((z - 0.4) ** 2)))
+        rival = int(rng.integers(k)) if k else None
+        answer = None if rival is None else int(np.sign(costs[k] - costs[rival]))
+        ledger = ledger.with_pending(z).told(Answer.of(-answer if k in flips else answer), rival)
+    return ledger
+
+
+def evidence(flips, seed):
+    doubt = Doubts(SQUARE, "inverse_quadratic", 30, 0.1).after(ledger_of(flips, seed), no_kpis)
+    return doubt.evidence, doubt.justified
+
+
+def no_kpis(ledger):
+    return None
+
+
+def test_mistakes_are_noticed_and_consistent_answers_are_not_taken_for_mistakes():
+    right = [evidence(set(), seed) for seed in range(4)]
+    wrong = [evidence({5, 11, 16, 20, 27}, seed) for seed in range(6)]
+    assert not any(justified for _, justified in right)
+    assert sum(justified for _, justified in wrong) >= 4
+
+
+def test_a_person_who_never_errs_gets_the_last_winner_and_what_he_got_without_doubts():
+    with_doubts, without = (
+        told(GLISpSettings(error_rate=rate), set(), n_max=18) for rate in (0.1, 0.0)
+    )
+    assert with_doubts.state.ledger == without.state.ledger
+    assert with_doubts.best_index == with_doubts.state.ledger.incumbent
+    assert not without._learner.doubts.known
+
+
+def test_with_four_wrong_answers_the_gap_is_smaller_than_if_all_were_kept():
+    flips = {12, 16, 20, 25}
+    ratios = []
+    for seed in (2, 4, 6):  # in these the mistakes are noticed; in others too few followed
+        gaps = [
+            bowl(told(GLISpSettings(error_rate=rate), flips, n_max=36, seed=seed).best)
+            for rate in (0.1, 0.0)
+        ]
+        ratios.append(np.log10(gaps[0] / gaps[1]))
+    assert np.mean(ratios) < -0.7
+
+
+def test_the_query_and_what_is_returned_follow_the_surrogate_once_answers_are_doubted():
+    agent = told(GLISpSettings(), {7, 12, 16}, n_max=24)
+    ledger = agent.state.ledger
+    values = agent._learner.learned(ledger)(ledger.cube())
+    assert agent.best_index == believed_best(ledger, values)
+    assert np.array_equal(agent.best, agent.samples[agent.best_index])
+
+
+def test_what_was_not_compared_or_is_unsafe_is_not_the_best():
+    ledger = Ledger()
+    answers = (None, -1, -1, None, Answer(1, marks=(Mark.INCUMBENT_UNSAFE,)))
+    for k, answer in enumerate(answers):
+        ledger = ledger.with_pending(np.full(2, k / 5))
+        ledger = ledger.told(Answer.of(answer), None if k == 0 else min(k - 1, 2))
+    assert believed_best(ledger, np.array([5.0, 4.0, 1.0, 0.0, 2.0])) == 4
+
+
+@pytest.mark.parametrize("questions", [1, 3])
+def test_a_restored_agent_doubts_the_same(questions):
+    agent = told(GLISpSettings(questions_per_experiment=questions), {7, 9, 12})
+    agent.undo()
+    cold = GLISp.restore(SQUARE, agent.state)
+    assert cold.ask() == agent.ask()
+    cold.tell(cold.ask(), 1)
+    agent.tell(agent.ask(), 1)
+    assert cold.state == agent.state
+    assert cold.best_index == agent.best_index == agent.copy().best_index
+
+
+@pytest.mark.parametrize("rate", [-0.1, 0.5, np.nan])
+def test_an_impossible_error_rate_is_refused(rate):
+    with pytest.raises(SettingsError, match="error_rate"):
+        GLISpSettings(error_rate=rate)
+
+
+@pytest.mark.parametrize(("soften", "rate"), [(1e5, 0.1), (1.0, 0.0)])
+def test_a_study_of_before_goes_on_with_doubts_unless_they_were_off(soften, rate):
+    assert GLISpSettings.of((("soften", soften), ("delta", 0.4))).error_rate == rate
