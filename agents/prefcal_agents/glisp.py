@@ -67,7 +67,7 @@ class GLISp(PreferenceBased):
             raise SettingsError(f"settings must be GLISpSettings, got {settings!r}")
         integer("seed", seed, low=0)
         if delta is not None:
-            settings = replace(settings, delta=delta, improvement_up_to=0)
+            settings = replace(settings, delta=delta, expected_improvement=False)
         self._settings = settings
         self._seed = int(seed)
         # A backend of its own: twins may think ahead at the same time.

@@ -92,21 +92,21 @@ class Strategy:
     def _acquisition(self, ledger: Ledger, turn: Turn, rng: np.random.Generator) -> Objective:
         """What is minimised.
 
-        Deviation: with few knobs, and with any number where KPIs count, expected improvement. Its
-        process has a length for each knob and knows where it is unsure, so it needs no random
-        margins; with many knobs that takes more samples to learn than there are.
+        Deviation: where KPIs count, expected improvement. Its process has a length for each knob
+        and knows where it is unsure, so it needs no random margins. From answers alone, which
+        leave values open, it is no better than eq. acquisition (docs/research/improvement.md).
         """
         if self._may_improve(ledger):
             surrogate = self.learner.learned(ledger, kernel=turn.kernel)
-            few = len(self.space) <= self.settings.improvement_up_to
-            if few or isinstance(surrogate, Composite):
+            if isinstance(surrogate, Composite):
                 return ExpectedImprovement.of(surrogate)
         learned = self.learner.learned(ledger, rng if turn.perturbed else None, kernel=turn.kernel)
         return Acquisition.of(learned, 0.0 if turn.perturbed else self.settings.delta)
 
     def _may_improve(self, ledger: Ledger) -> bool:
         """Not on ties alone, and not where answers are doubted: it takes each for right."""
-        if not self.settings.improvement_up_to or not ledger.preferences().b.any():
+        told = ledger.preferences().b.any() and any(ledger.outcomes())
+        if not (self.settings.expected_improvement and told):
             return False
         doubt = self.learner.doubt(ledger)
         return doubt is None or not doubt.justified

@@ -36,10 +36,9 @@ class GLISpSettings:
     (docs/research/better-glisp.md).
 
     Args:
-        improvement_up_to: Most knobs with which, in place of eq. acquisition, the expected
-            improvement is maximised on a Gaussian process through the values that Ĵ has at the
-            samples; with more only where KPIs count; 0: never. Measured in
-            docs/research/improvement.md.
+        expected_improvement: Whether, where KPIs count, eq. acquisition gives way to the expected
+            improvement on a Gaussian process through the values that Ĵ has at the samples.
+            Measured in docs/research/improvement.md.
         delta: δ of eq. acquisition, 0 or more; 0 trusts the surrogate, well above 1 explores.
         rbf: φ of eq. rbf, a key of `RADIAL_FUNCTIONS`.
         sigma: σ of eq. QP-pref, above 0.
@@ -80,7 +79,7 @@ class GLISpSettings:
         SettingsError: an impossible value.
     """
 
-    improvement_up_to: int = 3
+    expected_improvement: bool = True
     delta: float = 0.3
     rbf: str = "inverse_quadratic"
     sigma: float = 1e-6
@@ -106,7 +105,7 @@ class GLISpSettings:
     questions_per_experiment: int = 1
 
     def __post_init__(self) -> None:
-        integer("improvement_up_to", self.improvement_up_to, low=0)
+        _flag("expected_improvement", self.expected_improvement)
         number("delta", self.delta)
         choice("rbf", self.rbf, RADIAL_FUNCTIONS)
         number("sigma", self.sigma, strict=True)
@@ -142,7 +141,7 @@ class GLISpSettings:
     def paper(cls) -> "GLISpSettings":
         """The settings of section IV of the paper, with no deviation in what is learned."""
         return cls(
-            improvement_up_to=0,
+            expected_improvement=False,
             validate_at=(10, 20, 30, 40),
             rescale=False,
             margin_power=0.0,
@@ -185,7 +184,7 @@ class GLISpSettings:
     def of(cls, pairs: tuple[tuple[str, Any], ...]) -> "GLISpSettings":
         """Read what `pairs` gave; a setting that is missing has its default.
 
-        Without `outcome_scales` or `improvement_up_to` it is of a time before KPIs taught, or
+        Without `outcome_scales` or `expected_improvement` it is of a time before KPIs taught, or
         before expected improvement: they are left out, so that the study goes on as it began.
         The former `soften` is `error_rate` now; 1 was off.
 
@@ -198,7 +197,7 @@ class GLISpSettings:
         unknown = set(given) - {f.name for f in fields(cls)}
         if unknown:
             raise SettingsError(f"GLISp has no settings called {sorted(unknown)}")
-        before = {"outcome_scales": (0.0,), "improvement_up_to": 0}
+        before = {"outcome_scales": (0.0,), "expected_improvement": False}
         return cls(**{**before, **given})
 
 

@@ -62,7 +62,7 @@ def test_impossible_settings_are_refused_by_name(options):
 
 def test_delta_may_be_given_alone_and_is_checked_too():
     # With the acquisition that it is part of.
-    assert GLISp(SQUARE, delta=1.5).settings == GLISpSettings(delta=1.5, improvement_up_to=0)
+    assert GLISp(SQUARE, delta=1.5).settings == GLISpSettings(delta=1.5, expected_improvement=False)
     with pytest.raises(SettingsError, match="delta"):
         GLISp(SQUARE, delta=-1.0)
     with pytest.raises(SettingsError, match="settings"):

@@ -74,7 +74,7 @@ def test_kpis_teach_either_surrogate(kernel):
         outcomes=lambda theta: {"off": bowl(theta), "none": float(theta[0] > 0.5)},
         kernel=kernel,
         outcome_scales=(1.0,),
-        improvement_up_to=0,  # samples not so close that no QP tells them apart
+        expected_improvement=False,  # samples not so close that no QP tells them apart
     )
     learned = agent._learner.learned(agent._turns.ledger, kernel=kernel)
     assert isinstance(learned, Composite)
@@ -97,29 +97,34 @@ def minimised(agent, index):
 CUBE = KnobSpace([Knob(name, 0.0, 1.0) for name in "abcd"])
 
 
-@pytest.mark.parametrize(("space", "most", "kind"), [
-    (SQUARE, 3, ExpectedImprovement), (SQUARE, 0, Acquisition), (CUBE, 3, Acquisition),
-])  # fmt: skip
-def test_with_few_knobs_the_expected_improvement_is_maximised(space, most, kind):
-    assert isinstance(minimised(study(8, space, improvement_up_to=most), 8), kind)
+def off(theta):
+    """A KPI that explains every answer."""
+    return {"off": bowl(theta)}
 
 
-def test_with_kpis_that_count_it_is_maximised_whatever_the_number_of_knobs():
-    agent = study(9, CUBE, outcomes=lambda theta: {"off": bowl(theta)}, outcome_scales=(1.0,))
+@pytest.mark.parametrize("space", [SQUARE, CUBE])
+def test_where_kpis_count_the_expected_improvement_is_maximised(space):
+    counting = {"outcomes": off, "outcome_scales": (1.0,)}
+    agent = study(9, space, **counting)
     assert isinstance(minimised(agent, 9), ExpectedImprovement)
+    agent = study(9, space, **counting, expected_improvement=False)
+    assert isinstance(minimised(agent, 9), Acquisition)
+    assert isinstance(minimised(study(9, space), 9), Acquisition)
 
 
 def test_where_all_are_ties_nothing_can_be_improved_on():
     agent = GLISp(SQUARE, n_init=2, n_max=9, seed=2)
     for _ in range(8):
-        agent.tell(agent.ask(), None if agent.ask().incumbent is None else 0)
+        query = agent.ask()
+        rival, pair = query.incumbent, (off(query.challenger.theta), None)
+        agent.tell(query, Answer(None if rival is None else 0, outcomes=pair))
     assert isinstance(minimised(agent, 8), Acquisition)
     assert agent.ask().challenger.theta.tolist() not in agent.samples.tolist()[:8]
 
 
 def test_where_answers_are_doubted_none_is_taken_for_right(monkeypatch):
-    agent = study(8)
-    assert isinstance(minimised(agent, 8), ExpectedImprovement)
+    agent = study(9, outcomes=off, outcome_scales=(1.0,))
+    assert isinstance(minimised(agent, 9), ExpectedImprovement)
     doubt = Doubt(agent._learner.shape(agent._turns.ledger), 100.0)
     monkeypatch.setattr(Doubts, "after", lambda *given: doubt)
-    assert isinstance(minimised(agent, 8), Acquisition)
+    assert isinstance(minimised(agent, 9), Acquisition)
