@@ -70,13 +70,13 @@ def test_a_person_who_never_errs_gets_the_last_winner_and_what_he_got_without_do
 def test_with_four_wrong_answers_the_gap_is_smaller_than_if_all_were_kept():
     flips = {12, 16, 20, 25}
     ratios = []
-    for seed in (2, 4, 6):  # in these the mistakes are noticed; in others too few followed
+    for seed in range(8):  # in five of these the mistakes are noticed
         gaps = [
             bowl(told(GLISpSettings(error_rate=rate), flips, n_max=36, seed=seed).best)
             for rate in (0.1, 0.0)
         ]
         ratios.append(np.log10(gaps[0] / gaps[1]))
-    assert np.mean(ratios) < -0.7
+    assert np.mean(ratios) < -0.3
 
 
 def test_the_query_and_what_is_returned_follow_the_surrogate_once_answers_are_doubted():
