@@ -19,14 +19,10 @@ Columns = Callable[[Ledger], Float[np.ndarray, "N p"] | None]
 _SURE = 0.003
 """Error rate of somebody who is as good as never wrong: 0 would allow no surrogate to be."""
 _ENOUGH = 1.0
-"""By how much better (in nats) answers must be foretold with another scale of a knob."""
-_CLEAR = 3.0
-"""By how much better they must be foretold as a fallible person's, on average of the last doubts.
-
-A cost that jumps looks like mistakes for a while: with 1 nat and one doubt alone, calibrators of
-the reactor who never err were doubted in a third of all steps, which cost experiments.
-"""
-_WINDOW = 10  # doubts that are averaged
+"""By how much better (in nats) answers must be foretold as a fallible person's."""
+_WINDOW = 10
+"""Doubts that are averaged: a cost that jumps looks like mistakes for a moment. By one doubt alone
+calibrators of the reactor who never err were often taken for fallible, which cost experiments."""
 _EPSILONS = (0.32, 0.56, 1.0, 1.8, 3.2, 5.6)
 _MANY = 100  # comparisons; beyond, the shape hardly moves and every try takes long
 _SELDOM = 10  # experiments between two doubts then
@@ -49,7 +45,7 @@ class Doubt:
     @property
     def justified(self) -> bool:
         """Whether answers are to be taken for a fallible person's."""
-        return self.evidence > _CLEAR
+        return self.evidence > _ENOUGH
 
 
 @dataclass(frozen=True, slots=True)
