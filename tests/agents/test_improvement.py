@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from prefcal_agents import GLISp, GLISpSettings
+from prefcal_agents import GLISp
 from prefcal_agents.gaussian_process import GaussianProcess
 from prefcal_agents.improvement import ExpectedImprovement, _log_gain
 from prefcal_env.knobs import Knob, KnobSpace
@@ -68,9 +68,8 @@ def cost(theta):
     return kpis(theta)["off"] ** 2 + 1e-3 * kpis(theta)["spent"] ** 2
 
 
-def gap(seed, *, improvement):
-    settings = GLISpSettings(expected_improvement=improvement)
-    agent = GLISp(SPACE, n_init=5, n_max=20, seed=seed, settings=settings)
+def gap(seed):
+    agent = GLISp(SPACE, n_init=5, n_max=20, seed=seed)
     while not agent.done:
         query = agent.ask()
         new, old = query.challenger.theta, query.incumbent
@@ -80,9 +79,9 @@ def gap(seed, *, improvement):
     return cost(agent.best)
 
 
-def test_studies_with_kpis_come_nearer_to_the_optimum_with_it():
-    ratios = [gap(s, improvement=True) / gap(s, improvement=False) for s in range(6)]
-    assert np.median(np.log10(ratios)) < 0
+def test_studies_with_kpis_come_to_the_optimum_with_it():
+    # 20 random samples come to 5e-4 (median of 1000 times).
+    assert np.median([gap(seed) for seed in range(6)]) < 1e-4
 
 
 def test_a_delta_asks_for_the_acquisition_that_has_one():

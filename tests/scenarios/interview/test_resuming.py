@@ -22,7 +22,7 @@ def test_a_retraction_that_was_cut_off_asks_about_the_incumbent_that_stands(tmp_
 
 def test_whoever_contradicts_himself_sees_the_best_that_the_agent_believes_in(tmp_path):
     path = tmp_path / "mine.prefcal"
-    interview = begin(toy_scenario(), path=path, n_max=16)
+    interview = begin(toy_scenario(), path=path, n_max=26)
     cost, differed = interview.scenario.cost, False
     while (question := proceed(interview).question) is not None:
         now = interview.now()
