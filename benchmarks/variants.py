@@ -1,11 +1,11 @@
 """Which deviation of GLISp from the paper pays: paired studies on many functions.
 
     python benchmarks/variants.py                          # all variants, all functions, 10 seeds
-    python benchmarks/variants.py --variants default,both --functions held-out --seeds 20
+    python benchmarks/variants.py --variants 'default,no process' --functions held-out --seeds 20
     python benchmarks/variants.py --functions camel,hartman6 --first 100 --n-init 6
 
 Every study of a variant is paired with the study of `default` on the same function and seed. One
-process; a study of 50 experiments takes about a second. docs/research/better-glisp.md has the
+process; a study of 50 experiments takes about a second. docs/research/process.md has the
 results.
 """
 
@@ -20,10 +20,8 @@ from prefcal_scenarios.functions import FUNCTIONS, TestFunction, box
 FLOOR = 1e-9  # the optima are not known better
 VARIANTS: dict[str, GLISpSettings] = {
     "default": GLISpSettings(),
-    "both": GLISpSettings(kernel=True, trust_region=0.3),
-    "kernel": GLISpSettings(kernel=True),
-    "trust region": GLISpSettings(trust_region=0.3),
-    "no trend": GLISpSettings(kernel=True, trust_region=0.3, trend=0.0),
+    "no process": GLISpSettings(process=False),
+    "process, no margins": GLISpSettings(perturb_every=0),
     "paper": GLISpSettings.paper(),
 }
 DEVELOPED_ON = ("camel", "rosenbrock2", "hartman3", "styblinski3", "levy4", "ackley5", "hartman6")

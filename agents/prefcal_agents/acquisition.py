@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from .preference_process import PreferenceProcess
 from .rbf import squared_distances
 from .surrogate import Composite, Surrogate
 
@@ -41,6 +42,9 @@ def exploration_gradient(
     return np.asarray((4 * nearest / (nearest**4 + s**2)) * (ratio**3 @ away))
 
 
+Learned = Surrogate | Composite | PreferenceProcess
+
+
 @dataclass(frozen=True, slots=True)
 class Acquisition:
     """a(θ) of eq. acquisition on the unit cube.
@@ -51,12 +55,12 @@ class Acquisition:
         spread: ΔĴ; 1 where the surrogate is flat (nothing is known, or all are ties).
     """
 
-    surrogate: Surrogate | Composite
+    surrogate: Learned
     delta: float
     spread: float
 
     @classmethod
-    def of(cls, surrogate: Surrogate | Composite, delta: float) -> "Acquisition":
+    def of(cls, surrogate: Learned, delta: float) -> "Acquisition":
         """Normalise `surrogate` by its range over the samples."""
         spread = surrogate.spread
         return cls(surrogate, delta, spread if spread > 0 else 1.0)

@@ -5,7 +5,6 @@ Source: end of the section "Training a surrogate function from preferences" of t
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -13,11 +12,8 @@ from jaxtyping import Bool, Float
 from prefcal_env.qp import Backend
 
 from .fitting import Constraints, Learning, fit, margins
-from .kernel import KernelShape
 from .ledger import Preferences
 from .surrogate import Shape
-
-AnyShape = TypeVar("AnyShape", Shape, KernelShape)
 
 GAIN = 2  # comparisons that a change of scale must win: one more is often chance
 
@@ -51,9 +47,7 @@ class Validation:
         share = rng.permutation(len(preferences)) % folds
         return cls(preferences, learning, backend, share == np.arange(folds)[:, None])
 
-    def reproduced(
-        self, shape: Shape | KernelShape, columns: Float[np.ndarray, "N p"] | None = None
-    ) -> int:
+    def reproduced(self, shape: Shape, columns: Float[np.ndarray, "N p"] | None = None) -> int:
         """How many left-out preferences are predicted right (eq. RBF-pref).
 
         `columns` are KPIs of the samples that may explain them too, shape (N, p).
@@ -75,7 +69,7 @@ class Validation:
             right += int(np.count_nonzero(agrees))
         return right
 
-    def choose(self, shapes: Sequence[AnyShape]) -> tuple[AnyShape, int]:
+    def choose(self, shapes: Sequence[Shape]) -> tuple[Shape, int]:
         """The shape that reproduces most, and how many that is.
 
         Among equally good ones (a few dozen answers leave many) the middle one is taken.
@@ -87,8 +81,8 @@ class Validation:
 
 
 def choose_epsilon(
-    validation: Validation, shape: AnyShape, candidates: Sequence[float]
-) -> tuple[AnyShape, int]:
+    validation: Validation, shape: Shape, candidates: Sequence[float]
+) -> tuple[Shape, int]:
     """`shape` with the best ε of `candidates` (increasing), and how many it reproduces."""
     return validation.choose([replace(shape, epsilon=epsilon) for epsilon in candidates])
 
@@ -101,13 +95,13 @@ def nearest(candidates: Sequence[float], epsilon: float, reach: int) -> Sequence
 
 def rescale_knob(
     validation: Validation,
-    shape: AnyShape,
+    shape: Shape,
     score: int,
     candidates: Sequence[float],
     *,
     knob: int,
     widest: float = 16.0,
-) -> AnyShape:
+) -> Shape:
     """`shape`, or one in which `knob` counts twice or half as much, if that is clearly better.
 
     Source: none.

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from .matern import LONGEST, SHORTEST, matern, squares
+
 _LENGTH, _DOUBT = 0.5, 1.0  # of a knob before anything is known, in the cube; in natural logs
-_BOUNDS = (0.03, 10.0)  # of the lengths
 _NOISE = 1e-8  # variance beside that of the process; 1e-6 kept samples from converging
 _FITTED = 100  # samples, the last ones, that say which lengths are likeliest: enough, and quick
 _STEPS = 25  # of the search for them
-_ROOT5 = np.sqrt(5.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,8 +18,8 @@ class GaussianProcess:
     """Mean and standard deviation of a function that is known at N samples.
 
     Source: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning" (2006),
-    algorithm 2.1, kernel of equation 4.17 (Matérn 5/2) with a length for each knob, which
-    maximise the posterior of section 5.2; mean and variance follow from them.
+    algorithm 2.1, kernel `matern` with a length for each knob, which maximise the posterior of
+    section 5.2; mean and variance follow from them.
 
     Args:
         centres: The samples, unit cube, shape (N, n).
@@ -54,7 +54,7 @@ class GaussianProcess:
     ) -> "GaussianProcess":
         from scipy.linalg import cho_solve  # takes a tenth of a second to import
 
-        kernel = _matern(_squares(centres, centres) / lengths[:, None, None] ** 2)[0]
+        kernel = matern(squares(centres, centres) / lengths[:, None, None] ** 2)[0]
         factor = np.linalg.cholesky(kernel + _NOISE * np.eye(len(values)))
         ones = cho_solve((factor, True), np.ones(len(values)))
         mean = float(ones @ values / ones.sum())
@@ -68,7 +68,7 @@ class GaussianProcess:
         """Mean and standard deviation at the rows of `z`, unit cube, shape (m,) each."""
         from scipy.linalg import solve_triangular
 
-        k = _matern(_squares(z, self.centres) / self.lengths[:, None, None] ** 2)[0]
+        k = matern(squares(z, self.centres) / self.lengths[:, None, None] ** 2)[0]
         v = solve_triangular(self.factor, k.T, lower=True)
         share = np.maximum(1 + _NOISE - np.sum(v * v, axis=0), _NOISE**2)
         return self.mean + k @ self.alpha, np.sqrt(self.variance * share)
@@ -80,7 +80,7 @@ class GaussianProcess:
         from scipy.linalg import solve_triangular
 
         away = (z - self.centres) / self.lengths
-        k, slope = _matern((away.T**2)[:, :, None])
+        k, slope = matern((away.T**2)[:, :, None])
         gradient = slope[:, 0, None] * away / self.lengths
         v = solve_triangular(self.factor, k[:, 0], lower=True)
         weights = solve_triangular(self.factor, v, lower=True, trans=1)
@@ -95,33 +95,17 @@ class GaussianProcess:
         )
 
 
-def _squares(
-    a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]
-) -> Float[np.ndarray, "n m N"]:
-    """Squared differences of every knob."""
-    return np.asarray((a.T[:, :, None] - b.T[:, None, :]) ** 2)
-
-
-def _matern(
-    u: Float[np.ndarray, "n m N"],
-) -> tuple[Float[np.ndarray, "m N"], Float[np.ndarray, "m N"]]:
-    """The kernel of the squared scaled differences `u`, and twice its slope in their sum."""
-    r = np.sqrt(np.sum(u, axis=0))
-    decay = np.exp(-_ROOT5 * r)
-    return (1 + _ROOT5 * r + 5 / 3 * r * r) * decay, -5 / 3 * (1 + _ROOT5 * r) * decay
-
-
 def _likeliest(
     centres: Float[np.ndarray, "N n"], values: Float[np.ndarray, " N"]
 ) -> Float[np.ndarray, " n"]:
     """ℓ at the maximum of the posterior: log-normal prior, mean and variance the likeliest."""
     from scipy.optimize import minimize
 
-    squares, eye = _squares(centres, centres), np.eye(len(values))
+    apart, eye = squares(centres, centres), np.eye(len(values))
 
     def loss(logs: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
-        u = squares / np.exp(2 * logs)[:, None, None]
-        kernel, slope = _matern(u)
+        u = apart / np.exp(2 * logs)[:, None, None]
+        kernel, slope = matern(u)
         factor = np.linalg.cholesky(kernel + _NOISE * eye)
         inverse = np.linalg.inv(kernel + _NOISE * eye)
         rest = values - np.sum(inverse @ values) / np.sum(inverse)
@@ -139,7 +123,7 @@ def _likeliest(
         np.full(centres.shape[1], np.log(_LENGTH)),
         jac=True,
         method="L-BFGS-B",
-        bounds=[tuple(np.log(_BOUNDS))] * centres.shape[1],
+        bounds=[(np.log(SHORTEST), np.log(LONGEST))] * centres.shape[1],
         options={"maxiter": _STEPS},
     )
     return np.asarray(np.exp(found.x))

@@ -22,7 +22,7 @@ from .state import AgentState
 from .turn_taking import PreferenceBased
 from .turns import Turns
 
-VERSION = 3
+VERSION = 4
 """Of the algorithm: raised when the same answers would lead to another next sample."""
 
 

@@ -1,7 +1,6 @@
 """What GLISp has learned after a ledger: surrogates, and what cross-validation chose for them."""
 
 from dataclasses import dataclass, field
-from typing import cast
 
 import numpy as np
 from jaxtyping import Float
@@ -10,13 +9,11 @@ from prefcal_env.knobs import KnobSpace
 from prefcal_env.qp import Backend
 
 from .belief import Belief
-from .cross_validation import AnyShape, Validation, choose_epsilon, nearest, rescale_knob
+from .cross_validation import Validation, choose_epsilon, nearest, rescale_knob
 from .doubt import Doubt, Doubts, believed_best, rows_of
 from .fitting import Constraints, fit, margins
-from .kernel import KernelShape
 from .ledger import Ledger, Preferences
 from .outcomes import Judgement, Outcomes
-from .schedule import turn_of
 from .settings import EVERY_STEP, GLISpSettings
 from .surrogate import Composite, Shape, Surrogate
 
@@ -36,8 +33,7 @@ class Learner:
         seed: Of the cross-validations.
         backend: QP solver.
         doubts: Whether answers contradict each other.
-        shapes: The shape of φ of either surrogate after a ledger; a cache, which changes no
-            result.
+        shapes: The shape of φ after a ledger; a cache, which changes no result.
         beliefs: The latest belief, and how much KPIs count in it; a cache too.
         scales: By how much KPIs count after a ledger, with a shape of φ; a cache too.
     """
@@ -48,13 +44,11 @@ class Learner:
     seed: int
     backend: Backend
     doubts: Doubts
-    shapes: dict[tuple[Ledger, bool], Shape | KernelShape] = field(
-        default_factory=dict, repr=False, compare=False
-    )
+    shapes: dict[Ledger, Shape] = field(default_factory=dict, repr=False, compare=False)
     beliefs: dict[tuple[Ledger, Ledger], tuple[Belief, float]] = field(
         default_factory=dict, repr=False, compare=False
     )
-    scales: dict[tuple[Ledger, Shape | KernelShape], float] = field(
+    scales: dict[tuple[Ledger, Shape], float] = field(
         default_factory=dict, repr=False, compare=False
     )
 
@@ -63,13 +57,12 @@ class Learner:
         ledger: Ledger,
         rng: np.random.Generator | None = None,
         *,
-        kernel: bool = False,
         validated: Ledger | None = None,
     ) -> Surrogate | Composite:
         """Ĵ that the answers in `ledger` teach; with `rng` one at random of those they allow.
 
-        With `kernel` it is the one of least kernel norm. Shape and doubt are those found for the
-        ledger `validated`, an earlier one where time is short.
+        Shape and doubt are those found for the ledger `validated`, an earlier one where time is
+        short.
 
         Deviation: KPIs that explain the answers are part of it, as far as cross-validation finds
         that they help to foretell answers; scale 0 among the `outcome_scales` is without them.
@@ -80,7 +73,7 @@ class Learner:
         if doubt is not None and doubt.justified:
             return self._believed(ledger, doubt.shape, validated, rng)
         preferences, learning = ledger.preferences(), self.settings.learning
-        shape = self.kernel_shape(validated) if kernel else self.shape(validated)
+        shape = self.shape(validated)
         margin = margins(preferences, self.settings.margin_power, self.settings.strong_margins)
         if rng is not None:
             margin = margin * rng.exponential(size=len(preferences))
@@ -138,9 +131,7 @@ class Learner:
             return Outcomes.none()
         return Outcomes.of(ledger).foreseeable()
 
-    def _outcome_scale(
-        self, ledger: Ledger, shape: Shape | KernelShape, outcomes: Outcomes
-    ) -> float:
+    def _outcome_scale(self, ledger: Ledger, shape: Shape, outcomes: Outcomes) -> float:
         """By how much KPIs count beside θ, so that left-out answers are foretold best."""
         if not len(outcomes) or len(ledger.preferences()) < self.settings.folds:
             return 0.0
@@ -153,7 +144,7 @@ class Learner:
             self.scales[ledger, shape] = self._best_scale(ledger, shape, outcomes)
         return self.scales[ledger, shape]
 
-    def _best_scale(self, ledger: Ledger, shape: Shape | KernelShape, outcomes: Outcomes) -> float:
+    def _best_scale(self, ledger: Ledger, shape: Shape, outcomes: Outcomes) -> float:
         scales = self.settings.outcome_scales
         validation = self._validation(ledger)
         scores = [
@@ -172,63 +163,50 @@ class Learner:
 
     def shape(self, ledger: Ledger) -> Shape:
         """Shape of φ in use after `ledger`: each cross-validation starts from the one before."""
-        return self._chain(ledger, self.settings.shape(len(self.space)), kernel=False)
-
-    def kernel_shape(self, ledger: Ledger) -> KernelShape:
-        """The same for the surrogate of least kernel norm."""
-        return self._chain(ledger, self.settings.kernel_shape(len(self.space)), kernel=True)
-
-    def _chain(self, ledger: Ledger, shape: AnyShape, *, kernel: bool) -> AnyShape:
         missing: list[Ledger] = []
+        shape = self.settings.shape(len(self.space))
         for count in range(ledger.answered, 0, -1):
-            if not self._validates(count, kernel):
+            if not self._validates(count):
                 continue
             prefix = ledger.until(count)
-            known = self.shapes.get((prefix, kernel))
-            if known is not None:
-                shape = cast(AnyShape, known)
+            if prefix in self.shapes:
+                shape = self.shapes[prefix]
                 break
             missing.append(prefix)
         for prefix in reversed(missing):
             shape = self._validated(prefix, shape)
-            self.shapes[prefix, kernel] = shape
+            self.shapes[prefix] = shape
         return shape
 
-    def _validated(self, ledger: Ledger, shape: AnyShape) -> AnyShape:
+    def _validated(self, ledger: Ledger, shape: Shape) -> Shape:
         """The better shape that cross-validation finds next to `shape`."""
         settings, preferences = self.settings, ledger.preferences()
         if len(preferences) < settings.folds:
             return shape
         validation = self._validation(ledger)
-        candidates, many = settings.candidates(shape), len(preferences) > _MANY
+        candidates, many = settings.candidates, len(preferences) > _MANY
         if many:  # ε hardly moves any more, and every try takes tens of milliseconds
             candidates = nearest(candidates, shape.epsilon, 1)
         shape, score = choose_epsilon(validation, shape, candidates)
         if settings.rescale and len(self.space) > 1:
-            # Each surrogate has two turns of four in a row: so it comes round to every knob.
-            turn = ledger.answered // 2 if settings.kernel else ledger.answered
-            knob = turn % len(self.space)
+            knob = ledger.answered % len(self.space)
             around_epsilon = nearest(candidates, shape.epsilon, 0 if many else 1)
             shape = rescale_knob(validation, shape, score, around_epsilon, knob=knob)
         return shape
 
-    def _validates(self, answered: int, kernel: bool) -> bool:
-        """Whether the shape is chosen anew: at every step means where its surrogate has a turn."""
+    def _validates(self, answered: int) -> bool:
+        """Whether the shape is chosen anew."""
         at = self.settings.validate_at
         if at != EVERY_STEP:
             return answered in at
         if answered > _MANY and answered % _SELDOM != _SHAPE_AT:
             return False
-        return answered >= self.n_init and self._is_kernel(answered) == kernel
-
-    def _is_kernel(self, index: int) -> bool:
-        after_start, kernel = index - self.n_init, self.settings.kernel
-        return turn_of(after_start, kernel=kernel, perturb_every=0, local=False).kernel
+        return answered >= self.n_init
 
 
 def _assembled(
     preferences: Preferences,
-    shape: Shape | KernelShape,
+    shape: Shape,
     features: Float[np.ndarray, "N N"],
     v: Float[np.ndarray, " P"],
     outcomes: Outcomes,
@@ -236,7 +214,7 @@ def _assembled(
 ) -> Surrogate | Composite:
     """Ĵ of the coefficients `v`: of the features, and of the KPIs unless their scale is 0."""
     n = len(features)
-    surrogate = Surrogate(preferences.samples, shape.weights(features, v[:n]), shape)
+    surrogate = Surrogate(preferences.samples, v[:n], shape)
     if scale == 0:
         return surrogate
     return Composite(surrogate, Judgement(outcomes, scale * np.maximum(v[n:], 0.0)))

@@ -13,14 +13,14 @@ from .improvement import ExpectedImprovement
 from .learner import Learner
 from .ledger import Ledger
 from .marks import POOL, replaced, steered, unsafe_worry
-from .minimise import Box, Domain, Objective, multistart
+from .minimise import Domain, Objective, multistart
 from .placing import to_place
+from .preference_process import PreferenceProcess
 from .region import random_points, search_domain
 from .schedule import Turn, turn_of
 from .settings import MINIMISERS, GLISpSettings
 from .surrogate import Composite
 from .threads import one_thread
-from .trust_region import around, half_width
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,34 +79,35 @@ class Strategy:
         tried = Tried(self.space, ledger)
         if index < self.n_init:
             return tried.fresh(self._planned(ledger, rng), rng)
-        turn = self.turn(index)
-        objective = steered(self._acquisition(ledger, turn, rng), ledger, self.settings)
-        minimise = MINIMISERS[self.settings.minimiser]
-        # A trust region of integers may hold nothing new.
-        for domain in self._domains(ledger, turn):
-            for z in minimise(objective, domain, rng):
-                if tried.may_run(z):
-                    return np.asarray(z)
+        objective = steered(self._acquisition(ledger, rng), ledger, self.settings)
+        domain = self._domain(ledger)
+        for z in MINIMISERS[self.settings.minimiser](objective, domain, rng):
+            if tried.may_run(z):
+                return np.asarray(z)
         return tried.fresh(domain.start, rng)
 
-    def _acquisition(self, ledger: Ledger, turn: Turn, rng: np.random.Generator) -> Objective:
+    def _acquisition(self, ledger: Ledger, rng: np.random.Generator) -> Objective:
         """What is minimised.
 
-        Deviation: where KPIs count, expected improvement. Its process has a length for each knob
-        and knows where it is unsure, so it needs no random margins. From answers alone, which
-        leave values open, it is no better than eq. acquisition (docs/research/improvement.md).
+        Deviation: where KPIs count, expected improvement. Its Gaussian process has a length for
+        each knob and knows where it is unsure, so it needs no random margins. From answers alone,
+        which leave values open, it is no better than eq. acquisition
+        (docs/research/improvement.md); there one of which only comparisons are known takes turns.
         """
-        if self._may_improve(ledger):
-            surrogate = self.learner.learned(ledger, kernel=turn.kernel)
+        trusted = self._trusted(ledger)
+        if trusted and self.settings.expected_improvement and any(ledger.outcomes()):
+            surrogate = self.learner.learned(ledger)
             if isinstance(surrogate, Composite):
                 return ExpectedImprovement.of(surrogate)
-        learned = self.learner.learned(ledger, rng if turn.perturbed else None, kernel=turn.kernel)
+        turn = self.turn(ledger.answered, trusted=trusted)
+        if turn.process:
+            return Acquisition.of(PreferenceProcess.of(ledger.preferences()), 0.0)
+        learned = self.learner.learned(ledger, rng if turn.perturbed else None)
         return Acquisition.of(learned, 0.0 if turn.perturbed else self.settings.delta)
 
-    def _may_improve(self, ledger: Ledger) -> bool:
-        """Not on ties alone, and not where answers are doubted: it takes each for right."""
-        told = ledger.preferences().b.any() and any(ledger.outcomes())
-        if not (self.settings.expected_improvement and told):
+    def _trusted(self, ledger: Ledger) -> bool:
+        """Whether each answer is taken for right, and not all are ties."""
+        if not ledger.preferences().b.any():
             return False
         doubt = self.learner.doubt(ledger)
         return doubt is None or not doubt.justified
@@ -120,30 +121,20 @@ class Strategy:
         others = np.vstack([ledger.cube(), plan[index + 1 :]])
         return replaced(plan[index], others, random_points(self.space, POOL, rng), worry)
 
-    def _domains(self, ledger: Ledger, turn: Turn) -> list[Domain]:
-        """Where to search, and where to search next if nothing new is found there."""
-        boxes: list[Box | None] = [None]
-        if turn.local:
-            half = half_width(ledger, self.settings.trust_region, self._is_local)
-            best = np.array(ledger.samples[self._best(ledger)])
-            boxes.insert(0, around(np.clip(best, *self.space.corners), half))
-        return [self._domain(ledger, box) for box in boxes]
-
-    def _domain(self, ledger: Ledger, box: Box | None = None) -> Domain:
-        return search_domain(self.space, ledger, box, best=self._best(ledger))
+    def _domain(self, ledger: Ledger) -> Domain:
+        return search_domain(self.space, ledger, best=self._best(ledger))
 
     def _best(self, ledger: Ledger) -> int:
         return self.learner.best(ledger) or 0
 
-    def turn(self, index: int) -> Turn:
-        """What kind of proposal sample number `index` is; not of the initial ones."""
+    def turn(self, index: int, *, trusted: bool = True) -> Turn:
+        """What kind of proposal sample number `index` is; not of the initial ones.
+
+        Where answers are doubted the process, which takes each for right, has no turns.
+        """
         settings = self.settings
         return turn_of(
             index - self.n_init,
-            kernel=settings.kernel,
+            process=settings.process and trusted,
             perturb_every=settings.perturb_every,
-            local=settings.trust_region > 0,
         )
-
-    def _is_local(self, index: int) -> bool:
-        return index >= self.n_init and self.turn(index).local

@@ -9,7 +9,7 @@ from prefcal_env.errors import KnobError
 from prefcal_env.knobs import KnobSpace
 
 from .ledger import Ledger
-from .minimise import Box, Domain
+from .minimise import Domain
 from .rbf import squared_distances
 from .snapping import decode_all, integer_mask, scaled, snap_all
 
@@ -141,10 +141,8 @@ def random_points(
     return scaled(space, rng.random((count, len(space))))
 
 
-def search_domain(
-    space: KnobSpace, ledger: Ledger, box: Box | None = None, *, best: int | None = None
-) -> Domain:
-    """Where an acquisition is minimised: the cube or a box, or what the constraints leave of it.
+def search_domain(space: KnobSpace, ledger: Ledger, *, best: int | None = None) -> Domain:
+    """Where an acquisition is minimised: the cube, or what the constraints leave of it.
 
     Of a space that is searched in part it is that part; frozen knobs stay put.
 
@@ -154,12 +152,11 @@ def search_domain(
     lower, upper = space.corners
     best = (ledger.incumbent or 0) if best is None else best
     start = np.clip(np.array(ledger.samples[best]), lower, upper)
-    low, high = (lower, upper) if box is None else (np.clip(c, lower, upper) for c in box)
     fixed = integer_mask(space) | (lower == upper)
     if not space.constraints:
-        return Domain(fixed, lambda z: snap_all(space, z), start, (low, high))
+        return Domain(fixed, lambda z: snap_all(space, z), start, (lower, upper))
     region, anchors = Region(space), _anchors(space, ledger)
-    return Domain(fixed, lambda z: region.repaired(z, anchors), start, (low, high))
+    return Domain(fixed, lambda z: region.repaired(z, anchors), start, (lower, upper))
 
 
 def _anchors(space: KnobSpace, ledger: Ledger) -> Float[np.ndarray, "a n"]:

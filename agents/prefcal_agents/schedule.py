@@ -5,36 +5,31 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """What one proposal minimises, and where.
+    """What one proposal minimises.
 
     Args:
-        kernel: The surrogate of least kernel norm in place of that of least weights.
+        process: The mean of a Gaussian process in place of the acquisition.
         perturbed: Margins drawn at random, and no exploration.
-        local: Within the trust region round the incumbent only.
     """
 
-    kernel: bool
+    process: bool
     perturbed: bool
-    local: bool
 
 
-def turn_of(index: int, *, kernel: bool, perturb_every: int, local: bool) -> Turn:
+def turn_of(index: int, *, process: bool, perturb_every: int) -> Turn:
     """The turn of proposal number `index`, counted from 0 after the initial samples.
 
-    Source: none; the paper minimises one acquisition over the whole box at every step.
-    Deviation: one kind of proposal keeps returning to the same place when it is wrong. They go
-    round in fours: the second and third are the kernel's, the third and fourth local, so with
-    every second one perturbed no two of the four are alike.
+    Source: none; the paper minimises one acquisition at every step.
+    Deviation: one kind of proposal keeps returning to the same place when it is wrong. Every
+    second one is the process's, if it takes turns at all.
 
     Args:
         index: 0 or more.
-        kernel: Whether the surrogate of least kernel norm takes turns at all.
-        perturb_every: Every how many proposals the margins are drawn at random; 0: never.
-        local: Whether there is a trust region at all.
+        process: Whether the process takes turns.
+        perturb_every: Every how many of the other proposals the margins are drawn at random; 0:
+            never.
     """
-    quarter = index % 4
-    return Turn(
-        kernel=kernel and quarter in (1, 2),
-        perturbed=perturb_every > 0 and index % perturb_every == 0,
-        local=local and quarter in (2, 3),
-    )
+    if process and index % 2:
+        return Turn(process=True, perturbed=False)
+    other = index // 2 if process else index
+    return Turn(process=False, perturbed=perturb_every > 0 and other % perturb_every == 0)

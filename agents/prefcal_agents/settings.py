@@ -9,7 +9,6 @@ from prefcal_env.errors import SettingsError
 
 from .checks import choice, integer, number
 from .fitting import Learning
-from .kernel import KernelShape
 from .minimise import Minimiser, multistart, particle_swarm
 from .rbf import RADIAL_FUNCTIONS
 from .surrogate import Shape
@@ -19,6 +18,11 @@ MINIMISERS: dict[str, Minimiser] = {
     "multistart": multistart,
     "particle_swarm": particle_swarm,
 }
+
+_BEFORE = {"outcome_scales": (0.0,), "expected_improvement": False, "process": False}
+"""What a state that does not name these settings was saved with."""
+_GONE = {"kernel": False, "trust_region": 0.0}
+_GONE_WITH_THEM = ("kernel_epsilons", "trend")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,9 +35,6 @@ class GLISpSettings:
     the gap to the optimum with and without them (`prefcal bench --calibrators perfect`, rows GLISp
     and GLISp.paper): camel 3e-6 against 1e-4, branin 8e-5 against 0.02, hartman3 1e-3 against
     0.03, hartman6 about the same.
-    `kernel` and `trust_region` are off: on 12 functions that they were not developed on, 10 seeds
-    each, both together had a mean log10 ratio of gaps of 0.00 ± 0.08 and won 59 to 51
-    (docs/research/better-glisp.md).
 
     Args:
         expected_improvement: Whether, where KPIs count, eq. acquisition gives way to the expected
@@ -56,14 +57,10 @@ class GLISpSettings:
             samples; 0: it is σ for all, as in eq. RBF-pref.
         strong_margins: Whether the strength of a preference multiplies its margin; if not, it is
             only its weight c_h.
-        perturb_every: Every how many proposals the margins are drawn at random; 0: never.
-        kernel: Whether every second and third proposal of four minimises the surrogate of least
-            kernel norm; see `KernelShape`.
-        kernel_epsilons: Its values of ε among which cross-validation chooses, increasing.
-        trend: How much linear and quadratic terms may explain of that surrogate, 0 or more.
-        trust_region: First half width of the box round the best sample in which every third and
-            fourth proposal of four is searched, up to 0.5 of the cube (0.3 was tried); 0: always
-            the whole cube.
+        process: Whether every second proposal minimises the mean of a Gaussian process that keeps
+            the answers, in place of eq. acquisition; see `PreferenceProcess`.
+        perturb_every: Every how many of the other proposals the margins are drawn at random; 0:
+            never.
         outcome_scales: By how much the KPIs that come with the answers may count beside θ, 0 or
             more, increasing; cross-validation chooses. (0,) leaves them out.
         unsafe_weight: What a place costs that is surely unsafe by the marks so far, in units of
@@ -92,11 +89,8 @@ class GLISpSettings:
     rescale: bool = True
     margin_power: float = 1.0
     strong_margins: bool = True
+    process: bool = True
     perturb_every: int = 2
-    kernel: bool = False
-    kernel_epsilons: tuple[float, ...] = (0.5, 0.8, 1.25, 2.0, 3.2, 5.0, 8.0)
-    trend: float = 1.0
-    trust_region: float = 0.0
     outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
     unsafe_weight: float = 30.0
     least_safe: float = 0.9
@@ -124,12 +118,7 @@ class GLISpSettings:
         if self.least_safe >= 1:
             raise SettingsError(f"least_safe must be below 1, got {self.least_safe!r}")
         number("good_weight", self.good_weight)
-        _flag("kernel", self.kernel)
-        number("trend", self.trend)
-        number("trust_region", self.trust_region)
-        if self.trust_region > 0.5:
-            raise SettingsError(f"trust_region must be at most 0.5, got {self.trust_region!r}")
-        _increasing("kernel_epsilons", self.kernel_epsilons, strict=True)
+        _flag("process", self.process)
         choice("minimiser", self.minimiser, MINIMISERS)
         integer("questions_per_experiment", self.questions_per_experiment, low=1)
         _increasing("epsilons", self.epsilons, strict=True)
@@ -148,8 +137,7 @@ class GLISpSettings:
             error_rate=0.0,
             strong_margins=False,
             perturb_every=0,
-            kernel=False,
-            trust_region=0.0,
+            process=False,
             outcome_scales=(0.0,),
             unsafe_weight=0.0,
             good_weight=0.0,
@@ -165,15 +153,9 @@ class GLISpSettings:
         """Shape of φ for `n` knobs before the first cross-validation."""
         return Shape(self.epsilon, (1.0,) * n, self.rbf)
 
-    def kernel_shape(self, n: int) -> KernelShape:
-        """The same of the surrogate of least kernel norm."""
-        middle = self.kernel_epsilons[len(self.kernel_epsilons) // 2]
-        return KernelShape(middle, (1.0,) * n, self.trend)
-
-    def candidates(self, shape: Shape | KernelShape) -> Sequence[float]:
-        """Values of ε among which cross-validation chooses for `shape`, increasing."""
-        if isinstance(shape, KernelShape):
-            return self.kernel_epsilons
+    @property
+    def candidates(self) -> Sequence[float]:
+        """Values of ε among which cross-validation chooses, increasing."""
         return tuple(self.epsilon * factor for factor in self.epsilons)
 
     def pairs(self) -> tuple[tuple[str, Any], ...]:
@@ -184,21 +166,25 @@ class GLISpSettings:
     def of(cls, pairs: tuple[tuple[str, Any], ...]) -> "GLISpSettings":
         """Read what `pairs` gave; a setting that is missing has its default.
 
-        Without `outcome_scales` or `expected_improvement` it is of a time before KPIs taught, or
-        before expected improvement: they are left out, so that the study goes on as it began.
-        The former `soften` is `error_rate` now; 1 was off.
+        Without `outcome_scales`, `expected_improvement` or `process` it is of a time before these
+        came: they are left out, so that the study goes on as it began. The former `soften` is
+        `error_rate` now; 1 was off. The former `kernel` and `trust_region` are gone.
 
         Raises:
-            SettingsError: an unknown setting or an impossible value.
+            SettingsError: an unknown setting, an impossible value, or one that is gone.
         """
         given = dict(pairs)
         if given.pop("soften", None) == 1.0:
             given.setdefault("error_rate", 0.0)
+        for name, off in _GONE.items():
+            if given.pop(name, off) != off:
+                raise SettingsError(f"GLISp has no {name} any more, which this state has turned on")
+        for name in _GONE_WITH_THEM:
+            given.pop(name, None)
         unknown = set(given) - {f.name for f in fields(cls)}
         if unknown:
             raise SettingsError(f"GLISp has no settings called {sorted(unknown)}")
-        before = {"outcome_scales": (0.0,), "expected_improvement": False}
-        return cls(**{**before, **given})
+        return cls(**{**_BEFORE, **given})
 
 
 def _flag(name: str, value: Any) -> None:

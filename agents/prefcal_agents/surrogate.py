@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from .kernel import KernelShape
 from .outcomes import Judgement
 from .rbf import RADIAL_FUNCTIONS, squared_distances
 
@@ -59,14 +58,8 @@ class Shape:
         return np.asarray(((4 * self.epsilon**2 * beta * slope * d) @ away) * squared_scales)
 
     def features(self, samples: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N N"]:
-        """What the coefficients of eq. QP-pref multiply: φ between all samples."""
+        """What β of eq. QP-pref multiplies: φ between all samples."""
         return self.basis(samples, samples)
-
-    def weights(
-        self, features: Float[np.ndarray, "N N"], v: Float[np.ndarray, " N"]
-    ) -> Float[np.ndarray, " N"]:
-        """β that belongs to the coefficients `v` of `features`, shape (N,): `v` itself."""
-        return v
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +68,7 @@ class Surrogate:
 
     centres: Float[np.ndarray, "N n"]
     beta: Float[np.ndarray, " N"]
-    shape: Shape | KernelShape
+    shape: Shape
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Ĵ at the rows of `z`, shape (m, n), unit cube; shape (m,)."""

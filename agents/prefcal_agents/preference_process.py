@@ -1,0 +1,152 @@
+"""A Gaussian process of which only comparisons are known: the mean of what may have been meant."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from .belief import Belief, Sites, unit_rows
+from .fitting import Constraints
+from .ledger import Preferences
+from .matern import LONGEST, SHORTEST, matern, squares
+
+_LENGTH, _DOUBT = 0.35, 1.0  # of a knob, in the cube, times √n, before anything is known; in logs
+_NUGGET = 1e-9  # on the kernel: above rounding, below what samples close to each other differ by
+_STEPS = 10  # of the search for the lengths
+_MOST = 100  # samples, those compared last, that it knows: enough, and quick
+_ERROR_RATE = 1e-6  # answers that contradict each other are for `Doubts`
+
+
+@dataclass(frozen=True, slots=True)
+class PreferenceProcess:
+    """Mean of a Gaussian process, given which of its values at N samples are lower.
+
+    Source: W. Chu, Z. Ghahramani, "Preference learning with Gaussian processes", ICML 2005, with
+    expectation propagation (`Belief`) in place of their Laplace approximation.
+    Deviation: in place of eq. QP-pref at every second proposal. Least weights make one Ĵ that keeps
+    the answers; this is the average of all functions that keep them, each as likely as it is
+    smooth, and the lengths say which knobs matter. Measured in docs/research/process.md.
+
+    Args:
+        centres: The samples, unit cube, shape (N, n).
+        lengths: ℓ, of each knob, shape (n,).
+        alpha: K⁻¹ times the mean at the samples, shape (N,).
+    """
+
+    centres: Float[np.ndarray, "N n"]
+    lengths: Float[np.ndarray, " n"]
+    alpha: Float[np.ndarray, " N"]
+
+    @classmethod
+    def of(cls, preferences: Preferences) -> "PreferenceProcess":
+        """The process of the likeliest lengths; one comparison at least must be no tie."""
+        from scipy.linalg import solve_triangular
+
+        known = _Known.of(preferences)
+        lengths, start = known.likeliest()
+        factor = known.factor(lengths)[0]
+        belief = known.belief(factor, start)
+        alpha = solve_triangular(factor, belief.mean, lower=True, trans=1)
+        return cls(known.centres, lengths, np.asarray(alpha))
+
+    def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+        """Mean at the rows of `z`, shape (m,), without unit: lower is better."""
+        u = squares(z, self.centres) / self.lengths[:, None, None] ** 2
+        return np.asarray(matern(u)[0] @ self.alpha)
+
+    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Its gradient at one point of the cube, shape (n,)."""
+        away = (z - self.centres) / self.lengths
+        slope = matern((away.T**2)[:, :, None])[1][:, 0]
+        return np.asarray((self.alpha * slope) @ away / self.lengths)
+
+    @property
+    def spread(self) -> float:
+        """Range of the mean over the samples."""
+        return float(np.ptp(self(self.centres)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """R strict comparisons of N samples: each row has a 1 where is lost and a -1 where is won."""
+
+    centres: Float[np.ndarray, "N n"]
+    constraints: Constraints
+    apart: Float[np.ndarray, "n N N"]
+
+    @classmethod
+    def of(cls, preferences: Preferences) -> "_Known":
+        """The comparisons of the last samples, ties left out."""
+        strict = np.flatnonzero(preferences.b)
+        first, second = preferences.first[strict], preferences.second[strict]
+        recent = np.unique(np.stack([first, second], 1).ravel()[-2 * _MOST :])[-_MOST:]
+        kept = strict[np.isin(first, recent) & np.isin(second, recent)]
+        constraints = Constraints.of(
+            replace(
+                preferences,
+                first=preferences.first[kept],
+                second=preferences.second[kept],
+                b=preferences.b[kept],
+                weights=preferences.weights[kept],
+            ),
+            np.eye(len(preferences.samples))[:, recent],
+            np.ones(len(kept)),
+        )
+        centres = preferences.samples[recent]
+        return cls(centres, constraints, squares(centres, centres))
+
+    def factor(
+        self, lengths: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "N N"], Float[np.ndarray, "n N N"], Float[np.ndarray, "N N"]]:
+        """Lower Cholesky factor of the kernel, the scaled squares and the kernel's slope."""
+        u = self.apart / lengths[:, None, None] ** 2
+        kernel, slope = matern(u)
+        return np.linalg.cholesky(kernel + _NUGGET * np.eye(len(kernel))), u, slope
+
+    def belief(self, factor: Float[np.ndarray, "N N"], start: Sites | None) -> Belief:
+        """Of β, where the values at the samples are factor · β."""
+        rows = self.constraints.rows @ factor
+        return Belief.of(replace(self.constraints, rows=rows), _ERROR_RATE, start)
+
+    def likeliest(self) -> tuple[Float[np.ndarray, " n"], Sites | None]:
+        """ℓ at the maximum of evidence times a log-normal prior, and sites that are near."""
+        from scipy.optimize import minimize
+
+        n = len(self.apart)
+        expected, sites = np.log(_LENGTH * np.sqrt(n)), None
+
+        def loss(logs: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
+            nonlocal sites  # each search for them starts from the last
+            factor, u, slope = self.factor(np.exp(logs))
+            belief = self.belief(factor, sites)
+            sites = belief.sites
+            beyond = (logs - expected) / _DOUBT
+            # ∂K/∂log ℓ_j = -slope u_j.
+            gradient = 0.5 * np.einsum("mN,jmN->j", self._pull(factor, belief) * slope, u)
+            value = -belief.evidence + 0.5 * beyond @ beyond
+            return float(value), gradient + beyond / _DOUBT
+
+        found = minimize(
+            loss,
+            np.full(n, expected),
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[(np.log(SHORTEST), np.log(LONGEST))] * n,
+            options={"maxiter": _STEPS},
+        )
+        return np.asarray(np.exp(found.x)), sites
+
+    def _pull(self, factor: Float[np.ndarray, "N N"], belief: Belief) -> Float[np.ndarray, "N N"]:
+        """Twice the slope of the evidence in the kernel, at fixed sites.
+
+        Source: Rasmussen and Williams (2006), equation 5.27, for the differences of the values.
+        """
+        from scipy.linalg import solve_triangular
+
+        rows, sites = self.constraints.rows, belief.sites
+        length = np.sqrt(np.sum((rows @ factor) ** 2, axis=1))
+        scaled, unit = rows / length[:, None], unit_rows(rows @ factor)
+        weighted = sites.precision[:, None] * scaled
+        ahead = scaled.T @ (sites.shift - sites.precision * (unit @ belief.mean))
+        across = solve_triangular(belief.root, unit.T @ weighted, lower=True)
+        return np.asarray(np.outer(ahead, ahead) - scaled.T @ weighted + across.T @ across)
