@@ -14,7 +14,7 @@ _LENGTH, _DOUBT = 0.35, 1.0  # of a knob, in the cube, times √n, before anythi
 _NUGGET = 1e-9  # on the kernel: above rounding, below what samples close to each other differ by
 _STEPS = 10  # of the search for the lengths
 _MOST = 100  # samples, those compared last, that it knows: enough, and quick
-_ERROR_RATE = 1e-6  # answers that contradict each other are for `Doubts`
+_SURE = 1e-6  # error rate of somebody who is never wrong: 0 would allow no rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +38,14 @@ class PreferenceProcess:
     alpha: Float[np.ndarray, " N"]
 
     @classmethod
-    def of(cls, preferences: Preferences) -> "PreferenceProcess":
-        """The process of the likeliest lengths; one comparison at least must be no tie."""
+    def of(cls, preferences: Preferences, error_rate: float = 0.0) -> "PreferenceProcess":
+        """The process of the likeliest lengths; one comparison at least must be no tie.
+
+        Each answer is wrong with chance `error_rate`.
+        """
         from scipy.linalg import solve_triangular
 
-        known = _Known.of(preferences)
+        known = _Known.of(preferences, max(error_rate, _SURE))
         lengths, start = known.likeliest()
         factor = known.factor(lengths)[0]
         belief = known.belief(factor, start)
@@ -68,32 +71,39 @@ class PreferenceProcess:
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """R strict comparisons of N samples: each row has a 1 where is lost and a -1 where is won."""
+    """R strict comparisons of N samples, each wrong with chance `error_rate`.
+
+    Each row has a 1 at the sample that lost and a -1 at the one that won.
+    """
 
     centres: Float[np.ndarray, "N n"]
     constraints: Constraints
     apart: Float[np.ndarray, "n N N"]
+    error_rate: float
 
     @classmethod
-    def of(cls, preferences: Preferences) -> "_Known":
+    def of(cls, preferences: Preferences, error_rate: float) -> "_Known":
         """The comparisons of the last samples, ties left out."""
         strict = np.flatnonzero(preferences.b)
         first, second = preferences.first[strict], preferences.second[strict]
-        recent = np.unique(np.stack([first, second], 1).ravel()[-2 * _MOST :])[-_MOST:]
+        samples, at = np.unique(np.stack([first, second], 1).ravel()[::-1], return_index=True)
+        recent = np.sort(samples[np.argsort(at)[:_MOST]])
         kept = strict[np.isin(first, recent) & np.isin(second, recent)]
-        constraints = Constraints.of(
-            replace(
-                preferences,
-                first=preferences.first[kept],
-                second=preferences.second[kept],
-                b=preferences.b[kept],
-                weights=preferences.weights[kept],
-            ),
-            np.eye(len(preferences.samples))[:, recent],
-            np.ones(len(kept)),
+        known = Preferences(
+            preferences.samples,
+            preferences.first[kept],
+            preferences.second[kept],
+            preferences.b[kept],
+            preferences.weights[kept],
         )
+        one_each = np.eye(len(preferences.samples))[:, recent]
         centres = preferences.samples[recent]
-        return cls(centres, constraints, squares(centres, centres))
+        return cls(
+            centres,
+            Constraints.of(known, one_each, np.ones(len(kept))),
+            squares(centres, centres),
+            error_rate,
+        )
 
     def factor(
         self, lengths: Float[np.ndarray, " n"]
@@ -106,7 +116,7 @@ class _Known:
     def belief(self, factor: Float[np.ndarray, "N N"], start: Sites | None) -> Belief:
         """Of β, where the values at the samples are factor · β."""
         rows = self.constraints.rows @ factor
-        return Belief.of(replace(self.constraints, rows=rows), _ERROR_RATE, start)
+        return Belief.of(replace(self.constraints, rows=rows), self.error_rate, start)
 
     def likeliest(self) -> tuple[Float[np.ndarray, " n"], Sites | None]:
         """ℓ at the maximum of evidence times a log-normal prior, and sites that are near."""

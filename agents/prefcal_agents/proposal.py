@@ -94,23 +94,22 @@ class Strategy:
         which leave values open, it is no better than eq. acquisition
         (docs/research/improvement.md); there one of which only comparisons are known takes turns.
         """
-        trusted = self._trusted(ledger)
-        if trusted and self.settings.expected_improvement and any(ledger.outcomes()):
-            surrogate = self.learner.learned(ledger)
-            if isinstance(surrogate, Composite):
-                return ExpectedImprovement.of(surrogate)
-        turn = self.turn(ledger.answered, trusted=trusted)
+        settings, preferences, doubt = (
+            self.settings,
+            ledger.preferences(),
+            self.learner.doubt(ledger),
+        )
+        told, doubted = bool(preferences.b.any()), doubt is not None and doubt.justified
+        surrogate = self.learner.learned(ledger) if any(ledger.outcomes()) else None
+        kpis_count = isinstance(surrogate, Composite)
+        if surrogate and kpis_count and settings.expected_improvement and told and not doubted:
+            return ExpectedImprovement.of(surrogate)
+        turn = self.turn(ledger.answered, process=told and not kpis_count)
         if turn.process:
-            return Acquisition.of(PreferenceProcess.of(ledger.preferences()), 0.0)
+            error_rate = settings.error_rate if doubted else 0.0
+            return Acquisition.of(PreferenceProcess.of(preferences, error_rate), 0.0)
         learned = self.learner.learned(ledger, rng if turn.perturbed else None)
-        return Acquisition.of(learned, 0.0 if turn.perturbed else self.settings.delta)
-
-    def _trusted(self, ledger: Ledger) -> bool:
-        """Whether each answer is taken for right, and not all are ties."""
-        if not ledger.preferences().b.any():
-            return False
-        doubt = self.learner.doubt(ledger)
-        return doubt is None or not doubt.justified
+        return Acquisition.of(learned, 0.0 if turn.perturbed else settings.delta)
 
     def _planned(self, ledger: Ledger, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
         """Of the start, unless marks say that it is likely unsafe there."""
@@ -127,14 +126,14 @@ class Strategy:
     def _best(self, ledger: Ledger) -> int:
         return self.learner.best(ledger) or 0
 
-    def turn(self, index: int, *, trusted: bool = True) -> Turn:
+    def turn(self, index: int, *, process: bool = True) -> Turn:
         """What kind of proposal sample number `index` is; not of the initial ones.
 
-        Where answers are doubted the process, which takes each for right, has no turns.
+        The process, which knows no KPIs, has no turns where they count: `process` is False.
         """
         settings = self.settings
         return turn_of(
             index - self.n_init,
-            process=settings.process and trusted,
+            process=settings.process and process,
             perturb_every=settings.perturb_every,
         )
