@@ -94,11 +94,8 @@ class Strategy:
         which leave values open, it is no better than eq. acquisition
         (docs/research/improvement.md); there one of which only comparisons are known takes turns.
         """
-        settings, preferences, doubt = (
-            self.settings,
-            ledger.preferences(),
-            self.learner.doubt(ledger),
-        )
+        settings, preferences = self.settings, ledger.preferences()
+        doubt = self.learner.doubt(ledger)
         told, doubted = bool(preferences.b.any()), doubt is not None and doubt.justified
         surrogate = self.learner.learned(ledger) if any(ledger.outcomes()) else None
         kpis_count = isinstance(surrogate, Composite)
