@@ -104,9 +104,10 @@ class Strategy:
         turn = self.turn(ledger.answered, process=told and not kpis_count)
         if turn.process:
             error_rate = settings.error_rate if doubted else 0.0
-            return Acquisition.of(PreferenceProcess.of(preferences, error_rate), 0.0)
-        learned = self.learner.learned(ledger, rng if turn.perturbed else None)
-        return Acquisition.of(learned, 0.0 if turn.perturbed else settings.delta)
+            learned = PreferenceProcess.of(preferences, error_rate, rough=turn.rough)
+            return Acquisition.of(learned, 0.0)
+        surrogate = self.learner.learned(ledger, rng if turn.perturbed else None)
+        return Acquisition.of(surrogate, 0.0 if turn.perturbed else settings.delta)
 
     def _planned(self, ledger: Ledger, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
         """Of the start, unless marks say that it is likely unsafe there."""

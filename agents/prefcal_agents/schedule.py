@@ -9,11 +9,13 @@ class Turn:
 
     Args:
         process: The mean of a Gaussian process in place of the acquisition.
+        rough: Of a process whose values jump a little from sample to sample.
         perturbed: Margins drawn at random, and no exploration.
     """
 
-    process: bool
-    perturbed: bool
+    process: bool = False
+    rough: bool = False
+    perturbed: bool = False
 
 
 def turn_of(index: int, *, process: bool, perturb_every: int) -> Turn:
@@ -21,7 +23,7 @@ def turn_of(index: int, *, process: bool, perturb_every: int) -> Turn:
 
     Source: none; the paper minimises one acquisition at every step.
     Deviation: one kind of proposal keeps returning to the same place when it is wrong. Every
-    second one is the process's, if it takes turns at all.
+    second one is the process's, if it takes turns at all, and every second of these is rough.
 
     Args:
         index: 0 or more.
@@ -30,6 +32,6 @@ def turn_of(index: int, *, process: bool, perturb_every: int) -> Turn:
             never.
     """
     if process and index % 2:
-        return Turn(process=True, perturbed=False)
+        return Turn(process=True, rough=index % 4 == 3)
     other = index // 2 if process else index
-    return Turn(process=False, perturbed=perturb_every > 0 and other % perturb_every == 0)
+    return Turn(perturbed=perturb_every > 0 and other % perturb_every == 0)
