@@ -43,13 +43,7 @@ def study(count=14, **options):
         {"margin_power": -1.0},
         {"perturb_every": -1},
         {"rescale": 1},
-        {"kernel": 1},
-        {"kernel_epsilons": ()},
-        {"kernel_epsilons": (2.0, 1.0)},
-        {"trend": -1.0},
-        {"trend": np.nan},
-        {"trust_region": -0.1},
-        {"trust_region": 0.6},
+        {"process": 1},
         {"minimiser": "newton"},
         {"delta": "0.3"},
         {"delta": True},
@@ -76,13 +70,25 @@ def test_settings_survive_as_pairs_and_unknown_ones_are_refused():
         GLISpSettings.of((("temperature", 3),))
 
 
+def test_a_study_saved_before_a_setting_came_goes_on_without_it():
+    saved = GLISpSettings.of((("delta", 0.4),))
+    assert (saved.process, saved.expected_improvement, saved.outcome_scales) == (
+        False, False, (0.0,),
+    )  # fmt: skip
+    gone = (("kernel", False), ("kernel_epsilons", (1.0,)), ("trend", 1.0), ("trust_region", 0.0))
+    assert GLISpSettings.of((*gone, ("delta", 0.4))) == saved
+    for name, on in (("kernel", True), ("trust_region", 0.3)):
+        with pytest.raises(SettingsError, match=f"no {name} any more"):
+            GLISpSettings.of(((name, on),))
+
+
 def test_the_paper_s_settings_are_those_of_section_iv():
     paper = GLISp.paper(SQUARE).settings
     assert (paper.delta, paper.sigma, paper.epsilon, paper.folds) == (0.3, 1e-6, 1.0, 3)
     assert paper.validate_at == (10, 20, 30, 40)
     assert paper.rbf == "inverse_quadratic"
     assert (paper.margin_power, paper.perturb_every, paper.rescale) == (0, 0, False)
-    assert (paper.kernel, paper.trust_region, paper.outcome_scales) == (False, 0.0, (0.0,))
+    assert (paper.process, paper.outcome_scales) == (False, (0.0,))
 
 
 def test_epsilon_is_one_until_the_first_cross_validation():
@@ -130,14 +136,10 @@ def test_looking_at_the_surrogate_changes_nothing():
         GLISpSettings(delta=0.0, perturb_every=0),
         GLISpSettings(validate_at=()),
         GLISpSettings(epsilons=(1.0,)),
-        GLISpSettings(kernel=True),
-        GLISpSettings(trust_region=0.2),
-        GLISpSettings(kernel=True, trust_region=0.2, trend=0.0),
-        GLISpSettings(kernel=True, kernel_epsilons=(1.0,)),
+        GLISpSettings(process=False),
     ],
     ids=lambda s: (
-        f"{s.rbf}-{s.lam}-{s.minimiser}-{s.delta}-{s.validate_at}-{len(s.epsilons)}"
-        f"-{s.kernel}-{s.trend}-{len(s.kernel_epsilons)}"
+        f"{s.rbf}-{s.lam}-{s.minimiser}-{s.delta}-{s.validate_at}-{len(s.epsilons)}-{s.process}"
     ),
 )
 @pytest.mark.unchecked  # for speed: the contract suite checks the shapes

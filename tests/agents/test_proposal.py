@@ -5,8 +5,9 @@ from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.acquisition import Acquisition
 from prefcal_agents.doubt import Doubt, Doubts
 from prefcal_agents.improvement import ExpectedImprovement
-from prefcal_agents.kernel import KernelShape
-from prefcal_agents.surrogate import Composite
+from prefcal_agents.preference_process import PreferenceProcess
+from prefcal_agents.schedule import Turn
+from prefcal_agents.surrogate import Composite, Surrogate
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Answer
 
@@ -34,51 +35,53 @@ def study(count, space=SQUARE, *, outcomes=None, agent=None, **settings):
     return agent
 
 
-def test_each_surrogate_is_validated_when_it_has_a_turn_and_only_then():
-    agent = study(13, kernel=True)
-    agent.ask()
-    # After 4 initial samples the kernel has the second and third of every four.
-    assert {(ledger.answered, kernel) for ledger, kernel in agent._learner.shapes} == {
-        (count, count % 4 in (1, 2)) for count in range(4, 14)
-    }
-
-
-def test_unless_asked_for_the_kernel_is_never_learned():
+def test_the_shape_is_validated_after_every_experiment_that_learns():
     agent = study(12)
-    assert not any(kernel for _, kernel in agent._learner.shapes)
+    agent.ask()
+    assert {ledger.answered for ledger in agent._learner.shapes} == set(range(4, 13))
 
 
-def test_the_paper_s_variant_learns_one_surrogate_in_the_whole_cube():
+def test_the_paper_s_variant_minimises_its_acquisition_at_every_step():
     agent = study(12, agent=GLISp.paper(SQUARE, n_init=4, n_max=40, seed=2))
-    assert not any(kernel for _, kernel in agent._learner.shapes)
-    turns = {agent._strategy.turn(index) for index in range(4, 30)}
-    assert [(t.kernel, t.perturbed, t.local) for t in turns] == [(False, False, False)]
+    assert {agent._strategy.turn(index) for index in range(4, 30)} == {Turn()}
+    assert all(isinstance(minimised(agent, k).surrogate, Surrogate) for k in (10, 11, 12))
 
 
-def test_local_proposals_stay_near_the_best_sample():
-    agent = study(6, trust_region=0.01)  # the third after the initial samples: the first local one
-    query = agent.ask()
-    assert np.max(np.abs(query.challenger.theta - query.incumbent.theta)) <= 0.01 + 1e-12
+def test_every_second_proposal_is_the_mean_of_a_process_that_keeps_the_answers():
+    agent = study(13)
+    kinds = [type(minimised(agent, index).surrogate) for index in range(4, 13)]
+    assert kinds == [Surrogate, PreferenceProcess] * 4 + [Surrogate]
+    off = study(13, process=False)
+    assert not any(
+        isinstance(minimised(off, index).surrogate, PreferenceProcess) for index in range(4, 13)
+    )
 
 
-def test_a_trust_region_of_integers_that_holds_nothing_new_is_left():
-    grid = KnobSpace([Knob("a", 0, 3, integer=True), Knob("b", 0, 2, integer=True)])
-    agent = study(12, grid, trust_region=0.01)
-    assert len({tuple(theta) for theta in agent.samples}) == 12
+def test_doubted_answers_teach_the_process_with_their_chance_of_being_wrong(monkeypatch):
+    agent, told = study(9), []
+    doubt = Doubt(agent._learner.shape(agent._turns.ledger), 100.0)
+    monkeypatch.setattr(Doubts, "after", lambda *given: doubt)
+    process = PreferenceProcess.of
+
+    def noted(preferences, error_rate, *, rough):
+        told.append((error_rate, rough))
+        return process(preferences, error_rate, rough=rough)
+
+    monkeypatch.setattr(PreferenceProcess, "of", noted)
+    for index in (5, 7):
+        assert isinstance(minimised(agent, index).surrogate, PreferenceProcess)
+    assert told == [(0.1, False), (0.1, True)]
 
 
-@pytest.mark.parametrize("kernel", [False, True])
-def test_kpis_teach_either_surrogate(kernel):
+def test_kpis_teach_the_surrogate():
     agent = study(
         14,
         outcomes=lambda theta: {"off": bowl(theta), "none": float(theta[0] > 0.5)},
-        kernel=kernel,
         outcome_scales=(1.0,),
         expected_improvement=False,  # samples not so close that no QP tells them apart
     )
-    learned = agent._learner.learned(agent._turns.ledger, kernel=kernel)
+    learned = agent._learner.learned(agent._turns.ledger)
     assert isinstance(learned, Composite)
-    assert isinstance(learned.over_theta.shape, KernelShape) == kernel
     assert np.all(learned.over_kpis.weights >= 0)
     assert learned.over_kpis.weights.max() > 0
     values = learned(learned.centres)
@@ -88,10 +91,8 @@ def test_kpis_teach_either_surrogate(kernel):
 
 def minimised(agent, index):
     """What the sample number `index` of the study is a minimum of."""
-    strategy = agent._strategy
-    return strategy._acquisition(
-        agent._turns.ledger, strategy.turn(index), np.random.default_rng(0)
-    )
+    ledger = agent._turns.ledger.until(index)
+    return agent._strategy._acquisition(ledger, np.random.default_rng(0))
 
 
 CUBE = KnobSpace([Knob(name, 0.0, 1.0) for name in "abcd"])
@@ -108,7 +109,8 @@ def test_where_kpis_count_the_expected_improvement_is_maximised(space):
     agent = study(9, space, **counting)
     assert isinstance(minimised(agent, 9), ExpectedImprovement)
     agent = study(9, space, **counting, expected_improvement=False)
-    assert isinstance(minimised(agent, 9), Acquisition)
+    # The process knows no KPIs, so it has no turns either.
+    assert all(isinstance(minimised(agent, k).surrogate, Composite) for k in (8, 9))
     assert isinstance(minimised(study(9, space), 9), Acquisition)
 
 
