@@ -14,6 +14,7 @@ from .doubt import Doubt, Doubts, believed_best, rows_of
 from .fitting import Constraints, fit, margins
 from .ledger import Ledger, Preferences
 from .outcomes import Judgement, Outcomes
+from .schedule import turn_of
 from .settings import EVERY_STEP, GLISpSettings
 from .surrogate import Composite, Shape, Surrogate
 
@@ -189,19 +190,21 @@ class Learner:
             candidates = nearest(candidates, shape.epsilon, 1)
         shape, score = choose_epsilon(validation, shape, candidates)
         if settings.rescale and len(self.space) > 1:
-            knob = ledger.answered % len(self.space)
+            # With turns of two it would come round to every second knob only.
+            turn = ledger.answered // 2 if settings.process else ledger.answered
+            knob = turn % len(self.space)
             around_epsilon = nearest(candidates, shape.epsilon, 0 if many else 1)
             shape = rescale_knob(validation, shape, score, around_epsilon, knob=knob)
         return shape
 
     def _validates(self, answered: int) -> bool:
-        """Whether the shape is chosen anew."""
-        at = self.settings.validate_at
+        """Whether the shape is chosen anew: at every step means where the surrogate has a turn."""
+        at, since = self.settings.validate_at, answered - self.n_init
         if at != EVERY_STEP:
             return answered in at
-        if answered > _MANY and answered % _SELDOM != _SHAPE_AT:
-            return False
-        return answered >= self.n_init
+        if answered > _MANY:
+            return answered % _SELDOM == _SHAPE_AT
+        return since >= 0 and not turn_of(since, process=self.settings.process).process
 
 
 def _assembled(

@@ -13,6 +13,7 @@ from prefcal_env.preference import Answer
 
 pytestmark = pytest.mark.unchecked  # for speed: the contract suite checks the shapes
 
+CUBE = KnobSpace([Knob(name, 0.0, 1.0) for name in "abcd"])
 SQUARE = KnobSpace([Knob("a", 0.0, 1.0), Knob("b", 0.0, 1.0)])
 
 
@@ -35,10 +36,18 @@ def study(count, space=SQUARE, *, outcomes=None, agent=None, **settings):
     return agent
 
 
-def test_the_shape_is_validated_after_every_experiment_that_learns():
-    agent = study(12)
+@pytest.mark.parametrize(("process", "step"), [(True, 2), (False, 1)])
+def test_the_shape_is_validated_where_the_surrogate_has_a_turn(process, step):
+    agent = study(12, process=process)
     agent.ask()
-    assert {ledger.answered for ledger in agent._learner.shapes} == set(range(4, 13))
+    assert {ledger.answered for ledger in agent._learner.shapes} == set(range(4, 13, step))
+
+
+def test_every_knob_has_its_turn_in_the_cross_validation():
+    agent = study(30, CUBE)
+    agent.ask()
+    scales = np.array([shape.scales for shape in agent._learner.shapes.values()])
+    assert np.all(np.ptp(scales, axis=0) > 0)
 
 
 def test_the_paper_s_variant_minimises_its_acquisition_at_every_step():
@@ -93,9 +102,6 @@ def minimised(agent, index):
     """What the sample number `index` of the study is a minimum of."""
     ledger = agent._turns.ledger.until(index)
     return agent._strategy._acquisition(ledger, np.random.default_rng(0))
-
-
-CUBE = KnobSpace([Knob(name, 0.0, 1.0) for name in "abcd"])
 
 
 def off(theta):
