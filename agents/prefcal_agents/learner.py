@@ -37,6 +37,7 @@ class Learner:
         shapes: The shape of φ after a ledger; a cache, which changes no result.
         beliefs: The latest belief, and how much KPIs count in it; a cache too.
         scales: By how much KPIs count after a ledger, with a shape of φ; a cache too.
+        foreseen: The KPIs of the latest ledger; a cache too.
     """
 
     space: KnobSpace
@@ -52,6 +53,7 @@ class Learner:
     scales: dict[tuple[Ledger, Shape], float] = field(
         default_factory=dict, repr=False, compare=False
     )
+    foreseen: dict[Ledger, Outcomes] = field(default_factory=dict, repr=False, compare=False)
 
     def learned(
         self,
@@ -130,7 +132,10 @@ class Learner:
     def _outcomes(self, ledger: Ledger) -> Outcomes:
         if not any(self.settings.outcome_scales):
             return Outcomes.none()
-        return Outcomes.of(ledger).foreseeable()
+        if ledger not in self.foreseen:
+            self.foreseen.clear()  # what was foretold before is not asked for again
+            self.foreseen[ledger] = Outcomes.of(ledger).foreseeable()
+        return self.foreseen[ledger]
 
     def _outcome_scale(self, ledger: Ledger, shape: Shape, outcomes: Outcomes) -> float:
         """By how much KPIs count beside θ, so that left-out answers are foretold best."""

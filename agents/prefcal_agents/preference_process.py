@@ -94,18 +94,11 @@ class _Known:
         samples, at = np.unique(np.stack([first, second], 1).ravel()[::-1], return_index=True)
         recent = np.sort(samples[np.argsort(at)[:_MOST]])
         kept = strict[np.isin(first, recent) & np.isin(second, recent)]
-        known = Preferences(
-            preferences.samples,
-            preferences.first[kept],
-            preferences.second[kept],
-            preferences.b[kept],
-            preferences.weights[kept],
-        )
         one_each = np.eye(len(preferences.samples))[:, recent]
         centres = preferences.samples[recent]
         return cls(
             centres,
-            Constraints.of(known, one_each, np.ones(len(kept))),
+            Constraints.of(preferences.subset(kept), one_each, np.ones(len(kept))),
             squares(centres, centres),
             error_rate,
             nugget,
