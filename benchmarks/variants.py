@@ -21,7 +21,7 @@ FLOOR = 1e-9  # the optima are not known better
 VARIANTS: dict[str, GLISpSettings] = {
     "default": GLISpSettings(),
     "no process": GLISpSettings(process=False),
-    "process, no margins": GLISpSettings(perturb_every=0),
+    "process without margins": GLISpSettings(perturb_every=0),
     "paper": GLISpSettings.paper(),
 }
 DEVELOPED_ON = ("camel", "rosenbrock2", "hartman3", "styblinski3", "levy4", "ackley5", "hartman6")

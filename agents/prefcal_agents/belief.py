@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from .fitting import Constraints
 
-_SWEEPS = 40  # at most; some 20 to 30 are enough
+_SWEEPS = 40  # at most; some 20 to 30 are enough unless sure answers contradict each other
 _DAMPING = 0.7  # share of each step that is taken, all sites at once
 _SETTLED = 1e-2  # largest relative change of a site's precision at which it has converged
 _SHORTEST = 1e-12  # a shorter row counts as this long
@@ -75,7 +75,7 @@ class Belief:
     ) -> "Belief":
         """From answers of which each is wrong with chance `error_rate`; ties teach nothing.
 
-        The search begins with the sites `start`, which changes no more than the last digits.
+        The search begins with the sites `start`: quicker, and the same within its tolerance.
         """
         from scipy.linalg.lapack import dtrtrs
 

@@ -53,7 +53,7 @@ class Validation:
         `columns` are KPIs of the samples that may explain them too, shape (N, p).
         """
         known = self.preferences
-        phi = shape.features(known.samples)
+        phi = shape.basis(known.samples, known.samples)
         margin = margins(known, self.learning.margin_power, self.learning.strong_margins)
         constraints = Constraints.of(known, phi, margin)
         if columns is not None:

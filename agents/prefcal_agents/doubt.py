@@ -16,7 +16,7 @@ from .surrogate import Shape
 
 Columns = Callable[[Ledger], Float[np.ndarray, "N p"] | None]
 
-_SURE = 0.003
+ALMOST_SURE = 0.003
 """Error rate of somebody who is as good as never wrong: 0 would allow no surrogate to be."""
 _ENOUGH = 1.0
 """By how much better (in nats) answers must be foretold as a fallible person's."""
@@ -99,7 +99,7 @@ class Doubts:
             if not np.any(preferences.b):
                 return 0.0
             constraints = rows_of(preferences, self._shape(ledger), columns(ledger))
-            rates = (self.error_rate, _SURE)
+            rates = (self.error_rate, ALMOST_SURE)
             fallible, sure = (Belief.of(constraints, e).foretold for e in rates)
             self.known[ledger] = fallible - sure
         return self.known[ledger]
@@ -147,7 +147,7 @@ def rows_of(
     preferences: Preferences, shape: Shape, columns: Float[np.ndarray, "N p"] | None = None
 ) -> Constraints:
     """Comparisons as signs of rows · β, with p KPIs (columns) that may explain them too."""
-    features = shape.features(preferences.samples)
+    features = shape.basis(preferences.samples, preferences.samples)
     constraints = Constraints.of(preferences, features, np.ones(len(preferences)))
     return constraints if columns is None else constraints.with_outcomes(preferences, columns)
 

@@ -14,7 +14,6 @@ from .doubt import Doubt, Doubts, believed_best, rows_of
 from .fitting import Constraints, fit, margins
 from .ledger import Ledger, Preferences
 from .outcomes import Judgement, Outcomes
-from .schedule import turn_of
 from .settings import EVERY_STEP, GLISpSettings
 from .surrogate import Composite, Shape, Surrogate
 
@@ -80,7 +79,7 @@ class Learner:
         margin = margins(preferences, self.settings.margin_power, self.settings.strong_margins)
         if rng is not None:
             margin = margin * rng.exponential(size=len(preferences))
-        features = shape.features(preferences.samples)
+        features = shape.basis(preferences.samples, preferences.samples)
         constraints = Constraints.of(preferences, features, margin)
         outcomes = self._outcomes(ledger)
         scale = self._outcome_scale(ledger, shape, outcomes)
@@ -102,7 +101,7 @@ class Learner:
             self.beliefs[ledger, validated] = belief, scale
         belief, scale = self.beliefs[ledger, validated]
         v = belief.mean if rng is None else belief.draw(rng)
-        features = shape.features(preferences.samples)
+        features = shape.basis(preferences.samples, preferences.samples)
         return _assembled(preferences, shape, features, v, outcomes, scale)
 
     def best(self, ledger: Ledger) -> int | None:
@@ -172,9 +171,9 @@ class Learner:
         missing: list[Ledger] = []
         shape = self.settings.shape(len(self.space))
         for count in range(ledger.answered, 0, -1):
-            if not self._validates(count):
-                continue
             prefix = ledger.until(count)
+            if not self._validates(prefix):
+                continue
             if prefix in self.shapes:
                 shape = self.shapes[prefix]
                 break
@@ -195,21 +194,32 @@ class Learner:
             candidates = nearest(candidates, shape.epsilon, 1)
         shape, score = choose_epsilon(validation, shape, candidates)
         if settings.rescale and len(self.space) > 1:
-            # With turns of two it would come round to every second knob only.
-            turn = ledger.answered // 2 if settings.process else ledger.answered
-            knob = turn % len(self.space)
+            knob = self._validations(ledger) % len(self.space)
             around_epsilon = nearest(candidates, shape.epsilon, 0 if many else 1)
             shape = rescale_knob(validation, shape, score, around_epsilon, knob=knob)
         return shape
 
-    def _validates(self, answered: int) -> bool:
+    def _validates(self, ledger: Ledger) -> bool:
         """Whether the shape is chosen anew: at every step means where the surrogate has a turn."""
-        at, since = self.settings.validate_at, answered - self.n_init
+        at, answered = self.settings.validate_at, ledger.answered
         if at != EVERY_STEP:
             return answered in at
+        if answered < self.n_init:
+            return False
         if answered > _MANY:
             return answered % _SELDOM == _SHAPE_AT
-        return since >= 0 and not turn_of(since, process=self.settings.process).process
+        return answered % 2 == self.n_init % 2 or not self._takes_turns(ledger)
+
+    def _takes_turns(self, ledger: Ledger) -> bool:
+        """Whether every second proposal is the process's, as far as can be told beforehand."""
+        with_kpis = any(self.settings.outcome_scales) and any(ledger.outcomes())
+        return self.settings.process and not with_kpis
+
+    def _validations(self, ledger: Ledger) -> int:
+        """About how many there have been: one, two or ten experiments lie between them."""
+        if ledger.answered > _MANY:
+            return ledger.answered // _SELDOM
+        return ledger.answered // (2 if self._takes_turns(ledger) else 1)
 
 
 def _assembled(

@@ -24,8 +24,9 @@ class PreferenceProcess:
     Source: W. Chu, Z. Ghahramani, "Preference learning with Gaussian processes", ICML 2005, with
     expectation propagation (`Belief`) in place of their Laplace approximation.
     Deviation: in place of eq. QP-pref at every second proposal. Least weights make one Ĵ that keeps
-    the answers; this is the average of all functions that keep them, each as likely as it is
-    smooth, and the lengths say which knobs matter. Measured in docs/research/process.md.
+    the answers; this is the average of all functions that (nearly) keep them, each as likely as
+    it is smooth, and the lengths say which knobs matter. It knows the last 100 samples that were
+    compared. Measured in docs/research/process.md.
 
     Args:
         centres: The samples, unit cube, shape (N, n).

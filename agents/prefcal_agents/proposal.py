@@ -9,6 +9,7 @@ from prefcal_env.knobs import KnobSpace
 
 from .acquisition import Acquisition
 from .cube import Tried, latin_hypercube
+from .doubt import ALMOST_SURE
 from .improvement import ExpectedImprovement
 from .learner import Learner
 from .ledger import Ledger
@@ -97,13 +98,16 @@ class Strategy:
         settings, preferences = self.settings, ledger.preferences()
         doubt = self.learner.doubt(ledger)
         told, doubted = bool(preferences.b.any()), doubt is not None and doubt.justified
-        surrogate = self.learner.learned(ledger) if any(ledger.outcomes()) else None
-        kpis_count = isinstance(surrogate, Composite)
-        if surrogate and kpis_count and settings.expected_improvement and told and not doubted:
+        improves = settings.expected_improvement and told and not doubted
+        with_kpis = any(settings.outcome_scales) and any(ledger.outcomes())
+        surrogate = self.learner.learned(ledger) if with_kpis else None
+        if isinstance(surrogate, Composite) and improves:
             return ExpectedImprovement.of(surrogate)
-        turn = self.turn(ledger.answered, process=told and not kpis_count)
+        turn = self.turn(ledger.answered, process=told and not isinstance(surrogate, Composite))
         if turn.process:
-            error_rate = settings.error_rate if doubted else 0.0
+            # One comparison for each sample cannot contradict the others, further ones can.
+            trusted = ALMOST_SURE if ledger.further else 0.0
+            error_rate = settings.error_rate if doubted else trusted
             learned = PreferenceProcess.of(preferences, error_rate, rough=turn.rough)
             return Acquisition.of(learned, 0.0)
         surrogate = self.learner.learned(ledger, rng if turn.perturbed else None)

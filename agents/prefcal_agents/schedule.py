@@ -18,7 +18,7 @@ class Turn:
     perturbed: bool = False
 
 
-def turn_of(index: int, *, process: bool, perturb_every: int = 0) -> Turn:
+def turn_of(index: int, *, process: bool, perturb_every: int) -> Turn:
     """The turn of proposal number `index`, counted from 0 after the initial samples.
 
     Source: none; the paper minimises one acquisition at every step.

@@ -31,10 +31,8 @@ class GLISpSettings:
 
     Source: sections III and IV of the paper.
     Deviation: the paper validates ε after 10, 20, 30 and 40 experiments and has no `rescale`,
-    `margin_power` or `perturb_every`. `GLISpSettings.paper()` turns all of these off. Medians of
-    the gap to the optimum with and without them (`prefcal bench --calibrators perfect`, rows GLISp
-    and GLISp.paper): camel 3e-6 against 1e-4, branin 8e-5 against 0.02, hartman3 1e-3 against
-    0.03, hartman6 about the same.
+    `margin_power`, `process` or `perturb_every`. `GLISpSettings.paper()` turns all of these off.
+    Gaps with and without them: docs/benchmarks.md, rows GLISp and GLISp.paper.
 
     Args:
         expected_improvement: Whether, where KPIs count, eq. acquisition gives way to the expected
@@ -57,7 +55,7 @@ class GLISpSettings:
             samples; 0: it is σ for all, as in eq. RBF-pref.
         strong_margins: Whether the strength of a preference multiplies its margin; if not, it is
             only its weight c_h.
-        process: Whether every second proposal minimises the mean of a Gaussian process that keeps
+        process: Whether every second proposal minimises the mean of a Gaussian process that follows
             the answers, in place of eq. acquisition; see `PreferenceProcess`.
         perturb_every: Every how many of the other proposals the margins are drawn at random; 0:
             never.

@@ -57,10 +57,6 @@ class Shape:
         # du/dz = ε² 2d ∂d/dz and ∂d/dz = 2 scales² (z - centre).
         return np.asarray(((4 * self.epsilon**2 * beta * slope * d) @ away) * squared_scales)
 
-    def features(self, samples: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N N"]:
-        """What β of eq. QP-pref multiplies: φ between all samples."""
-        return self.basis(samples, samples)
-
 
 @dataclass(frozen=True, slots=True)
 class Surrogate:

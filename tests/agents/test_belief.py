@@ -38,7 +38,7 @@ def test_the_samples_are_ordered_as_the_right_answers_say_and_mistakes_are_point
     flipped = {3, 17, 31, 40, 52, 58}
     preferences, cost = compared(flipped)
     belief = Belief.of(rows_of(preferences, SHAPE), 0.1)
-    values = SHAPE.features(preferences.samples) @ belief.mean
+    values = SHAPE.basis(preferences.samples, preferences.samples) @ belief.mean
     assert np.corrcoef(np.argsort(np.argsort(values)), np.argsort(np.argsort(cost)))[0, 1] > 0.95
     suspects = set(np.flatnonzero(belief.wrong > 0.5).tolist())
     assert len(suspects & flipped) >= 4

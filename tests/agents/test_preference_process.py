@@ -103,6 +103,13 @@ def test_the_process_of_the_last_samples_alone_when_there_are_many():
     assert np.array_equal(process.centres[-1], samples[-1])
 
 
+def test_one_answer_says_next_to_nothing_about_the_lengths():
+    for n in (1, 4):
+        samples = np.random.default_rng(n).random((2, n))
+        process = PreferenceProcess.of(chain(samples, samples[:, 0]))
+        assert process.lengths == pytest.approx(np.full(n, 0.35 * np.sqrt(n)), rel=0.2)
+
+
 def test_ties_are_left_out():
     b = PREFERENCES.b.copy()
     b[3:] = 0
@@ -117,7 +124,7 @@ def test_a_wrong_answer_is_outvoted_where_answers_may_be_wrong():
     pairs = [(i, j) for i in range(9) for j in range(i)]
     first, second = np.array(pairs).T
     b = np.ones(len(pairs), dtype=np.int64)
-    wrong = pairs.index((8, 0))
+    wrong = pairs.index((8, 4))
     b[wrong] = -1
     answers = Preferences(samples, first, second, b, np.ones(len(b)))
     assert np.all(np.diff(PreferenceProcess.of(answers, 0.1)(samples)) > 0)

@@ -43,11 +43,51 @@ def test_the_shape_is_validated_where_the_surrogate_has_a_turn(process, step):
     assert {ledger.answered for ledger in agent._learner.shapes} == set(range(4, 13, step))
 
 
-def test_every_knob_has_its_turn_in_the_cross_validation():
-    agent = study(30, CUBE)
+@pytest.mark.parametrize("process", [True, False])
+def test_every_knob_has_its_turn_in_the_cross_validation(process, monkeypatch):
+    seen = set()
+
+    def noted(validation, shape, score, candidates, *, knob):
+        seen.add(knob)
+        return shape
+
+    monkeypatch.setattr("prefcal_agents.learner.rescale_knob", noted)
+    study(13, CUBE, process=process).ask()
+    assert seen == {0, 1, 2, 3}
+
+
+def test_where_kpis_count_the_shape_is_validated_after_every_experiment():
+    agent = study(12, outcomes=off)
     agent.ask()
-    scales = np.array([shape.scales for shape in agent._learner.shapes.values()])
-    assert np.all(np.ptp(scales, axis=0) > 0)
+    assert {ledger.answered for ledger in agent._learner.shapes} == set(range(4, 13))
+
+
+def test_during_a_long_start_nothing_is_validated():
+    agent = GLISp(SQUARE, n_init=130, n_max=140, seed=2)
+    study(118, agent=agent)
+    assert agent._learner.shape(agent._turns.ledger) == agent.settings.shape(2)
+    assert not agent._learner.shapes
+
+
+def test_answers_to_further_questions_may_contradict_each_other(monkeypatch):
+    told = []
+    process = PreferenceProcess.of
+
+    def noted(preferences, error_rate, *, rough):
+        told.append(error_rate)
+        return process(preferences, error_rate, rough=rough)
+
+    monkeypatch.setattr(PreferenceProcess, "of", noted)
+    study(9).ask()
+    assert set(told) == {0.0}
+    told.clear()
+    agent = GLISp(SQUARE, n_init=4, settings=GLISpSettings(questions_per_experiment=3))
+    while len(told) < 2:
+        query = agent.ask()
+        new, old = query.challenger, query.incumbent
+        verdict = None if old is None else int(np.sign(bowl(new.theta) - bowl(old.theta)))
+        agent.tell(query, verdict)
+    assert set(told) == {0.003}
 
 
 def test_the_paper_s_variant_minimises_its_acquisition_at_every_step():
