@@ -26,7 +26,7 @@ class PreferenceProcess:
     Deviation: in place of eq. QP-pref at every second proposal. Least weights make one Ĵ that keeps
     the answers; this is the average of all functions that (nearly) keep them, each as likely as
     it is smooth, and the lengths say which knobs matter. It knows the last 100 samples that were
-    compared. Measured in docs/research/process.md.
+    compared. What it gains and loses where: docs/research/process.md.
 
     Args:
         centres: The samples, unit cube, shape (N, n).
