@@ -5,7 +5,7 @@
     python benchmarks/variants.py --functions camel,hartman6 --first 100 --n-init 6
 
 Every study of a variant is paired with the study of `default` on the same function and seed. One
-process; a study of 50 experiments takes about a second. docs/research/process.md has the
+process; a study of 50 experiments takes a few seconds. docs/research/process.md has the
 results.
 """
 

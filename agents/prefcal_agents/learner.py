@@ -14,6 +14,7 @@ from .doubt import Doubt, Doubts, believed_best, rows_of
 from .fitting import Constraints, fit, margins
 from .ledger import Ledger, Preferences
 from .outcomes import Judgement, Outcomes
+from .schedule import turn_of
 from .settings import EVERY_STEP, GLISpSettings
 from .surrogate import Composite, Shape, Surrogate
 
@@ -208,7 +209,8 @@ class Learner:
             return False
         if answered > _MANY:
             return answered % _SELDOM == _SHAPE_AT
-        return answered % 2 == self.n_init % 2 or not self._takes_turns(ledger)
+        takes_turns = self._takes_turns(ledger)
+        return not turn_of(answered - self.n_init, process=takes_turns, perturb_every=0).process
 
     def _takes_turns(self, ledger: Ledger) -> bool:
         """Whether every second proposal is the process's, as far as can be told beforehand."""

@@ -48,7 +48,8 @@ class GLISpSettings:
         epsilon: ε of eq. rbf before the first cross-validation, above 0, in the unit cube.
         epsilons: Multiples of `epsilon` among which cross-validation chooses, increasing.
         folds: K of the cross-validation, 2 or more.
-        validate_at: Numbers of experiments after which ε is chosen anew, or "every step".
+        validate_at: Numbers of experiments after which ε is chosen anew, or "every step", which is
+            every one at which the surrogate has a turn.
         rescale: Whether each cross-validation also tries whether one knob (they take turns)
             should count more or less in the distances.
         margin_power: How the margin of a strict preference grows with the distance of its two
