@@ -22,7 +22,7 @@ from .state import AgentState
 from .turn_taking import PreferenceBased
 from .turns import Turns
 
-VERSION = 4
+VERSION = 5
 """Of the algorithm: raised when the same answers would lead to another next sample."""
 
 

@@ -14,7 +14,7 @@ from .doubt import Doubt, Doubts, believed_best, rows_of
 from .fitting import Constraints, fit, margins
 from .ledger import Ledger, Preferences
 from .outcomes import Judgement, Outcomes
-from .schedule import turn_of
+from .schedule import process_turns, turn_of
 from .settings import EVERY_STEP, GLISpSettings
 from .surrogate import Composite, Shape, Surrogate
 
@@ -210,7 +210,7 @@ class Learner:
         if answered > _MANY:
             return answered % _SELDOM == _SHAPE_AT
         takes_turns = self._takes_turns(ledger)
-        return not turn_of(answered - self.n_init, process=takes_turns, perturb_every=0).process
+        return not turn_of(answered, self.n_init, process=takes_turns, perturb_every=0).process
 
     def _takes_turns(self, ledger: Ledger) -> bool:
         """Whether every second proposal is the process's, as far as can be told beforehand."""
@@ -218,10 +218,11 @@ class Learner:
         return self.settings.process and not with_kpis
 
     def _validations(self, ledger: Ledger) -> int:
-        """About how many there have been: one, two or ten experiments lie between them."""
+        """About how many there have been: at each experiment, but at the process's turns."""
         if ledger.answered > _MANY:
             return ledger.answered // _SELDOM
-        return ledger.answered // (2 if self._takes_turns(ledger) else 1)
+        without = process_turns(ledger.answered, self.n_init) if self._takes_turns(ledger) else 0
+        return ledger.answered - without
 
 
 def _assembled(

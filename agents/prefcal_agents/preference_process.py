@@ -11,7 +11,7 @@ from .ledger import Preferences
 from .matern import LONGEST, SHORTEST, matern, squares
 
 _LENGTH, _DOUBT = 0.35, 1.0  # of a knob, in the cube, times √n, before anything is known; in logs
-_SMOOTH, _ROUGH = 1e-9, 1e-3  # variance of the jumps from sample to sample, that of the rest is 1
+_NUGGET = 1e-9  # variance added for the factor's sake, that of the process is 1
 _STEPS = 10  # of the search for the lengths
 _MOST = 100  # samples, those compared last, that it knows: enough, and quick
 _SURE = 1e-6  # error rate of somebody who is never wrong: 0 would allow no rounding
@@ -39,18 +39,14 @@ class PreferenceProcess:
     alpha: Float[np.ndarray, " N"]
 
     @classmethod
-    def of(
-        cls, preferences: Preferences, error_rate: float = 0.0, *, rough: bool = False
-    ) -> "PreferenceProcess":
+    def of(cls, preferences: Preferences, error_rate: float = 0.0) -> "PreferenceProcess":
         """The process of the likeliest lengths; one comparison at least must be no tie.
 
-        Each answer is wrong with chance `error_rate`. With `rough` the values jump a little from
-        sample to sample, as a settling time does: the mean does not follow the jumps.
+        Each answer is wrong with chance `error_rate`.
         """
         from scipy.linalg import solve_triangular
 
-        nugget = _ROUGH if rough else _SMOOTH
-        known = _Known.of(preferences, max(error_rate, _SURE), nugget)
+        known = _Known.of(preferences, max(error_rate, _SURE))
         lengths, start = known.likeliest()
         factor = known.factor(lengths)[0]
         belief = known.belief(factor, start)
@@ -85,10 +81,9 @@ class _Known:
     constraints: Constraints
     apart: Float[np.ndarray, "n N N"]
     error_rate: float
-    nugget: float
 
     @classmethod
-    def of(cls, preferences: Preferences, error_rate: float, nugget: float) -> "_Known":
+    def of(cls, preferences: Preferences, error_rate: float) -> "_Known":
         """The comparisons of the last samples, ties left out."""
         strict = np.flatnonzero(preferences.b)
         first, second = preferences.first[strict], preferences.second[strict]
@@ -102,7 +97,6 @@ class _Known:
             Constraints.of(preferences.subset(kept), one_each, np.ones(len(kept))),
             squares(centres, centres),
             error_rate,
-            nugget,
         )
 
     def factor(
@@ -111,7 +105,7 @@ class _Known:
         """Lower Cholesky factor of the kernel, the scaled squares and the kernel's slope."""
         u = self.apart / lengths[:, None, None] ** 2
         kernel, slope = matern(u)
-        return np.linalg.cholesky(kernel + self.nugget * np.eye(len(kernel))), u, slope
+        return np.linalg.cholesky(kernel + _NUGGET * np.eye(len(kernel))), u, slope
 
     def belief(self, factor: Float[np.ndarray, "N N"], start: Sites | None) -> Belief:
         """Of β, where the values at the samples are factor · β."""

@@ -108,7 +108,7 @@ class Strategy:
             # One comparison for each sample cannot contradict the others, further ones can.
             trusted = ALMOST_SURE if ledger.further else 0.0
             error_rate = settings.error_rate if doubted else trusted
-            learned = PreferenceProcess.of(preferences, error_rate, rough=turn.rough)
+            learned = PreferenceProcess.of(preferences, error_rate)
             return Acquisition.of(learned, 0.0)
         surrogate = self.learner.learned(ledger, rng if turn.perturbed else None)
         return Acquisition.of(surrogate, 0.0 if turn.perturbed else settings.delta)
@@ -135,7 +135,8 @@ class Strategy:
         """
         settings = self.settings
         return turn_of(
-            index - self.n_init,
+            index,
+            self.n_init,
             process=settings.process and process,
             perturb_every=settings.perturb_every,
         )

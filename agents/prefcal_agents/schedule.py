@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+FEW = 20
+"""Experiments; before that many the process takes no turns."""
+
 
 @dataclass(frozen=True, slots=True)
 class Turn:
@@ -9,29 +12,35 @@ class Turn:
 
     Args:
         process: The mean of a Gaussian process in place of the acquisition.
-        rough: Of a process whose values jump a little from sample to sample.
         perturbed: Margins drawn at random, and no exploration.
     """
 
     process: bool = False
-    rough: bool = False
     perturbed: bool = False
 
 
-def turn_of(index: int, *, process: bool, perturb_every: int) -> Turn:
-    """The turn of proposal number `index`, counted from 0 after the initial samples.
+def turn_of(answered: int, n_init: int, *, process: bool, perturb_every: int) -> Turn:
+    """The turn of the proposal after `answered` experiments, `n_init` or more.
 
     Source: none; the paper minimises one acquisition at every step.
-    Deviation: one kind of proposal keeps returning to the same place when it is wrong. Every
-    second one is the process's, if it takes turns at all, and every second of these is rough.
+    Deviation: one kind of proposal keeps returning to the same place when it is wrong. From
+    `FEW` experiments on every second one is the process's, if it takes turns at all. Before that
+    it settles too soon on one of many valleys.
 
     Args:
-        index: 0 or more.
+        answered: How many experiments are compared.
+        n_init: How many of them were samples of the start.
         process: Whether the process takes turns.
         perturb_every: Every how many of the other proposals the margins are drawn at random; 0:
             never.
     """
-    if process and index % 2:
-        return Turn(process=True, rough=index % 4 == 3)
-    other = index // 2 if process else index
+    since = answered - max(n_init, FEW)
+    if process and since >= 0 and since % 2:
+        return Turn(process=True)
+    other = answered - n_init - (process_turns(answered, n_init) if process else 0)
     return Turn(perturbed=perturb_every > 0 and other % perturb_every == 0)
+
+
+def process_turns(answered: int, n_init: int) -> int:
+    """How many proposals before the one after `answered` experiments were the process's."""
+    return max(0, answered - max(n_init, FEW)) // 2

@@ -56,10 +56,11 @@ class GLISpSettings:
             samples; 0: it is σ for all, as in eq. RBF-pref.
         strong_margins: Whether the strength of a preference multiplies its margin; if not, it is
             only its weight c_h.
-        process: Whether every second proposal minimises the mean of a Gaussian process that follows
-            the answers, in place of eq. acquisition; see `PreferenceProcess`.
-        perturb_every: Every how many of the other proposals the margins are drawn at random; 0:
-            never.
+        process: Whether every second proposal, from 20 experiments on, minimises the mean of a
+            Gaussian process that follows the answers, in place of eq. acquisition; see
+            `PreferenceProcess`. Measured in docs/research/process.md.
+        perturb_every: Every how many of the other proposals the margins are drawn at random, and
+            nothing is explored; 0: never. No gain beside the process.
         outcome_scales: By how much the KPIs that come with the answers may count beside θ, 0 or
             more, increasing; cross-validation chooses. (0,) leaves them out.
         unsafe_weight: What a place costs that is surely unsafe by the marks so far, in units of
@@ -89,7 +90,7 @@ class GLISpSettings:
     margin_power: float = 1.0
     strong_margins: bool = True
     process: bool = True
-    perturb_every: int = 2
+    perturb_every: int = 0
     outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
     unsafe_weight: float = 30.0
     least_safe: float = 0.9

@@ -58,16 +58,16 @@ def test_the_evidence_is_the_probability_of_the_answers():
     preferences = Preferences(
         samples, np.array([1, 2]), np.array([0, 1]), np.array([-1, 1]), np.ones(2)
     )
-    known = _Known.of(preferences, 1e-6, 1e-9)
+    known = _Known.of(preferences, 1e-6)
     factor = known.factor(np.array([0.5]))[0]
     kernel, rows = factor @ factor.T, np.array([[1.0, -1.0, 0.0], [0.0, -1.0, 1.0]])
     true = multivariate_normal(np.zeros(2), rows @ kernel @ rows.T).cdf(np.zeros(2))
     assert known.belief(factor, None).evidence == pytest.approx(np.log(true), abs=5e-3)
 
 
-@pytest.mark.parametrize("nugget", [1e-9, 1e-3])
-def test_the_slope_of_the_evidence_agrees_with_differences(nugget):
-    known, lengths = _Known.of(PREFERENCES, 1e-6, nugget), np.array([0.6, 0.5, 1.2])
+@pytest.mark.parametrize("error_rate", [1e-6, 0.1])
+def test_the_slope_of_the_evidence_agrees_with_differences(error_rate):
+    known, lengths = _Known.of(PREFERENCES, error_rate), np.array([0.6, 0.5, 1.2])
     factor, u, slope = known.factor(lengths)
     found = -0.5 * np.einsum(
         "mN,jmN->j", known._pull(factor, known.belief(factor, None)) * slope, u
@@ -128,17 +128,3 @@ def test_a_wrong_answer_is_outvoted_where_answers_may_be_wrong():
     b[wrong] = -1
     answers = Preferences(samples, first, second, b, np.ones(len(b)))
     assert np.all(np.diff(PreferenceProcess.of(answers, 0.1)(samples)) > 0)
-
-
-def test_a_rough_process_does_not_follow_every_jump():
-    samples = np.linspace(0, 1, 15)[:, None]
-    values = (samples[:, 0] - 0.8) ** 2 + 0.02 * (-1.0) ** np.arange(15)
-    first, second = np.array([(i, j) for i in range(15) for j in range(i)]).T
-    b = np.sign(values[first] - values[second]).astype(np.int64)
-    answers = Preferences(samples, first, second, b, np.ones(len(b)))
-
-    def zigzag(process):
-        return np.sum(np.abs(np.diff(process(samples), 2))) / process.spread
-
-    smooth, rough = (PreferenceProcess.of(answers, rough=each) for each in (False, True))
-    assert zigzag(rough) < 0.8 * zigzag(smooth)

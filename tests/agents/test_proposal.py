@@ -6,7 +6,7 @@ from prefcal_agents.acquisition import Acquisition
 from prefcal_agents.doubt import Doubt, Doubts
 from prefcal_agents.improvement import ExpectedImprovement
 from prefcal_agents.preference_process import PreferenceProcess
-from prefcal_agents.schedule import Turn
+from prefcal_agents.schedule import FEW, Turn
 from prefcal_agents.surrogate import Composite, Surrogate
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Answer
@@ -36,11 +36,17 @@ def study(count, space=SQUARE, *, outcomes=None, agent=None, **settings):
     return agent
 
 
-@pytest.mark.parametrize(("process", "step"), [(True, 2), (False, 1)])
-def test_the_shape_is_validated_where_the_surrogate_has_a_turn(process, step):
-    agent = study(12, process=process)
+def test_the_shape_is_validated_where_the_surrogate_has_a_turn():
+    agent = study(26)
     agent.ask()
-    assert {ledger.answered for ledger in agent._learner.shapes} == set(range(4, 13, step))
+    validated = {*range(4, FEW), *range(FEW, 27, 2)}
+    assert {ledger.answered for ledger in agent._learner.shapes} == validated
+
+
+def test_without_the_process_the_shape_is_validated_after_every_experiment():
+    agent = study(26, process=False)
+    agent.ask()
+    assert {ledger.answered for ledger in agent._learner.shapes} == set(range(4, 27))
 
 
 @pytest.mark.parametrize("process", [True, False])
@@ -52,14 +58,16 @@ def test_every_knob_has_its_turn_in_the_cross_validation(process, monkeypatch):
         return shape
 
     monkeypatch.setattr("prefcal_agents.learner.rescale_knob", noted)
-    study(13, CUBE, process=process).ask()
+    agent = study(FEW, CUBE, process=process)
+    seen.clear()
+    study(8, CUBE, agent=agent).ask()
     assert seen == {0, 1, 2, 3}
 
 
 def test_where_kpis_count_the_shape_is_validated_after_every_experiment():
-    agent = study(12, outcomes=off)
+    agent = study(24, outcomes=off)
     agent.ask()
-    assert {ledger.answered for ledger in agent._learner.shapes} == set(range(4, 13))
+    assert {ledger.answered for ledger in agent._learner.shapes} == set(range(4, 25))
 
 
 def test_during_a_long_start_nothing_is_validated():
@@ -73,12 +81,12 @@ def test_answers_to_further_questions_may_contradict_each_other(monkeypatch):
     told = []
     process = PreferenceProcess.of
 
-    def noted(preferences, error_rate, *, rough):
+    def noted(preferences, error_rate):
         told.append(error_rate)
-        return process(preferences, error_rate, rough=rough)
+        return process(preferences, error_rate)
 
     monkeypatch.setattr(PreferenceProcess, "of", noted)
-    study(9).ask()
+    study(FEW + 1).ask()
     assert set(told) == {0.0}
     told.clear()
     agent = GLISp(SQUARE, n_init=4, settings=GLISpSettings(questions_per_experiment=3))
@@ -96,30 +104,28 @@ def test_the_paper_s_variant_minimises_its_acquisition_at_every_step():
     assert all(isinstance(minimised(agent, k).surrogate, Surrogate) for k in (10, 11, 12))
 
 
-def test_every_second_proposal_is_the_mean_of_a_process_that_keeps_the_answers():
-    agent = study(13)
-    kinds = [type(minimised(agent, index).surrogate) for index in range(4, 13)]
-    assert kinds == [Surrogate, PreferenceProcess] * 4 + [Surrogate]
-    off = study(13, process=False)
-    assert not any(
-        isinstance(minimised(off, index).surrogate, PreferenceProcess) for index in range(4, 13)
-    )
+def test_later_every_second_proposal_is_the_mean_of_a_process_that_keeps_the_answers():
+    agent, off = study(FEW + 4), study(FEW + 4, process=False)
+    later = range(FEW - 2, FEW + 4)
+    kinds = [type(minimised(agent, index).surrogate) for index in later]
+    assert kinds == [Surrogate] * 2 + [Surrogate, PreferenceProcess] * 2
+    assert {type(minimised(off, index).surrogate) for index in later} == {Surrogate}
 
 
 def test_doubted_answers_teach_the_process_with_their_chance_of_being_wrong(monkeypatch):
-    agent, told = study(9), []
+    agent, told = study(FEW + 3), []
     doubt = Doubt(agent._learner.shape(agent._turns.ledger), 100.0)
     monkeypatch.setattr(Doubts, "after", lambda *given: doubt)
     process = PreferenceProcess.of
 
-    def noted(preferences, error_rate, *, rough):
-        told.append((error_rate, rough))
-        return process(preferences, error_rate, rough=rough)
+    def noted(preferences, error_rate):
+        told.append(error_rate)
+        return process(preferences, error_rate)
 
     monkeypatch.setattr(PreferenceProcess, "of", noted)
-    for index in (5, 7):
+    for index in (FEW + 1, FEW + 3):
         assert isinstance(minimised(agent, index).surrogate, PreferenceProcess)
-    assert told == [(0.1, False), (0.1, True)]
+    assert told == [0.1, 0.1]
 
 
 def test_kpis_teach_the_surrogate():
