@@ -219,19 +219,25 @@ def test_an_impossible_number_is_refused_and_changes_nothing(most):
     assert agent.settings.questions_per_experiment == 2
 
 
+def agreement(questions, seed, **settings):
+    """How well Ĵ ranks the samples of a study."""
+    settings = GLISpSettings(questions_per_experiment=questions, **settings)
+    agent = GLISp(SQUARE, settings=settings, n_init=8, n_max=12, seed=seed)
+    run(agent)
+    found = np.argsort(np.argsort(agent.surrogate(agent.samples)))
+    true = np.argsort(np.argsort([bowl(t) for t in agent.samples]))
+    return np.corrcoef(found, true)[0, 1]
+
+
 def test_further_answers_teach_the_order():
-    """With them the surrogate ranks the samples better than without.
+    assert min(agreement(12, seed, epsilons=(1.0,)) for seed in range(5)) > 0.99
 
-    Not always perfectly: a very wide φ cannot keep all answers about samples that are close.
+
+def test_with_further_answers_the_samples_are_ranked_better():
+    """Not always perfectly: a very wide φ does not keep all answers about samples that are close.
+
+    docs/research/questions.md has it among what is open.
     """
-
-    def agreement(questions, seed):
-        agent = asking(questions, n_init=8, n_max=12, seed=seed)
-        run(agent)
-        found = np.argsort(np.argsort(agent.surrogate(agent.samples)))
-        true = np.argsort(np.argsort([bowl(t) for t in agent.samples]))
-        return np.corrcoef(found, true)[0, 1]
-
     many, one = ([agreement(questions, seed) for seed in range(5)] for questions in (12, 1))
     assert np.median(many) > 0.99
     assert min(many) > 0.94
