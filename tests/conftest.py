@@ -6,6 +6,10 @@ marked `unchecked`, hand over wrong shapes on purpose.
 """
 
 import os
+
+# Two workers share two cores: with threads of their own they wait for each other, twice as long.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from prefcal_env.knobs import KnobSpace
 
@@ -167,12 +167,17 @@ def _rescaled(shape: Shape, best: float, score: Callable[[Shape], float], turn: 
     return shape
 
 
-def believed_best(ledger: Ledger, values: Float[np.ndarray, " N"]) -> int:
-    """The sample of lowest value Ĵ among those that were compared and are not marked unsafe."""
+def contenders(ledger: Ledger) -> Int[np.ndarray, " K"]:
+    """The samples that were compared and are not marked unsafe; all compared if all are."""
     preferences, marks = ledger.preferences(), ledger.marks()
     strict = preferences.b != 0
     compared = np.unique(np.concatenate([preferences.first[strict], preferences.second[strict]]))
     samples, unsafe = ledger.cube(), marks.samples[marks.unsafe]
     safe = [i for i in compared if not np.any(np.all(unsafe == samples[i], axis=1))]
-    candidates = np.array(safe or compared)
+    return np.array(safe or compared, dtype=np.int64)
+
+
+def believed_best(ledger: Ledger, values: Float[np.ndarray, " N"]) -> int:
+    """The contender of lowest value Ĵ."""
+    candidates = contenders(ledger)
     return int(candidates[np.argmin(values[candidates])])

@@ -19,10 +19,11 @@ from .proposal import Strategy
 from .settings import GLISpSettings
 from .start import Start
 from .state import AgentState
+from .threads import one_thread
 from .turn_taking import PreferenceBased
 from .turns import Turns
 
-VERSION = 5
+VERSION = 6
 """Of the algorithm: raised when the same answers would lead to another next sample."""
 
 
@@ -82,7 +83,7 @@ class GLISp(PreferenceBased):
             self._strategy.propose,
             further=self._strategy.further,
             promise=self._strategy.promise,
-            best=self._learner.best,
+            best=self._strategy.best,
             start=start,
         )
 
@@ -166,7 +167,8 @@ class GLISp(PreferenceBased):
 
         None where no KPIs came with the answers, or nothing is learned from them.
         """
-        return LearnedIndex.of(self._turns.ledger, self._seed, self._learner.backend)
+        with one_thread():
+            return LearnedIndex.of(self._turns.ledger, self._seed, self._learner.backend)
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Ĵ/ΔĴ at physical `thetas`, shape (m, n), less its smallest value on the samples.
@@ -180,7 +182,8 @@ class GLISp(PreferenceBased):
         z = encode_all(self.space, thetas)
         if len(self._turns.ledger.preferences()) == 0:
             return np.zeros(len(z))
-        learned = self._learner.learned(self._turns.ledger)
+        with one_thread():
+            learned = self._learner.learned(self._turns.ledger)
         on_samples = learned(learned.centres)
         spread = float(np.ptp(on_samples))
         return np.asarray((learned(z) - on_samples.min()) / (spread if spread > 0 else 1.0))

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.qp import Backend
 
+from .appeal import to_appeal
 from .belief import Belief
 from .cross_validation import Validation, choose_epsilon, nearest, rescale_knob
 from .doubt import Doubt, Doubts, believed_best, rows_of
@@ -94,16 +95,34 @@ class Learner:
     ) -> Surrogate | Composite:
         """Ĵ where answers may be wrong."""
         preferences, outcomes = ledger.preferences(), self._outcomes(ledger)
-        if (ledger, validated) not in self.beliefs:
-            scale = self._outcome_scale(ledger, self.shape(validated), outcomes)
-            columns = scale * outcomes.columns if scale else None
-            belief = Belief.of(rows_of(preferences, shape, columns), self.settings.error_rate)
-            self.beliefs.clear()  # each is as large as Φ
-            self.beliefs[ledger, validated] = belief, scale
-        belief, scale = self.beliefs[ledger, validated]
+        belief, scale = self._belief(ledger, shape, validated)
         v = belief.mean if rng is None else belief.draw(rng)
         features = shape.basis(preferences.samples, preferences.samples)
         return _assembled(preferences, shape, features, v, outcomes, scale)
+
+    def _belief(self, ledger: Ledger, shape: Shape, validated: Ledger) -> tuple[Belief, float]:
+        """What is believed of β, and by how much KPIs count in it."""
+        if (ledger, validated) not in self.beliefs:
+            outcomes = self._outcomes(ledger)
+            scale = self._outcome_scale(ledger, self.shape(validated), outcomes)
+            columns = scale * outcomes.columns if scale else None
+            constraints = rows_of(ledger.preferences(), shape, columns)
+            self.beliefs.clear()  # each is as large as Φ
+            belief = Belief.of(constraints, self.settings.error_rate)
+            self.beliefs[ledger, validated] = belief, scale
+        return self.beliefs[ledger, validated]
+
+    def appeal(self, ledger: Ledger, *, validated: Ledger) -> tuple[int, int] | None:
+        """Two samples to compare where answers are doubted; None where they are not, or settled."""
+        doubt = self.doubt(validated)
+        if doubt is None or not doubt.justified:
+            return None
+        belief, scale = self._belief(ledger, doubt.shape, validated)
+        z = ledger.cube()
+        features = doubt.shape.basis(z, z)
+        if scale:
+            features = np.hstack([features, scale * self._outcomes(ledger).columns])
+        return to_appeal(ledger, self.learned(ledger, validated=validated)(z), features, belief)
 
     def best(self, ledger: Ledger) -> int | None:
         """The sample that is believed to be the best; None before the first answer.

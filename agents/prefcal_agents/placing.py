@@ -22,7 +22,8 @@ def to_place(ledger: Ledger, values: Float[np.ndarray, " N"]) -> tuple[int, int]
         ledger: Samples and answers.
         values: Ĵ at the N samples that are closed, lower is better.
     """
-    new, latest = ledger.answered - 1, ledger.latest
+    new = ledger.answered - 1
+    latest = [c for c in ledger.latest if new in (c.challenger, c.incumbent)]
     if not latest or not all(c.teaches for c in latest):
         return None
     order = [int(i) for i in np.argsort(values, kind="stable") if i != new]

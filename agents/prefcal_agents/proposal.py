@@ -65,6 +65,11 @@ class Strategy:
             lowest = multistart(objective, self._domain(ledger), rng)[0]
             return max(0.0, float(objective(best)[0] - objective(lowest[None])[0]))
 
+    def best(self, ledger: Ledger) -> int | None:
+        """The sample that is believed to be the best; None before the first answer."""
+        with one_thread():
+            return self.learner.best(ledger)
+
     def further(self, ledger: Ledger) -> tuple[int, int] | None:
         """Two known samples to compare before the next is proposed: challenger and incumbent."""
         if len(ledger.latest) >= self.settings.questions_per_experiment or ledger.answered < 3:
@@ -72,6 +77,9 @@ class Strategy:
         with one_thread():
             # Without a cross-validation of its own: the next question follows each answer.
             earlier = ledger.until(ledger.answered - 1)
+            pair = self.learner.appeal(ledger, validated=earlier)
+            if pair is not None:
+                return pair
             return to_place(ledger, self.learner.learned(ledger, validated=earlier)(ledger.cube()))
 
     def _proposed(self, ledger: Ledger) -> Float[np.ndarray, " n"]:

@@ -87,8 +87,11 @@ class Flow:
         A crash between a retraction and the question that follows it leaves the old question on
         show: an answer would be about another pair than the one that the agent asks about.
         """
-        if shown.repeats is not None or shown.challenger < len(self.state.closed):
+        if shown.repeats is not None:
             return False
+        if shown.challenger < len(self.state.closed):
+            asked = None if self.agent.done else self.agent.ask()
+            return asked is None or pair_of(asked) != (shown.challenger, shown.incumbent)
         return shown.incumbent != self.best
 
     def proceed(self) -> None:
@@ -203,6 +206,11 @@ class Flow:
         if isinstance(result, Experiment):
             return self.proceed()
         return self.move(Phase.FAILED, result)
+
+
+def pair_of(query: Query) -> tuple[int, int | None]:
+    """Indices of the challenger and of the incumbent."""
+    return query.challenger.index, None if query.incumbent is None else query.incumbent.index
 
 
 def in_words(error: Exception) -> str:

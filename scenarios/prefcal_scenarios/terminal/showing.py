@@ -77,8 +77,8 @@ def _side(
     parts.append(curves(side.experiment, question, panels, width, STYLES[name]))
     title = name.upper()
     if not blind:
-        earlier = "earlier" if question.further else "best so far"
-        title += f" · experiment {side.index + 1} · {'new' if side.challenger else earlier}"
+        roles = ("earlier", "later") if question.further else ("best so far", "new")
+        title += f" · experiment {side.index + 1} · {roles[side.challenger]}"
     if side.marks:
         title += f" · marked {', '.join(sorted(side.marks))}"
     if side.counts_as_unsafe:

@@ -5,14 +5,16 @@ from functools import partial
 import numpy as np
 import pytest
 
+from prefcal_agents.proposal import Strategy
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.preference import Preference
 from prefcal_env.studies import Answered, Shown, StudyFile
 from prefcal_env.study import calibrate
-from prefcal_scenarios.interview import unattended
+from prefcal_scenarios.interview import Choice, unattended
 from prefcal_scenarios.interview.memory import agent_of
 from prefcal_scenarios.outcomes import outcome
 from prefcal_scenarios.window.view import asked_view, history_view
+from prefcal_scenarios.window.view.sides import question_view
 from support.interviews import THREE, begin, judge, proceed, reopened, until_further
 from toy_study import toy_scenario
 
@@ -83,6 +85,43 @@ def test_it_is_saved_resumed_undone_and_retracted(toy, tmp_path):
     )
 
 
+def test_a_question_that_a_newer_algorithm_would_not_ask_is_replaced(toy, tmp_path, monkeypatch):
+    path = tmp_path / "three.prefcal"
+    interview = begin(toy, n_max=8, agent=THREE, path=path)
+    question = until_further(interview)
+    interview.study.close()
+    known = {question.left.index, question.right.index}
+    other = next(k for k in range(question.challenger.index) if k not in known)
+    pair = question.challenger.index, other
+    monkeypatch.setattr(Strategy, "further", lambda self, ledger: pair)
+    now = reopened(toy, path).now()
+    assert (now.question.challenger.index, now.question.incumbent.index) == pair
+
+
+def test_whoever_contradicts_himself_is_asked_about_two_earlier_ones(toy, tmp_path):
+    path = tmp_path / "three.prefcal"
+    interview, older = begin(toy, n_max=26, agent=THREE, path=path), 0
+    while (question := proceed(interview).question) is not None:
+        latest = len(interview.now().state.closed) - 1
+        if question.further and latest not in (question.left.index, question.right.index):
+            older += 1
+            view = asked_now(interview)
+            assert {view[side]["role"] for side in ("left", "right")} == {"earlier", "later"}
+            interview.study.close()
+            interview = reopened(toy, path)
+            assert interview.now().question == question
+        better = judge(question, toy.cost) is Choice.LEFT
+        mistaken = question.number % 3 == 1 and not question.further
+        interview.answer(question.id, Choice.LEFT if better != mistaken else Choice.RIGHT)
+    assert older > 0
+    agent = agent_of(interview.now().state, toy.space)
+    assert len(agent._turns.ledger.further) == len(interview.now().state.further)
+
+
+def asked_now(interview):
+    return question_view(interview.now().question, interview.scenario, blind=False)
+
+
 def test_a_retraction_leaves_an_open_further_question_consistent(toy):
     interview = begin(toy, n_max=8, agent=THREE)
     until_further(interview)
@@ -104,7 +143,7 @@ def test_history_shows_it_under_a_number_of_its_own(toy):
     seen = asked_view(interview, -1)
     assert seen["question"]["further"]
     roles = {seen["question"][side]["role"] for side in ("left", "right")}
-    assert roles == {"new", "earlier"}
+    assert roles == {"later", "earlier"}
 
 
 def test_running_ahead_changes_nothing(toy):

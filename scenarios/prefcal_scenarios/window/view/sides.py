@@ -26,8 +26,8 @@ def question_view(question: Question, scenario: Scenario, *, blind: bool) -> dic
     differing = question.left.experiment.theta != question.right.experiment.theta
     left, right = (side_view(side, scenario, panels, differing, blind=blind) for side in sides)
     if question.further and not blind:
-        earlier = left if question.incumbent is question.left else right
-        earlier["role"] = "earlier"
+        earlier, later = (left, right) if question.incumbent is question.left else (right, left)
+        earlier["role"], later["role"] = "earlier", "later"
     return {
         "id": question.id,
         "number": question.number,

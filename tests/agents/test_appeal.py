@@ -1,0 +1,119 @@
+"""Further questions where answers contradict each other: whether the best is the best."""
+
+import numpy as np
+import pytest
+
+from prefcal_agents import GLISp, GLISpSettings
+from prefcal_agents.appeal import to_appeal
+from prefcal_agents.belief import Belief
+from prefcal_agents.doubt import rows_of
+from prefcal_agents.ledger import Ledger
+from prefcal_agents.placing import to_place
+from prefcal_agents.surrogate import Shape
+from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.preference import Answer, Mark
+
+SQUARE = KnobSpace([Knob("x", -1.0, 1.0), Knob("y", -1.0, 1.0)])
+SHAPE = Shape(1.0, (1.0,))
+
+
+def line(answers, marks=()):
+    """Samples on a line, each compared with the one that is named; marks of the last answer."""
+    ledger = Ledger()
+    for k, (rival, answer) in enumerate([(None, None), *answers]):
+        given = Answer(answer, marks=marks if k == len(answers) else ())
+        ledger = ledger.with_pending(np.array([k / 10])).told(given, rival)
+    return ledger
+
+
+def appealed(ledger):
+    """The pair, Ĵ and what is believed, of a person who errs in 1 of 10 answers."""
+    z = ledger.cube()
+    features = SHAPE.basis(z, z)
+    belief = Belief.of(rows_of(ledger.preferences(), SHAPE), 0.1)
+    values = features @ belief.mean
+    return to_appeal(ledger, values, features, belief), values, features, belief
+
+
+def test_the_best_meets_the_rival_of_whom_it_is_least_sure():
+    ledger = line([(0, -1), (0, 1), (0, -1), (0, -1), (2, -1), (5, 1)])
+    pair, values, features, belief = appealed(ledger)
+    best = int(np.argmin(values))
+    met = {c.challenger if c.incumbent == best else c.incumbent for c in ledger.comparisons
+           if best in (c.challenger, c.incumbent)}  # fmt: skip
+    covariance = np.linalg.inv(belief.root @ belief.root.T)
+    sure = {}
+    for k in set(range(7)) - met - {best}:
+        row = features[best] - features[k]
+        sure[k] = abs(row @ belief.mean) / np.sqrt(row @ covariance @ row)
+    rival = min(sure, key=sure.__getitem__)
+    assert pair == (max(best, rival), min(best, rival))
+    assert len(sure) > 2
+
+
+def test_whoever_has_met_the_best_is_not_asked_again_and_then_nothing_is():
+    ledger = line([(0, 1), (0, 1), (1, -1)])
+    assert appealed(ledger)[0] == (3, 0)
+    ledger = ledger.told_further(Answer(1), 3, 0)
+    assert appealed(ledger)[0] is None
+
+
+def test_nobody_far_behind_is_asked():
+    """That 1 is better than 0 was said five times."""
+    ledger = line([(0, -1), (1, -1)])
+    for _ in range(5):
+        ledger = ledger.told_further(Answer(-1), 1, 0)
+        ledger = ledger.told_further(Answer(-1), 2, 1)
+    pair, values, features, belief = appealed(ledger)
+    assert np.argmin(values) == 2
+    assert belief.deviations(features[[2]] - features[[0]])[0] > 2
+    assert pair is None
+
+
+def test_an_unsafe_sample_is_no_rival():
+    answers = [(0, -1), (1, -1), (1, -1)]
+    assert appealed(line(answers))[0] == (3, 2)
+    assert appealed(line(answers, marks=(Mark.CHALLENGER_UNSAFE,)))[0] == (2, 0)
+
+
+def test_a_bisection_takes_no_notice_of_answers_about_other_samples():
+    ledger = line([(0, 1), (0, 1), (0, 1), (0, 1)])
+    values = np.array([0.0, 1.0, 2.0, 3.0, 2.5])
+    pair = to_place(ledger, values)
+    assert pair == to_place(ledger.told_further(Answer(1), 3, 1), values) == (4, 2)
+
+
+def further_pairs(flips, questions, seed=0):
+    """(challenger, incumbent, latest) of each further question of a study with mistakes."""
+    settings = GLISpSettings(questions_per_experiment=questions)
+    agent, asked = GLISp(SQUARE, n_init=6, n_max=24, settings=settings, seed=seed), []
+    while not agent.done:
+        query = agent.ask()
+        rival = query.incumbent
+        if rival is None:
+            agent.tell(query, None)
+            continue
+        costs = [float(np.sum((s.theta - 0.2) ** 2)) for s in (query.challenger, rival)]
+        wrong = query.challenger.index in flips and not query.further
+        if query.further:
+            latest = agent.samples.shape[0] - 1
+            asked.append((query.challenger.index, rival.index, latest))
+        agent.tell(query, int(np.sign(costs[0] - costs[1])) * (-1 if wrong else 1))
+    return asked
+
+
+@pytest.mark.parametrize("questions", [2, 3])
+def test_once_answers_are_doubted_others_than_the_latest_are_asked_too(questions):
+    appeals = 0
+    for seed in range(3):
+        asked = further_pairs({7, 9, 12, 16}, questions, seed)
+        appeals += sum(latest not in (a, b) for a, b, latest in asked)
+        latest = [latest for *_, latest in asked]
+        assert max(latest.count(k) for k in latest) <= questions - 1
+    assert appeals >= 5
+
+
+def test_somebody_who_never_errs_is_asked_about_the_latest_only():
+    asked = further_pairs(set(), 3)
+    assert asked
+    assert all(latest == a for a, _, latest in asked)
