@@ -1,14 +1,17 @@
 """People err: what wrong answers cost a GLISp that reckons with them, and one that does not.
 
     python benchmarks/noise.py [--problems camel hartman3] [--seeds 10] [--first 0] [--rates 0.1 0]
+    python benchmarks/noise.py --questions 2 --slips
 
-Each study has 50 experiments, 10 of them initial, and one comparison each; a share of the answers
-is wrong, and the same pair would be answered the same again. Median gaps of the returned θ, how
-many times that of the calibrator who never errs, and in brackets the best θ that was visited.
+Each study has 50 experiments, 10 of them initial, and up to `--questions` comparisons each; a
+share of the answers is wrong, and the same pair would be answered the same again unless they are
+`--slips`. Median gaps of the returned θ, how many times that of the calibrator who never errs, and
+in brackets the best θ that was visited.
 """
 
 import argparse
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +21,8 @@ from rich.table import Table
 
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.threads import one_thread
-from prefcal_scenarios.bench.judges import Outcome
+from prefcal_env.preference import Preference
+from prefcal_scenarios.bench.judges import Judge, Outcome
 from prefcal_scenarios.bench.problems import NOISES, PROBLEMS, problem
 
 N_INIT, N_MAX = 10, 50
@@ -32,18 +36,41 @@ class Gaps(NamedTuple):
     visited: float
 
 
-def run(name: str, calibrator: str, seed: int, error_rate: float) -> Gaps:
+@dataclass(frozen=True, slots=True)
+class Slipping:
+    """Says the opposite of `judge` now and then, whatever he said of the pair before."""
+
+    judge: Judge
+    share: float
+    rng: np.random.Generator
+
+    def prefer(self, challenger: Outcome, incumbent: Outcome) -> Preference:
+        """Say which is better, or not."""
+        verdict = self.judge.prefer(challenger, incumbent)
+        return Preference(-verdict) if self.rng.random() < self.share else verdict
+
+
+def judge_of(name: str, calibrator: str, seed: int, *, slips: bool) -> Judge:
+    """Who answers."""
+    where = problem(name)
+    if not slips or calibrator == "perfect":
+        return where.calibrators[calibrator](seed)
+    rng = np.random.default_rng([seed, 7])
+    return Slipping(where.calibrators["perfect"](seed), NOISES[calibrator], rng)
+
+
+def run(name: str, judge: Judge, seed: int, settings: GLISpSettings) -> Gaps:
     """One study."""
     where = problem(name)
-    judge = where.calibrators[calibrator](seed)
-    settings = GLISpSettings(error_rate=error_rate)
     agent = GLISp(where.space, n_init=N_INIT, n_max=N_MAX, seed=seed, settings=settings)
     tried: list[Outcome] = []
     while not agent.done:
         query = agent.ask()
-        tried.append(where.outcome(query.challenger.theta))
-        rival = query.incumbent
-        agent.tell(query, None if rival is None else judge.prefer(tried[-1], tried[rival.index]))
+        new, rival = query.challenger, query.incumbent
+        if not query.further:
+            tried.append(where.outcome(new.theta))
+        pair = None if rival is None else (tried[new.index], tried[rival.index])
+        agent.tell(query, None if pair is None else judge.prefer(*pair))
     gaps = [where.gap(outcome) for outcome in tried]
     return Gaps(where.gap(where.outcome(agent.best)), min(gaps))
 
@@ -66,6 +93,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--rates", type=float, nargs="+", default=[0.1, 0.0])
+    parser.add_argument("--questions", type=int, default=1)
+    parser.add_argument("--slips", action="store_true")
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.seeds)
     table = Table("problem", "error_rate", "perfect", "noisy10", "times", "noisy20", "times")
@@ -76,7 +105,9 @@ def main() -> None:
     tasks = [(row, calibrator, s) for row in rows for calibrator in CALIBRATORS for s in seeds]
     with one_thread():
         for (name, rate), calibrator, seed in track(tasks, console=Console(stderr=True)):
-            found[name, rate][calibrator].append(run(name, calibrator, seed, rate))
+            judge = judge_of(name, calibrator, seed, slips=options.slips)
+            settings = GLISpSettings(error_rate=rate, questions_per_experiment=options.questions)
+            found[name, rate][calibrator].append(run(name, judge, seed, settings))
     for name, rate in rows:
         table.add_row(name, f"{rate:g}", *cells(found[name, rate]))
     Console(width=120).print(table)

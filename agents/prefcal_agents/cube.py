@@ -21,14 +21,29 @@ _POOL, _POOL_SHARE = 200, 20  # allowed points to choose from: at least, and for
 
 
 def encode_all(space: KnobSpace, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
-    """Points of the cube of many physical θ, shape (m, n).
+    """Points of the cube of many physical θ, shape (m, n): `KnobSpace.encode`, up to rounding.
 
     Raises:
         KnobError: `thetas` has another shape or leaves the box.
     """
-    if np.ndim(thetas) != 2:
+    if np.ndim(thetas) != 2 or np.shape(thetas)[1] != len(space):
         raise KnobError(f"thetas must have shape (m, {len(space)}), got {np.shape(thetas)}")
-    return np.array([space.encode(theta) for theta in thetas]).reshape(-1, len(space))
+    thetas = np.asarray(thetas, dtype=float)
+    z = np.empty(thetas.shape)
+    inside = np.ones(len(thetas), dtype=np.bool_)
+    for k, knob in enumerate(space):
+        values = thetas[:, k]
+        whole = values == np.round(values) if knob.integer else True
+        here = (knob.low <= values) & (values <= knob.high) & whole
+        inside &= here
+        values = np.where(here, values, knob.low)
+        if knob.scale == "log10":
+            z[:, k] = np.log10(values / knob.low) / np.log10(knob.high / knob.low)
+        else:
+            z[:, k] = (values - knob.low) / (knob.high - knob.low)
+    for theta in thetas[~inside][:1]:
+        space.check(theta)  # says what is wrong with it
+    return np.clip(z, 0.0, 1.0)
 
 
 def latin_hypercube(space: KnobSpace, count: int, seed: int) -> Float[np.ndarray, "N n"]:

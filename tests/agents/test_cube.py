@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_agents.capacity import capacity
-from prefcal_agents.cube import Tried, latin_hypercube, snap_all
+from prefcal_agents.cube import Tried, encode_all, latin_hypercube, snap_all
 from prefcal_agents.ledger import Ledger
-from prefcal_env.errors import ProtocolError
+from prefcal_env.errors import KnobError, ProtocolError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Answer
 
@@ -30,6 +30,32 @@ def test_snapping_many_agrees_with_snapping_one(z):
     for k, part in enumerate(half_way, start=1):
         # Just between two integers, rounding may take either.
         assert abs(part - 0.5) < 1e-9 or snapped[k] == pytest.approx(one[k], abs=1e-12)
+
+
+@given(st.lists(st.tuples(coordinate, coordinate, coordinate), max_size=5))
+def test_encoding_many_agrees_with_encoding_one(points):
+    thetas = np.array([SPACE.decode(np.array(z)) for z in points]).reshape(-1, 3)
+    z = encode_all(SPACE, thetas)
+    assert z.shape == thetas.shape
+    for theta, found in zip(thetas, z, strict=True):
+        assert found == pytest.approx(SPACE.encode(theta), abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("theta", "words"),
+    [
+        ((1.9, 3, 1), "'real' must be in"),
+        ((2.0, 3.5, 1), "'count' must be an integer"),
+        ((2.0, 3, np.nan), "must be finite"),
+        ((2.0, 3, np.inf), "must be finite"),
+        ((2.0, 3, 0), "'decades' must be in"),
+        ((2.0, 3), "must have shape"),
+    ],
+)
+def test_of_many_the_first_that_cannot_be_is_refused(theta, words):
+    fine = (2.0, 3.0, 1.0)[: len(theta)]
+    with pytest.raises(KnobError, match=words):
+        encode_all(SPACE, np.array([fine, theta], dtype=float))
 
 
 def test_a_latin_hypercube_has_one_sample_in_every_stratum_of_every_knob():

@@ -101,7 +101,8 @@ def test_a_question_that_a_newer_algorithm_would_not_ask_is_replaced(toy, tmp_pa
 def test_whoever_contradicts_himself_is_asked_about_two_earlier_ones(toy, tmp_path):
     path = tmp_path / "three.prefcal"
     interview, older = begin(toy, n_max=26, agent=THREE, path=path), 0
-    while (question := proceed(interview).question) is not None:
+    while older < 2:
+        question = proceed(interview).question
         latest = len(interview.now().state.closed) - 1
         if question.further and latest not in (question.left.index, question.right.index):
             older += 1
@@ -113,7 +114,6 @@ def test_whoever_contradicts_himself_is_asked_about_two_earlier_ones(toy, tmp_pa
         better = judge(question, toy.cost) is Choice.LEFT
         mistaken = question.number % 3 == 1 and not question.further
         interview.answer(question.id, Choice.LEFT if better != mistaken else Choice.RIGHT)
-    assert older > 0
     agent = agent_of(interview.now().state, toy.space)
     assert len(agent._turns.ledger.further) == len(interview.now().state.further)
 
