@@ -12,6 +12,7 @@ from .belief import Belief
 from .cross_validation import nearest
 from .fitting import Constraints
 from .ledger import Ledger, Preferences
+from .schedule import MANY, SELDOM
 from .surrogate import Shape
 
 Columns = Callable[[Ledger], Float[np.ndarray, "N p"] | None]
@@ -24,8 +25,6 @@ _WINDOW = 10
 """Doubts that are averaged: a cost that jumps looks like mistakes for a moment. By one doubt alone
 calibrators of the reactor who never err were often taken for fallible, which cost experiments."""
 _EPSILONS = (0.32, 0.56, 1.0, 1.8, 3.2, 5.6)
-_MANY = 100  # comparisons; beyond, the shape hardly moves and every try takes long
-_SELDOM = 10  # experiments between two doubts then
 _WIDEST = 16.0  # largest ratio between the scales of two knobs
 
 
@@ -79,8 +78,8 @@ class Doubts:
             columns: From a ledger, KPIs that may explain its answers, shape (N, p), or None.
         """
         count = ledger.answered
-        if count > _MANY:
-            count -= count % _SELDOM
+        if count > MANY:
+            count -= count % SELDOM
         ledger = ledger.until(count)
         if not self.error_rate or count < self.n_init:
             return None
@@ -89,7 +88,7 @@ class Doubts:
         found: list[float] = []
         while len(found) < _WINDOW and count >= self.n_init:
             found.append(self._evidence(ledger.until(count), columns))
-            count -= 1 if count <= _MANY else _SELDOM
+            count -= 1 if count <= MANY else SELDOM
         return Doubt(self._shape(ledger), float(np.mean(found)))
 
     def _evidence(self, ledger: Ledger, columns: Columns) -> float:
@@ -131,7 +130,7 @@ class Doubts:
         of 2 (the knobs take turns).
         """
         preferences = ledger.preferences()
-        if not np.any(preferences.b) or len(preferences) > _MANY:
+        if not np.any(preferences.b) or len(preferences) > MANY:
             return shape
 
         def score(shape: Shape) -> float:

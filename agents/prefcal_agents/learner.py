@@ -15,12 +15,10 @@ from .doubt import Doubt, Doubts, believed_best, rows_of
 from .fitting import Constraints, fit, margins
 from .ledger import Ledger, Preferences
 from .outcomes import Judgement, Outcomes
-from .schedule import process_turns, turn_of
+from .schedule import MANY, SELDOM, process_turns, turn_of
 from .settings import EVERY_STEP, GLISpSettings
 from .surrogate import Composite, Shape, Surrogate
 
-_MANY = 100  # comparisons; beyond, cross-validation is rarer and tries less: at 400 it took 0.5 s
-_SELDOM = 10  # experiments between two of them then
 _SHAPE_AT, _SCALE_AT = 5, 7  # of these ten; doubts come at 0, so no proposal has to wait for all
 
 
@@ -160,8 +158,8 @@ class Learner:
         """By how much KPIs count beside θ, so that left-out answers are foretold best."""
         if not len(outcomes) or len(ledger.preferences()) < self.settings.folds:
             return 0.0
-        if ledger.answered > _MANY + _SELDOM:
-            ledger = ledger.until(ledger.answered - (ledger.answered - _SCALE_AT) % _SELDOM)
+        if ledger.answered > MANY + SELDOM:
+            ledger = ledger.until(ledger.answered - (ledger.answered - _SCALE_AT) % SELDOM)
             shape = self.shape(ledger)
         if (ledger, shape) not in self.scales:
             if len(ledger.samples) < len(outcomes.columns):
@@ -209,7 +207,7 @@ class Learner:
         if len(preferences) < settings.folds:
             return shape
         validation = self._validation(ledger)
-        candidates, many = settings.candidates, len(preferences) > _MANY
+        candidates, many = settings.candidates, len(preferences) > MANY
         if many:  # ε hardly moves any more, and every try takes tens of milliseconds
             candidates = nearest(candidates, shape.epsilon, 1)
         shape, score = choose_epsilon(validation, shape, candidates)
@@ -226,8 +224,8 @@ class Learner:
             return answered in at
         if answered < self.n_init:
             return False
-        if answered > _MANY:
-            return answered % _SELDOM == _SHAPE_AT
+        if answered > MANY:
+            return answered % SELDOM == _SHAPE_AT
         takes_turns = self._takes_turns(ledger)
         return not turn_of(answered, self.n_init, process=takes_turns, perturb_every=0).process
 
@@ -238,8 +236,8 @@ class Learner:
 
     def _validations(self, ledger: Ledger) -> int:
         """About how many there have been: at each experiment, but at the process's turns."""
-        if ledger.answered > _MANY:
-            return ledger.answered // _SELDOM
+        if ledger.answered > MANY:
+            return ledger.answered // SELDOM
         without = process_turns(ledger.answered, self.n_init) if self._takes_turns(ledger) else 0
         return ledger.answered - without
 

@@ -31,25 +31,19 @@ class Objective(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Domain:
-    """Where is searched: the unit cube, which coordinates stay put, and how points snap.
+    """Where is searched: a box in the unit cube, which coordinates stay put, and how points snap.
 
     Args:
         fixed: Coordinates that a descent must not move (integer knobs), shape (n,).
         snap: Moves the rows of an array (m, n) to the points of the cube that can run.
         start: A point worth starting from (the incumbent), shape (n,).
-        box: Lower and upper corner of what is searched, each of shape (n,); None: the cube.
+        corners: Lower and upper corner of what is searched, each of shape (n,).
     """
 
     fixed: Bool[np.ndarray, " n"]
     snap: Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, "m n"]] = field(repr=False)
     start: Float[np.ndarray, " n"]
-    box: Box | None = None
-
-    @property
-    def corners(self) -> Box:
-        """Lower and upper corner, each of shape (n,)."""
-        n = len(self.start)
-        return (np.zeros(n), np.ones(n)) if self.box is None else self.box
+    corners: Box
 
 
 Minimiser = Callable[[Objective, Domain, np.random.Generator], Float[np.ndarray, "m n"]]

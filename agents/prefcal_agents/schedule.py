@@ -1,9 +1,13 @@
-"""Which kind of proposal comes when: each is led astray by functions of its own."""
+"""What comes when: kinds of proposals (each is led astray by functions of its own), validations."""
 
 from dataclasses import dataclass
 
 FEW = 20
 """Experiments; before that many the process takes no turns."""
+MANY = 100
+"""Comparisons; beyond, the shape of φ hardly moves, and validating it each time took 0.5 s."""
+SELDOM = 10
+"""Experiments between two validations, or two doubts, then."""
 
 
 @dataclass(frozen=True, slots=True)

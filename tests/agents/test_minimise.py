@@ -28,7 +28,8 @@ class Waves:
 
 
 def domain(space, start=(0.5, 0.5, 0.5)):
-    return Domain(integer_mask(space), lambda z: snap_all(space, z), np.array(start))
+    cube = (np.zeros(len(start)), np.ones(len(start)))
+    return Domain(integer_mask(space), lambda z: snap_all(space, z), np.array(start), cube)
 
 
 @MINIMISERS
@@ -67,7 +68,7 @@ def test_the_same_generator_gives_the_same_points(minimise):
 @MINIMISERS
 def test_nothing_outside_the_box_is_looked_at(minimise):
     low, high = np.array([0.4, 0.0, 0.6]), np.array([0.7, 0.1, 0.9])
-    inside = replace(domain(REAL, (0.5, 0.05, 0.7)), box=(low, high))
+    inside = replace(domain(REAL, (0.5, 0.05, 0.7)), corners=(low, high))
     waves = Waves((0.3, 0.8, 0.75))
     found = minimise(waves, inside, np.random.default_rng(0))
     assert np.all((found >= low) & (found <= high))
