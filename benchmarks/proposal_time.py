@@ -88,7 +88,7 @@ def main() -> None:
     parser.add_argument("--functions", nargs="+", default=["camel", "hartman3", "hartman6"])
     args = parser.parse_args()
     rows = [(f, n, k) for f in args.functions for n in args.samples for k in (False, True)]
-    with one_thread():  # a second one of the yardstick's would wait, busily, during a proposal
+    with one_thread():  # of two the second would wait, busily, during a proposal
         print(table(rows))
 
 

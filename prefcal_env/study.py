@@ -27,14 +27,14 @@ class Comparison:
 
     @property
     def winner(self) -> Experiment:
-        """The experiment that is the incumbent afterwards."""
+        """The better one; of a query that is not a further one, the incumbent afterwards."""
         if self.incumbent is None or self.answer.preference is Preference.CHALLENGER:
             return self.challenger
         return self.incumbent
 
     @property
     def winner_index(self) -> int:
-        """Number of the experiment that is the incumbent afterwards."""
+        """Number of the winner."""
         if self.query.incumbent is None or self.answer.preference is Preference.CHALLENGER:
             return self.query.challenger.index
         return self.query.incumbent.index

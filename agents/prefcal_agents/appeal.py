@@ -19,9 +19,10 @@ def to_appeal(
 ) -> tuple[int, int] | None:
     """The sample believed best and the one that may be better; None where that is settled.
 
-    The next experiment is compared with the best, so it matters most whether that is who. Of
-    the samples next in order, the one of which it is least sure that it is worse is asked for: a
-    pair that was compared before is left out, since whoever errs about it may do so again.
+    The next experiment is compared with the best, so what matters most is whether it really is.
+    Of the samples next in order, that is asked for of which it is least sure that it is worse. A
+    pair that was asked before is left out, whatever was answered: whoever errs about it may do so
+    again, and who could not tell, or took his answer back, has said what he had to say.
 
     Source: none; the least certain pair, as in uncertainty sampling.
     Deviation: the paper asks one comparison for each experiment, and takes all for true.
@@ -29,22 +30,21 @@ def to_appeal(
     Args:
         ledger: Samples and answers.
         values: Ĵ at the N samples that are closed, lower is better.
-        features: Values of Ĵ are features · β.
+        features: Values of Ĵ are features · β, but that KPIs never count negatively, shape (N, P).
         belief: What is known of β.
 
     Returns:
         The later and the earlier sample of the pair.
     """
-    preferences, candidates = ledger.preferences(), contenders(ledger)
+    candidates = contenders(ledger)
     best, *rest = candidates[np.argsort(values[candidates], kind="stable")]
-    pairs = np.stack([preferences.first, preferences.second])
-    met = pairs[:, np.any(pairs == best, axis=0)]
-    rivals = np.array([k for k in rest[:_RIVALS] if k not in met], dtype=np.int64)
-    if not len(rivals):
+    pairs = [{c.challenger, c.incumbent} for c in ledger.in_order()]
+    rivals = [int(k) for k in rest[:_RIVALS] if {best, k} not in pairs]
+    if not rivals:
         return None
-    away = belief.deviations(features[best] - features[rivals])
-    nearest = int(np.argmin(away))
-    if away[nearest] > _SURE:
+    behind = belief.deviations(features[rivals] - features[best])
+    nearest = int(np.argmin(behind))
+    if behind[nearest] > _SURE:
         return None
-    pair = int(best), int(rivals[nearest])
+    pair = int(best), rivals[nearest]
     return max(pair), min(pair)

@@ -110,12 +110,12 @@ class Belief:
         return np.asarray(self.mean + away)
 
     def deviations(self, rows: Float[np.ndarray, "R N"]) -> Float[np.ndarray, " R"]:
-        """By how many standard deviations each of rows · β is away from 0, shape (R,)."""
+        """By how many standard deviations each of rows · β is above 0, shape (R,)."""
         from scipy.linalg.lapack import dtrtrs
 
         across, _ = dtrtrs(self.root, rows.T, lower=1)
         deviation = np.maximum(np.sqrt(np.sum(across * across, axis=0)), _SHORTEST)
-        return np.asarray(np.abs(rows @ self.mean) / deviation)
+        return np.asarray(rows @ self.mean / deviation)
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,8 +28,7 @@ def encode_all(space: KnobSpace, thetas: Float[np.ndarray, "m n"]) -> Float[np.n
     """
     if np.ndim(thetas) != 2 or np.shape(thetas)[1] != len(space):
         raise KnobError(f"thetas must have shape (m, {len(space)}), got {np.shape(thetas)}")
-    thetas = np.asarray(thetas, dtype=float)
-    z = np.empty(thetas.shape)
+    z = np.empty(np.shape(thetas))
     inside = np.ones(len(thetas), dtype=np.bool_)
     for k, knob in enumerate(space):
         values = thetas[:, k]

@@ -111,7 +111,10 @@ class Learner:
         return self.beliefs[ledger, validated]
 
     def appeal(self, ledger: Ledger, *, validated: Ledger) -> tuple[int, int] | None:
-        """Two samples to compare where answers are doubted; None where they are not, or settled."""
+        """Two samples to compare where answers are doubted; None where they are not, or settled.
+
+        The best is here that by the doubt and the shape of `validated`.
+        """
         doubt = self.doubt(validated)
         if doubt is None or not doubt.justified:
             return None

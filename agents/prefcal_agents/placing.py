@@ -23,13 +23,14 @@ def to_place(ledger: Ledger, values: Float[np.ndarray, " N"]) -> tuple[int, int]
         values: Ĵ at the N samples that are closed, lower is better.
     """
     new = ledger.answered - 1
-    latest = [c for c in ledger.latest if new in (c.challenger, c.incumbent)]
+    latest = [c for c in ledger.latest if c.challenger == new]  # appeals may be about others
     if not latest or not all(c.teaches for c in latest):
         return None
     order = [int(i) for i in np.argsort(values, kind="stable") if i != new]
     above, below = -1, len(order)  # positions of the worst that is better, the best that is worse
     for c in latest:
-        position = order.index(_other(c.challenger, c.incumbent, new))
+        assert c.incumbent is not None  # it teaches
+        position = order.index(c.incumbent)
         if c.answer.preference is Preference.INCUMBENT:
             above = max(above, position)
         elif c.answer.preference is Preference.CHALLENGER and c.after is not None:
@@ -41,7 +42,3 @@ def to_place(ledger: Ledger, values: Float[np.ndarray, " N"]) -> tuple[int, int]
     if not between or not asked.isdisjoint(between):
         return None
     return new, between[len(between) // 2]
-
-
-def _other(challenger: int, incumbent: int | None, new: int) -> int:
-    return challenger if incumbent is None or incumbent == new else incumbent

@@ -71,7 +71,11 @@ class Strategy:
             return self.learner.best(ledger)
 
     def further(self, ledger: Ledger) -> tuple[int, int] | None:
-        """Two known samples to compare before the next is proposed: challenger and incumbent."""
+        """Two known samples to compare before the next is proposed: challenger and incumbent.
+
+        Where answers are doubted an appeal, once that is settled a bisection; see `to_appeal` and
+        `to_place`.
+        """
         if len(ledger.latest) >= self.settings.questions_per_experiment or ledger.answered < 3:
             return None
         with one_thread():

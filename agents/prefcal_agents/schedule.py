@@ -5,7 +5,7 @@ from dataclasses import dataclass
 FEW = 20
 """Experiments; before that many the process takes no turns."""
 MANY = 100
-"""Comparisons; beyond, the shape of φ hardly moves, and validating it each time took 0.5 s."""
+"""Experiments or comparisons; beyond, the shape of φ hardly moves and takes long."""
 SELDOM = 10
 """Experiments between two validations, or two doubts, then."""
 

@@ -70,7 +70,8 @@ class GLISpSettings:
         good_weight: What a place costs that is surely not good enough, as `unsafe_weight`.
         minimiser: Of eq. xNp1: "multistart" or "particle_swarm".
         questions_per_experiment: Most comparisons for each experiment, 1 or more; those beyond
-            the first place it among the experiments that have run.
+            the first place it among the experiments that have run, or ask whether the best is
+            really the best where answers contradict each other.
 
     Raises:
         SettingsError: an impossible value.

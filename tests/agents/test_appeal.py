@@ -1,5 +1,7 @@
 """Further questions where answers contradict each other: whether the best is the best."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -58,6 +60,28 @@ def test_whoever_has_met_the_best_is_not_asked_again_and_then_nothing_is():
     assert appealed(ledger)[0] is None
 
 
+@pytest.mark.parametrize("answer", [None, 0])
+def test_whoever_cannot_tell_is_not_asked_the_same_again(answer):
+    ledger = line([(0, 1), (0, 1), (1, -1), (1, -1)])
+    first = appealed(ledger)[0]
+    told = ledger.told_further(Answer(answer), *first)
+    assert appealed(told)[0] not in (first, None)
+    retracted = ledger.told_further(Answer(1), *first).retracted(0, further=True)
+    assert appealed(retracted)[0] not in (first, None)
+
+
+def test_only_the_nine_next_to_the_best_are_rivals():
+    """The first beat ten others; two more were compared with the worst of these only."""
+    ledger = line([(0, 1)] * 10 + [(10, 1), (10, 1)])
+    z, values = ledger.cube(), np.arange(13.0)
+    features = SHAPE.basis(z, z)
+    belief = Belief.of(rows_of(ledger.preferences(), SHAPE), 0.1)
+    belief = replace(belief, mean=np.zeros(13))  # sure of nothing
+    assert to_appeal(ledger, values, features, belief) is None
+    values[12] = 0.5
+    assert to_appeal(ledger, values, features, belief) == (12, 0)
+
+
 def test_nobody_far_behind_is_asked():
     """That 1 is better than 0 was said five times."""
     ledger = line([(0, -1), (1, -1)])
@@ -66,14 +90,17 @@ def test_nobody_far_behind_is_asked():
         ledger = ledger.told_further(Answer(-1), 2, 1)
     pair, values, features, belief = appealed(ledger)
     assert np.argmin(values) == 2
-    assert belief.deviations(features[[2]] - features[[0]])[0] > 2
+    assert belief.deviations(features[[0]] - features[[2]])[0] > 2
     assert pair is None
 
 
-def test_an_unsafe_sample_is_no_rival():
+def test_an_unsafe_sample_is_neither_the_best_nor_its_rival():
     answers = [(0, -1), (1, -1), (1, -1)]
-    assert appealed(line(answers))[0] == (3, 2)
+    pair, values, *_ = appealed(line(answers))
+    assert (pair, np.argmin(values)) == ((3, 2), 3)
     assert appealed(line(answers, marks=(Mark.CHALLENGER_UNSAFE,)))[0] == (2, 0)
+    again = Answer(-1, marks=(Mark.CHALLENGER_UNSAFE,))  # 2 is better than 1, and unsafe
+    assert appealed(line(answers).told_further(again, 2, 1))[0] == (3, 0)
 
 
 def test_a_bisection_takes_no_notice_of_answers_about_other_samples():

@@ -55,7 +55,7 @@ def test_encoding_many_agrees_with_encoding_one(points):
 def test_of_many_the_first_that_cannot_be_is_refused(theta, words):
     fine = (2.0, 3.0, 1.0)[: len(theta)]
     with pytest.raises(KnobError, match=words):
-        encode_all(SPACE, np.array([fine, theta], dtype=float))
+        encode_all(SPACE, np.array([fine, theta, np.full(len(theta), 9e9)], dtype=float))
 
 
 def test_a_latin_hypercube_has_one_sample_in_every_stratum_of_every_knob():

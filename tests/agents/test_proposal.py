@@ -1,3 +1,5 @@
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 
@@ -182,3 +184,24 @@ def test_where_answers_are_doubted_none_is_taken_for_right(monkeypatch):
     doubt = Doubt(agent._learner.shape(agent._turns.ledger), 100.0)
     monkeypatch.setattr(Doubts, "after", lambda *given: doubt)
     assert isinstance(minimised(agent, 9), Acquisition)
+
+
+def test_linear_algebra_keeps_to_one_thread_in_proposals_and_in_the_best(monkeypatch):
+    limited = []
+
+    @contextmanager
+    def one_thread():
+        limited.append(True)
+        yield
+        limited.append(False)
+
+    def believed(self, ledger):
+        assert limited[-1:] == [True]
+        return ledger.incumbent
+
+    monkeypatch.setattr("prefcal_agents.proposal.one_thread", one_thread)
+    monkeypatch.setattr("prefcal_agents.learner.Learner.best", believed)
+    agent = GLISp(KnobSpace([Knob("x", 0, 1)]), n_init=2, n_max=4)
+    while not agent.done:
+        agent.tell(agent.ask(), None if agent.best_index is None else 1)
+    assert limited.count(True) == limited.count(False) > 4

@@ -82,7 +82,7 @@ class Flow:
             self._put(*shown)
 
     def _is_overtaken(self, shown: Shown) -> bool:
-        """Whether a retraction, or a newer algorithm, has changed who is best since.
+        """Whether a retraction, or a newer algorithm, has changed what is asked since.
 
         A crash between a retraction and the question that follows it leaves the old question on
         show: an answer would be about another pair than the one that the agent asks about.
@@ -177,6 +177,9 @@ class Flow:
             known = self.album.outcomes(shown.challenger, shown.incumbent)
             further = shown.challenger < len(self.state.closed)
             question = replace(question, outcomes=known, further=further)
+        else:
+            further = any(c.question == shown.repeats for c in self.state.further)
+            question = replace(question, further=further)
         self.move(Phase.QUESTION)
         self.question = question
 

@@ -94,8 +94,14 @@ def test_a_question_that_a_newer_algorithm_would_not_ask_is_replaced(toy, tmp_pa
     other = next(k for k in range(question.challenger.index) if k not in known)
     pair = question.challenger.index, other
     monkeypatch.setattr(Strategy, "further", lambda self, ledger: pair)
-    now = reopened(toy, path).now()
+    interview = reopened(toy, path)
+    now = interview.now()
     assert (now.question.challenger.index, now.question.incumbent.index) == pair
+    interview.study.close()
+    monkeypatch.setattr(Strategy, "further", lambda self, ledger: None)
+    now = proceed(reopened(toy, path))
+    assert not now.question.further
+    assert now.question.challenger.index == len(now.state.closed)
 
 
 def test_whoever_contradicts_himself_is_asked_about_two_earlier_ones(toy, tmp_path):
@@ -114,8 +120,25 @@ def test_whoever_contradicts_himself_is_asked_about_two_earlier_ones(toy, tmp_pa
         better = judge(question, toy.cost) is Choice.LEFT
         mistaken = question.number % 3 == 1 and not question.further
         interview.answer(question.id, Choice.LEFT if better != mistaken else Choice.RIGHT)
-    agent = agent_of(interview.now().state, toy.space)
-    assert len(agent._turns.ledger.further) == len(interview.now().state.further)
+    told = interview._flow.agent._turns.ledger.further
+    recorded = interview.now().state.further
+    assert [(c.challenger, c.incumbent, c.answer.preference, c.after) for c in told] == [
+        (c.challenger, c.incumbent, c.answer.preference, c.after) for c in recorded
+    ]
+
+
+def test_asked_again_it_has_the_same_roles(toy):
+    interview = begin(toy, n_max=8, agent=THREE)
+    question = until_further(interview)
+    interview.answer(question.id, judge(question, toy.cost))
+    roles = {}
+    while question.id not in roles:
+        proceed(interview)
+        again = interview.repeat().question
+        roles[again.repeats] = {asked_now(interview)[side]["role"] for side in ("left", "right")}
+        interview.answer(again.id, judge(again, toy.cost))
+    assert roles.pop(question.id) == {"earlier", "later"}
+    assert all(words == {"best so far", "new"} for words in roles.values())
 
 
 def asked_now(interview):
