@@ -70,7 +70,7 @@ def test_a_person_who_never_errs_gets_the_last_winner_and_what_he_got_without_do
 def test_with_four_wrong_answers_the_gap_is_smaller_than_if_all_were_kept():
     flips = {12, 16, 20, 25}
     ratios = []
-    for seed in range(5):
+    for seed in range(8):  # in five of these the mistakes are noticed
         gaps = [
             bowl(told(GLISpSettings(error_rate=rate), flips, n_max=36, seed=seed).best)
             for rate in (0.1, 0.0)
