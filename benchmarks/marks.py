@@ -116,7 +116,7 @@ Found = tuple[int, np.ndarray, Experiment]
 HEATING = 8.5
 """Heating rate of the reactor [K/h] above which the alarmed one is stopped: in 30 % of the box; the
 best θ known stays below, at 8.26."""
-BRAKING = OvertakeOptions(obstacles=(Obstacle(deceleration=4.0, brakes_at=2.5),))
+BRAKING = OvertakeOptions(traffic=(Obstacle(deceleration=4.0, brakes_at=2.5),))
 """The car ahead brakes with 4 m/s² after 2.5 s: a third of the box runs into it."""
 
 

@@ -11,15 +11,17 @@ OPENBLAS_NUM_THREADS=1 in the environment it takes half the time.
 import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from course import best_after_each
 from rich.console import Console
 from rich.progress import track
 
 from prefcal_agents import GLISp
-from prefcal_env import tracking_kpis
+from prefcal_env import KnobSpace, tracking_kpis
 from prefcal_env.experiment import Experiment
 from prefcal_env.study import calibrate
 from prefcal_scenarios import load, outcome
@@ -69,13 +71,16 @@ class Study(NamedTuple):
     kind: str
     seed: int
     n_max: int
+    any_value: bool = False
 
 
 def best_costs(study: Study) -> list[float]:
-    """True index of the incumbent after each experiment, (n_max,)."""
+    """True index of the best so far after each experiment, (n_max,)."""
     scenario, kpis = load("cstr"), KINDS[study.kind]
     assert scenario.cost is not None
-    agent = GLISp(scenario.space, n_init=study.n_init, n_max=study.n_max, seed=study.seed)
+    knobs = [replace(k, step=0) if not k.integer else k for k in scenario.space]
+    space = KnobSpace(knobs) if study.any_value else scenario.space
+    agent = GLISp(space, n_init=study.n_init, n_max=study.n_max, seed=study.seed)
     judge = scenario.calibrators["synthetic"](study.seed)
 
     def known(experiment: Experiment) -> Mapping[str, float]:
@@ -84,7 +89,7 @@ def best_costs(study: Study) -> list[float]:
         return {} if kpis is None else kpis(experiment, np.random.default_rng(seeds))
 
     steps = calibrate(agent, scenario.run, judge, None if kpis is None else known)
-    return [scenario.cost(step.winner) for step in steps]
+    return best_after_each(agent, steps, scenario.cost)
 
 
 def run(studies: Sequence[Study], jobs: int) -> Iterator[list[float]]:
@@ -114,10 +119,13 @@ def main() -> None:
     parser.add_argument("--n-init", type=int, nargs="+", default=[6, 10])
     parser.add_argument("--n-max", type=int, default=50, help="experiments of a study")
     parser.add_argument("--seeds", type=int, default=20, help="number of seeds")
+    parser.add_argument("--any-value", action="store_true", help="knobs without a step")
     parser.add_argument("--jobs", type=int, default=1, help="processes at a time")
     args = parser.parse_args()
     rows = list(product(args.n_init, args.kinds))
-    studies = [Study(*row, seed, args.n_max) for row in rows for seed in range(args.seeds)]
+    studies = [
+        Study(*row, seed, args.n_max, args.any_value) for row in rows for seed in range(args.seeds)
+    ]
     costs = np.array(list(run(studies, args.jobs))).reshape(len(rows), args.seeds, -1)
     print(table(rows, costs))
 

@@ -2,6 +2,8 @@
 
     OMP_NUM_THREADS=1 python benchmarks/overtake.py [--samples 500] [--seeds 20] [--jobs 1]
     ... --samples 0 --agents GLISp RandomSearch LatinHypercube
+    ... --steering "per step"            # 0.0873 rad a step in place of 0.0873 rad/s
+    ... --optimum --steering "per second" "per step"
 
 Part one runs a seeded sample of θ in the box and reports how they ended: interrupted runs,
 unsolved QPs, criterion (i), seconds of an experiment. Part two calibrates with each agent, 50
@@ -18,6 +20,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import cache, partial
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -30,9 +33,12 @@ from prefcal_env.experiment import Experiment
 from prefcal_env.overtaking import HORIZON
 from prefcal_env.preference import Preference
 from prefcal_env.study import calibrate
+from prefcal_scenarios import Scenario, load
 from prefcal_scenarios.overtake import overtake
 from prefcal_scenarios.overtake.computing import measured_t_comp
 from prefcal_scenarios.overtake.indicators import SHORTEST_DISTANCE
+from prefcal_scenarios.overtake.tuning import STEERING_LIMITS
+from prefcal_scenarios.source import joined_source
 
 AGENTS = ("GLISp", "RandomSearch", "LatinHypercube")
 PAPER = "paper, preferences"
@@ -64,11 +70,17 @@ class Result(NamedTuple):
     seconds: float
 
 
-def sample(i: int) -> Run:
+@cache
+def limited(steering: str) -> Scenario:
+    """The scenario with this limit of the steering."""
+    return load(joined_source("overtake", {"steering_limit": steering}))
+
+
+def sample(i: int, steering: str) -> Run:
     """θ number i of the sample, run once."""
     theta = overtake.space.decode(np.random.default_rng([0, i]).random(len(overtake.space)))
     start = time.perf_counter()
-    e = overtake.run(theta)
+    e = limited(steering).run(theta)
     seconds = time.perf_counter() - start
     finite = (
         all(np.isfinite(a).all() for a in (e.x, e.u)) and not np.isnan(list(e.kpis.values())).any()
@@ -86,16 +98,17 @@ def exact_in_time(e: Experiment) -> bool:
     return bool(instants and last)
 
 
-def study(job: tuple[int, str, str, int]) -> Result:
+def study(job: tuple[int, str, str, int], steering: str) -> Result:
     """One calibration: seed, agent, calibrator, experiments."""
     seed, name, judge, n_max = job
+    scenario = limited(steering)
     start = time.perf_counter()
     calibrator: Any = overtake.calibrators[judge](seed)
     agent = getattr(prefcal_agents, name)(overtake.space, n_max=n_max, seed=seed)
-    comparisons = list(calibrate(agent, overtake.run, calibrator))
-    best = comparisons[-1].winner
+    comparisons = list(calibrate(agent, scenario.run, calibrator))
+    best = scenario.run(agent.best)  # the last comparison may be about two others
     ties = sum(c.answer.preference is Preference.TIE for c in comparisons)
-    verdict, criterion = calibrator.decide(best, overtake.run(overtake.references[PAPER]))
+    verdict, criterion = calibrator.decide(best, scenario.run(overtake.references[PAPER]))
     return Result(
         seed, best.theta.tolist(), VERDICTS[verdict], cell(criterion.name) if criterion else "",
         violated(best, calibrator), dict(best.kpis), ties, time.perf_counter() - start,
@@ -129,10 +142,11 @@ def spread(function: Any, jobs: Sequence[Any], label: str, processes: int) -> It
         yield from track(pool.map(function, jobs), label, total=len(jobs), console=console)
 
 
-def tell_paper(console: Console) -> None:
-    overtake.run(overtake.references[PAPER])  # compiles
-    e = overtake.run(overtake.references[PAPER])
-    text = ["The paper's optimum:", "", "| what | value |", "| --- | --- |"]
+def tell_paper(steering: str, console: Console) -> None:
+    scenario = limited(steering)
+    scenario.run(overtake.references[PAPER])  # compiles
+    e = scenario.run(overtake.references[PAPER])
+    text = [f"The paper's optimum, 0.0873 rad {steering}:", "", "| what | value |", "| --- | --- |"]
     text += [f"| {cell(k.title)} [{k.unit}] | {e.kpis[k.name]:.4g} |" for k in overtake.kpis]
     worst, most = (f"{seconds * 1e3:.2f}" for seconds in measured_t_comp(e))
     text += [f"| t_comp measured here, worst and 99th percentile [ms] | {worst}, {most} |"]
@@ -194,15 +208,28 @@ def main() -> None:
         "--calibrator", nargs="+", default=["synthetic"], choices=sorted(overtake.calibrators)
     )
     parser.add_argument("--agents", nargs="+", default=["GLISp"], choices=AGENTS)
+    parser.add_argument(
+        "--steering", nargs="+", default=["per second"], choices=STEERING_LIMITS,
+        help="what 0.0873 rad limits",
+    )  # fmt: skip
+    parser.add_argument("--optimum", action="store_true", help="the paper's optimum, nothing else")
     args = parser.parse_args()
-    console = Console()
-    if args.samples:
-        tell_paper(console)
-        runs = list(spread(sample, range(args.samples), "random θ", args.jobs))
-        tell_samples(runs, console)
-    for name, judge in product(args.agents, args.calibrator) if args.seeds else ():
+    for steering in args.steering:
+        tell(steering, args, Console())
+
+
+def tell(steering: str, args: argparse.Namespace, console: Console) -> None:
+    """Everything that was asked for, with one limit of the steering."""
+    if args.samples or args.optimum:
+        tell_paper(steering, console)
+    if args.samples and not args.optimum:
+        one = partial(sample, steering=steering)
+        tell_samples(list(spread(one, range(args.samples), "random θ", args.jobs)), console)
+    for name, judge in product(args.agents, args.calibrator) if not args.optimum else ():
         jobs = [(seed, name, judge, args.n_max) for seed in range(args.seeds)]
-        tell_studies(list(spread(study, jobs, "calibrating", args.jobs)), name, judge, console)
+        if jobs:
+            found = spread(partial(study, steering=steering), jobs, "calibrating", args.jobs)
+            tell_studies(list(found), name, judge, console)
 
 
 if __name__ == "__main__":

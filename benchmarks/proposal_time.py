@@ -1,4 +1,4 @@
-"""How long GLISp takes for one proposal: 50 and 400 samples, without and with KPIs.
+"""How long GLISp takes for one proposal: 50, 400 and 1,000 samples, without and with KPIs.
 
     python benchmarks/proposal_time.py                  # a few minutes
     python benchmarks/proposal_time.py --samples 50 --functions hartman3
@@ -22,7 +22,7 @@ from prefcal_agents.threads import one_thread
 from prefcal_env import Answer
 from prefcal_scenarios.functions import FUNCTIONS
 
-REPEATS = 9
+REPEATS = 12  # validations and doubts come once in ten
 KPIS = 8
 
 
@@ -84,7 +84,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--samples", type=int, nargs="+", default=[50, 400])
+    parser.add_argument("--samples", type=int, nargs="+", default=[50, 400, 1000])
     parser.add_argument("--functions", nargs="+", default=["camel", "hartman3", "hartman6"])
     args = parser.parse_args()
     rows = [(f, n, k) for f in args.functions for n in args.samples for k in (False, True)]

@@ -89,8 +89,6 @@ def main() -> None:
             print(f"\n{group}, {person}\n\n| expected | {head} |\n|" + " --- |" * 8)
             rows(cases, lambda a: a.expected, (0, 0.25, 0.5, 1, 2, 3, 4, 10))
             rows(cases, lambda a: 0.0, (0, 1))
-            print(f"\n| promise | {head} |\n|" + " --- |" * 8)
-            rows(cases, lambda a: a.promise, (0, 1e-4, 1e-3, 1e-2, 1e-1, np.inf))
 
 
 if __name__ == "__main__":

@@ -21,11 +21,7 @@ plant = FunctionPlant(
     max_step=0.005,
 )
 # The experiment: turn by 1 rad within 3 s.
-task = Task(
-    x0=np.zeros(3), u0=np.zeros(1), y_ref=np.array([1.0]), horizon=3.0,
-    T_s=0.01, T_s_range=(0.001, 0.1), dense_step=0.01,
-    observed=np.array([[-4, 4], [-50, 50], [-10, 10], [-12, 12], [-4, 4]]),
-)  # fmt: skip
+task = Task(x0=np.zeros(3), u0=np.zeros(1), y_ref=np.array([1.0]), horizon=3.0)
 
 
 # The controller: anything with `T_s` and `move`.
@@ -65,7 +61,7 @@ motor = Scenario(
         KPI("settled", "settled within 2 %", "s", at_most=1.0),
         KPI("overshoot", "overshoot", "%", at_most=5.0),
     ),
-    panels=(Panel("x", ANGLE), Panel("u", VOLTAGE)),
+    panels=(Panel("angle"), Panel("voltage")),
     cost=lambda e: (
         e.kpis["overshoot"] / 5 + min(e.kpis["settled"], 3.0)
     ),  # only for unattended runs

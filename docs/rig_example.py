@@ -27,7 +27,7 @@ oven = Scenario(
     ),
     run=rig,
     kpis=(KPI("overshoot", "overshoot", "K", at_most=5.0),),
-    panels=(Panel("x", TEMPERATURE), Panel("u", POWER)),
+    panels=(Panel("temperature"), Panel("power")),
 )
 
 

@@ -29,6 +29,7 @@ from prefcal_env.experiment import Experiment as Experiment
 from prefcal_env.knobs import Knob as Knob
 from prefcal_env.knobs import KnobSpace as KnobSpace
 from prefcal_env.outcome import Outcome as Outcome
+from prefcal_env.panels import Panel as Panel
 from prefcal_env.preference import Agent as Agent
 from prefcal_env.preference import Answer as Answer
 from prefcal_env.preference import Calibrator as Calibrator
@@ -51,7 +52,7 @@ _register(
     "prefcal_scenarios.cstr:make_tuning_env",
     vector_entry_point="prefcal_scenarios.cstr:make_tuning_vector",
 )
-_register("prefcal/Overtake-v0", "prefcal_env.envs.overtake:OvertakeEnv")
+_register("prefcal/Overtake-v0", "prefcal_env.envs.overtake.env:OvertakeEnv")
 _register(
     "prefcal/OvertakeTuning-v0",
     "prefcal_scenarios.overtake:make_tuning_env",

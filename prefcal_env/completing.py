@@ -27,7 +27,8 @@ def completed(
     """`answer` with the marks that follow from how the two runs ended, and with `outcomes`.
 
     What was said stays: a mark that somebody gave is not automatic, and outcomes that came with
-    the answer are kept. An answer that is taken back or retracted takes all of it along.
+    the answer are kept. Only "good enough" falls where the same side is unsafe. An answer that is
+    taken back or retracted takes all of it along.
 
     Args:
         answer: About the two.
@@ -44,6 +45,12 @@ def completed(
     if found:
         marks, automatic = (*answer.marks, *found), (*answer.automatic, *found)
         answer = replace(answer, marks=marks, automatic=automatic)
+    good = {Mark.CHALLENGER_UNSAFE: Mark.CHALLENGER_GOOD_ENOUGH,
+            Mark.INCUMBENT_UNSAFE: Mark.INCUMBENT_GOOD_ENOUGH}  # fmt: skip
+    contradicted = {good[mark] for mark in answer.marks if mark in good}
+    if contradicted & set(answer.marks):
+        kept = tuple(mark for mark in answer.marks if mark not in contradicted)
+        answer = replace(answer, marks=kept)
     if outcomes is not None and answer.outcomes is None:
         answer = replace(answer, outcomes=outcomes)
     return answer

@@ -58,3 +58,18 @@ class MissingExtraError(PrefcalError, ImportError):
 
 class BenchmarkError(PrefcalError, RuntimeError):
     """A benchmark cannot go on: its folder of results or its cluster is not usable."""
+
+
+class RunError(PrefcalError, RuntimeError):
+    """A run of a user's own scenario gave no experiment. It is data: the study goes on.
+
+    Args:
+        words: What happened, for people.
+        why: "raised": their code raised an error; "died": its process ended; "late": it took
+            longer than it may; "stopped": a person stopped it; "given up": nobody waits for it.
+        trace: The traceback of their code; empty if there is none.
+    """
+
+    def __init__(self, words: str, why: str, trace: str = "") -> None:
+        super().__init__(words)
+        self.why, self.trace = why, trace

@@ -98,11 +98,12 @@ class Experiment:
         end: Why it ended.
         kpis: Key performance indicators by name; their units stand in the scenario.
         signals: Further signals on `t` by name, each shape (K,).
+        y: Outputs at `t`, shape (K, n_y); None where they were not recorded (see `output`).
         runs: The other fields are those of the first of several seeded variants; all of them.
 
     Raises:
-        ExperimentError: arrays of the wrong shape, states or inputs that are not finite, a KPI
-            that is no number.
+        ExperimentError: arrays of the wrong shape, states or inputs that are not finite, KPIs or
+            signals that are no mapping, a KPI that is no number.
     """
 
     theta: Float[np.ndarray, " n"]
@@ -120,10 +121,18 @@ class Experiment:
     kpis: Mapping[str, float] = field(default_factory=FrozenMapping)
     signals: Mapping[str, Float[np.ndarray, " K"]] = field(default_factory=FrozenMapping)
     runs: tuple["Experiment", ...] = ()
+    y: Float[np.ndarray, "K n_y"] | None = None
 
     def __post_init__(self) -> None:
         for name, dtype in _ARRAYS.items():
             object.__setattr__(self, name, _frozen(getattr(self, name), dtype))
+        if self.y is not None:
+            object.__setattr__(self, "y", _frozen(self.y, float))
+        for name in ("kpis", "signals"):
+            if not isinstance(getattr(self, name), Mapping):
+                raise ExperimentError(
+                    f"{name} must be a mapping from names, got {getattr(self, name)!r}"
+                )
         object.__setattr__(self, "kpis", FrozenMapping(self.kpis))
         signals = {k: _frozen(v, float) for k, v in self.signals.items()}
         object.__setattr__(self, "signals", FrozenMapping(signals))
@@ -137,6 +146,8 @@ class Experiment:
             "t_control": (steps,), "u_control": (steps, n_u), "y_ref": (steps, n_y),
             "iterations": (steps,), "solve_time": (steps,), "solved": (steps,),
         }  # fmt: skip
+        if self.y is not None:
+            expected["y"] = (dense, n_y)
         shapes = {name: np.shape(getattr(self, name)) for name in expected}
         expected |= {f"signals[{k!r}]": (dense,) for k in self.signals}
         shapes |= {f"signals[{k!r}]": np.shape(v) for k, v in self.signals.items()}
@@ -177,6 +188,21 @@ class Experiment:
         nearest = np.searchsorted(self.t, instants - 1e-9 * max(1.0, self.duration))
         return np.asarray(self.x[nearest])
 
+    def output(self, index: int) -> Float[np.ndarray, " K"] | None:
+        """Return output `index`, from 0, at `t`, shape (K,).
+
+        If `y` was not recorded: the state of the same name and unit, else the signal of the same
+        name, else None.
+        """
+        if self.y is not None:
+            return np.asarray(self.y[:, index])
+        channel = self.channels.y[index]
+        for i, state in enumerate(self.channels.x):
+            if (state.name, state.unit) == (channel.name, channel.unit):
+                return np.asarray(self.x[:, i])
+        found: Float[np.ndarray, " K"] | None = self.signals.get(channel.name)
+        return found
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Experiment):
             return NotImplemented
@@ -202,4 +228,6 @@ def _frozen(values: Any, dtype: Any) -> np.ndarray:
 def _same(a: Any, b: Any) -> bool:
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f")
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        return False
     return bool(a == b)

@@ -1,7 +1,7 @@
 """Knobs: the tunable numbers θ, and the one place where the unit cube meets physics."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Literal, get_args
 
@@ -10,18 +10,38 @@ from jaxtyping import Bool, Float
 
 from prefcal_env.constraints import AnyConstraint, checked
 from prefcal_env.errors import KnobError
-from prefcal_env.parts import exact, is_number, parts
+from prefcal_env.parts import exact, is_number, parts, too_close
+from prefcal_env.resolution import default_step, nearest_step
 
 Scale = Literal["linear", "log10"]
+
+_ROUNDING = 1e-12  # of decoding a proposed value, by the width of the range
+_TOUCHING = 1e-6  # part of a step: neighbors on the grid are a whole step apart, up to rounding
 
 
 @dataclass(frozen=True, slots=True)
 class Knob:
     """One tunable number; `low` and `high` are inclusive and in `unit`.
 
+    Args:
+        name: How people call it.
+        low: Smallest value.
+        high: Largest value.
+        unit: Of both.
+        scale: Whether differences ("linear") or ratios ("log10") count.
+        integer: Whether only whole numbers run.
+        step: Resolution: the smallest change that a person can dial in or tell apart, in `unit`;
+            on a log10 scale relative, so 0.02 is 2 %. Proposed values are multiples of it. None
+            takes a round number between 1/250 and 1/100 of the range, for an integer knob 1; 0
+            proposes any value.
+        about: One sentence for people on what the knob does. Knobs that differ in it alone are
+            equal, and no study holds it.
+
     Raises:
-        KnobError: reversed, equal or infinite bounds, a log10 knob that is not positive, an
-            integer knob without an integer in its range, an empty name, an unknown scale.
+        KnobError: reversed, equal or infinite bounds, bounds with hardly a number between them or
+            with an infinite difference, a log10 knob that is not positive, an integer knob without
+            an integer in its range, an empty name, an unknown scale, a step that is negative or
+            wider than the range, a fraction as an integer knob's step.
     """
 
     name: str
@@ -30,6 +50,8 @@ class Knob:
     unit: str = ""
     scale: Scale = "linear"
     integer: bool = False
+    step: float | None = None
+    about: str = field(default="", compare=False, kw_only=True)
 
     def __post_init__(self) -> None:
         box = f"got [{self.low}, {self.high}] {self.unit}".rstrip()
@@ -37,10 +59,17 @@ class Knob:
             raise KnobError(f"a knob needs a name, got {self.name!r}")
         if not (is_number(self.low) and is_number(self.high)):
             raise KnobError(f"knob {self.name!r}: low and high must be numbers, {box}")
-        if not (isfinite(self.low) and isfinite(self.high) and isfinite(self.high - self.low)):
+        if not (isfinite(self.low) and isfinite(self.high)):
             raise KnobError(f"knob {self.name!r}: low and high must be finite, {box}")
         if not self.low < self.high:
             raise KnobError(f"knob {self.name!r}: low must be below high, {box}")
+        if not isfinite(float(self.high) - float(self.low)):
+            raise KnobError(f"knob {self.name!r}: high minus low must be below 1.8e308, {box}")
+        if too_close(float(self.low), float(self.high), integer=self.integer):
+            raise KnobError(
+                f"knob {self.name!r}: low and high are too close, hardly a number lies between "
+                f"them, {box}: tune the distance from one of them instead"
+            )
         if self.scale not in get_args(Scale):
             raise KnobError(
                 f"knob {self.name!r}: scale must be one of {get_args(Scale)}, got {self.scale!r}"
@@ -49,6 +78,36 @@ class Knob:
             raise KnobError(f"knob {self.name!r}: a log10 scale needs low above 0, {box}")
         if self.integer and (self.low != round(self.low) or self.high != round(self.high)):
             raise KnobError(f"knob {self.name!r}: an integer knob needs integer bounds, {box}")
+        if self.step is not None:
+            _check_step(self, self.step)
+
+    @property
+    def resolution(self) -> float:
+        """Step in use, in `unit` (relative on a log10 scale); 0 if every value may be proposed."""
+        if self.step is not None:
+            return float(self.step)
+        return 1.0 if self.integer else default_step(self.low, self.high, self.scale)
+
+    def round(self, value: float) -> float:
+        """Return the value nearest to `value` that may be proposed, both in `unit`.
+
+        That is a multiple of the resolution (on a log10 scale `low` times a power of 1 + step, to
+        a few digits), or one of the two ends.
+        """
+        return nearest_step(self, value)
+
+    def steps(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Return how many steps `values`, in `unit`, are from 0 (log10: from `low`), shape (m,).
+
+        Raises:
+            KnobError: the knob has no step.
+        """
+        step = self.resolution
+        if step == 0:
+            raise KnobError(f"knob {self.name!r} has no step to measure differences by")
+        if self.scale == "log10" and not self.integer:
+            return np.asarray(np.log(values / self.low) / np.log1p(step))
+        return np.asarray(values / step)
 
     def decode(self, z: float) -> float:
         """Physical value in `unit` of the unit coordinate `z` in [0, 1]; integers round half up."""
@@ -58,7 +117,10 @@ class Knob:
             value = self.low * (1 - z) + self.high * z
         if self.integer:
             value = np.floor(value + 0.5)
-        return float(min(max(value, self.low), self.high))
+        value = float(min(max(value, self.low), self.high))
+        # A proposed value comes back as the round number that it is.
+        nearest = value if self.integer else self.round(value)
+        return nearest if abs(nearest - value) <= _ROUNDING * abs(self.high - self.low) else value
 
     def encode(self, value: float) -> float:
         """Unit coordinate in [0, 1] of a physical value in `unit`."""
@@ -72,6 +134,10 @@ class Knob:
 @dataclass(frozen=True)
 class KnobSpace:
     """The box Θ in which θ is sought, an ordered collection of knobs.
+
+    Deviation: [0, 1] for each knob, where the authors' code scales to [-1, 1]; the paper names no
+    box. Distances are half as long, so δ of eq. acquisition acts up to 16 times weaker. Measured
+    in docs/deviations.md.
 
     Args:
         knobs: One or more.
@@ -133,6 +199,19 @@ class KnobSpace:
         now = dict(zip(self.names, self.within, strict=True))
         return KnobSpace(self.knobs, self.constraints, within={**now, **within})
 
+    def described(self, about: Mapping[str, str]) -> "KnobSpace":
+        """The same space, with what each knob does in a sentence, by the knob's name.
+
+        Raises:
+            KnobError: a name that no knob has.
+        """
+        unknown = sorted(set(about) - set(self.names))
+        if unknown:
+            raise KnobError(f"about must name some of the knobs {self.names}, got {unknown}")
+        knobs = [replace(k, about=about.get(k.name, k.about)) for k in self.knobs]
+        within = dict(zip(self.names, self.within, strict=True))
+        return KnobSpace(knobs, self.constraints, within=within)
+
     def searches(self, theta: Float[np.ndarray, " n"]) -> bool:
         """Whether a physical θ, shape (n,), lies in what is searched."""
         theta = self._vector(theta, "theta")
@@ -169,8 +248,33 @@ class KnobSpace:
         return np.array([k.encode(v) for k, v in zip(self.knobs, theta, strict=True)])
 
     def snap(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Cube point of the θ that `z` decodes to: equal for all `z` of one experiment."""
-        return self.encode(self.decode(z))
+        """Return the cube point of the θ that is proposed for `z`: equal for all `z` of one θ.
+
+        Each knob is rounded to its resolution, unless the constraints refuse that θ but allow
+        the one of `z` itself.
+        """
+        theta = self.decode(z)
+        parts = zip(self.knobs, theta, self.within, strict=True)
+        rounded = np.array([_rounded(*each) for each in parts])
+        if self.constraints and not self.allows(rounded) and self.allows(theta):
+            rounded = theta
+        return self.encode(rounded)
+
+    def close(
+        self, theta: Float[np.ndarray, " n"], others: Float[np.ndarray, "m n"]
+    ) -> Bool[np.ndarray, " m"]:
+        """Return which of `others`, physical, differ from `theta` by less than a step in each knob.
+
+        Nobody could tell such experiments apart, or dial them in. Without a step, equal values.
+        """
+        close = np.ones(len(others), dtype=np.bool_)
+        for k, knob in enumerate(self.knobs):
+            if knob.resolution == 0:
+                close &= others[:, k] == theta[k]
+                continue
+            away = np.abs(knob.steps(others[:, k]) - knob.steps(theta[k : k + 1]))
+            close &= away < 1 - _TOUCHING
+        return close
 
     def check(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return `theta` as a float array, shape (n,), physical.
@@ -252,3 +356,21 @@ class KnobSpace:
                 f"{what} must be finite, got {dict(zip(self.names, vector.tolist(), strict=True))}"
             )
         return vector
+
+
+def _rounded(knob: Knob, value: float, part: tuple[float, float]) -> float:
+    """`value` rounded to the knob's resolution, inside the `part` of the range that is searched."""
+    low, high = part
+    return value if value in part else float(min(max(knob.round(value), low), high))
+
+
+def _check_step(knob: Knob, step: object) -> None:
+    unit = "relative" if knob.scale == "log10" and not knob.integer else knob.unit
+    got = f"got {step!r} {unit}".rstrip()
+    if not is_number(step) or not isfinite(step) or step < 0:  # type: ignore[arg-type, operator]
+        raise KnobError(f"knob {knob.name!r}: step must be a number, 0 or more, {got}")
+    widest = knob.high / knob.low - 1 if unit == "relative" else knob.high - knob.low
+    if step > widest:  # type: ignore[operator]
+        raise KnobError(f"knob {knob.name!r}: step must be at most {widest:g}, the range, {got}")
+    if knob.integer and (step < 1 or step != round(step)):  # type: ignore[operator, call-overload]
+        raise KnobError(f"knob {knob.name!r}: an integer knob needs an integer step, {got}")

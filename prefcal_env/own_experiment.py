@@ -8,11 +8,13 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.control import Controller
+from prefcal_env.envs.rendering import makes
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiment import Experiment
+from prefcal_env.experiment import Channels, Experiment
 from prefcal_env.knobs import KnobSpace
+from prefcal_env.panels import Panel
 from prefcal_env.rollout import KPIs, rollout
-from prefcal_env.tuning import Panel, Run, TuningEnv, same_step_vector
+from prefcal_env.tuning import Run, TuningEnv, same_step_vector
 
 EnvSource = gym.Env[Any, Any] | str | Callable[[], gym.Env[Any, Any]]
 ControllerFactory = Callable[[Float[np.ndarray, " n"]], Controller]
@@ -40,13 +42,25 @@ class ClosedLoop:
             raise SettingsError(f"env must be an environment, an id or a factory, got {env!r}")
         if not callable(controller):
             raise SettingsError(f"controller must make one from θ, got {controller!r}")
-        self._env, self._controller, self._kpis = made, controller, kpis
+        self._env, self._controller, self.kpis = made, controller, kpis
+
+    @property
+    def channels(self) -> Channels | None:
+        """Channels of its experiments; None if the environment does not say."""
+        found = getattr(self._env.unwrapped, "channels", None)
+        return found if isinstance(found, Channels) else None
+
+    @property
+    def signals(self) -> tuple[str, ...] | None:
+        """Keys of the signals of its experiments; None if the environment does not say."""
+        return getattr(self._env.unwrapped, "signals", None)
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run θ, physical, shape (n,)."""
-        return rollout(self._env, self._controller(theta), theta, seed=seed, kpis=self._kpis)
+        return rollout(self._env, self._controller(theta), theta, seed=seed, kpis=self.kpis)
 
 
+@makes(TuningEnv)
 def experiment_env(
     space: KnobSpace,
     *,

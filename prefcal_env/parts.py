@@ -1,6 +1,7 @@
 """Parts of knobs' ranges: what is still searched of each."""
 
 from collections.abc import Mapping, Sequence
+from math import ulp
 from typing import Protocol
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from prefcal_env.errors import KnobError
 
 _ROUNDING = 1e-14  # of decoding, by the size of a linear knob's bounds or a log10 knob's value
+_FEWEST = 2**13  # numbers in a range: a hundred that differ by more than rounding
 _NARROWEST = 1e-9  # part of a knob's range that can be searched, in the unit cube
 
 
@@ -47,6 +49,17 @@ def is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
+def too_close(low: float, high: float, *, integer: bool) -> bool:
+    """Whether a range holds too few numbers to be searched; what is `integer` may hold few.
+
+    As long as rounding (see `exact`) takes none of them for its neighbor.
+    """
+    size = max(abs(low), abs(high))
+    if integer and _ROUNDING * size < 0.5:
+        return False
+    return high - low < _FEWEST * ulp(size)
+
+
 def exact(knob: Ranged, value: float, part: tuple[float, float]) -> float:
     """`value`, or the border of `part` that it missed by rounding."""
     for border in part:
@@ -79,10 +92,15 @@ def parts(
             )
         if knob.integer and (low != round(low) or high != round(high)):
             raise KnobError(f"knob {knob.name!r}: integers were expected, got {low} to {high}")
-        if low < high and knob.encode(high) - knob.encode(low) < _NARROWEST:
+        if low < high and (
+            knob.encode(high) - knob.encode(low) < _NARROWEST
+            or too_close(float(low), float(high), integer=knob.integer)
+        ):
             raise KnobError(
                 f"knob {knob.name!r}: {low} to {high} is too narrow to be searched: freeze it, "
                 "with one value as both"
             )
-        found[knob.name] = (float(low), float(high))
+        # A border that is an end of the range up to rounding is that end.
+        ends = (float(knob.low), float(knob.high))
+        found[knob.name] = (exact(knob, float(low), ends), exact(knob, float(high), ends))
     return tuple(found.values())

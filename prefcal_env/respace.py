@@ -1,6 +1,7 @@
 """A space that changes: what a new one must hold so that nothing that was tried is lost."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -75,4 +76,4 @@ def _with(knob: Knob, value: float) -> Knob:
 
 
 def _spanning(knob: Knob, low: float, high: float) -> Knob:
-    return Knob(knob.name, low, high, knob.unit, knob.scale, knob.integer)
+    return replace(knob, low=low, high=high)

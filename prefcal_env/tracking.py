@@ -17,7 +17,7 @@ _NOTHING = 1e-3  # of the largest error: an error that nobody sees
 def tracking_kpis(experiment: Experiment) -> dict[str, float]:
     """Generic KPIs by name, lower is better, in the units of the experiment's channels.
 
-    For each output with a reference that is also a state or a signal: integrated error, the
+    For each recorded output with a reference (see `Experiment.output`): integrated error, the
     same weighted with time, time of the last entry into the band (3 % of the largest error
     where the channel states none; infinite: never), overshoot, and final error beyond a
     thousandth of the largest. For each input: total, largest and root mean square move. Empty
@@ -41,19 +41,13 @@ def tracking_kpis(experiment: Experiment) -> dict[str, float]:
 
 def _errors(experiment: Experiment) -> Iterator[tuple[str, float | None, Float[np.ndarray, " K"]]]:
     """Name, band and error of each output with a reference, on the dense grid."""
-    states = {channel.name: i for i, channel in enumerate(experiment.channels.x)}
     if not len(experiment.t_control):
         return
     held = np.searchsorted(experiment.t_control, experiment.t, side="right") - 1
     for j, channel in enumerate(experiment.channels.y):
         reference = experiment.y_ref[np.maximum(held, 0), j]
-        if channel.name in states:
-            curve = experiment.x[:, states[channel.name]]
-        elif channel.name in experiment.signals:
-            curve = experiment.signals[channel.name]
-        else:
-            continue
-        if np.isfinite(reference).all() and np.isfinite(curve).all():
+        curve = experiment.output(j)
+        if curve is not None and np.isfinite(reference).all() and np.isfinite(curve).all():
             yield channel.name, channel.band, np.asarray(curve - reference)
 
 

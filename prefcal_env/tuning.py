@@ -8,9 +8,11 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.envs.canvas import Canvas, Trace
+from prefcal_env.envs.checks import check_render_mode, numbers
 from prefcal_env.errors import ExperimentError, KnobError, ProtocolError, SettingsError
-from prefcal_env.experiment import Channel, Experiment
+from prefcal_env.experiment import Experiment
 from prefcal_env.knobs import KnobSpace
+from prefcal_env.panels import Panel, plots_of
 
 Array = np.ndarray[Any, Any]
 
@@ -22,26 +24,11 @@ class Run(Protocol):
         """Run θ, physical, shape (n,)."""
 
 
-class Panel(Protocol):
-    """One curve of an experiment to draw. `kind` is "u" for what is held between instants."""
-
-    @property
-    def kind(self) -> str:
-        """ "x", "u" or "signal"."""
-
-    @property
-    def channel(self) -> Channel:
-        """Name, unit, limits, target and band."""
-
-    def values(self, experiment: Experiment) -> Float[np.ndarray, " K"]:
-        """The curve, on `experiment.t`."""
-
-
 class TuningEnv(gym.Env[Array, Array]):
     """Choose θ, see the experiment. One step is one experiment and one episode.
 
     - Action, float, shape (n,): θ in the unit cube scaled to [-1, 1]; action = 2 z - 1 with
-      z = `space.encode(theta)`. Several actions are one θ where a knob is an integer.
+      z = `space.encode(theta)`. Several actions are one θ where a knob is an integer, or frozen.
     - Observation, float32, shape (n,): the θ that was run, scaled as the action, snapped to the
       knobs; zeros before the step. Experiments start afresh: there is no state to observe.
     - Reward: minus `score`; 0 without one. Whoever has no score wraps this environment in
@@ -56,7 +43,7 @@ class TuningEnv(gym.Env[Array, Array]):
         space: The knobs.
         run: One experiment of a physical θ.
         score: Of an experiment, lower is better.
-        panels: What to draw; None: all states and inputs.
+        panels: What to draw; None: all states, inputs and outputs.
         title: For pictures.
         render_mode: None or "rgb_array", the last experiment.
 
@@ -80,13 +67,12 @@ class TuningEnv(gym.Env[Array, Array]):
             raise SettingsError(
                 f"needs a KnobSpace and a function that runs θ, got {space!r} and {run!r}"
             )
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise SettingsError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
+        check_render_mode(render_mode, self.metadata)
         self.space, self.render_mode = space, render_mode
         self._run, self._score, self._panels = run, score, panels
         box = (-1.0, 1.0, (len(space),), np.float32)
         self.action_space, self.observation_space = gym.spaces.Box(*box), gym.spaces.Box(*box)
-        self._canvas, self._title = Canvas(title), title
+        self._canvas = Canvas(title, panels=3 if panels is None else len(panels))
         self._experiment: Experiment | None = None
         self._seed, self._open = 0, False
 
@@ -126,16 +112,14 @@ class TuningEnv(gym.Env[Array, Array]):
 
     def theta(self, action: Array) -> Float[np.ndarray, " n"]:
         """The physical θ of an action, both shape (n,). Raises KnobError as `step`."""
-        try:
-            a = np.array(action, dtype=float)
-        except (TypeError, ValueError) as error:
-            raise KnobError(f"an action must be numbers, got {action!r}") from error
+        a = numbers(action, "an action", KnobError)
         if a.shape != (len(self.space),) or not np.all(np.abs(a) <= 1):
             raise KnobError(
                 f"an action must be {len(self.space)} numbers in [-1, 1], one for each of "
                 f"{self.space.names}, got {a}"
             )
-        return self.space.decode((a + 1) / 2)
+        frozen = [low for low, _ in self.space.within]
+        return np.where(self.space.frozen, frozen, self.space.decode((a + 1) / 2))
 
     def render(self) -> Array | None:
         """The last experiment as an image, (height, width, 3) uint8; None without render mode."""
@@ -153,12 +137,22 @@ class TuningEnv(gym.Env[Array, Array]):
         self._canvas.close()
 
 
+def sampled_at(space: KnobSpace, T_s: float | None) -> KnobSpace:
+    """`space` with its knob "T_s" frozen at `T_s`; as it is for None.
+
+    Raises:
+        KnobError: a sampling time out of the knob's range.
+    """
+    return space if T_s is None else space.narrowed({"T_s": (T_s, T_s)})
+
+
 def _traces(experiment: Experiment, panels: Sequence[Panel] | None) -> list[Trace]:
     e, t = experiment, experiment.t
-    if panels is not None:
-        return [Trace(p.channel, t, p.values(e), held=p.kind == "u") for p in panels]
-    states = [Trace(c, t, e.x[:, i]) for i, c in enumerate(e.channels.x)]
-    return states + [Trace(c, t, e.u[:, i], held=True) for i, c in enumerate(e.channels.u)]
+    if panels is None:
+        plots = plots_of(e.channels)
+    else:
+        plots = tuple(p.plot(e) if len(t) else p.absent() for p in panels)
+    return [Trace(p.channel, t, p.values(e), held=p.held) for p in plots]
 
 
 def same_step_vector(env_id: str, num_envs: int, **kwargs: Any) -> gym.vector.SyncVectorEnv:

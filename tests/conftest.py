@@ -27,6 +27,17 @@ PACKAGES = {
     "prefcal_scenarios": ROOT / "scenarios",
 }
 COMPILED_ELSEWHERE = {"prefcal_env.plants.integrate"}
+WHOLE_STUDIES = {
+    "test_appeal", "test_cli", "test_cli_config", "test_cli_earlier", "test_cli_outcomes",
+    "test_cli_own", "test_cli_pace", "test_cli_processor", "test_cli_respace", "test_cli_studies",
+    "test_environments", "test_failed_runs", "test_further", "test_improvement",
+    "test_interview", "test_learned_index", "test_marks", "test_own_plant", "test_pacing",
+    "test_peers", "test_placing", "test_reproduce", "test_resuming", "test_variants",
+}  # fmt: skip
+"""Files of tests that make the same calls thousands of times: checking each takes most of their
+time, and the tests of the parts check the same shapes."""
+UNCHECKED = "JAXTYPING_DISABLE" in os.environ
+"""Whether nothing is checked: CI does so on its second Python."""
 
 mpl.use("Agg")
 # A busy machine is no failure.
@@ -47,8 +58,9 @@ def checked_modules() -> list[str]:
     return names
 
 
-jaxtyping.jaxtyped = jaxtyped  # the hook's decorator
-jaxtyping.install_import_hook(checked_modules(), "support.type_checker.check")
+if not UNCHECKED:
+    jaxtyping.jaxtyped = jaxtyped  # the hook's decorator
+    jaxtyping.install_import_hook(checked_modules(), "support.type_checker.check")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -60,8 +72,9 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """Check shapes, unless the test wants to see how wrong ones are refused."""
     wanted = item.get_closest_marker("unchecked") or "refused" in item.name
-    jaxtyping.config.update("jaxtyping_disable", bool(wanted))
+    whole = item.path.stem in WHOLE_STUDIES
+    jaxtyping.config.update("jaxtyping_disable", UNCHECKED or whole or bool(wanted))
     try:
         return (yield)
     finally:
-        jaxtyping.config.update("jaxtyping_disable", False)
+        jaxtyping.config.update("jaxtyping_disable", UNCHECKED)

@@ -5,6 +5,7 @@ In a folder with the examples of docs/: first the lines of `console` blocks that
 `<!-- not executed: why -->` is left out.
 """
 
+import json
 import os
 import re
 import shutil
@@ -58,8 +59,8 @@ def test_what_a_document_shows_runs(document, tmp_path):
     code = "\n".join(blocks(document, "python"))
     if not commands and not code:
         pytest.skip("nothing to run in it")
-    for example in (ROOT / "docs").glob("*.py"):  # a reader has them beside him
-        shutil.copy(example, tmp_path)
+    for example in (*(ROOT / "docs").glob("*.py"), *(ROOT / "docs").glob("*.json")):
+        shutil.copy(example, tmp_path)  # a reader has them at hand
     if commands:
         run([sys.executable, "-c", COMMANDS, *commands], tmp_path)
     run([sys.executable, "-c", code], tmp_path)
@@ -83,3 +84,25 @@ def test_no_document_names_a_host_to_load_from_or_a_path_of_a_machine():
     pattern = re.compile(r"cdn\.|/home/|/root/|/tmp/|C:\\\\")
     for document in DOCUMENTS:
         assert not pattern.search(document.read_text()), document.name
+
+
+def test_every_figure_of_a_page_is_there_and_made_by_a_command_and_no_other_is_kept():
+    script = ROOT / "benchmarks" / "figures.py"
+    found = json.loads(run([sys.executable, str(script), "--list"], ROOT))
+    assert found["wrong"] == []
+    pages = [*DOCUMENTS, *(ROOT / "docs").rglob("*.md")]
+    shown = {n for p in pages for n in re.findall(r"figures/([\w-]+\.png)", p.read_text())}
+    assert shown == set(found["made by"])
+
+
+def test_the_pages_tell_the_numbers_that_their_figures_were_made_with():
+    made = json.loads((ROOT / "docs" / "figures" / "made.json").read_text())
+    reactor = made["reactor"]
+    report = (ROOT / "docs" / "report.md").read_text()
+    assert f"{reactor['experiments']} experiments, the first {reactor['initial']} of" in report
+    assert f"{reactor['comparisons']} comparisons" in report
+    readme = (ROOT / "README.md").read_text()
+    assert f"{reactor['comparisons']} comparisons took the MPC" in readme
+    assert f"index of all {reactor['experiments']} experiments" in readme
+    story = (ROOT / "docs" / "reactor_index.md").read_text()
+    assert f"| index | {made['index']['broad basin']:.4f} | {made['index']['hole']:.4f} |" in story

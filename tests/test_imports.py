@@ -18,27 +18,30 @@ MAY_IMPORT = {
     "prefcal_agents": {"prefcal_env", "prefcal_agents"},
     "prefcal_scenarios": set(FOLDERS),
 }
-AGENTS_MAY_USE = ("errors", "end", "knobs", "respace", "preference", "qp")
+AGENTS_MAY_USE = ("errors", "end", "knobs", "respace", "preference", "champions", "qp")
 
 LAYERS = (
-    {"errors", "end"},
+    {"errors", "end", "jit"},
     {
         "constraints",
         "outcome",
         "tracking",
         "parts",
+        "resolution",
         "knobs",
         "respace",
         "preference",
+        "champions",
         "experiment",
         "completing",
         "qp",
         "control",
         "variants",
+        "panels",
     },
     {"plants", "overtaking"},
     {"mpc", "envs"},
-    {"rollout", "rig"},
+    {"rollout", "rig", "compiling"},
     {"tuning", "own_experiment", "preference_reward", "calibrators", "study", "studies"},
 )
 """Of prefcal_env, lowest first. A layer may import itself and whatever is below it."""

@@ -53,17 +53,22 @@ class Acquisition:
         surrogate: Ĵ.
         delta: δ, 0 or more.
         spread: ΔĴ; 1 where the surrogate is flat (nothing is known, or all are ties).
+        tried: Samples that exploration keeps away from, unit cube, shape (N, n).
     """
 
     surrogate: Learned
     delta: float
     spread: float
+    tried: Float[np.ndarray, "N n"]
 
     @classmethod
-    def of(cls, surrogate: Learned, delta: float) -> "Acquisition":
-        """Normalise `surrogate` by its range over the samples."""
+    def of(
+        cls, surrogate: Learned, delta: float, tried: Float[np.ndarray, "N n"] | None = None
+    ) -> "Acquisition":
+        """Normalise `surrogate` by its range over the samples; all that were tried may be more."""
         spread = surrogate.spread
-        return cls(surrogate, delta, spread if spread > 0 else 1.0)
+        tried = surrogate.centres if tried is None else tried
+        return cls(surrogate, delta, spread if spread > 0 else 1.0, tried)
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """a at the rows of `z`, shape (m, n); shape (m,).
@@ -74,7 +79,7 @@ class Acquisition:
         value = self.surrogate(z) / self.spread
         if not self.delta:
             return value
-        d = squared_distances(z, self.surrogate.centres)
+        d = squared_distances(z, self.tried)
         return np.asarray(value - self.delta * exploration(d))
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -82,4 +87,4 @@ class Acquisition:
         slope = self.surrogate.gradient(z) / self.spread
         if not self.delta:
             return slope
-        return np.asarray(slope - self.delta * exploration_gradient(z, self.surrogate.centres))
+        return np.asarray(slope - self.delta * exploration_gradient(z, self.tried))

@@ -12,6 +12,7 @@ from .belief import Belief
 from .cross_validation import nearest
 from .fitting import Constraints
 from .ledger import Ledger, Preferences
+from .memory import Memory
 from .schedule import MANY, SELDOM
 from .surrogate import Shape
 
@@ -20,7 +21,7 @@ Columns = Callable[[Ledger], Float[np.ndarray, "N p"] | None]
 ALMOST_SURE = 0.003
 """Error rate of somebody who is as good as never wrong: 0 would allow no surrogate to be."""
 _ENOUGH = 1.0
-"""By how much better (in nats) answers must be foretold as a fallible person's."""
+"""By how much better (in nats) answers must be predicted as a fallible person's."""
 _WINDOW = 10
 """Doubts that are averaged: a cost that jumps looks like mistakes for a moment. By one doubt alone
 calibrators of the reactor who never err were often taken for fallible, which cost experiments."""
@@ -30,10 +31,10 @@ _WIDEST = 16.0  # largest ratio between the scales of two knobs
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """How well answers are foretold, if each is wrong with some chance, and if none is.
+    """How well answers are predicted if each is wrong with some chance, and if none is.
 
     Args:
-        shape: Of φ, with which a fallible person's answers are foretold best.
+        shape: Of φ, with which a fallible person's answers are predicted best.
         evidence: By how much better (in nats) than a person's who is never wrong, on average of
             the last doubts; above 0 speaks for mistakes.
     """
@@ -75,7 +76,8 @@ class Doubts:
 
         Args:
             ledger: Samples and answers.
-            columns: From a ledger, KPIs that may explain its answers, shape (N, p), or None.
+            columns: From a ledger, KPIs that may explain its answers, of the N samples that are
+                remembered, shape (N, p), or None.
         """
         count = ledger.answered
         if count > MANY:
@@ -92,9 +94,9 @@ class Doubts:
         return Doubt(self._shape(ledger), float(np.mean(found)))
 
     def _evidence(self, ledger: Ledger, columns: Columns) -> float:
-        """By how much better the answers are foretold as a fallible person's, in nats."""
+        """By how much better the answers are predicted as a fallible person's, in nats."""
         if ledger not in self.known:
-            preferences = ledger.preferences()
+            preferences = Memory.of(ledger).ledger.preferences()
             if not np.any(preferences.b):
                 return 0.0
             constraints = rows_of(preferences, self._shape(ledger), columns(ledger))
@@ -124,7 +126,7 @@ class Doubts:
         return shape
 
     def _suited(self, ledger: Ledger, shape: Shape) -> Shape:
-        """The better shape next to `shape`, by how well the answers of `ledger` are foretold.
+        """The better shape next to `shape`, by how well the answers of `ledger` are predicted.
 
         ε moves to a neighbour (in the beginning anywhere), and the scale of one knob by a factor
         of 2 (the knobs take turns).
@@ -174,9 +176,3 @@ def contenders(ledger: Ledger) -> Int[np.ndarray, " K"]:
     samples, unsafe = ledger.cube(), marks.samples[marks.unsafe]
     safe = [i for i in compared if not np.any(np.all(unsafe == samples[i], axis=1))]
     return np.array(safe or compared, dtype=np.int64)
-
-
-def believed_best(ledger: Ledger, values: Float[np.ndarray, " N"]) -> int:
-    """The contender of lowest value Ĵ."""
-    candidates = contenders(ledger)
-    return int(candidates[np.argmin(values[candidates])])

@@ -16,5 +16,5 @@ def load(module: str, extra: str) -> Any:
         return import_module(module)
     except ImportError as error:
         raise MissingExtraError(
-            f"{module} cannot be imported ({error}): pip install prefcal[{extra}]"
+            f"{module} cannot be imported ({error}): pip install 'prefcal[{extra}]'"
         ) from error

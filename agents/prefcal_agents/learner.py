@@ -5,15 +5,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.champions import contradictory
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.qp import Backend
 
-from .appeal import to_appeal
+from .appeal import SURE, to_appeal
 from .belief import Belief
 from .cross_validation import Validation, choose_epsilon, nearest, rescale_knob
-from .doubt import Doubt, Doubts, believed_best, rows_of
+from .doubt import Doubt, Doubts, rows_of
 from .fitting import Constraints, fit, margins
 from .ledger import Ledger, Preferences
+from .memory import MOST, Memory
 from .outcomes import Judgement, Outcomes
 from .schedule import MANY, SELDOM, process_turns, turn_of
 from .settings import EVERY_STEP, GLISpSettings
@@ -37,6 +39,7 @@ class Learner:
         beliefs: The latest belief, and how much KPIs count in it; a cache too.
         scales: By how much KPIs count after a ledger, with a shape of φ; a cache too.
         foreseen: The KPIs of the latest ledger; a cache too.
+        memories: What is remembered of the latest ledgers; a cache too.
     """
 
     space: KnobSpace
@@ -53,6 +56,19 @@ class Learner:
         default_factory=dict, repr=False, compare=False
     )
     foreseen: dict[Ledger, Outcomes] = field(default_factory=dict, repr=False, compare=False)
+    memories: dict[Ledger, Memory] = field(default_factory=dict, repr=False, compare=False)
+
+    def remembered(self, ledger: Ledger) -> Memory:
+        """Return the part of `ledger` that is learned from."""
+        if ledger not in self.memories:
+            if len(self.memories) >= SELDOM:
+                self.memories.clear()
+            self.memories[ledger] = Memory.of(ledger)
+        return self.memories[ledger]
+
+    def preferences(self, ledger: Ledger) -> Preferences:
+        """Return the answers in `ledger` that are learned from; see `Memory`."""
+        return self.remembered(ledger).ledger.preferences()
 
     def learned(
         self,
@@ -72,9 +88,9 @@ class Learner:
         """
         validated = ledger if validated is None else validated
         doubt = self.doubt(validated)
-        if doubt is not None and doubt.justified:
+        if doubt is not None and self.is_noisy(validated):
             return self._believed(ledger, doubt.shape, validated, rng)
-        preferences, learning = ledger.preferences(), self.settings.learning
+        preferences, learning = self.preferences(ledger), self.settings.learning
         shape = self.shape(validated)
         margin = margins(preferences, self.settings.margin_power, self.settings.strong_margins)
         if rng is not None:
@@ -92,7 +108,7 @@ class Learner:
         self, ledger: Ledger, shape: Shape, validated: Ledger, rng: np.random.Generator | None
     ) -> Surrogate | Composite:
         """Ĵ where answers may be wrong."""
-        preferences, outcomes = ledger.preferences(), self._outcomes(ledger)
+        preferences, outcomes = self.preferences(ledger), self._outcomes(ledger)
         belief, scale = self._belief(ledger, shape, validated)
         v = belief.mean if rng is None else belief.draw(rng)
         features = shape.basis(preferences.samples, preferences.samples)
@@ -104,40 +120,44 @@ class Learner:
             outcomes = self._outcomes(ledger)
             scale = self._outcome_scale(ledger, self.shape(validated), outcomes)
             columns = scale * outcomes.columns if scale else None
-            constraints = rows_of(ledger.preferences(), shape, columns)
+            constraints = rows_of(self.preferences(ledger), shape, columns)
             self.beliefs.clear()  # each is as large as Φ
             belief = Belief.of(constraints, self.settings.error_rate)
             self.beliefs[ledger, validated] = belief, scale
         return self.beliefs[ledger, validated]
 
-    def appeal(self, ledger: Ledger, *, validated: Ledger) -> tuple[int, int] | None:
+    def appeal(
+        self, ledger: Ledger, *, validated: Ledger, only_better: bool = False
+    ) -> tuple[int, int] | None:
         """Two samples to compare where answers are doubted; None where they are not, or settled.
 
-        The best is here that by the doubt and the shape of `validated`.
+        Doubt and shape are those of `validated`. With `only_better` mistakes must be likely, and
+        the rival believed better than the best sample.
         """
         doubt = self.doubt(validated)
         if doubt is None or not doubt.justified:
             return None
         belief, scale = self._belief(ledger, doubt.shape, validated)
-        z = ledger.cube()
-        features = doubt.shape.basis(z, z)
+        memory = self.remembered(ledger)
+        z = memory.ledger.cube()
+        known = doubt.shape.basis(z, z)
         if scale:
-            features = np.hstack([features, scale * self._outcomes(ledger).columns])
-        return to_appeal(ledger, self.learned(ledger, validated=validated)(z), features, belief)
+            known = np.hstack([known, scale * self._outcomes(ledger).columns])
+        features = np.zeros((ledger.answered, known.shape[1]))
+        values = np.full(ledger.answered, np.inf)
+        features[memory.kept] = known
+        values[memory.kept] = self._believed(ledger, doubt.shape, validated, None)(z)
+        return to_appeal(ledger, values, features, belief, sure=0.0 if only_better else SURE)
 
-    def best(self, ledger: Ledger) -> int | None:
-        """The sample that is believed to be the best; None before the first answer.
+    def is_noisy(self, ledger: Ledger) -> bool:
+        """Return whether answers are taken for a fallible person's.
 
-        Source: none.
-        Deviation: the last winner, unless answers contradict each other. Then a sample that lost
-        by a mistake is thrown away for ever, and one that won by a mistake is what all others
-        are compared with; so it is the one of lowest Ĵ.
+        Two things must come together: some answers contradict each other, and all of them are
+        predicted better with mistakes than without. Suspicion alone only leads to a question
+        (see `appeal`): a cost that jumps looks like mistakes, too.
         """
-        ledger = ledger.until(ledger.answered)
         doubt = self.doubt(ledger)
-        if doubt is None or not doubt.justified:
-            return ledger.incumbent
-        return believed_best(ledger, self.learned(ledger)(ledger.cube()))
+        return doubt is not None and doubt.justified and contradictory(ledger.verdicts())
 
     def doubt(self, ledger: Ledger) -> Doubt | None:
         """What is doubted after `ledger`; None while there are too few answers."""
@@ -154,18 +174,19 @@ class Learner:
             return Outcomes.none()
         if ledger not in self.foreseen:
             self.foreseen.clear()  # what was foretold before is not asked for again
-            self.foreseen[ledger] = Outcomes.of(ledger).foreseeable()
+            self.foreseen[ledger] = Outcomes.of(self.remembered(ledger).ledger).foreseeable()
         return self.foreseen[ledger]
 
     def _outcome_scale(self, ledger: Ledger, shape: Shape, outcomes: Outcomes) -> float:
         """By how much KPIs count beside θ, so that left-out answers are foretold best."""
         if not len(outcomes) or len(ledger.preferences()) < self.settings.folds:
             return 0.0
-        if ledger.answered > MANY + SELDOM:
-            ledger = ledger.until(ledger.answered - (ledger.answered - _SCALE_AT) % SELDOM)
+        answered = ledger.answered
+        if answered > MANY + SELDOM:
+            ledger = ledger.until(answered - (answered - _SCALE_AT) % SELDOM)
             shape = self.shape(ledger)
         if (ledger, shape) not in self.scales:
-            if len(ledger.samples) < len(outcomes.columns):
+            if ledger.answered < answered:
                 outcomes = self._outcomes(ledger)
             self.scales[ledger, shape] = self._best_scale(ledger, shape, outcomes)
         return self.scales[ledger, shape]
@@ -184,14 +205,15 @@ class Learner:
         settings = self.settings
         rng = np.random.default_rng([self.seed, ledger.answered, 1])
         return Validation.deal(
-            ledger.preferences(), settings.learning, self.backend, settings.folds, rng
+            self.preferences(ledger), settings.learning, self.backend, settings.folds, rng
         )
 
     def shape(self, ledger: Ledger) -> Shape:
         """Shape of φ in use after `ledger`: each cross-validation starts from the one before."""
         missing: list[Ledger] = []
         shape = self.settings.shape(len(self.space))
-        for count in range(ledger.answered, 0, -1):
+        last = MOST if self.settings.validate_at == EVERY_STEP else ledger.answered
+        for count in range(min(ledger.answered, last), 0, -1):
             prefix = ledger.until(count)
             if not self._validates(prefix):
                 continue
@@ -221,14 +243,17 @@ class Learner:
         return shape
 
     def _validates(self, ledger: Ledger) -> bool:
-        """Whether the shape is chosen anew: at every step means where the surrogate has a turn."""
+        """Whether the shape is chosen anew: at every step means where the surrogate has a turn.
+
+        Beyond `MOST` experiments it stays: the answers that it was chosen by are forgotten.
+        """
         at, answered = self.settings.validate_at, ledger.answered
         if at != EVERY_STEP:
             return answered in at
         if answered < self.n_init:
             return False
         if answered > MANY:
-            return answered % SELDOM == _SHAPE_AT
+            return answered <= MOST and answered % SELDOM == _SHAPE_AT
         takes_turns = self._takes_turns(ledger)
         return not turn_of(answered, self.n_init, process=takes_turns, perturb_every=0).process
 

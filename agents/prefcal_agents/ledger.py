@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from prefcal_env.champions import Verdict, best_of, unsafe_indices
 from prefcal_env.errors import ProtocolError
-from prefcal_env.preference import Answer, Preference
+from prefcal_env.preference import Answer
 
 from .marked import Marks
 
@@ -102,19 +103,36 @@ class Ledger:
 
     @property
     def incumbent(self) -> int | None:
-        """Index of the winner along the remaining answers; None before the first one.
+        """Index of the best sample, by the whole record; None before the first answer.
 
-        Where scores were told, the first sample with the lowest.
+        Where scores were told, the first sample with the lowest; else see `best_of`.
         """
         scored, values = self.scores()
         if len(scored):
             return int(scored[np.argmin(values)])
-        winner = 0 if self.comparisons else None
-        for comparison in self.comparisons:
-            won = comparison.answer.preference is Preference.CHALLENGER
-            if comparison.teaches and won:
-                winner = comparison.challenger
-        return winner
+        if not self.comparisons:
+            return None
+        return best_of(self.verdicts(), self.unsafe())
+
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Return the remaining answers about two samples, in the order given."""
+        return tuple(
+            Verdict(c.challenger, c.incumbent, c.answer.preference, c.after is not None)
+            for c in self.in_order()
+            if c.incumbent is not None and c.answer.preference is not None and not c.retracted
+        )
+
+    def asked(self, first: int, second: int, *, standing: bool = False) -> bool:
+        """Return whether the two samples were compared, whatever was answered.
+
+        With `standing`, answers that were retracted do not count.
+        """
+        asked = (c for c in self.in_order() if not (standing and c.retracted))
+        return any({c.challenger, c.incumbent} == {first, second} for c in asked)
+
+    def unsafe(self) -> frozenset[int]:
+        """Return the indices of the samples that the remaining answers mark unsafe."""
+        return unsafe_indices(self.comparisons) | unsafe_indices(self.further)
 
     def in_order(self) -> tuple[Comparison, ...]:
         """All comparisons in the order answered."""

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from .ledger import Ledger
+from .memory import MOST
 from .minimise import Objective
 from .rbf import RADIAL_FUNCTIONS, squared_distances
 from .settings import GLISpSettings
@@ -49,9 +50,16 @@ class Chance:
 
     @classmethod
     def of(cls, samples: Float[np.ndarray, "K n"], labels: Bool[np.ndarray, " K"]) -> "Chance":
-        """Learn from the labels of K samples, with the length that explains them best."""
+        """Learn from the labels of K samples, with the length that explains them best.
+
+        Of more than `MOST` samples those with the rarer label count, and the latest others.
+        """
         # The share, with one of each kind added: labels of one kind alone prove nothing for ever.
         offset = float(np.log((1 + np.sum(labels)) / (1 + np.sum(~labels))))
+        if len(labels) > MOST:
+            common = labels == (np.mean(labels) > 0.5)
+            kept = np.sort(np.lexsort((-np.arange(len(labels)), common))[:MOST])
+            samples, labels = samples[kept], labels[kept]
         d = squared_distances(samples, samples) / samples.shape[1]
         last = slice(max(len(labels) - _JUDGED, 0), None)
         fits = [_mode(_kernel(d[last, last], at), labels[last], offset) for at in _LENGTHS]

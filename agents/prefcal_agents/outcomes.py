@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from .interpolation import Interpolant, best_interpolants, normalised
 from .ledger import Ledger
 
-_CEILING = 2.0  # see `normalised`: an interrupted run must not flatten the differences of others
+CEILING = 2.0  # see `normalised`: an interrupted run must not flatten the differences of others
 _EPSILONS = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2)
 _RBF = "inverse_quadratic"
 _FEWEST = 3  # values that a KPI needs before anything can be foretold
@@ -109,7 +109,7 @@ class _KPI:
         shares = np.where(values > 0, 1.0, 0.0)  # of the infinite ones
         if not finite.any():
             return cls(name, there, shares, (0.0, np.inf))
-        shares[finite] = normalised(values[finite], _CEILING)
+        shares[finite] = normalised(values[finite], CEILING)
         best = float(values[finite].min())
         if not shares[finite].any():
             return cls(name, there, shares, (best, np.inf))  # only an infinite one is worse

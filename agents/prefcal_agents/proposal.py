@@ -1,10 +1,11 @@
 """GLISp's next sample, as a function of seed, settings and ledger alone."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.champions import contradictory
 from prefcal_env.knobs import KnobSpace
 
 from .acquisition import Acquisition
@@ -14,14 +15,18 @@ from .improvement import ExpectedImprovement
 from .learner import Learner
 from .ledger import Ledger
 from .marks import POOL, replaced, steered, unsafe_worry
-from .minimise import Domain, Objective, multistart
+from .minimise import Domain, Objective
 from .placing import to_place
 from .preference_process import PreferenceProcess
 from .region import random_points, search_domain
+from .rematch import final
 from .schedule import Turn, turn_of
 from .settings import MINIMISERS, GLISpSettings
 from .surrogate import Composite
 from .threads import one_thread
+
+_APART = 10
+"""Experiments between two questions on a suspicion."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +39,7 @@ class Strategy:
         n_init: Samples of the Latin hypercube.
         seed: Of all randomness; sample i draws from `(seed, i)`.
         learner: What is learned from a ledger.
+        decoded: Samples to their θ; a cache, which changes no result.
     """
 
     space: KnobSpace
@@ -41,6 +47,9 @@ class Strategy:
     n_init: int
     seed: int
     learner: Learner
+    decoded: dict[tuple[float, ...], Float[np.ndarray, " n"]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     def propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
         """Cube point of the sample that follows `ledger`, shape (n,).
@@ -54,21 +63,12 @@ class Strategy:
         with one_thread():
             return self._proposed(ledger)
 
-    def promise(self, ledger: Ledger) -> float | None:
-        """How far Ĵ at its minimum lies below the best sample, in units of ΔĴ; 0 or more."""
-        if not len(ledger.preferences()):
-            return None
-        with one_thread():
-            objective = Acquisition.of(self.learner.learned(ledger), 0.0)
-            best = np.array([ledger.samples[self._best(ledger)]])
-            rng = np.random.default_rng([self.seed, ledger.answered, 2])
-            lowest = multistart(objective, self._domain(ledger), rng)[0]
-            return max(0.0, float(objective(best)[0] - objective(lowest[None])[0]))
+    def last(self, ledger: Ledger) -> tuple[int, int] | None:
+        """Two known samples to compare after the last experiment; see `final`.
 
-    def best(self, ledger: Ledger) -> int | None:
-        """The sample that is believed to be the best; None before the first answer."""
-        with one_thread():
-            return self.learner.best(ledger)
+        Without an error rate every answer is taken for true, as in the paper.
+        """
+        return final(ledger) if self.settings.error_rate else None
 
     def further(self, ledger: Ledger) -> tuple[int, int] | None:
         """Two known samples to compare before the next is proposed: challenger and incumbent.
@@ -76,20 +76,25 @@ class Strategy:
         Where answers are doubted an appeal, once that is settled a bisection; see `to_appeal` and
         `to_place`.
         """
-        if len(ledger.latest) >= self.settings.questions_per_experiment or ledger.answered < 3:
+        asked, most = len(ledger.latest), self.settings.questions_per_experiment
+        if asked >= max(most, 2) or ledger.answered < 3:
+            return None
+        # While nothing contradicts itself, a question more than agreed on comes seldom.
+        lately = any(_lately(ledger, c.after) for c in ledger.further)
+        if asked >= most and lately and not contradictory(ledger.verdicts()):
             return None
         with one_thread():
             # Without a cross-validation of its own: the next question follows each answer.
             earlier = ledger.until(ledger.answered - 1)
-            pair = self.learner.appeal(ledger, validated=earlier)
-            if pair is not None:
+            pair = self.learner.appeal(ledger, validated=earlier, only_better=asked >= most)
+            if pair is not None or asked >= most:
                 return pair
             return to_place(ledger, self.learner.learned(ledger, validated=earlier)(ledger.cube()))
 
     def _proposed(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
         index = ledger.answered
         rng = np.random.default_rng([self.seed, index])
-        tried = Tried(self.space, ledger)
+        tried = Tried(self.space, ledger, self.decoded)
         if index < self.n_init:
             return tried.fresh(self._planned(ledger, rng), rng)
         objective = steered(self._acquisition(ledger, rng), ledger, self.settings)
@@ -107,9 +112,8 @@ class Strategy:
         which leave values open, it is no better than eq. acquisition
         (docs/research/improvement.md); there one of which only comparisons are known takes turns.
         """
-        settings, preferences = self.settings, ledger.preferences()
-        doubt = self.learner.doubt(ledger)
-        told, doubted = bool(preferences.b.any()), doubt is not None and doubt.justified
+        settings, preferences = self.settings, self.learner.preferences(ledger)
+        told, doubted = bool(preferences.b.any()), self.learner.is_noisy(ledger)
         improves = settings.expected_improvement and told and not doubted
         with_kpis = any(settings.outcome_scales) and any(ledger.outcomes())
         surrogate = self.learner.learned(ledger) if with_kpis else None
@@ -123,7 +127,8 @@ class Strategy:
             learned = PreferenceProcess.of(preferences, error_rate)
             return Acquisition.of(learned, 0.0)
         surrogate = self.learner.learned(ledger, rng if turn.perturbed else None)
-        return Acquisition.of(surrogate, 0.0 if turn.perturbed else settings.delta)
+        delta = 0.0 if turn.perturbed else settings.delta
+        return Acquisition.of(surrogate, delta, ledger.cube())
 
     def _planned(self, ledger: Ledger, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
         """Of the start, unless marks say that it is likely unsafe there."""
@@ -138,7 +143,7 @@ class Strategy:
         return search_domain(self.space, ledger, best=self._best(ledger))
 
     def _best(self, ledger: Ledger) -> int:
-        return self.learner.best(ledger) or 0
+        return ledger.incumbent or 0
 
     def turn(self, index: int, *, process: bool = True) -> Turn:
         """What kind of proposal sample number `index` is; not of the initial ones.
@@ -152,3 +157,7 @@ class Strategy:
             process=settings.process and process,
             perturb_every=settings.perturb_every,
         )
+
+
+def _lately(ledger: Ledger, after: int | None) -> bool:
+    return after is not None and after > ledger.answered - _APART

@@ -32,7 +32,7 @@ class Region:
         return np.asarray(self.space.allows(self._thetas(z)))
 
     def _thetas(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
-        return decode_all(self.space, snap_all(self.space, z))
+        return decode_all(self.space, snap_all(self.space, z, only_integers=True))
 
     def draw(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count n"]:
         """Random points of the region, shape (count, n); uniform unless it is tiny.
@@ -112,7 +112,9 @@ class Region:
         out = np.flatnonzero(~self.allows(snapped))
         if len(out):
             nearest = anchors[np.argmin(squared_distances(snapped[out], anchors), axis=1)]
-            snapped[out] = snap_all(self.space, self._towards(nearest, snapped[out]))
+            edge = self._towards(nearest, snapped[out])
+            # A rounded point beyond the edge is refused: those at the edge are not rounded.
+            snapped[out] = snap_all(self.space, edge, only_integers=True)
         return snapped
 
     def _towards(

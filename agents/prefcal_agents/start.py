@@ -40,7 +40,7 @@ def start_points(space: KnobSpace, start: Start | None, n_max: int) -> Points:
     points: dict[bytes, tuple[float, ...]] = {}
     for number, theta in enumerate(thetas, start=1):
         try:
-            z = space.snap(space.encode(space.check_allowed(np.array(theta, dtype=float))))
+            z = space.encode(space.check_allowed(np.array(theta, dtype=float)))
         except (TypeError, ValueError, KnobError) as error:
             which = f"start θ {number}" if len(thetas) > 1 else "start"
             raise KnobError(f"{which}: {error}") from error

@@ -19,6 +19,8 @@ _TIE = 5.0
 """Verdicts against a new experiment that one tie is worth."""
 _PRIOR = (0.2, 0.8)
 """Imagined improvement, and verdict against one."""
+_PROBABLY, _HARDLY = 0.75, 0.25
+"""Chance of no improvement from which on stopping is advised, and below which going on is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +38,6 @@ class Advice:
         low: Number of improvements that is not reached with a chance of 10 % at most.
         high: Number of improvements that is exceeded with a chance of 10 % at most.
         none: Chance that none of them improves, 0 to 1.
-        promise: How far the surrogate's minimum lies below the best sample, in units of ΔĴ (its
-            range over the samples), 0 or more; None if the agent has no surrogate.
     """
 
     recent: int
@@ -46,31 +46,32 @@ class Advice:
     low: int
     high: int
     none: float
-    promise: float | None = None
+
+    @property
+    def stop(self) -> bool:
+        """Whether another `AHEAD` experiments would probably bring nothing better."""
+        return self.none >= _PROBABLY
 
     @property
     def text(self) -> str:
-        """It as plain sentences."""
-        words = [
-            f"{self.improved} of the last {self.recent} experiments beat the best so far.",
-            f"Of another {AHEAD}, about {self.expected:.1f} would be expected to "
-            f"(80 %: {self.low} to {self.high}; none with a chance of {100 * self.none:.0f} %).",
-        ]
-        if self.promise is not None:
-            share = "less than 0.1" if self.promise < 1e-3 else f"{100 * self.promise:.1f}"
-            words.append(
-                f"The learned cost at its lowest is {share} % of its range below the best."
+        """Whether to go on, in one sentence, with the numbers that it rests on."""
+        ahead = f"another {AHEAD} experiments"
+        record = f"{self.improved} of the last {self.recent} beat the best before"
+        nothing = f"{100 * self.none:.0f} %" if self.none >= 0.005 else "less than 1 %"
+        if self.stop:
+            return (
+                f"It is a good time to stop: with a chance of {nothing}, {ahead} would bring "
+                f"nothing better ({record})."
             )
-        return " ".join([*words, self._conclusion])
+        odds = "are likely to" if self.none < _HARDLY else "may"
+        about = f"about {max(round(self.expected), 1)} would beat the best"
+        return (
+            f"{ahead.capitalize()} {odds} bring a better one: {about}, none with a chance of "
+            f"{nothing} ({record})."
+        )
 
-    @property
-    def _conclusion(self) -> str:
-        if self.none >= 0.75:
-            return "A good time to stop."
-        return "Going on may still pay." if self.none >= 0.25 else "Going on is likely to pay."
 
-
-def advise(ledger: Ledger, promise: float | None = None) -> Advice | None:
+def advise(ledger: Ledger) -> Advice | None:
     """The advice after `ledger`; None while too little is known.
 
     An improvement is a new experiment that became the best. Abstentions and retracted answers
@@ -79,7 +80,6 @@ def advise(ledger: Ledger, promise: float | None = None) -> Advice | None:
 
     Args:
         ledger: Samples and answers.
-        promise: As in `Advice`.
     """
     verdicts = _verdicts(ledger)
     if len(verdicts) < _LEAST:
@@ -99,7 +99,6 @@ def advise(ledger: Ledger, promise: float | None = None) -> Advice | None:
         low=int(number.ppf(0.1)),
         high=int(number.ppf(0.9)),
         none=float(number.pmf(0)),
-        promise=promise,
     )
 
 

@@ -60,7 +60,7 @@ class TurnTaking(Protocol):
     @property
     def advice(self) -> Advice | None:
         """What another ten experiments would be expected to gain; None while that is not known."""
-        return advise(self._turns.ledger, self._turns.promise())
+        return advise(self._turns.ledger)
 
     def ask(self) -> Query:
         """Return the open query, the same until told. Raises ProtocolError when done."""

@@ -17,21 +17,12 @@ from prefcal_env.preference import Answer, Preference, Query, Suggestion
 from .capacity import capacity
 from .checks import integer
 from .ledger import Ledger
+from .rematch import rematch
 from .start import Start, start_points
 from .state import AgentState
 
 Propose = Callable[[Ledger], Float[np.ndarray, " n"]]
 Further = Callable[[Ledger], tuple[int, int] | None]
-Promise = Callable[[Ledger], float | None]
-Best = Callable[[Ledger], int | None]
-
-
-def _nothing_promised(ledger: Ledger) -> None:
-    return None
-
-
-def _last_winner(ledger: Ledger) -> int | None:
-    return ledger.incumbent
 
 
 def _nothing_further(ledger: Ledger) -> None:
@@ -54,8 +45,7 @@ class Turns:
         by_value: Whether scores are told: then no query has an incumbent.
         further: Two known samples to compare before the next one is proposed, from the ledger:
             challenger and incumbent; None if there is nothing (more) to ask.
-        promise: How far the minimum of what was learned from the ledger lies below the best.
-        best: The sample that is returned, and that the next one is compared with, from the ledger.
+        last: The same after the last experiment.
         start: Physical θ that are the first samples, in place of proposed ones.
 
     Raises:
@@ -72,8 +62,7 @@ class Turns:
         *,
         by_value: bool = False,
         further: Further = _nothing_further,
-        promise: Promise = _nothing_promised,
-        best: Best = _last_winner,
+        last: Further = _nothing_further,
         start: Start | None = None,
     ) -> None:
         if not isinstance(space, KnobSpace):
@@ -83,8 +72,8 @@ class Turns:
         if n_max < n_init:
             raise SettingsError(f"n_max must not be below n_init, got {n_max} below {n_init}")
         self.space, self.n_init, self._asked_for = space, int(n_init), int(n_max)
-        self._propose, self.by_value, self._further = propose, by_value, further
-        self._promise, self._choose = promise, best
+        self._propose, self.by_value = propose, by_value
+        self._further, self._last = further, last
         self._chosen: tuple[Ledger, int | None] | None = None
         self._thought: tuple[Ledger, tuple[int, int] | None] | None = None
         self._capacity = capacity(space)
@@ -106,7 +95,11 @@ class Turns:
 
     @property
     def done(self) -> bool:
-        """Whether all experiments are answered."""
+        """Whether all experiments are answered, and it is clear which one is the best."""
+        return self._all_answered and self._further_pair() is None
+
+    @property
+    def _all_answered(self) -> bool:
         return self.ledger.answered >= self.n_max
 
     @property
@@ -121,12 +114,8 @@ class Turns:
         """Number of the sample that is the best so far; None before the first answer."""
         ledger = self.ledger
         if self._chosen is None or self._chosen[0] != ledger:
-            self._chosen = (ledger, self._choose(ledger))
+            self._chosen = (ledger, ledger.incumbent)
         return self._chosen[1]
-
-    def promise(self) -> float | None:
-        """As `Advice.promise`."""
-        return self._promise(self.ledger)
 
     def ask(self) -> Query:
         """Return the open query, which stays the same until something is told or taken back."""
@@ -147,12 +136,18 @@ class Turns:
         )
 
     def _further_pair(self) -> tuple[int, int] | None:
-        """The known samples that are to be compared now; nothing once a new one is stored."""
+        """The known samples that are to be compared now; nothing once a new one is stored.
+
+        What the record leaves open about the best comes first, also after the last experiment.
+        """
         ledger = self.ledger
-        if self.done or ledger.pending is not None or not ledger.answered:
+        if self.by_value or ledger.pending is not None or not ledger.answered:
             return None
         if self._thought is None or self._thought[0] != ledger:
-            self._thought = (ledger, self._further(ledger))
+            pair = rematch(ledger)
+            if pair is None:
+                pair = self._last(ledger) if self._all_answered else self._further(ledger)
+            self._thought = (ledger, pair)
         return self._thought[1]
 
     @property
@@ -189,12 +184,13 @@ class Turns:
         if self.done or self._further_pair() is not None:
             return
         if self.ledger.pending is None:
-            self.ledger = self.ledger.with_pending(self.space.snap(self._next()))
+            self.ledger = self.ledger.with_pending(self._next())
 
     def _next(self) -> Float[np.ndarray, " n"]:
+        """A given θ as it is; a proposed one rounded to what can be dialed in."""
         if self.ledger.answered < len(self._start):
             return np.array(self._start[self.ledger.answered])
-        return self._propose(self.ledger)
+        return self.space.snap(self._propose(self.ledger))
 
     def samples(self) -> Float[np.ndarray, "N n"]:
         """θ of all closed queries, physical, in the order tried, shape (N, n)."""

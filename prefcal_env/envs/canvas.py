@@ -33,16 +33,20 @@ class Trace:
 
 
 class Canvas:
-    """Draws traces below each other. Holds one figure, which is not pickled with it."""
+    """Draws traces below each other. Holds one figure, which is not pickled with it.
 
-    def __init__(self, title: str = "", time_label: str = "") -> None:
-        self.title, self.time_label = title, time_label
+    All pictures are of one size, as videos need them: that of `panels` traces. If there are more,
+    they share its height.
+    """
+
+    def __init__(self, title: str = "", time_label: str = "", panels: int = 3) -> None:
+        self.title, self.time_label, self.panels = title, time_label, panels
         self._figure: Any = None
         self._drawn: tuple[Any, ...] = ()
         self._lines: list[Any] = []
 
     def frame(self, traces: Sequence[Trace], note: str = "") -> UInt8[np.ndarray, "h w 3"]:
-        """The picture, shape (height, width, 3), of a size that only their number changes."""
+        """The picture, shape (height, width, 3), of one size."""
         layout = tuple((trace.channel, trace.held, trace.span) for trace in traces)
         if self._figure is None or layout != self._drawn:
             self._lay_out(traces)
@@ -51,8 +55,13 @@ class Canvas:
             line.set_data(trace.t, trace.values)
             line.axes.set_ylim(*_vertical(trace))
             if trace.span is None:
-                line.axes.set_xlim(0.0, max(float(trace.t[-1]), 1e-9))
-        self._figure.texts[0].set_text(f"{self.title}   {note}".strip())
+                end = float(trace.t[-1]) if len(trace.t) else 0.0
+                line.axes.set_xlim(0.0, max(end, 1e-9))
+        heading = f"{self.title}   {note}".strip()
+        self._figure.texts[0].set_text(heading)
+        self._figure.texts[0].set_fontsize(
+            min(11.0, 770.0 / max(len(heading), 1))
+        )  # fits the width
         self._figure.canvas.draw()
         return np.array(self._figure.canvas.buffer_rgba())[:, :, :3].copy()
 
@@ -61,7 +70,7 @@ class Canvas:
         self._figure, self._drawn, self._lines = None, (), []
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"title": self.title, "time_label": self.time_label}
+        return {"title": self.title, "time_label": self.time_label, "panels": self.panels}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state)  # type: ignore[misc]
@@ -72,7 +81,7 @@ class Canvas:
         from matplotlib.figure import Figure
 
         width, height = _INCHES
-        height = height * max(len(traces), 1) + 0.4
+        height = height * max(self.panels, 1) + 0.4
         self._figure = Figure((width, height), dpi=_DPI)
         FigureCanvasAgg(self._figure)
         # Fixed margins: an automatic layout moves the panels from frame to frame.
@@ -111,10 +120,11 @@ def _panel(ax: Any, trace: Trace) -> Any:
 
 def _vertical(trace: Trace) -> tuple[float, float]:
     c = trace.channel
-    wanted = [float(trace.values.min()), float(trace.values.max())]
+    finite = trace.values[np.isfinite(trace.values)]
+    wanted = [float(finite.min()), float(finite.max())] if len(finite) else []
     if c.target is not None:
         wanted += [c.target - (c.band or 0.0), c.target + (c.band or 0.0)]
     wanted += [limit for limit in (c.low, c.high) if np.isfinite(limit)]
-    low, high = min(wanted), max(wanted)
+    low, high = min(wanted, default=0.0), max(wanted, default=1.0)
     margin = 0.06 * (high - low) or 0.5
     return low - margin, high + margin

@@ -1,19 +1,38 @@
 """Checks of what a caller hands to an environment."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import PlantError, SettingsError
+from prefcal_env.errors import PlantError, PrefcalError, SettingsError
+
+
+def numbers(
+    value: Any, what: str, error: type[PrefcalError] = PlantError
+) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """`value` as an array of floats. Raises `error` unless it holds plain real numbers.
+
+    Masked arrays have values that do not count, complex numbers a part that would be dropped, and
+    dates, texts and truth values would silently become numbers.
+    """
+    try:
+        array = np.asarray(value)
+        plain = array.dtype.kind in "iuf" and not isinstance(value, np.ma.MaskedArray)
+    except (TypeError, ValueError, RuntimeError):
+        plain = False
+    if not plain:
+        raise error(f"{what} must be numbers, got {value!r:.120}")
+    return array.astype(float)
 
 
 def vector(value: Any, n: int, what: str, *, finite: bool = True) -> Float[np.ndarray, " n"]:
-    """`value` as an array of shape (n,). Raises PlantError: wrong shape, NaN or (unless) inf."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise PlantError(f"{what} must be {n} numbers, got {value!r}") from error
+    """`value` as an array of shape (n,).
+
+    Raises PlantError: no plain numbers, wrong shape, NaN or (unless told otherwise) infinite.
+    """
+    array = numbers(value, what)
     if array.shape != (n,):
         raise PlantError(f"{what} must have shape ({n},), got {array.shape}")
     if np.any(np.isnan(array)) or (finite and not np.all(np.isfinite(array))):
@@ -28,3 +47,24 @@ def number(value: Any, limits: tuple[float, float], what: str) -> float:
     if not numeric or isinstance(value, bool) or not low <= value <= high:
         raise SettingsError(f"{what} must be a number in [{low}, {high}], got {value!r}")
     return float(value)
+
+
+def known_options(given: Mapping[str, Any] | None, known: Sequence[str]) -> dict[str, Any]:
+    """The options of a `reset`. Raises SettingsError for one that is not `known`."""
+    options = dict(given or {})
+    unknown = sorted(set(options) - set(known))
+    if unknown:
+        raise SettingsError(f"reset options must be among {tuple(known)}, got {unknown}")
+    return options
+
+
+def check_render_mode(mode: Any, metadata: Mapping[str, Any]) -> None:
+    """Raise SettingsError for a mode that is not drawn here.
+
+    Gymnasium makes "human" and "rgb_array_list" out of "rgb_array" in `gymnasium.make`.
+    """
+    known = (None, *metadata["render_modes"])
+    if mode not in known:
+        raise SettingsError(
+            f"render_mode must be one of {known}, got {mode!r} (gymnasium.make knows more of them)"
+        )

@@ -1,11 +1,14 @@
 """`prefcal/CSTR-v0`: the reactor of section IV-A as an environment."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.envs.checks import vector
 from prefcal_env.envs.plant_env import PlantEnv
+from prefcal_env.envs.rendering import makes
 from prefcal_env.envs.task import Step, Task
 from prefcal_env.plants.cstr import CSTR, FEED
 
@@ -33,8 +36,10 @@ def unsafe(x: Float[np.ndarray, " 2"]) -> bool:
 def settled(step: Step) -> bool:
     """Inside the band, and nothing changes any more between the last two samples.
 
-    Source: "the steady-state condition is reached", section IV-A, which gives no rule; rates as
-    in `SETTLED_RATES`. A run that never leaves its start is outside the band: not settled.
+    Source: "the steady-state condition is reached", section IV-A, which gives no rule.
+    Deviation: the rates in `SETTLED_RATES` are ours, and decide: with twice as large ones the
+    lowest index lies elsewhere (docs/deviations.md). A run that never leaves its start is outside
+    the band: not settled.
     """
     dT, dC_A = np.abs(step.x[-1] - step.x[0]) / step.T_s
     dT_c = abs(step.u[0] - step.u_before[0]) / step.T_s
@@ -76,8 +81,14 @@ def cstr_task(plant: CSTR | None = None) -> Task:
     )  # fmt: skip
 
 
+@makes(PlantEnv)
 def cstr_env(
-    *, max_move: float | None = None, plant: CSTR | None = None, render_mode: str | None = None
+    *,
+    T_s: float | None = None,
+    x0: Any = None,
+    max_move: float | None = None,
+    plant: CSTR | None = None,
+    render_mode: str | None = None,
 ) -> PlantEnv:
     """`prefcal/CSTR-v0`: action T_c, observation (T, C_A, last T_c, reference, T_f, C_Af).
 
@@ -85,13 +96,24 @@ def cstr_env(
     minus `stage_cost` times T_s.
 
     Args:
+        T_s: Sampling time [h], unless `reset` is told another one; None: 0.25 h.
+        x0: (T [K], C_A [kgmol/m³]) at the start, shape (2,); None: the steady state with
+            C_A = 8.56.
         max_move: Largest change of T_c in one step that the environment lets through, K (the
             paper's controllers keep 10); None is any.
         plant: The reactor, with other parameters say.
         render_mode: None or "rgb_array".
+
+    Raises:
+        SettingsError: a sampling time out of range.
+        PlantError: an `x0` of the wrong shape or not finite.
     """
     plant = plant or CSTR()
     task = cstr_task(plant)
+    if T_s is not None:
+        task = replace(task, T_s=T_s)
+    if x0 is not None:
+        task = replace(task, x0=vector(x0, 2, "initial state x0"))
     if max_move is not None:
         task = replace(task, max_move=np.array([max_move]))
     return PlantEnv(plant, task, render_mode)

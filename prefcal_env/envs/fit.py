@@ -3,10 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from prefcal_env.envs.task import Task
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiment import Channels
+from prefcal_env.experiment import Channel, Channels
 from prefcal_env.plants.plant import Plant
 
 
@@ -14,10 +15,49 @@ def channels_of(plant: Plant, task: Task) -> Channels:
     """The plant's channels; a constant reference becomes the target of its output."""
     outputs = list(plant.outputs)
     if not callable(task.y_ref):
-        for i in task.tracked:
+        for i in tracked_of(task):
             band = (task.bands or {}).get(i)
             outputs[i] = replace(outputs[i], target=float(task.reference(0.0)[i]), band=band)
     return Channels(plant.states, plant.inputs, tuple(outputs), plant.time_unit)
+
+
+def tracked_of(task: Task) -> tuple[int, ...]:
+    """Return the outputs whose reference matters, from 0: by default all that have one."""
+    if task.tracked is not None:
+        return task.tracked
+    return tuple(map(int, np.flatnonzero(np.isfinite(task.reference(0.0)))))
+
+
+def observed_of(plant: Plant, task: Task) -> Float[np.ndarray, "n 2"]:
+    """Return the lowest and highest value of all that is observed, shape (n, 2), as `Task` says.
+
+    A channel without a limit reaches ten times as far from its start as its reference is away
+    from that, or as its start is from 0; ten units if all of these are 0.
+    """
+    if task.observed is not None:
+        return task.observed
+    reference, d = task.reference(0.0), task.disturbance(0.0)
+    aims = {
+        (channel.name, channel.unit): reference[i]
+        for i, channel in enumerate(plant.outputs)
+        if i in tracked_of(task)
+    }
+    rows = [
+        _reach(channel, start, aims.get((channel.name, channel.unit), start))
+        for channel, start in zip(plant.states, task.x0, strict=True)
+    ]
+    rows += [(channel.low, channel.high) for channel in plant.inputs]
+    rows += [_reach(plant.outputs[i], reference[i], 0.0) for i in tracked_of(task)]
+    rows += [_reach(c, start, start) for c, start in zip(plant.disturbances, d, strict=True)]
+    return np.array(rows, dtype=float)
+
+
+def _reach(channel: Channel, start: float, aim: float) -> tuple[float, float]:
+    """The limits of a channel, and in place of those that it does not have a guess."""
+    reach = 10 * max(abs(start), abs(aim - start)) or 10.0
+    low = channel.low if np.isfinite(channel.low) else min(start, channel.high) - reach
+    high = channel.high if np.isfinite(channel.high) else max(start, channel.low) + reach
+    return low, high
 
 
 def check_fit(plant: Plant, task: Task) -> None:
@@ -29,20 +69,24 @@ def check_fit(plant: Plant, task: Task) -> None:
                 f"got [{channel.low}, {channel.high}] {channel.unit}".rstrip()
             )
     n_x, n_u, n_y, n_d = map(len, (plant.states, plant.inputs, plant.outputs, plant.disturbances))
-    n_o = n_x + n_u + len(task.tracked) + n_d
-    values = {
+    tracked = tracked_of(task)
+    n_o = n_x + n_u + len(tracked) + n_d
+    values: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {
         "x0": (task.x0, (n_x,)),
         "u0": (task.u0, (n_u,)),
         "y_ref": (task.reference(0.0), (n_y,)),
         "d": (task.disturbance(0.0), (n_d,)),
-        "observed": (task.observed, (n_o, 2)),
     }
+    if task.observed is not None:
+        values["observed"] = (task.observed, (n_o, 2))
     for name, (value, shape) in values.items():
         if value.shape != shape:
             raise SettingsError(
                 f"task: {name} must have shape {shape} for plant {plant.name!r}, got {value.shape}"
             )
-    if any(not 0 <= i < n_y for i in task.tracked):
-        raise SettingsError(f"task: tracked must be outputs 0 to {n_y - 1}, got {task.tracked}")
+    if any(not 0 <= i < n_y or np.isnan(task.reference(0.0)[i]) for i in tracked):
+        raise SettingsError(
+            f"task: tracked must be outputs 0 to {n_y - 1} that have a reference, got {tracked}"
+        )
     if task.max_move is not None and (task.max_move.shape != (n_u,) or np.any(task.max_move <= 0)):
         raise SettingsError(f"task: max_move must be {n_u} positive numbers, got {task.max_move}")

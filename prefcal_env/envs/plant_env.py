@@ -1,5 +1,6 @@
 """A plant and a task as a Gymnasium environment: one step is one sampling period."""
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -8,11 +9,11 @@ from jaxtyping import Float
 
 from prefcal_env.control import Measurement
 from prefcal_env.envs.canvas import Canvas, Trace
-from prefcal_env.envs.checks import vector
-from prefcal_env.envs.fit import channels_of, check_fit
+from prefcal_env.envs.checks import check_render_mode, known_options, vector
+from prefcal_env.envs.fit import channels_of, check_fit, observed_of, tracked_of
 from prefcal_env.envs.task import Step, Task
 from prefcal_env.envs.trajectory import Record, Trajectory, instants
-from prefcal_env.errors import PlantError, ProtocolError, SettingsError
+from prefcal_env.errors import PlantError, ProtocolError
 from prefcal_env.experiment import End
 from prefcal_env.plants.plant import Plant
 
@@ -44,19 +45,22 @@ class PlantEnv(gym.Env[Array, Array]):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
+    signals: tuple[str, ...] = ()
+    """What its experiments record beside states, inputs and outputs: nothing."""
 
     def __init__(self, plant: Plant, task: Task, render_mode: str | None = None) -> None:
         check_fit(plant, task)
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise SettingsError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
+        check_render_mode(render_mode, self.metadata)
         self.plant, self.task, self.render_mode = plant, task, render_mode
         self.channels = channels_of(plant, task)
         self._low = np.array([c.low for c in plant.inputs])
         self._high = np.array([c.high for c in plant.inputs])
-        n_u, n_o = len(plant.inputs), len(task.observed)
+        self._tracked, self._observed = tracked_of(task), observed_of(plant, task)
+        n_u, n_o = len(plant.inputs), len(self._observed)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (n_u,), np.float32)
         self.observation_space = gym.spaces.Box(-1.0, 1.0, (n_o,), np.float32)
-        self._canvas = Canvas(plant.name, f"time [{plant.time_unit}]")
+        panels = len(self._tracked) + n_u
+        self._canvas = Canvas(plant.name, f"time [{plant.time_unit}]", panels)
         self._episode: Trajectory | None = None
         self._end: End | None = None
         self._T_s, self._steps = task.T_s, 0
@@ -82,10 +86,7 @@ class PlantEnv(gym.Env[Array, Array]):
             PlantError: an initial state of the wrong shape, not finite or unsafe.
         """
         super().reset(seed=seed)
-        options = options or {}
-        unknown = sorted(set(options) - set(_RESET_OPTIONS))
-        if unknown:
-            raise SettingsError(f"reset options must be among {_RESET_OPTIONS}, got {unknown}")
+        options = known_options(options, _RESET_OPTIONS)
         T_s = self.task.sampling_time(options.get("T_s", self.task.T_s))
         x0 = vector(options.get("x0", self.task.x0), len(self.plant.states), "initial state x0")
         if self.task.unsafe(x0):
@@ -154,9 +155,9 @@ class PlantEnv(gym.Env[Array, Array]):
 
     def observe(self) -> Array:
         """The observation of now, as `reset` and `step` return it, shape (n,), float32."""
-        tracked, t = self.task.reference(self._t)[list(self.task.tracked)], self._t
+        tracked, t = self.task.reference(self._t)[list(self._tracked)], self._t
         raw = np.concatenate([self._x, self._u, tracked, self.task.disturbance(t)])
-        low, high = self.task.observed.T
+        low, high = self._observed.T
         scaled: Array = np.clip(2 * (raw - low) / (high - low) - 1, -1, 1)
         return scaled.astype(np.float32)
 
@@ -171,10 +172,23 @@ class PlantEnv(gym.Env[Array, Array]):
         return Measurement(self._t, self._x, self._u, d, y_ref)
 
     def record(self) -> Record:
-        """The episode so far, or the last one once it has ended. Raises ProtocolError if none."""
+        """The episode so far, or the last one once it has ended. Raises ProtocolError if none.
+
+        Outputs are those of the input that is held from each instant on.
+        """
         if self._episode is None:
             raise ProtocolError("no episode to record: call reset() first")
-        return self._episode.record(self.channels, self._end)
+        record = self._episode.record(self.channels, self._end)
+        return replace(record, y=self._outputs(record))
+
+    def _outputs(self, record: Record) -> Float[np.ndarray, "K n_y"]:
+        """y = g(x, u, d) at every instant, with disturbances held as the plant has met them."""
+        held = np.searchsorted(record.t_control, record.t, side="right") - 1
+        sampled = record.t_control if len(record.t_control) else record.t
+        d = [self.task.disturbance(t) for t in sampled.tolist()]
+        rows = zip(record.x, record.u, np.maximum(held, 0).tolist(), strict=True)
+        y = [self.plant.g(x, u, d[k]) for x, u, k in rows]
+        return np.array(y, dtype=float).reshape(len(record.t), len(self.plant.outputs))
 
     def render(self) -> Array | None:
         """The episode so far as an image, (height, width, 3) uint8; None without render mode."""
@@ -212,12 +226,9 @@ class PlantEnv(gym.Env[Array, Array]):
     def _traces(self) -> list[Trace]:
         if self._episode is None:
             return []
-        record, task = self.record(), self.task
-        d = [task.disturbance(t) for t in record.t]
-        rows = zip(record.x, record.u, d, strict=True)
-        y = np.array([self.plant.g(*row) for row in rows])
-        span = (0.0, task.horizon)
-        outputs = [Trace(record.channels.y[i], record.t, y[:, i], span=span) for i in task.tracked]
+        record = self.record()
+        y, span = self._outputs(record), (0.0, self.task.horizon)
+        outputs = [Trace(record.channels.y[i], record.t, y[:, i], span=span) for i in self._tracked]
         inputs = [
             Trace(channel, record.t, record.u[:, i], held=True, span=span)
             for i, channel in enumerate(record.channels.u)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Real
 
 from prefcal_env.errors import SettingsError
 
@@ -55,21 +55,30 @@ class Task:
     """One task for a plant. Times in the plant's unit of time, values in its channels' units.
 
     References and disturbances are held over a sampling period at their value at its start.
+    Most of it has a default: x0, u0, y_ref and horizon are enough to tune a controller, which
+    brings its own sampling time. What is observed matters to learned policies only.
 
     Args:
         x0: State at the start, shape (n_x,).
         u0: Input before the start, shape (n_u,).
-        y_ref: Output references, shape (n_y,), or a function of time.
+        y_ref: Output references, shape (n_y,), or a function of time; NaN for an output that has
+            none.
         d: Measured disturbances, shape (n_d,), or a function of time; None: there are none.
         horizon: The first sample at or after this time is the last one.
-        T_s: Sampling time, unless `reset` is told another one.
-        T_s_range: Lowest and highest sampling time that `reset` accepts.
-        dense_step: Step of the grid on which the trajectory is recorded, whatever T_s is.
-        tracked: The outputs whose reference matters: those that are observed and drawn.
+        T_s: Sampling time, unless `reset` is told another one, as a controller does; None: a
+            200th of the horizon.
+        T_s_range: Lowest and highest sampling time that `reset` accepts; None: from a millionth
+            of the horizon to all of it.
+        dense_step: Step of the grid on which the trajectory is recorded, whatever T_s is; None: a
+            500th of the horizon.
+        tracked: The outputs whose reference matters: those that are observed and drawn; None:
+            all that have a reference at the start.
         bands: Accepted distance from the reference by output, for drawing.
         observed: Lowest and highest value of everything observed, in the order of the
             observation: states, last input, tracked references, disturbances; shape (n, 2).
-            They are scaled to [-1, 1]; beyond them the observation saturates.
+            They are scaled to [-1, 1]; beyond them the observation saturates. None: the limits
+            of the channels, or where there are none ten times the way from the start to the
+            reference (see `prefcal_env.envs.fit.observed_of`).
         unsafe: Whether a state, shape (n_x,), ends the episode at once.
         settled: Whether the episode is over at the end of a step, nothing being left to see.
         stage_cost: Of a step, per unit of time; minus this times its duration is the reward.
@@ -87,12 +96,13 @@ class Task:
     u0: Float[np.ndarray, " n_u"]
     y_ref: Signal
     horizon: float
-    T_s: float
-    T_s_range: tuple[float, float]
-    dense_step: float
-    observed: Float[np.ndarray, "n 2"]
+    # None until `__post_init__` has derived them from the horizon.
+    T_s: float = None  # type: ignore[assignment]
+    T_s_range: tuple[float, float] = None  # type: ignore[assignment]
+    dense_step: float = None  # type: ignore[assignment]
+    observed: Real[np.ndarray, "n 2"] | None = None
     d: Signal | None = None
-    tracked: tuple[int, ...] = (0,)
+    tracked: tuple[int, ...] | None = None
     bands: Mapping[int, float] | None = None
     unsafe: Callable[[Vector], bool] = never
     settled: Callable[[Step], bool] = never
@@ -110,19 +120,31 @@ class Task:
                 continue
             array = np.array(value, dtype=float)
             array.setflags(write=False)
-            if not np.all(np.isfinite(array)):
+            if not np.all(np.isfinite(array) | (np.isnan(array) & (name == "y_ref"))):
                 raise SettingsError(f"task: {name} must be finite, got {value!r}")
             object.__setattr__(self, name, array)
+        self._derive()
         for name in ("horizon", "dense_step"):
             if not 0 < getattr(self, name) < np.inf:
                 raise SettingsError(
                     f"task: {name} must be positive and finite, got {getattr(self, name)}"
                 )
-        if self.observed.ndim != 2 or np.any(self.observed[:, 0] >= self.observed[:, 1]):
+        rows = self.observed
+        if rows is not None and (rows.ndim != 2 or np.any(rows[:, 0] >= rows[:, 1])):
             raise SettingsError("task: observed must be rows (low, high) with low below high")
         if self.preview < 0:
             raise SettingsError(f"task: preview must be 0 or more rows, got {self.preview}")
         self.sampling_time(self.T_s)
+
+    def _derive(self) -> None:
+        """Fill in the times that were left out, as shares of the horizon."""
+        if self.T_s_range is None:
+            object.__setattr__(self, "T_s_range", (1e-6 * self.horizon, self.horizon))
+        if self.T_s is None:
+            low, high = self.T_s_range
+            object.__setattr__(self, "T_s", min(max(self.horizon / 200, low), high))
+        if self.dense_step is None:
+            object.__setattr__(self, "dense_step", self.horizon / 500)
 
     def sampling_time(self, T_s: Any) -> float:
         """Return `T_s` as a number. Raises SettingsError if it is none, or out of range."""

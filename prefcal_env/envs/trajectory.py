@@ -43,6 +43,7 @@ class Record:
         channels: Names, units, limits and targets.
         end: Why it ended; None while it goes on.
         signals: Further signals on `t` by name, each shape (K,).
+        y: Outputs at `t`, shape (K, n_y); None where they are not recorded.
     """
 
     t: Float[np.ndarray, " K"]
@@ -54,6 +55,7 @@ class Record:
     channels: Channels
     end: End | None
     signals: Mapping[str, Float[np.ndarray, " K"]] = field(default_factory=dict)
+    y: Float[np.ndarray, "K n_y"] | None = None
 
 
 @dataclass(slots=True)

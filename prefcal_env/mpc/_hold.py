@@ -1,17 +1,19 @@
 """The exact zero-order hold of an affine model, compiled.
 
 numba keeps what it compiled beside each file and looks at that file alone to see whether it is
-stale: after a change here, touch the files that import this one.
+stale: after a change here, touch the files that import this one. Loops over numbers, no slices: an
+assignment to a slice alone takes 4 s to compile, and a person waits for it (see `compiling`).
 """
 
-import numba
 import numpy as np
+
+from prefcal_env.jit import inner, kernel
 
 _TAYLOR_ORDER = 14
 _SMALLEST_SCALED_NORM = 0.25
 
 
-@numba.njit(cache=True)
+@kernel()
 def discretise(A, B, c, T):  # type: ignore[no-untyped-def]
     """Zero-order hold of ẋ = A x + B u + c over T: x⁺ = A_d x + B_d u + c_d, exact.
 
@@ -20,19 +22,28 @@ def discretise(A, B, c, T):  # type: ignore[no-untyped-def]
     n, m = B.shape
     size = n + m + 1
     M = np.zeros((size, size))
-    M[:n, :n] = A * T
-    M[:n, n : n + m] = B * T
-    M[:n, n + m] = c * T
     norm = 0.0
     for i in range(n):
-        norm = max(norm, np.abs(M[i, :n]).sum())
+        total = 0.0
+        for j in range(n):
+            M[i, j] = A[i, j] * T
+            total += abs(M[i, j])
+        for j in range(m):
+            M[i, n + j] = B[i, j] * T
+        M[i, size - 1] = c[i] * T
+        norm = max(norm, total)
     squarings = 0
+    scale = 1.0
     while norm > _SMALLEST_SCALED_NORM:
         norm /= 2
         squarings += 1
-    M /= 2.0**squarings
+        scale *= 2.0
+    E = np.zeros((size, size))
+    for i in range(size):
+        E[i, i] = 1.0
+        for j in range(size):
+            M[i, j] /= scale
     # Horner: I + M (I + M/2 (I + M/3 ...)).
-    E = np.eye(size)
     for k in range(_TAYLOR_ORDER, 0, -1):
         E = multiply(M, E)
         for i in range(size):
@@ -40,10 +51,23 @@ def discretise(A, B, c, T):  # type: ignore[no-untyped-def]
                 E[i, j] = E[i, j] / k + (1.0 if i == j else 0.0)
     for _ in range(squarings):
         E = multiply(E, E)
-    return E[:n, :n].copy(), E[:n, n : n + m].copy(), E[:n, n + m].copy()
+    return _parts(E, n, m)
 
 
-@numba.njit(cache=True)
+@inner()
+def _parts(E, n, m):  # type: ignore[no-untyped-def]
+    """A_d, B_d and c_d out of the exponential."""
+    A, B, c = np.empty((n, n)), np.empty((n, m)), np.empty(n)
+    for i in range(n):
+        for j in range(n):
+            A[i, j] = E[i, j]
+        for j in range(m):
+            B[i, j] = E[i, n + j]
+        c[i] = E[i, n + m]
+    return A, B, c
+
+
+@inner()
 def multiply(X, Y):  # type: ignore[no-untyped-def]
     # Loops beat a BLAS call at these sizes (4 x 4).
     out = np.zeros((X.shape[0], Y.shape[1]))

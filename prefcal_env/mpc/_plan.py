@@ -1,31 +1,39 @@
 """The plan of one MPC step as rows of a QP, compiled: prediction and limits.
 
 numba keeps what it compiled beside each file and looks at that file alone to see whether it is
-stale: after a change here, touch the files that import this one.
+stale: after a change here, touch the files that import this one. Loops over numbers, no slices, and
+one type for each argument: all of that is compiled while somebody waits (see `compiling`).
 """
 
-import numba
 import numpy as np
 
+from prefcal_env.jit import inner, kernel
 from prefcal_env.mpc._riccati import backward
 
 _LARGEST_WEIGHT_RATIO = 1e4
 
 
-@numba.njit(cache=True)
+@inner()
+def _add(row, factor, other):  # type: ignore[no-untyped-def]
+    """row += factor other."""
+    for q in range(len(row)):
+        row[q] += factor * other[q]
+
+
+@inner()
 def _step(A, B, c, k, X, W):  # type: ignore[no-untyped-def]
     """X[k + 1] = A X[k] + B W + c, affine in the variables (last column: constant)."""
     i = min(k, A.shape[0] - 1)
     n_x, n_u = B.shape[1], B.shape[2]
     for a in range(n_x):
         for q in range(n_x):
-            X[k + 1, a] += A[i, a, q] * X[k, q]
+            _add(X[k + 1, a], A[i, a, q], X[k, q])
         for q in range(n_u):
-            X[k + 1, a] += B[i, a, q] * W[q]
+            _add(X[k + 1, a], B[i, a, q], W[q])
         X[k + 1, a, X.shape[2] - 1] += c[min(k, c.shape[0] - 1), a]
 
 
-@numba.njit(cache=True)
+@inner()
 def forward(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
     """Inputs and states as affine functions of the deviations v (last column: constant).
 
@@ -45,31 +53,34 @@ def forward(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
     X = np.zeros((max(N_u, N_y) + 1, n_x, n_v + 1))
     W = np.zeros((n_u, n_v + 1))
     smallest = np.empty(n_u)
+    unit = np.inf
     for j in range(n_u):
         smallest[j] = np.inf
         for k in range(N_u):
             smallest[j] = min(smallest[j], abs(R[k, j, j]))
-    unit = smallest.min()
+        unit = min(unit, smallest[j])
     for k in range(max(N_u, N_y)):
         if k < N_u:
             for j in range(n_u - 1, -1, -1):  # back substitution
                 inverse = 1.0 / R[k, j, j]
                 row = U[k, j]
                 for q in range(n_x):
-                    row -= R[k, j, n_u + q] * inverse * X[k, q]
+                    _add(row, -(R[k, j, n_u + q] * inverse), X[k, q])
                 for q in range(n_u):
-                    row -= R[k, j, n_u + n_x + q] * inverse * W[q]
+                    _add(row, -(R[k, j, n_u + n_x + q] * inverse), W[q])
                 for q in range(j + 1, n_u):
-                    row -= R[k, j, q] * inverse * U[k, q]
+                    _add(row, -(R[k, j, q] * inverse), U[k, q])
                 row[n_v] -= R[k, j, n_u + n_x + n_u] * inverse
                 weight = min(abs(R[k, j, j]), _LARGEST_WEIGHT_RATIO * smallest[j])
                 row[k * n_u + j] += unit / weight
-            W[:, :] = U[k]
+            for j in range(n_u):
+                for q in range(n_v + 1):
+                    W[j, q] = U[k, j, q]
         _step(A, B, c, k, X, W)
     return U, X, unit
 
 
-@numba.njit(cache=True)
+@kernel()
 def open_loop(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
     """The same plan with the inputs themselves as variables: `forward` and the cost rows T.
 
@@ -90,16 +101,19 @@ def open_loop(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
             for j in range(n_u):
                 row = T[k * n_u + j]
                 for q in range(n_u):
-                    row += R[k, j, q] * U[k, q] + R[k, j, n_u + n_x + q] * W[q]
+                    for i in range(n_v + 1):
+                        row[i] += R[k, j, q] * U[k, q, i] + R[k, j, n_u + n_x + q] * W[q, i]
                 for q in range(n_x):
-                    row += R[k, j, n_u + q] * X[k, q]
+                    _add(row, R[k, j, n_u + q], X[k, q])
                 row[n_v] += R[k, j, n_u + n_x + n_u]
-            W[:, :] = U[k]
+            for j in range(n_u):
+                for q in range(n_v + 1):
+                    W[j, q] = U[k, j, q]
         _step(A, B, c, k, X, W)
     return U, X, T
 
 
-@numba.njit(cache=True)
+@kernel()
 def input_rows(U, u_last, u_min, u_max, du_min, du_max):  # type: ignore[no-untyped-def]
     """Rows l <= G v <= h of the inputs' and the moves' limits of eq. MPC_constraints.
 
@@ -110,11 +124,12 @@ def input_rows(U, u_last, u_min, u_max, du_min, du_max):  # type: ignore[no-unty
     N_u, n_u, width = U.shape
     n_v = width - 1
     G = np.empty(((2 * N_u - 1) * n_u, n_v))
-    low, high = np.empty(len(G)), np.empty(len(G))
+    low, high = np.empty(G.shape[0]), np.empty(G.shape[0])
     for k in range(N_u):
         for j in range(n_u):
             r = k * n_u + j
-            G[r] = U[k, j, :n_v]
+            for i in range(n_v):
+                G[r, i] = U[k, j, i]
             low[r] = u_min[j] - u_last[j]
             high[r] = u_max[j] - u_last[j]
             if low[r] > 0.0:
@@ -126,7 +141,8 @@ def input_rows(U, u_last, u_min, u_max, du_min, du_max):  # type: ignore[no-unty
                 high[r] = min(high[r], du_max[j])
             else:
                 q = r + (N_u - 1) * n_u
-                G[q] = U[k, j, :n_v] - U[k - 1, j, :n_v]
+                for i in range(n_v):
+                    G[q, i] = U[k, j, i] - U[k - 1, j, i]
                 constant = U[k, j, n_v] - U[k - 1, j, n_v]
                 low[q] = du_min[j] - constant
                 high[q] = du_max[j] - constant
@@ -135,16 +151,19 @@ def input_rows(U, u_last, u_min, u_max, du_min, du_max):  # type: ignore[no-unty
     return G, low, high
 
 
-@numba.njit(cache=True)
+@kernel()
 def condense(A, B, c, C, D, e, roots, u_ref, N_u, N_y, u_last, limits):  # type: ignore[no-untyped-def]
-    """`backward`, `forward` and `input_rows` in one call: what every step needs."""
-    R = backward(A, B, c, C, D, e, roots, u_ref - u_last, N_u)
+    """`backward`, `forward` and `input_rows` in one call: what every step needs.
+
+    `u_ref` is relative to `u_last`, shape (k, n_u).
+    """
+    R = backward(A, B, c, C, D, e, roots, u_ref, N_u)
     U, X, unit = forward(A, B, c, R, N_y)
     rows = input_rows(U, u_last, limits[0], limits[1], limits[2], limits[3])
     return R, U, X, unit, rows
 
 
-@numba.njit(cache=True)
+@kernel()
 def inputs(U, v, u_last, low, high):  # type: ignore[no-untyped-def]
     """Inputs (N_u, n_u) of the solution v, the first within its rows' limits to the last bit.
 

@@ -9,16 +9,20 @@ prediction by the array form of the Riccati recursion (Kailath, Sayed, Hassibi, 
 Estimation", 2000, ch. 12, there for its dual, the filter).
 
 numba keeps what it compiled beside each file and looks at that file alone to see whether it is
-stale: after a change here, touch the files that import this one.
+stale: after a change here, touch the files that import this one. Loops over numbers, no slices, and
+one type for each argument: all of that is compiled while somebody waits (see `compiling`).
 """
 
-import numba
 import numpy as np
 
+from prefcal_env.jit import inner, kernel
 
-@numba.njit(cache=True)
-def triangularise(M, rows, columns):  # type: ignore[no-untyped-def]
-    """Householder-reduce the first `columns` columns of the first `rows` rows of M, in place.
+
+@kernel()
+def triangularise(M, rows, columns, left):  # type: ignore[no-untyped-def]
+    """Householder-reduce `columns` columns of the first `rows` rows of M, in place.
+
+    What lies before column `left` is left alone.
 
     Before each reflection the row with the largest entry is brought to the pivot: with rows of
     very different size this makes the factorisation accurate row by row (Powell and Reid, 1969;
@@ -26,36 +30,37 @@ def triangularise(M, rows, columns):  # type: ignore[no-untyped-def]
     """
     width = M.shape[1]
     for j in range(min(columns, rows)):
+        at = left + j
         pivot = j
         for i in range(j + 1, rows):
-            if abs(M[i, j]) > abs(M[pivot, j]):
+            if abs(M[i, at]) > abs(M[pivot, at]):
                 pivot = i
-        if M[pivot, j] == 0.0:
+        if M[pivot, at] == 0.0:
             continue
         if pivot != j:
-            for q in range(width):
+            for q in range(left, width):
                 M[j, q], M[pivot, q] = M[pivot, q], M[j, q]
-        largest = M[j, j]
+        largest = M[j, at]
         total = 0.0
         for i in range(j, rows):
-            total += (M[i, j] / largest) ** 2
+            total += (M[i, at] / largest) ** 2
         length = np.sqrt(total)  # of the column divided by its largest entry, so head is 1
         # v = column / largest + length e_j, reflection I - v vᵀ / (length (length + 1)).
         factor = 1.0 / (length * (length + 1.0))
-        for q in range(j + 1, width):
+        for q in range(at + 1, width):
             dot = (1.0 + length) * M[j, q]
             for i in range(j + 1, rows):
-                dot += M[i, j] / largest * M[i, q]
+                dot += M[i, at] / largest * M[i, q]
             dot *= factor
             M[j, q] -= (1.0 + length) * dot
             for i in range(j + 1, rows):
-                M[i, q] -= M[i, j] / largest * dot
-        M[j, j] = -length * largest
+                M[i, q] -= M[i, at] / largest * dot
+        M[j, at] = -length * largest
         for i in range(j + 1, rows):
-            M[i, j] = 0.0
+            M[i, at] = 0.0
 
 
-@numba.njit(cache=True)
+@inner()
 def _add_cost_to_go(M, S, s, A, B, c):  # type: ignore[no-untyped-def]
     """Rows 0 ... s - 1 of M (u, x, w, 1): S applied to (A x + B u + c, u, 1)."""
     n_x, n_u = B.shape
@@ -72,7 +77,7 @@ def _add_cost_to_go(M, S, s, A, B, c):  # type: ignore[no-untyped-def]
         M[r, M.shape[1] - 1] = constant
 
 
-@numba.njit(cache=True)
+@inner()
 def _add_output_cost(M, top, root, C, D, e):  # type: ignore[no-untyped-def]
     """Rows from `top` on: root (C x + D u + e)."""
     n_u, n_x = D.shape[1], C.shape[1]
@@ -87,7 +92,7 @@ def _add_output_cost(M, top, root, C, D, e):  # type: ignore[no-untyped-def]
                 M[top + r, M.shape[1] - 1] += weight * e[q]
 
 
-@numba.njit(cache=True)
+@inner()
 def backward(A, B, c, C, D, e, roots, u_ref, N_u):  # type: ignore[no-untyped-def]
     """The feedback of the N_u free stages.
 
@@ -102,48 +107,75 @@ def backward(A, B, c, C, D, e, roots, u_ref, N_u):  # type: ignore[no-untyped-de
     root_y, root_u, root_du = roots
     N_p = e.shape[0] - 1
     n_x, n_u = B.shape[1], B.shape[2]
-    p, p_u, p_du = root_y.shape[0], root_u.shape[0], root_du.shape[0]
+    p = root_y.shape[0]
     n_s = n_x + n_u
     width = n_u + n_s + 1
     R = np.zeros((N_u, n_u, width))
     S = np.zeros((max(n_s, p), n_s + 1))
-    M = np.zeros((max(n_s, p) + p + p_u + p_du, width))
+    M = np.zeros((max(n_s, p) + p + root_u.shape[0] + root_du.shape[0], width))
     iC, iD = C.shape[0] - 1, D.shape[0] - 1
-    _add_output_cost(M, 0, root_y, C[min(N_p, iC)], D[min(N_p, iD)], e[N_p])
+    top = np.int64(0)  # not 0: numba would compile the function for that constant again
+    _add_output_cost(M, top, root_y, C[min(N_p, iC)], D[min(N_p, iD)], e[N_p])
     for r in range(p):  # y_Np sees the last input, which is w there
-        S[r, :n_x] = M[r, n_u : n_u + n_x]
-        S[r, n_x:n_s] = M[r, :n_u]
+        for j in range(n_x):
+            S[r, j] = M[r, n_u + j]
+        for j in range(n_u):
+            S[r, n_x + j] = M[r, j]
         S[r, n_s] = M[r, width - 1]
     s = p
     for k in range(N_p - 1, -1, -1):
-        M[:, :] = 0.0
+        _clear(M)
         i = min(k, A.shape[0] - 1)
         _add_cost_to_go(M, S, s, A[i], B[i], c[min(k, c.shape[0] - 1)])
         rows = s
         if k >= 1:
             _add_output_cost(M, rows, root_y, C[min(k, iC)], D[min(k, iD)], e[k])
             rows += p
-        for r in range(p_u):
-            for j in range(n_u):
-                M[rows, j] = root_u[r, j]
-                M[rows, width - 1] -= root_u[r, j] * u_ref[min(k, u_ref.shape[0] - 1), j]
-            rows += 1
+        rows = _add_input_cost(M, rows, root_u, u_ref[min(k, u_ref.shape[0] - 1)])
         if k < N_u:
-            for r in range(p_du):
-                for j in range(n_u):
-                    M[rows, j] = root_du[r, j]
-                    M[rows, n_u + n_x + j] = -root_du[r, j]
-                rows += 1
-            triangularise(M, rows, n_u + n_s)
-            R[k] = M[:n_u]
+            rows = _add_move_cost(M, rows, root_du, n_x)
+            triangularise(M, rows, n_u + n_s, np.int64(0))
+            for r in range(n_u):
+                for j in range(width):
+                    R[k, r, j] = M[r, j]
             top = n_u
         else:  # held: u is w, and its move is 0
             for r in range(rows):
                 for j in range(n_u):
                     M[r, n_u + n_x + j] += M[r, j]
                     M[r, j] = 0.0
-            triangularise(M[:, n_u:], rows, n_s)
-            top = 0
+            triangularise(M, rows, n_s, n_u)
+            top = np.int64(0)
         s = min(rows - top, n_s)
-        S[:s] = M[top : top + s, n_u:]
+        for r in range(s):
+            for j in range(n_s + 1):
+                S[r, j] = M[top + r, n_u + j]
     return R
+
+
+@inner()
+def _clear(M):  # type: ignore[no-untyped-def]
+    for r in range(M.shape[0]):
+        for j in range(M.shape[1]):
+            M[r, j] = 0.0
+
+
+@inner()
+def _add_input_cost(M, top, root, u_ref):  # type: ignore[no-untyped-def]
+    """Rows from `top` on: root (u - u_ref). Returns the next free row."""
+    for r in range(root.shape[0]):
+        for j in range(root.shape[1]):
+            M[top + r, j] = root[r, j]
+            M[top + r, M.shape[1] - 1] -= root[r, j] * u_ref[j]
+    return top + root.shape[0]
+
+
+@inner()
+def _add_move_cost(M, top, root, n_x):  # type: ignore[no-untyped-def]
+    """Rows from `top` on: root (u - w). Returns the next free row."""
+    n_u = root.shape[1]
+    for r in range(root.shape[0]):
+        for j in range(n_u):
+            M[top + r, j] = root[r, j]
+            M[top + r, n_u + n_x + j] = -root[r, j]
+    return top + root.shape[0]

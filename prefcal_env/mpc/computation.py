@@ -98,7 +98,7 @@ class Processor:
         solving: Operations in a second in the solver.
 
     Raises:
-        SettingsError: a cost below 0, or a rate that is not positive.
+        SettingsError: a cost below 0, or a rate that is not positive and finite.
     """
 
     name: str
@@ -115,9 +115,10 @@ class Processor:
                     f"got {getattr(self, name)}"
                 )
         for name in ("building", "solving"):
-            if not getattr(self, name) > 0:
+            if not 0 < getattr(self, name) < np.inf:
                 raise SettingsError(
-                    f"processor {self.name!r}: {name} must be positive operations in a second, "
+                    f"processor {self.name!r}: {name} must be positive and finite operations in a "
+                    f"second, "
                     f"got {getattr(self, name)}"
                 )
 

@@ -24,6 +24,11 @@ class LinearMPC:
     Each step solves for deviations v from the unconstrained optimal feedback (see `_riccati`),
     which is eq. MPC in other variables. Outputs y_1 ... y_Np, inputs and moves 0 ... N_p - 1.
 
+    Deviation: eq. MPC weighs y_0 ... y_Np-1; y_0 is measured already, and weighing it says nothing
+    (without D). Eq. MPC_constraints limits inputs and moves from k = 1 on, which leaves the one
+    that is applied without a limit. It holds the inputs from u_Nu on, so that N_u + 1 moves are
+    free, while the minimum is over N_u of them; here N_u are. All measured in docs/deviations.md.
+
     Deviation: where Q_u + Q_Δu is singular, 1e-10 of the largest weight is added to Q_Δu, since
     eq. MPC then may have no unique minimiser.
 
@@ -79,7 +84,7 @@ class LinearMPC:
             solution = self._backend.solve(qp)
             iterations += solution.iterations
             if solution.solved:
-                u = measurement.u
+                u = measurement.u.copy()
                 self._plan = _plan.inputs(U, solution.z, u, qp.lower, qp.upper)
                 return Move(self._plan[0], iterations)
         self._plan = None
@@ -97,9 +102,11 @@ class LinearMPC:
         model = self._predict(m)
         dynamics = model.A, model.B, model.c
         N_y = s.N_p if limits.soft else 0
+        # A copy: a measurement's may be read-only, which is another type to compile for.
+        u = m.u.copy()
         R, U, X, unit, rows = _plan.condense(
             *dynamics, model.C, model.D, model.e - self._references(m.y_ref),
-            self._roots, self._u_ref, s.N_u, N_y, m.u, limits.hard,
+            self._roots, self._u_ref - u, s.N_u, N_y, u, limits.hard,
         )  # fmt: skip
         if limits.trusted(X):
             yield self._cost.under(*limits.rows(rows, model, U, X, unit)), U
@@ -111,7 +118,7 @@ class LinearMPC:
         P, q = self._cost.P.copy(), self._cost.q.copy()
         n_v = len(T)
         P[:n_v, :n_v], q[:n_v] = T[:, :-1].T @ T[:, :-1], T[:, :-1].T @ T[:, -1]
-        rows = _plan.input_rows(U, m.u, *limits.hard)
+        rows = _plan.input_rows(U, u, *limits.hard)
         yield QP(P, q, *limits.rows(rows, model, U, X, unit)), U
 
     def _check(self, m: Measurement) -> None:

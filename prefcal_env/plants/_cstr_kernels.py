@@ -10,12 +10,13 @@ import math
 import numba
 import numpy as np
 
+from prefcal_env.jit import kernel
 from prefcal_env.plants.integrate import integrate
 
 _integrate = numba.njit(integrate, inline="always")
 
 
-@numba.njit(cache=True)
+@kernel()
 def rhs(x, u, d):  # type: ignore[no-untyped-def]
     """Eq. cstr_system_eqn; `d` is (T_f, C_Af) followed by the parameters."""
     T, C_A = x
@@ -27,7 +28,7 @@ def rhs(x, u, d):  # type: ignore[no-untyped-def]
     return out
 
 
-@numba.njit(cache=True)
+@kernel()
 def hold(x, u, d, times, max_step):  # type: ignore[no-untyped-def]
     """`integrate` with `rhs`."""
     return _integrate(rhs, x, u, d, times, max_step)

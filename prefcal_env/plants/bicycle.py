@@ -36,7 +36,7 @@ class Bicycle:
     states = (
         Channel("longitudinal position", "m", symbol="x_f"),
         Channel("lateral position", "m", symbol="y_f"),
-        Channel("yaw angle", "rad", symbol="θ"),
+        Channel("yaw angle", "rad", symbol="ψ"),
     )
     outputs = states
     inputs = (

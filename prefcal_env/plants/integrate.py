@@ -34,6 +34,7 @@ def integrate(
             k3 = f(x + h / 2 * k2, u, d)
             k4 = f(x + h * k3, u, d)
             x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        states[i] = x
+        for j in range(len(x)):  # assigning the row alone would compile for 3 s
+            states[i, j] = x[j]
         now = times[i]
     return states

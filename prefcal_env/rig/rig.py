@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
 from prefcal_env.experiment import Channels, End, Experiment
+from prefcal_env.rollout import computed
 
 from .records import Columns
 
@@ -43,6 +44,9 @@ class Rig:
     instructions: str = ""
     max_gap: float = 3.0
     max_rows: int = 200_000
+
+    signals = ()
+    """What its records hold beside states and inputs: nothing."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "y_ref", tuple(map(float, self.y_ref)))
@@ -151,7 +155,7 @@ def _computed(
     kpis: Callable[[Experiment], Mapping[str, float]], made: Experiment
 ) -> dict[str, float]:
     try:
-        return {str(name): float(value) for name, value in kpis(made).items()}
+        return {str(name): float(value) for name, value in computed(kpis, made).items()}
     except Exception as error:
         # The user's own function: the record may be at fault, or the function.
         raise RecordError(

@@ -17,6 +17,8 @@ from .events import canonical
 MAGIC = b"prefcal1"
 _MOST = 1 << 30
 """Bytes of one experiment that are read at most: whoever sent the file may want to fill memory."""
+LONGEST_HEADER = 1 << 16
+"""Bytes in which most headers are whole."""
 _FLOATS = ("theta", "t", "x", "u", "t_control", "u_control", "y_ref", "solve_time")
 _DTYPES = {**dict.fromkeys(_FLOATS, "<f8"), "iterations": "<i8", "solved": "|b1"}
 
@@ -50,6 +52,16 @@ def decode(content: bytes) -> Experiment:
     return experiment
 
 
+def end_of(beginning: bytes) -> End | None:
+    """Read how an experiment ended off the `beginning` of its packed bytes; None if that fails."""
+    try:
+        content = zlib.decompressobj().decompress(beginning, LONGEST_HEADER)
+        (size,) = struct.unpack_from("<I", content, 8)
+        return End(json.loads(content[12 : 12 + size].decode())["end"])
+    except (zlib.error, struct.error, ValueError, TypeError, KeyError, RecursionError):
+        return None
+
+
 def pack(content: bytes) -> bytes:
     """Compress."""
     return zlib.compress(content, 6)
@@ -80,6 +92,7 @@ def _header(experiment: Experiment, arrays: list[bytes]) -> dict[str, Any]:
     arrays.append(np.array([experiment.kpis[k] for k in kpis], dtype="<f8").tobytes())
     channels = experiment.channels
     return {
+        **_outputs(experiment, arrays),
         "shapes": shapes,
         "signals": signals,
         "kpis": kpis,
@@ -88,6 +101,22 @@ def _header(experiment: Experiment, arrays: list[bytes]) -> dict[str, Any]:
         "channels": {k: [_channel(c) for c in getattr(channels, k)] for k in ("x", "u", "y")},
         "runs": [_header(run, arrays) for run in experiment.runs],
     }
+
+
+def _outputs(experiment: Experiment, arrays: list[bytes]) -> dict[str, Any]:
+    """Which states the outputs are, or their shape; nothing if they were not recorded."""
+    y = experiment.y
+    if y is None:
+        return {}
+    states = [_state_like(y[:, j], experiment.x) for j in range(y.shape[1])]
+    if None not in states:  # as of most plants: they need no room
+        return {"y": {"states": states}}
+    arrays.append(np.ascontiguousarray(y, dtype="<f8").tobytes())
+    return {"y": {"shape": list(y.shape)}}
+
+
+def _state_like(curve: np.ndarray, x: np.ndarray) -> int | None:
+    return next((i for i in range(x.shape[1]) if curve.tobytes() == x[:, i].tobytes()), None)
 
 
 def _channel(channel: Channel) -> list[Any]:
@@ -126,6 +155,8 @@ def _experiment(header: Mapping[str, Any], reader: _Reader) -> Experiment:
     dense = len(arrays["t"])
     signals = {str(name): reader.take([dense], "<f8") for name in header["signals"]}
     values = reader.take([len(header["kpis"])], "<f8").tolist()
+    stored = header.get("y")  # absent in files from before outputs were recorded
+    outputs = None if stored is None else _read_outputs(stored, arrays["x"], reader)
     x, u, y = (tuple(map(_read_channel, header["channels"][k])) for k in ("x", "u", "y"))
     return Experiment(
         **arrays,
@@ -133,8 +164,18 @@ def _experiment(header: Mapping[str, Any], reader: _Reader) -> Experiment:
         end=End(header["end"]),
         kpis=dict(zip(map(str, header["kpis"]), values, strict=True)),
         signals=signals,
+        y=outputs,
         runs=tuple(_experiment(run, reader) for run in header["runs"]),
     )
+
+
+def _read_outputs(stored: Mapping[str, Any], x: np.ndarray, reader: _Reader) -> np.ndarray:
+    if "shape" in stored:
+        return reader.take(stored["shape"], "<f8")
+    states = stored["states"]
+    if not all(isinstance(i, int) and 0 <= i < x.shape[1] for i in states):
+        raise ValueError(f"outputs cannot be the states {states}")
+    return x[:, [int(i) for i in states]].reshape(len(x), len(states))
 
 
 def _read_channel(values: list[Any]) -> Channel:

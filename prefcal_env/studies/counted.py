@@ -1,6 +1,6 @@
 """Which experiments count as unsafe though nobody said so."""
 
-from prefcal_env.preference import Mark
+from prefcal_env.champions import unsafe_indices
 
 from .fold import State
 
@@ -10,12 +10,4 @@ def counted_unsafe(state: State) -> frozenset[int]:
 
     Those of an older study whose answers say nothing of it are not among them: they do not count.
     """
-    found: set[int] = set()
-    for closed in (*state.closed, *state.further):
-        if closed.retracted:
-            continue
-        if Mark.CHALLENGER_UNSAFE in closed.answer.automatic:
-            found.add(closed.challenger)
-        if Mark.INCUMBENT_UNSAFE in closed.answer.automatic and closed.incumbent is not None:
-            found.add(closed.incumbent)
-    return frozenset(found)
+    return unsafe_indices((*state.closed, *state.further), automatic=True)

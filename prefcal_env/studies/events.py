@@ -38,6 +38,32 @@ class Finished:
 
 
 @dataclass(frozen=True, slots=True)
+class Dialed:
+    """Sample `index`, the last and not yet answered, is run at another θ than was proposed.
+
+    `z` in the unit cube and `theta` physical, each (n,), are the sample from now on; what was
+    proposed stays in its `Suggested`.
+    """
+
+    index: int
+    z: tuple[float, ...]
+    theta: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Replaced:
+    """The record of sample `index` was the wrong one; a Finished with the right one follows.
+
+    Answers that compared the wrong one teach nothing from now on. `outcome` is that of the right
+    record, an empty one if nothing is known, and `unsafe` whether its run was interrupted so.
+    """
+
+    index: int
+    outcome: Mapping[str, Any]
+    unsafe: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Failed:
     """The run of sample `index` raised; it stays open and may be tried again."""
 
@@ -147,11 +173,11 @@ class Paced:
 
 
 MARKS = ("unsafe", "good enough")
-"""What an experiment may be marked as."""
+"""What an experiment may be marked as; one mark takes the other away."""
 
 Event = (
     Created | Suggested | Finished | Failed | Shown | Answered | Marked | Retracted | Undone
-    | Noted | Extended | Ended | Reopened | Respaced | Paced
+    | Noted | Extended | Ended | Reopened | Respaced | Paced | Dialed | Replaced
 )  # fmt: skip
 
 
@@ -168,7 +194,7 @@ KINDS: Mapping[str, type[Event]] = {
     kind.__name__.lower(): kind
     for kind in (
         Created, Suggested, Finished, Failed, Shown, Answered, Marked, Retracted, Undone, Noted,
-        Extended, Ended, Reopened, Respaced, Paced,
+        Extended, Ended, Reopened, Respaced, Paced, Dialed, Replaced,
     )
 }  # fmt: skip
 """The kinds of events by the name that they bear in a study file."""
@@ -177,6 +203,7 @@ _TYPES: Mapping[str, tuple[type, ...]] = {
     "configuration": (dict,), "space": (dict,), "added": (dict,),
     "z": (list,), "theta": (list,), "error": (str,), "comment": (str,),
     "mark": (str,), "text": (str,), "reason": (str,), "answer": (int, dict), "on": (bool,),
+    "outcome": (dict,), "unsafe": (bool,),
     "blind": (bool,), "challenger_left": (bool,), "same_as": (int, type(None)),
     "repeats": (int, type(None)), "question": (int, type(None)), "incumbent": (int, type(None)),
 }  # fmt: skip
@@ -196,6 +223,8 @@ def to_text(event: Event) -> tuple[str, str]:
         body["configuration"] = dict(event.configuration)
     if isinstance(event, Respaced):
         body = {"space": dict(event.space), "added": dict(event.added)}
+    if isinstance(event, Replaced):
+        body["outcome"] = dict(event.outcome)
     try:
         text = canonical(body)
         text.encode()  # half of a surrogate pair is no text

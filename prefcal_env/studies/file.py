@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import StudyError
-from prefcal_env.experiment import Experiment
+from prefcal_env.experiment import End, Experiment
 
 from . import schema
 from .chain import START, link
-from .codec import decode, encode, pack, unpack
+from .codec import LONGEST_HEADER, decode, encode, end_of, pack, unpack
 from .connection import beside, connect, existing, publish, vacant
 from .events import Created, Event, Finished, Recorded, from_text, to_text
 from .fold import State, begin, step
@@ -146,6 +146,18 @@ class StudyFile:
             return decode(unpack(bytes(row[0])))
         except StudyError as error:
             raise StudyError(f"event {seq} of {self.path}: {error}") from error
+
+    def end(self, seq: int) -> End:
+        """How the experiment that event `seq` brought ended, without reading its trajectory.
+
+        Raises:
+            StudyError: it brought none, or cannot be read.
+        """
+        with self._lock, told(self.path, "read"):
+            query = "SELECT substr(payload, 1, ?) FROM event WHERE seq = ?"
+            row = self._connection.execute(query, (LONGEST_HEADER, seq)).fetchone()
+        found = None if row is None or row[0] is None else end_of(bytes(row[0]))
+        return self.experiment(seq).end if found is None else found
 
     def rows(self) -> list[tuple[Any, ...]]:
         """Every event as it is stored: seq, at, kind, body, payload (compressed) and hash."""

@@ -15,6 +15,7 @@ from .events import (
     MARKS,
     Answered,
     Created,
+    Dialed,
     Ended,
     Event,
     Extended,
@@ -24,6 +25,7 @@ from .events import (
     Noted,
     Paced,
     Reopened,
+    Replaced,
     Respaced,
     Retracted,
     Shown,
@@ -31,6 +33,7 @@ from .events import (
     Undone,
 )
 from .pacing import paced
+from .replacing import corrected
 from .spaces import space_of
 
 
@@ -75,7 +78,8 @@ class State:
         configuration: As it was created.
         created: When.
         n_max: Experiments wanted in all.
-        samples: By index; the last may have no answer yet.
+        samples: By index, as they were run; the last may have no answer yet.
+        proposed: Index to the θ that was proposed, where another one was run.
         finished: Index to the event whose payload is its experiment.
         failures: Index to the error of a run that raised, while there is no experiment.
         closed: Closed queries that stand; number i has challenger i.
@@ -91,6 +95,7 @@ class State:
     created: str
     n_max: int
     samples: tuple[Suggested, ...] = ()
+    proposed: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     finished: Mapping[int, int] = field(default_factory=dict)
     failures: Mapping[int, str] = field(default_factory=dict)
     closed: tuple[Closed, ...] = ()
@@ -136,6 +141,10 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
             failures = {i: e for i, e in state.failures.items() if i != index}
             source = seq if event.same_as is None else event.same_as
             return replace(state, finished={**state.finished, index: source}, failures=failures)
+        case Dialed():
+            return _dialed(state, seq, event)
+        case Replaced():
+            return _replaced(state, seq, event)
         case Failed(index, error):
             _sample(state, seq, index)
             return replace(state, failures={**state.failures, index: error})
@@ -147,10 +156,9 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
         case Marked(index, mark, on):
             _sample(state, seq, index)
             _require(mark in MARKS, seq, f"a mark must be one of {MARKS}, got {mark!r}")
-            now = state.marks.get(index, frozenset())
-            return replace(
-                state, marks={**state.marks, index: now | {mark} if on else now - {mark}}
-            )
+            # One excludes the other: the last that was said holds.
+            now = frozenset({mark}) if on else state.marks.get(index, frozenset()) - {mark}
+            return replace(state, marks={**state.marks, index: now})
         case Retracted(answer):
             return _retracted(state, seq, answer)
         case Undone():
@@ -186,6 +194,28 @@ def _suggested(state: State, seq: int, event: Suggested) -> State:
     _require(event.index == due == len(state.samples), seq, f"sample {event.index} is not due")
     _require(len(event.z) == len(event.theta) > 0, seq, "z and theta differ in length")
     return replace(state, samples=(*state.samples, event))
+
+
+def _dialed(state: State, seq: int, event: Dialed) -> State:
+    due = len(state.closed)
+    _require(event.index == due == len(state.samples) - 1, seq, f"sample {event.index} is not open")
+    was = state.samples[due]
+    _require(len(event.z) == len(event.theta) == len(was.z), seq, "z and theta differ in length")
+    proposed = {due: was.theta, **state.proposed}  # dialed twice: what was proposed stays
+    sample = Suggested(due, event.z, event.theta)
+    return replace(state, samples=(*state.samples[:due], sample), proposed=proposed)
+
+
+def _replaced(state: State, seq: int, event: Replaced) -> State:
+    _require(event.index in state.finished, seq, f"there is no experiment of sample {event.index}")
+    _require(state.ended is None, seq, "the study is over")
+    return replace(
+        state,
+        closed=tuple(corrected(c, event) for c in state.closed),
+        further=tuple(corrected(c, event) for c in state.further),
+        repeats=tuple(corrected(c, event) for c in state.repeats),
+        marks={i: m for i, m in state.marks.items() if i != event.index},
+    )
 
 
 def _shown(state: State, seq: int, challenger: int, incumbent: int) -> None:
@@ -257,6 +287,7 @@ def _undone(state: State, seq: int) -> State:
         finished={i: s for i, s in state.finished.items() if i < kept},
         failures={i: e for i, e in state.failures.items() if i < kept},
         marks={i: m for i, m in state.marks.items() if i < kept},
+        proposed={i: theta for i, theta in state.proposed.items() if i < kept},
         open=None,
         ended=None,
     )
@@ -303,4 +334,5 @@ def _respaced(state: State, seq: int, event: Respaced) -> State:
         samples=tuple(samples),
         failures={i: e for i, e in state.failures.items() if i < kept},
         marks={i: m for i, m in state.marks.items() if i < kept},
+        proposed={i: tuple(moved(t)) for i, t in state.proposed.items() if i < kept},
     )

@@ -3,6 +3,7 @@
 import json
 import platform
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from math import isfinite
 from pathlib import Path
@@ -12,8 +13,9 @@ import numpy as np
 
 from prefcal_env.control import Controller
 from prefcal_env.errors import ScenarioError
+from prefcal_env.knobs import KnobSpace
 from prefcal_scenarios.report.record import Record
-from prefcal_scenarios.scenario import Scenario, load
+from prefcal_scenarios.scenario import Scenario, load, with_ranges
 
 FORMAT = 1
 """Of best.json; raised when an older prefcal could not read a newer file."""
@@ -49,6 +51,7 @@ def best_as_json(record: Record) -> str:
         "title": scenario.title,
         "theta": scenario.space.named(theta),
         "units": {k.name: k.unit for k in scenario.space},
+        "ranges": {k.name: [k.low, k.high] for k in scenario.space},
         "settings": {} if scenario.settings is None else scenario.settings(theta),
         "cost": best.cost,
         "kpis": dict(best.experiment.kpis),
@@ -56,7 +59,7 @@ def best_as_json(record: Record) -> str:
         "experiment": best.number,
         "experiments": len(record.trials),
         "complete": not record.stopped,
-        "study": dict(record.settings),
+        "study": {**record.settings, **record.agent_settings},
         "versions": versions(),
     }
     return json.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
@@ -84,12 +87,21 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
             f"theta in {str(path)!r} must name the knobs {list(scenario.space.names)}, got {theta}"
         )
     try:
+        scenario = with_ranges(scenario, _widened(scenario.space, content.get("ranges", {})))
         values = scenario.space.check(np.array(list(theta.values()), dtype=float))
     except (TypeError, ValueError) as error:
         raise ScenarioError(f"theta in {str(path)!r} does not fit: {error}") from error
     if check and scenario.settings is not None:
         _same_settings(content["settings"], jsonable(scenario.settings(values)), path)
+    assert scenario.controller is not None
     return scenario.controller(values)
+
+
+def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:
+    """`space`, as wide as the study that found θ had made it."""
+    parts = [(knob, *ranges.get(knob.name, (knob.low, knob.high))) for knob in space]
+    knobs = [replace(k, low=min(k.low, low), high=max(k.high, high)) for k, low, high in parts]
+    return KnobSpace(knobs, space.constraints)
 
 
 def jsonable(value: Any) -> Any:

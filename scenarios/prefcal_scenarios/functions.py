@@ -50,8 +50,12 @@ class TestFunction:
 
 
 def box(*bounds: tuple[float, float]) -> KnobSpace:
-    """A space of linear knobs x1, x2, ..."""
-    return KnobSpace([Knob(f"x{k}", low, high) for k, (low, high) in enumerate(bounds, start=1)])
+    """Return a space of linear knobs x1, x2, ...
+
+    They have no step: a calibrator that compares values of a function tells any difference.
+    """
+    knobs = [Knob(f"x{k}", low, high, step=0) for k, (low, high) in enumerate(bounds, start=1)]
+    return KnobSpace(knobs)
 
 
 def camel(x: Float[np.ndarray, " 2"]) -> float:

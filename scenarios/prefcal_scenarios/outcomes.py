@@ -31,6 +31,11 @@ def outcome(scenario: Scenario, experiment: Experiment) -> Outcome:
     return Outcome({**known, INTERRUPTED: float(stopped)})
 
 
+def seen(scenario: Scenario) -> tuple[str, ...]:
+    """Names of the KPIs that a person sees and the agent learns from, in order of importance."""
+    return (*(kpi.name for kpi in scenario.kpis if kpi.goal is not None), INTERRUPTED)
+
+
 def titles(scenario: Scenario) -> Mapping[str, str]:
     """Name to title of the KPIs whose name is not for people."""
     return {INTERRUPTED: "runs that were stopped"} | {

@@ -15,7 +15,7 @@ from prefcal_agents.surrogate import Shape
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Answer, Mark
 
-SQUARE = KnobSpace([Knob("x", -1.0, 1.0), Knob("y", -1.0, 1.0)])
+SQUARE = KnobSpace([Knob("x", -1.0, 1.0, step=0), Knob("y", -1.0, 1.0, step=0)])
 SHAPE = Shape(1.0, (1.0,))
 
 
@@ -39,18 +39,31 @@ def appealed(ledger):
 
 def test_the_best_meets_the_rival_of_whom_it_is_least_sure():
     ledger = line([(0, -1), (0, 1), (0, -1), (0, -1), (2, -1), (5, 1)])
-    pair, values, features, belief = appealed(ledger)
-    best = int(np.argmin(values))
+    pair, _, features, belief = appealed(ledger)
+    best = ledger.incumbent
     met = {c.challenger if c.incumbent == best else c.incumbent for c in ledger.comparisons
            if best in (c.challenger, c.incumbent)}  # fmt: skip
     covariance = np.linalg.inv(belief.root @ belief.root.T)
     sure = {}
     for k in set(range(7)) - met - {best}:
-        row = features[best] - features[k]
-        sure[k] = abs(row @ belief.mean) / np.sqrt(row @ covariance @ row)
+        row = features[k] - features[best]
+        sure[k] = row @ belief.mean / np.sqrt(row @ covariance @ row)
     rival = min(sure, key=sure.__getitem__)
     assert pair == (max(best, rival), min(best, rival))
     assert len(sure) > 2
+
+
+def test_one_that_is_believed_better_than_the_best_is_asked_about_first():
+    """Nine answers say that it gets better to the right, one that 9 lost to 0."""
+    ledger = line([(k - 1, -1) for k in range(1, 9)] + [(8, -1)])
+    ledger = ledger.told_further(Answer(-1), 0, 9)
+    pair, values, features, belief = appealed(ledger)
+    assert ledger.incumbent == 0
+    assert to_appeal(ledger, values, features, belief, sure=0.0) == pair
+    assert values[max(pair)] < values[0]
+    sure = line([(0, 1), (0, 1), (0, 1)])
+    _, values, features, belief = appealed(sure)
+    assert to_appeal(sure, values, features, belief, sure=0.0) is None
 
 
 def test_whoever_has_met_the_best_is_not_asked_again_and_then_nothing_is():
@@ -132,11 +145,12 @@ def further_pairs(flips, questions, seed=0):
 @pytest.mark.parametrize("questions", [2, 3])
 def test_once_answers_are_doubted_others_than_the_latest_are_asked_too(questions):
     appeals = 0
-    for seed in range(3):
+    for seed in range(4):
         asked = further_pairs({7, 9, 12, 16}, questions, seed)
         appeals += sum(latest not in (a, b) for a, b, latest in asked)
         latest = [latest for *_, latest in asked]
-        assert max(latest.count(k) for k in latest) <= questions - 1
+        # After the last experiment former bests may meet the best, on top.
+        assert max(latest.count(k) for k in latest if k < 23) <= questions - 1
     assert appeals >= 5
 
 

@@ -12,7 +12,7 @@ from prefcal_env.preference import Answer
 
 SPACE = KnobSpace(
     [
-        Knob("real", 2.0, 5.0),
+        Knob("real", 2.0, 5.0, step=0),
         Knob("count", 3, 17, integer=True),
         Knob("decades", 1, 5000, scale="log10", integer=True),
     ]
@@ -67,6 +67,8 @@ def test_a_latin_hypercube_has_one_sample_in_every_stratum_of_every_knob():
 def test_capacity_counts_theta():
     assert capacity(GRID) == 6
     assert capacity(SPACE) == np.inf
+    assert capacity(KnobSpace([Knob("x", 0, 1, step=0.3), *GRID])) == 6 * 4  # 0, 0.3, 0.6, 0.9
+    assert capacity(KnobSpace([Knob("x", 0, 1)], within={"x": (0.2, 0.3)})) == 11
 
 
 def tried(*points):

@@ -1,16 +1,19 @@
-"""Answers that contradict each other are noticed; then the best is what the surrogate says."""
+"""Answers that contradict each other are noticed, and looked into."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_agents.doubt import Doubts, believed_best
+from prefcal_agents.doubt import Doubts, contenders
 from prefcal_agents.ledger import Ledger
+from prefcal_env.champions import contradictory
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Answer, Mark
 
-SQUARE = KnobSpace([Knob("x", -1.0, 1.0), Knob("y", -1.0, 1.0)])
+SQUARE = KnobSpace([Knob("x", -1.0, 1.0, step=0), Knob("y", -1.0, 1.0, step=0)])
 
 
 def bowl(theta):
@@ -67,6 +70,7 @@ def test_a_person_who_never_errs_gets_the_last_winner_and_what_he_got_without_do
     assert not without._learner.doubts.known
 
 
+@pytest.mark.campaign
 def test_with_four_wrong_answers_the_gap_is_smaller_than_if_all_were_kept():
     flips = {12, 16, 20, 25}
     ratios = []
@@ -79,21 +83,49 @@ def test_with_four_wrong_answers_the_gap_is_smaller_than_if_all_were_kept():
     assert np.mean(ratios) < -0.3
 
 
-def test_the_query_and_what_is_returned_follow_the_surrogate_once_answers_are_doubted():
-    agent = told(GLISpSettings(), {7, 12, 16}, n_max=24)
+@pytest.fixture(scope="module")
+def suspected():
+    """A study in which mistakes are suspected, and after which experiment more was asked."""
+    agent, asked = GLISp(SQUARE, n_init=6, n_max=40, seed=0), []
+    while not agent.done:
+        query = agent.ask()
+        answer = None
+        if query.incumbent is not None:
+            assert agent.best_index in (query.challenger.index, query.incumbent.index)
+            wrong = query.challenger.index in {7, 12, 16, 21, 27} and not query.further
+            answer = int(np.sign(bowl(query.challenger.theta) - bowl(query.incumbent.theta)))
+            answer *= -1 if wrong else 1
+        if query.further and len(agent.samples) < agent.n_max:  # then former bests follow
+            asked.append(len(agent.samples))
+        agent.tell(query, answer)
+    return agent, asked
+
+
+def test_a_suspicion_leads_to_a_question_about_the_best_at_most_once_an_experiment(suspected):
+    agent, asked = suspected
+    assert asked
+    assert len(asked) == len(set(asked))
+    assert agent.best_index == agent.state.ledger.incumbent
+
+
+def test_only_answers_that_contradict_each_other_are_taken_for_mistakes(suspected):
+    """However little the surrogate expects them: a cost that jumps looks like mistakes, too."""
+    agent, _ = suspected
     ledger = agent.state.ledger
-    values = agent._learner.learned(ledger)(ledger.cube())
-    assert agent.best_index == believed_best(ledger, values)
-    assert np.array_equal(agent.best, agent.samples[agent.best_index])
+    in_a_line = replace(ledger, further=())
+    assert contradictory(ledger.verdicts())
+    assert agent._learner.is_noisy(ledger)
+    assert not contradictory(in_a_line.verdicts())
+    assert not agent._learner.is_noisy(in_a_line)
 
 
-def test_what_was_not_compared_or_is_unsafe_is_not_the_best():
+def test_what_was_not_compared_or_is_unsafe_is_no_contender():
     ledger = Ledger()
     answers = (None, -1, -1, None, Answer(1, marks=(Mark.INCUMBENT_UNSAFE,)))
     for k, answer in enumerate(answers):
         ledger = ledger.with_pending(np.full(2, k / 5))
         ledger = ledger.told(Answer.of(answer), None if k == 0 else min(k - 1, 2))
-    assert believed_best(ledger, np.array([5.0, 4.0, 1.0, 0.0, 2.0])) == 4
+    assert contenders(ledger).tolist() == [0, 1, 4]
 
 
 @pytest.mark.parametrize("questions", [1, 3])

@@ -8,7 +8,7 @@ from prefcal_agents.minimise import Domain, multistart, particle_swarm
 from prefcal_env.knobs import Knob, KnobSpace
 
 MINIMISERS = pytest.mark.parametrize("minimise", [multistart, particle_swarm])
-REAL = KnobSpace([Knob("a", 0, 1), Knob("b", 0, 1), Knob("c", 0, 1)])
+REAL = KnobSpace([Knob(name, 0, 1, step=0) for name in "abc"])
 MIXED = KnobSpace([Knob("a", 0, 1), Knob("b", 0, 4, integer=True), Knob("c", 0, 1)])
 
 

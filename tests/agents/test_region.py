@@ -72,7 +72,7 @@ def test_points_outside_are_moved_to_the_edge_and_points_inside_stay(space):
     moved, allowed = region.repaired(z, anchors), region.allows(z)
     assert region.allows(moved).all()
     assert np.array_equal(moved[allowed], z[allowed])
-    assert snap_all(space, moved) == pytest.approx(moved)
+    assert snap_all(space, moved, only_integers=True) == pytest.approx(moved)
 
 
 def test_a_moved_point_lies_at_the_edge():
@@ -106,7 +106,7 @@ def test_a_fresh_point_is_allowed():
 def test_capacity_counts_the_theta_that_are_allowed():
     grid = [Knob("a", 0, 4, integer=True), Knob("b", 1, 4, integer=True)]
     assert capacity(KnobSpace(grid, [LinearConstraint("sum", {"a": 1, "b": 1}, 3)])) == 6
-    assert capacity(LINEAR) == np.inf
+    assert 1e5 < capacity(LINEAR) < np.inf  # too many to look at all
     with pytest.raises(KnobError, match=r"\['sum'\] allow none of the 20 θ"):
         capacity(KnobSpace(grid, [LinearConstraint("sum", {"a": 1, "b": 1}, 0)]))
 

@@ -114,5 +114,5 @@ def test_impossible_settings_are_refused(make, options):
 @EACH
 def test_without_the_extra_the_word_is_clear(make, monkeypatch):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
-    with pytest.raises(MissingExtraError, match=r"pip install prefcal\[rl\]"):
+    with pytest.raises(MissingExtraError, match=r"pip install 'prefcal\[rl\]'"):
         make(LINE)

@@ -92,6 +92,30 @@ def test_the_same_seed_gives_the_same_study_and_another_one_does_not(make_agent)
     assert a != c
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_sure_hand_is_never_shown_a_loser_as_the_best_and_gets_the_best_of_all(make_agent, seed):
+    agent, lost, costs = make_agent(MIXED, n_init=4, n_max=14, seed=seed), set(), {}
+    while not agent.done:
+        query = agent.ask()
+        costs[query.challenger.index] = latent(query.challenger.theta)
+        assert agent.best_index not in lost
+        if query.incumbent is not None:
+            assert query.further or query.incumbent.index == agent.best_index
+            pair = (query.challenger.index, query.incumbent.index)
+            lost.add(max(pair, key=costs.__getitem__))
+        agent.tell(query, judge(query))
+    assert agent.best_index == min(costs, key=costs.__getitem__)
+
+
+def test_nothing_is_proposed_nearer_than_the_resolution_of_its_knobs(make_agent):
+    agent = make_agent(KnobSpace([Knob("a", 0, 1, step=0.25), Knob("b", 0, 3, step=1)]), n_init=4,
+                       n_max=18)  # fmt: skip
+    run(agent)
+    steps = agent.samples / [0.25, 1.0]
+    assert steps == pytest.approx(np.round(steps), abs=1e-9)
+    assert len({tuple(row) for row in np.round(steps)}) == len(steps) == 18
+
+
 def test_a_stale_query_is_refused(make_agent):
     agent = make_agent(MIXED, n_init=3, n_max=6)
     stale = agent.ask()

@@ -7,12 +7,22 @@ import json
 import pickle
 import warnings
 from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env as gymnasium_check
+from gymnasium.wrappers import (
+    FrameStackObservation,
+    RecordEpisodeStatistics,
+    RecordVideo,
+    TimeAwareObservation,
+)
+
+from prefcal_env.errors import PrefcalError
 
 Make = Callable[..., gym.Env[Any, Any]]
 
@@ -74,11 +84,26 @@ def informs_in_plain_data(make: Make) -> None:
         json.dumps(lists, allow_nan=False)
 
 
+def refuses_actions_that_are_no_plain_numbers(make: Make) -> None:
+    env = make()
+    n = env.action_space.shape[0]
+    for action in (
+        np.ma.masked_array(np.zeros(n), mask=[True] + [False] * (n - 1)),
+        np.zeros(n, "timedelta64[s]"), np.zeros(n, "datetime64[s]"), np.zeros(n, complex),
+        np.array(["0"] * n), np.zeros(n, bool), [None] * n, np.zeros(n + 1), np.full(n, np.nan),
+    ):  # fmt: skip
+        env.reset(seed=0)
+        with pytest.raises(PrefcalError, match="action must"):
+            env.unwrapped.step(action)
+
+
 def draws_pictures_of_one_size(make: Make) -> None:
     env = make(render_mode="rgb_array")
     env.reset(seed=0)
+    before = env.render()
     env.step(env.action_space.sample())
     first, second = env.render(), env.render()
+    assert before.shape == first.shape
     assert isinstance(first, np.ndarray)
     assert first.dtype == np.uint8
     assert first.ndim == 3
@@ -86,6 +111,64 @@ def draws_pictures_of_one_size(make: Make) -> None:
     assert np.array_equal(first, second)
     env.close()
     env.close()
+
+
+def shows_itself_in_a_window(make: Make) -> None:
+    env = make(render_mode="human")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    assert env.render() is None
+    env.close()
+
+
+def draws_lists_of_pictures(make: Make) -> None:
+    env = make(render_mode="rgb_array_list")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    assert len({frame.shape for frame in env.render()}) == 1
+    env.close()
+
+
+def records_videos(make: Make) -> None:
+    pytest.importorskip("moviepy")
+    with TemporaryDirectory() as folder:
+        env = RecordVideo(make(render_mode="rgb_array"), folder, disable_logger=True)
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+        env.close()
+        (video,) = Path(folder).glob("*.mp4")
+        assert video.stat().st_size > 1000
+
+
+def counts_episodes(make: Make) -> None:
+    steps = _episode(RecordEpisodeStatistics(make()), 1000)
+    info = steps[-1][4]
+    assert info["episode"]["l"] == len(steps)
+    total = sum(step[1] for step in steps)
+    assert info["episode"]["r"] == pytest.approx(total, rel=1e-4, abs=1e-5)
+
+
+def tells_the_time(make: Make) -> None:
+    env = TimeAwareObservation(make(max_episode_steps=10), flatten=True)
+    assert env.observation_space.contains(env.reset(seed=0)[0])
+    assert env.observation_space.contains(env.step(env.action_space.sample())[0])
+
+
+def stacks_observations(make: Make) -> None:
+    env = FrameStackObservation(make(), 3)
+    assert env.observation_space.contains(env.reset(seed=0)[0])
+    assert env.observation_space.contains(env.step(env.action_space.sample())[0])
+
+
+def is_wrapped_in_vectors(make: Make) -> None:
+    wrappers = gym.wrappers.vector
+    vector = wrappers.RecordEpisodeStatistics(gym.vector.SyncVectorEnv([make] * 2))
+    vector = wrappers.ClipAction(vector)
+    vector.reset(seed=0)
+    observations, rewards, *_ = vector.step(vector.action_space.sample())
+    assert vector.observation_space.contains(observations)
+    assert rewards.shape == (2,)
+    vector.close()
 
 
 def draws_nothing_unless_asked(make: Make) -> None:
@@ -134,7 +217,15 @@ CONTRACT = (
     acts_and_observes_in_the_unit_box,
     takes_actions_of_either_precision,
     informs_in_plain_data,
+    refuses_actions_that_are_no_plain_numbers,
     draws_pictures_of_one_size,
+    shows_itself_in_a_window,
+    draws_lists_of_pictures,
+    records_videos,
+    counts_episodes,
+    tells_the_time,
+    stacks_observations,
+    is_wrapped_in_vectors,
     draws_nothing_unless_asked,
     can_be_made_again_from_its_spec,
     survives_pickling,

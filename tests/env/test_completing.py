@@ -44,7 +44,7 @@ def test_each_side_has_the_mark_of_its_own_run(pair, marks):
 
 
 def test_what_was_said_is_kept_and_told_apart():
-    said = Answer(-1, 3.0, (OLD, Mark.CHALLENGER_GOOD_ENOUGH))
+    said = Answer(-1, 3.0, (OLD,))
     answer = completed(said, UNSAFE, UNSAFE)
     assert answer.marks == (*said.marks, NEW)
     assert answer.automatic == (NEW,)
@@ -88,3 +88,11 @@ def test_the_loop_in_memory_tells_the_agent():
         assert (NEW in told.answer.automatic) == (step.challenger.end is End.UNSAFE)
     marks = agent.state.ledger.marks()
     assert marks.unsafe.tolist() == [end is End.UNSAFE for end in ends]
+
+
+def test_what_is_unsafe_is_not_good_enough():
+    both = (Mark.CHALLENGER_UNSAFE, Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH)
+    kept = completed(Answer(None, marks=both), SAFE, SAFE).marks
+    assert kept == (Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_GOOD_ENOUGH)
+    said = Answer(None, marks=(Mark.INCUMBENT_GOOD_ENOUGH,))
+    assert completed(said, SAFE, UNSAFE).marks == (OLD,)

@@ -8,7 +8,7 @@ import pytest
 
 import prefcal_env
 from contracts.environments import environment_contract
-from prefcal_env import Knob, KnobSpace, LatentCost, PreferenceReward
+from prefcal_env import Knob, KnobSpace, LatentCost, PrefcalError, PreferenceReward
 from support.short_runs import final_level
 from support.tank import pi_of, tank_env
 
@@ -25,6 +25,11 @@ SUBJECTS = {
     "prefcal/Overtake-v0": {},
     "prefcal/OvertakeTuning-v0": {},
 }
+
+
+@pytest.fixture(autouse=True)
+def no_window(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
 
 
 @environment_contract
@@ -53,6 +58,55 @@ def test_vectors_do_what_single_ones_do(env_id, mode):
         env = gym.make(env_id, **kwargs)
         env.reset(seed=0)
         assert env.step(action)[1] == reward
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+@pytest.mark.parametrize("env_id", SUBJECTS)
+def test_twenty_environments_run_beside_each_other(env_id, mode):
+    vector = gym.make_vec(env_id, num_envs=20, vectorization_mode=mode, **SUBJECTS[env_id])
+    vector.reset(seed=0)
+    observations, rewards, *_ = vector.step(vector.action_space.sample())
+    vector.close()
+    assert len(observations) == len(rewards) == 20
+
+
+SETTINGS = {
+    "prefcal/CSTR-v0": {"T_s": 0.5, "x0": [310.0, 8.4], "max_move": 5.0},
+    "prefcal/CSTRTuning-v0": {"T_s": 0.5, "x0": [310.0, 8.4], "max_move": 5.0},
+    "prefcal/Overtake-v0": {"T_s": 0.2, "x0": [5.0, 1.0, 0.0], "config": {"lanes_count": 3}},
+    "prefcal/OvertakeTuning-v0": {
+        "T_s": 0.2, "x0": [5.0, 1.0, 0.0],
+        "config": {"lanes_count": 3, "steering_limit": "per step"},
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("env_id", SETTINGS)
+def test_sampling_time_start_and_options_are_keywords(env_id):
+    settings = SETTINGS[env_id]
+    for env in (
+        gym.make(env_id, **settings),
+        gym.make_vec(env_id, num_envs=1, vectorization_mode="sync", **settings).envs[0],
+        gym.make_vec(env_id, num_envs=1, **settings).envs[0],
+    ):
+        env.reset(seed=0)
+        *_, info = env.step(np.zeros(env.action_space.shape, np.float32))
+        if "experiment" not in info:
+            assert info["t"] == settings["T_s"]
+            continue
+        assert info["theta"][0] == settings["T_s"]
+        assert info["experiment"].x[0].tolist() == settings["x0"]
+        assert info["experiment"].t_control[1] == settings["T_s"]
+
+
+def test_what_cannot_be_is_refused_when_an_environment_is_made():
+    for env_id, settings in [
+        ("CSTR", {"T_s": 0.0}), ("CSTR", {"x0": [1.0]}), ("CSTRTuning", {"T_s": 10.0}),
+        ("CSTRTuning", {"x0": [1.0]}), ("Overtake", {"T_s": 1.0}), ("Overtake", {"x0": [26, 0, 0]}),
+        ("OvertakeTuning", {"T_s": 1.0}), ("OvertakeTuning", {"config": {"lanes": 3}}),
+    ]:  # fmt: skip
+        with pytest.raises(PrefcalError):
+            gym.make(f"prefcal/{env_id}-v0", **settings)
 
 
 def test_a_vector_of_one_step_episodes_can_be_run_in_processes_without_wasted_steps():

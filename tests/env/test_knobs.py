@@ -1,5 +1,7 @@
 """Knobs: what is refused at birth, and the way between the cube and physics."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,9 +12,9 @@ from prefcal_env.knobs import Knob, KnobSpace
 
 SPACE = KnobSpace(
     [
-        Knob("T_s", 0.25, 1.5, "h"),
+        Knob("T_s", 0.25, 1.5, "h", step=0),
         Knob("N_p", 4, 40, integer=True),
-        Knob("gain", 1e-3, 1e3, scale="log10"),
+        Knob("gain", 1e-3, 1e3, scale="log10", step=0),
     ]
 )
 cube = st.lists(st.floats(0, 1), min_size=3, max_size=3).map(np.array)
@@ -27,7 +29,13 @@ cube = st.lists(st.floats(0, 1), min_size=3, max_size=3).map(np.array)
         ({"low": 0.0, "high": np.nan}, "must be finite"),
         ({"low": "0", "high": 1.0}, "must be numbers"),
         ({"low": None, "high": 1.0}, "must be numbers"),
-        ({"low": -1.7e308, "high": 1.7e308}, "must be finite"),
+        ({"low": -1.7e308, "high": 1.7e308}, "high minus low must be below"),
+        ({"low": -1e308, "high": 1e308}, "high minus low must be below 1.8e308, got"),
+        ({"low": 0.0, "high": 5e-324}, "too close"),
+        ({"low": 1.0, "high": 1 + 2.5e-16}, "too close"),
+        ({"low": 1.0, "high": 1 + 8 * math.ulp(1.0)}, "too close"),
+        ({"low": 2.0**60, "high": 2.0**60 + 2**10, "integer": True}, "too close"),
+        ({"low": 1.0, "high": 1 + 8 * math.ulp(1.0), "scale": "log10"}, "too close"),
         ({"low": 0.0, "high": 1.0, "scale": "log10"}, "log10 scale needs low above 0"),
         ({"low": 0.0, "high": 1.0, "scale": "log"}, "scale must be one of"),
         ({"low": 0.5, "high": 3.0, "integer": True}, "integer bounds"),
@@ -37,6 +45,26 @@ def test_an_impossible_knob_is_refused_with_name_value_and_unit(arguments, messa
     with pytest.raises(KnobError, match=message) as caught:
         Knob("T_s", **arguments)
     assert "'T_s'" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "knob",
+    [
+        Knob("k", 0, 5e-319), Knob("k", 1, 1 + 2e-12), Knob("k", 1e12, 1e12 + 5, integer=True),
+        Knob("k", 0, 2**60, integer=True), Knob("k", -8e307, 8e307),
+        Knob("k", 1.0, 1 + 2e-12, scale="log10"),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_the_narrowest_and_the_widest_ranges_hold_enough_numbers(knob):
+    space = KnobSpace([knob])
+    values = {space.decode(np.array([z]))[0] for z in np.linspace(0, 1, 501)}
+    assert len(values) > (5 if knob.integer else 90)
+
+
+def test_a_part_of_a_range_that_holds_hardly_a_number_is_refused():
+    with pytest.raises(KnobError, match=r"knob 'k': .* too narrow"):
+        KnobSpace([Knob("k", 1, 1 + 1e-11)], within={"k": (1.0, 1 + 4e-16)})
 
 
 def test_a_knob_without_a_name_is_refused():

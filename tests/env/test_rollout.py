@@ -9,9 +9,10 @@ import pytest
 from prefcal_env.control import Move
 from prefcal_env.envs import PlantEnv
 from prefcal_env.errors import ExperimentError, PlantError, SettingsError
-from prefcal_env.experiment import End
+from prefcal_env.experiment import Channel, End
+from prefcal_env.plants import FunctionPlant
 from prefcal_env.rollout import rollout
-from support.tank import PI, TANK, tank_env, tank_task
+from support.tank import INFLOW, LEVEL, PI, RAIN, TANK, tank_env, tank_task
 
 THETA = np.array([1.0, 0.5])
 
@@ -102,3 +103,43 @@ def test_inputs_of_the_wrong_shape_are_refused():
 
     with pytest.raises(PlantError, match=r"input u must have shape \(1,\), got \(2,\)"):
         rollout(tank_env(), Wrong(1.0), THETA)
+
+
+class Forgetful(PI):
+    def move(self, m):
+        return super().move(m).u
+
+
+class Unpaced:
+    def move(self, m):
+        return Move(np.zeros(1))
+
+
+def test_a_controller_that_forgets_the_move_is_told_so():
+    words = r"controller Forgetful \(test_rollout.py:\d+\) must return a prefcal_env.Move, got nd"
+    with pytest.raises(SettingsError, match=words):
+        rollout(tank_env(), Forgetful(1.0), THETA)
+
+
+def test_a_controller_without_a_sampling_time_is_told_so():
+    with pytest.raises(SettingsError, match="a controller needs T_s"):
+        rollout(tank_env(), Unpaced(), THETA)
+
+
+def test_kpis_without_a_return_are_refused():
+    def kpis(experiment):
+        {"level": 1.0}  # noqa: B018
+
+    with pytest.raises(ExperimentError, match="got None: is a return missing"):
+        rollout(tank_env(), PI(1.0), THETA, kpis=kpis)
+
+
+def test_outputs_are_recorded_with_the_disturbances_and_inputs_that_were_held():
+    plant = FunctionPlant(
+        lambda x, u, d: [u[0] - x[0] / 2 + d[0]], lambda x, u, d: [x[0] + 100 * u[0] + 1000 * d[0]],
+        states=[LEVEL], inputs=[INFLOW], outputs=[Channel("sum")], disturbances=[RAIN],
+    )  # fmt: skip
+    task = tank_task(d=lambda t: np.array([np.floor(t)]), settled=lambda s: False, horizon=2.0)
+    e = rollout(PlantEnv(plant, task), PI(1.0, T_s=0.8), THETA)
+    rain = np.where(e.t < 1.6, 0.0, 1.0)  # seen first at 1.6 s, held from there on
+    np.testing.assert_allclose(e.y[:, 0], e.x[:, 0] + 100 * e.u[:, 0] + 1000 * rain)

@@ -20,7 +20,7 @@ def test_a_study_ends_with_a_table_and_the_place_of_the_report(prefcal, tmp_path
         assert words in out
     assert "prefcal-toy-0/report.html" in out
     assert (tmp_path / "prefcal-toy-0" / "report.html").is_file()
-    assert "best stays" in err
+    assert "older better" in err
     assert "best θ" in err
 
 
@@ -75,18 +75,21 @@ def test_the_command_in_the_report_repeats_the_study(prefcal, tmp_path):
         ([f"{TOY_FILE}:nothing"], "got nothing of that name; in that file there is toy"),
         ([f"{TOY_FILE}:not_a_scenario"], "must name a prefcal_scenarios.Scenario"),
         (["missing.py:toy"], "no file"),
-        ([TOY, "--agent", "oracle"], "agent must be one of"),
-        ([TOY, "--calibrator", "oracle"], "calibrator must be one of ['human', "),
-        ([TOY, "--n-init", "9", "--n-max", "5"], "n_max must be at least n_init"),
-        ([TOY, "--n-max", "0"], "n_max must be at least n_init"),
-        ([TOY, "--delta", "-1"], "delta must be 0 or above"),
-        ([TOY, "--delta", "nan"], "delta must be 0 or above"),
-        ([TOY, "--agent", "random", "--delta", "1"], "only the agent glisp takes a delta"),
-        ([TOY, "--seed", "-1"], "seed must be 0 or above"),
-        ([TOY, *SYNTHETIC, "--answer-noise", "1"], "takes no tie band and no answer noise"),
-        ([TOY, "--calibrator", "latent", "--answer-noise", "-1"], "sigma must be positive"),
-        ([TOY, "--calibrator", "latent", "--tie-band", "-1"], "tie_band must be 0 or more"),
-        ([TOY, *SYNTHETIC, "--out", str(TOY_FILE)], "out must be a folder"),
+        ([TOY, "--agent", "oracle"], "--agent must be one of glisp, glis"),
+        ([TOY, "--calibrator", "oracle"], "--calibrator must be one of human, "),
+        ([TOY, "--n-init", "9", "--n-max", "5"], "--n-max must be at least --n-init"),
+        ([TOY, "--n-max", "0"], "--n-max must be at least 1, got 0"),
+        ([TOY, "--delta", "-1"], "--delta must be 0 or above"),
+        ([TOY, "--delta", "nan"], "--delta must be 0 or above"),
+        ([TOY, "--agent", "random", "--delta", "1"], "only the agent glisp takes --delta"),
+        ([TOY, "--seed", "-1"], "--seed must be 0 or above"),
+        ([TOY, *SYNTHETIC, "--answer-noise", "1"], "takes neither --tie-band nor"),
+        (
+            [TOY, "--calibrator", "latent", "--answer-noise", "-1"],
+            "--answer-noise must be 0 or above",
+        ),
+        ([TOY, "--calibrator", "latent", "--tie-band", "-1"], "--tie-band must be 0 or above"),
+        ([TOY, *SYNTHETIC, "--out", str(TOY_FILE)], "--out must be a folder"),
     ],
 )
 def test_bad_input_is_one_clear_line_and_exit_code_2(prefcal, tmp_path, words, message):
@@ -156,8 +159,8 @@ def test_glis_is_told_the_score_and_asks_nobody(prefcal, tmp_path):
     [
         (["--calibrator", "human"], "asks nobody"),
         (["--calibrator", "synthetic"], "asks nobody"),
-        (["--tie-band", "0.1"], "no tie band"),
-        (["--answer-noise", "0.1"], "no tie band and no answer noise"),
+        (["--tie-band", "0.1"], "takes neither --tie-band nor --answer-noise"),
+        (["--answer-noise", "0.1"], "takes neither --tie-band nor --answer-noise"),
     ],
 )
 def test_whoever_is_told_scores_takes_no_calibrator(prefcal, words, complaint):
@@ -170,3 +173,13 @@ def test_an_agent_that_needs_a_score_is_refused_where_there_is_none(prefcal):
     code, _, err = prefcal("calibrate", "overtake", "--agent", "glis")
     assert code == 2
     assert "'overtake' has none" in err
+
+
+def test_the_papers_algorithm_is_an_agent_of_its_own(prefcal):
+    words = ["calibrate", TOY, *SYNTHETIC, "--agent", "glisp-paper", "--n-max", "6", "--json"]
+    code, out, _ = prefcal(*words, "--study", "published")
+    result = json.loads(out)
+    assert (code, result["agent"], result["questions"]) == (0, "glisp-paper", 5)
+    page = Path(result["report"]).read_text("utf-8")
+    assert '<th scope="row">GLISp process</th><td class="words">False</td>' in page
+    assert '<th scope="row">GLISp minimiser</th><td class="words">particle_swarm</td>' in page

@@ -76,6 +76,20 @@ def test_json_is_all_there_is_on_standard_output_and_csv_has_the_same_rows(prefc
     assert "RandomSearch" in out
 
 
+def test_without_glisp_all_are_compared_with_the_first_agent_named(prefcal):
+    words = ["bench", "--agents", "LatinHypercube,RandomSearch", *TINY, "--jobs", "1"]
+    code, out, err = prefcal(*words)
+    assert code == 0, err
+    assert "× LatinHypercube" in out
+    _, out, _ = prefcal(*words, "--json")
+    rows = {row["agent"]: row for row in json.loads(out)["table"]}
+    assert rows["RandomSearch"]["pairs"] == 2
+    assert rows["RandomSearch"]["baseline"] == "LatinHypercube"
+    page = Path("prefcal-bench/index.html").read_text()
+    assert "× LatinHypercube (95 %)" in page
+    assert "No differences are shown" not in page
+
+
 def test_a_failed_cell_is_named_and_the_exit_code_is_1(prefcal):
     agents = f"RandomSearch,{OWN}:Raises"
     code, out, err = prefcal("bench", "--agents", agents, *TINY, "--jobs", "1", "--json")
@@ -86,15 +100,45 @@ def test_a_failed_cell_is_named_and_the_exit_code_is_1(prefcal):
     assert "seed 1 failed: OSError: the pump does not answer" in err
 
 
+def test_errors_threads_and_hangs_of_agents_end_no_run(tmp_path):
+    agents = ",".join(f"{OWN}:{name}" for name in ("Own", "Surrogate", "Thread", "Hangs"))
+    words = ["--agents", agents, *TINY, "--jobs", "2", "--cell-timeout", "6", "--json"]
+    out, err = start(tmp_path, *words, log=tmp_path / "log").communicate(timeout=100)
+    content = json.loads(out)
+    failed = {(f["agent"].rpartition(":")[2], f["seed"]): f["failure"] for f in content["failures"]}
+    assert failed == {
+        ("Hangs", 1): "it took longer than 6 s and was ended (--cell-timeout)",
+        ("Surrogate", 0): "FileNotFoundError: no file b\\udce4r",
+        ("Surrogate", 1): "FileNotFoundError: no file b\\udce4r",
+    }
+    assert "Traceback" not in err
+
+
+def test_a_benchmark_that_an_agent_kills_says_what_is_kept_and_who_was_running(tmp_path):
+    agents = f"{OWN}:Own,{OWN}:Murderer"
+    words = ["--agents", agents, *TINY, "--jobs", "1", "--out", "out"]
+    process = start(tmp_path, *words, log=tmp_path / "log")
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == -signal.SIGKILL
+    assert "results so far are kept in out; the same command resumes" in err
+    assert "Murderer on camel, perfect, seed 1 was running then" in err
+    assert list((tmp_path / "out" / "results").glob("*.json"))
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--agents", "Glisp"], "no agent is called 'Glisp': expected one of GLISp,"),
-        (["--problems", "dromedary"], "problems must be of camel,"),
+        (
+            ["--agents", "Glisp"],
+            "no agent is called 'Glisp'. Did you mean 'GLISp'? Expected GLISp,",
+        ),
+        (["--problems", "dromedary"], "no problem is called 'dromedary'"),
         (["--seeds", "0"], "seeds"),
-        (["--n-max", "4", "--n-init", "5"], "n_max must not be below n_init"),
+        (["--n-max", "4", "--n-init", "5"], "--n-max must be at least --n-init"),
         (["--jobs", "0"], "jobs"),
         (["--jobs", "1", "--dask", "tcp://127.0.0.1:1"], "give one"),
+        (["--cell-timeout", "0"], "time limit of a cell"),
+        (["--cell-timeout", "9", "--dask", "tcp://127.0.0.1:1"], "for this machine"),
         (["--json", "--csv"], "give one"),
         (["--agents", "GLIS", "--problems", "overtake"], "nothing to run: GLIS on overtake"),
         (["--agents", "RandomSearch", "--out", "file"], "'file' is a file"),

@@ -87,7 +87,7 @@ def test_it_goes_on_without_the_earlier_study(prefcal, mine):
     assert json.loads(out)["best"] == json.loads(whole)["best"]
     code, _, err = prefcal("calibrate", TOY, "--study", "hers", "--from", "theirs")
     assert code != 0
-    assert "begun with earlier mine" in " ".join(err.split())
+    assert "started with --from mine, got --from theirs" in " ".join(err.split())
 
 
 def test_a_study_without_says_nothing_of_it(prefcal, mine):

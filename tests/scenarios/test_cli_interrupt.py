@@ -44,6 +44,46 @@ def test_a_second_press_stops_whatever_is_going_on():
             press()
 
 
+def test_a_press_is_answered_at_once_and_only_once():
+    heard = []
+    with interruption() as ctrl_c:
+        ctrl_c.on_press = lambda: heard.append("heard")
+        press()
+        assert heard == ["heard"]
+        with pytest.raises(KeyboardInterrupt):
+            press()
+        assert heard == ["heard"]
+
+
+def test_a_terminal_that_is_gone_does_not_keep_a_study_from_ending():
+    def gone():
+        raise OSError(5, "Input/output error")
+
+    with interruption() as ctrl_c:
+        ctrl_c.on_press = gone
+        press()
+        assert ctrl_c.pressed
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no such signal here")
+def test_a_closed_terminal_ends_a_study_as_ctrl_c_does():
+    with interruption(others=True) as ctrl_c:
+        signal.raise_signal(signal.SIGHUP)
+        assert ctrl_c.pressed
+    assert signal.getsignal(signal.SIGHUP) is signal.SIG_DFL
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no such signal here")
+def test_what_the_user_lets_be_ignored_stays_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    try:
+        with interruption(others=True) as ctrl_c:
+            signal.raise_signal(signal.SIGHUP)
+            assert not ctrl_c.pressed
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
 def test_the_handler_of_before_comes_back():
     before = signal.getsignal(signal.SIGINT)
     with interruption():

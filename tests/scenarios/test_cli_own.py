@@ -6,10 +6,11 @@ import sys
 
 import pytest
 
+from prefcal_scenarios.own_file import module_at
 from toy_study import TOY_FILE
 
 HEAD = f"""
-import signal
+import os, signal
 from dataclasses import replace
 import sys
 sys.path.insert(0, {str(TOY_FILE.parent)!r})
@@ -73,7 +74,7 @@ own = replace(t.toy, run=run)
 """
     code, _, err = prefcal("calibrate", own(text), *QUICK)
     assert code == 0
-    assert "'paper' did not run: pump stuck" in err
+    assert "'paper' did not run: RuntimeError: pump stuck" in err
     assert (tmp_path / "res" / "best.json").exists()
 
 
@@ -81,10 +82,8 @@ def test_ctrl_c_that_compiled_code_turned_into_another_error_is_still_ctrl_c(pre
     text = """
 def run(theta, seed=0):
     if theta[0] < 0.8:
-        try:
-            signal.raise_signal(signal.SIGINT)
-        except KeyboardInterrupt as interrupt:
-            raise SystemError("returned a result with an exception set") from interrupt
+        os.kill(os.getppid(), signal.SIGINT)
+        raise SystemError("returned a result with an exception set")
     return t.run(theta, seed)
 own = replace(t.toy, run=run, references={})
 """
@@ -117,3 +116,11 @@ def test_a_broken_own_file_is_refused_in_one_line(prefcal, own, words, text, mes
     assert code == 2
     assert message in err
     assert "Traceback" not in err
+
+
+def test_a_file_that_was_just_edited_is_read_anew(tmp_path):
+    own = tmp_path / "just_edited.py"
+    for value in ("1", "2", "3"):  # same length, same second
+        own.write_text(f"value = {value}\n", encoding="utf-8")
+        assert module_at(own).value == int(value)
+    assert list(tmp_path.iterdir()) == [own]

@@ -58,5 +58,5 @@ def test_an_agent_that_asks_one_refuses_and_records_nothing(prefcal):
     calibrate(prefcal, "--n-max", "4", agent="random")
     code, _, err = calibrate(prefcal, "--questions-per-experiment", "2", agent="random")
     assert code == 2
-    assert "only the agent glisp asks more questions" in err
+    assert "only the agent glisp takes --questions-per-experiment" in err
     assert state()[1] == []

@@ -7,8 +7,6 @@ import subprocess
 import sys
 import time
 
-import pytest
-
 from toy_study import TOY_FILE
 
 MAIN = "from prefcal_scenarios.cli import main; main()"
@@ -29,26 +27,54 @@ def wait_for(path, seconds=30.0):
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize("delay", [0.0, 1.0])
-def test_ctrl_c_leaves_a_readable_partial_report(tmp_path, delay):
+def interrupted(folder, delay):
+    """An unattended study that is stopped `delay` seconds after it has begun."""
     process = start(
-        tmp_path, "calibrate", f"{TOY_FILE}:slow", "--calibrator", "synthetic",
+        folder, "calibrate", f"{TOY_FILE}:slow", "--calibrator", "synthetic",
         "--agent", "random", "--n-max", "500", "--json", "--out", "out",
     )  # fmt: skip
-    wait_for(tmp_path / "out")
+    wait_for(folder / "out")
     time.sleep(delay)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
-    assert "Interrupted after" in err
     assert "Traceback" not in err
-    result = json.loads(out)
+    return json.loads(out), err
+
+
+def test_ctrl_c_leaves_a_readable_partial_report(tmp_path):
+    result, err = interrupted(tmp_path, delay=2.0)
+    assert "Writing the report ... (Ctrl-C again ends at once" in err
+    assert err.index("Writing the report") < err.index("Interrupted after")
     assert result["stopped"]
-    assert (result["experiments"] >= 5) == (delay > 0)
+    assert result["experiments"] >= 5
     text = (tmp_path / "out" / "report.html").read_text("utf-8")
     assert f"after {result['experiments']} of 500 experiments" in text
     assert text.endswith("</html>\n")
-    assert (tmp_path / "out" / "best.json").exists() == (result["experiments"] > 0)
+    assert (tmp_path / "out" / "best.json").exists()
+
+
+def test_ctrl_c_before_the_first_experiment_reports_nothing(tmp_path):
+    (tmp_path / "own.py").write_text(
+        "import time\nfrom dataclasses import replace\n"
+        "from prefcal_scenarios.scenario import load\n"
+        f"toy = load({str(TOY_FILE)!r} + ':toy')\n"
+        "def run(theta, seed=0):\n"
+        "    open('running', 'w').close()\n"
+        "    time.sleep(600)\n"
+        "plant = replace(toy, run=run)\n"
+    )
+    words = ["--calibrator", "synthetic", "--agent", "random", "--json"]
+    process = start(tmp_path, "calibrate", "own.py:plant", *words)
+    wait_for(tmp_path / "running")
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130, err
+    assert "Stopping ..." in err
+    assert "Writing the report" not in err
+    assert "partial report" not in err
+    assert json.loads(out)["report"] is None
+    assert list(tmp_path.glob("prefcal-*")) == []
 
 
 def test_a_rig_that_breaks_down_leaves_a_report_and_its_own_error(tmp_path):

@@ -38,7 +38,7 @@ def test_the_first_experiment_is_the_present_tuning(prefcal):
     assert json.loads(whole)["best"] == json.loads(out)["best"]
     code, _, err = prefcal("calibrate", TOY, "--study", "mine", "--start", "T_s=1,N_p=5,gain=1")
     assert code != 0
-    assert "begun with start" in " ".join(err.split())
+    assert "started with --start" in " ".join(err.split())
 
 
 def test_the_one_line_of_the_report_repeats_it(prefcal, tmp_path):

@@ -66,8 +66,11 @@ def test_a_study_goes_on_with_more_experiments(prefcal, study):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ([TOY, "--study", "mine", "--seed", "4"], "begun with seed 0, got 4"),
-        ([TOY, "--study", "mine", "--agent", "lhs"], "begun with agent random, got lhs"),
+        ([TOY, "--study", "mine", "--seed", "4"], "started with --seed 0, got --seed 4"),
+        (
+            [TOY, "--study", "mine", "--agent", "lhs"],
+            "--agent random, got --agent lhs",
+        ),
         ([TOY, "--study", "mine", "--n-max", "3"], "must not fall below"),
         (["cstr", "--study", "mine"], "calibrates 'toy', not 'cstr'"),
         ([TOY, "--study", "no/such/folder/x.prefcal", *SYNTHETIC], "no/such/folder"),
@@ -159,12 +162,14 @@ def test_a_report_is_written_of_any_study(prefcal, study, tmp_path):
     code, out, _ = prefcal("report", "mine", "--scenario", TOY, "--out", "again", "--json")
     assert code == 0
     assert json.loads(out)["experiments"] == 5
-    first = (tmp_path / "prefcal-toy-0" / "best.json").read_text()
+    first = (tmp_path / "prefcal-mine" / "best.json").read_text()
     assert (tmp_path / "again" / "best.json").read_text() == first
 
 
 def test_a_report_that_cannot_be_written_is_told_in_one_line(prefcal, study, tmp_path):
-    (tmp_path / "again" / "report.html").mkdir(parents=True)
+    assert prefcal("report", "mine", "--scenario", TOY, "--out", "again")[0] == 0
+    (tmp_path / "again" / "report.html").unlink()
+    (tmp_path / "again" / "report.html").mkdir()
     code, _, err = prefcal("report", "mine", "--scenario", TOY, "--out", "again")
     assert code == 2
     assert "cannot write the report into again" in err
@@ -211,12 +216,12 @@ def test_the_terminal_answers_from_a_pipe_and_the_study_goes_on(prefcal, monkeyp
     code, out, err = prefcal(*words)
     assert code == 0, err
     assert "Comparison 2 of 3" in out
-    assert "Go on: prefcal calibrate" in err
+    assert "Resume: prefcal calibrate" in err
     monkeypatch.setattr("sys.stdin", io.StringIO("=\n"))
     code, out, err = prefcal(*words[:3], "--study", "piped")
     assert "Comparison 3 of 3" in out
     assert "The study is over: all compared." in out
-    assert "Repeat it: prefcal calibrate" in out
+    assert "Repeat it" not in out  # a person gives other answers
     verdicts = [
         q["verdict"]
         for q in json.loads(prefcal("studies", "show", "piped", "--json")[1])["questions"]
@@ -230,7 +235,7 @@ def test_a_rig_cannot_be_calibrated_unattended(prefcal, tmp_path):
         "from prefcal_env import Channel, Channels, Rig\n"
         f"from prefcal_scenarios import load\ntoy = load({TOY!r})\n"
         "channels = Channels((Channel('level', 'm'),), (), (Channel('level', 'm'),), 'h')\n"
-        "rig = replace(toy, run=Rig(channels, (2.0,)))\n"
+        "rig = replace(toy, run=Rig(channels, (2.0,)), panels=(), kpis=())\n"
     )
     code, _, err = prefcal("calibrate", "own.py:rig", *SYNTHETIC, "--n-max", "4")
     assert code == 2

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, LatinHypercube
+from prefcal_agents.importance import Importance
 from prefcal_agents.learned_index import LearnedIndex, Term
 from prefcal_env import End, Preference
 from prefcal_env.errors import ScenarioError, StudyError
@@ -94,7 +95,7 @@ def test_an_export_with_outcomes_is_read_back_and_its_tables_are_written(intervi
         assert file.state.closed == interview.now().state.closed
         export_csv(file, tmp_path / "tables")
     rows = (tmp_path / "tables" / "comparisons.csv").read_text().splitlines()
-    assert len(rows) == 16
+    assert len(rows) == len(interview.now().state.answers) + 1  # and the heading
     assert "t_f" in (tmp_path / "tables" / "experiments.csv").read_text()
 
 
@@ -125,42 +126,38 @@ def test_whatever_the_agent_the_answers_say_what_counts():
     assert begin(TOY).index is None
 
 
-def terms(**weights):
-    return LearnedIndex({k: Term(w, 0.0, 1.0) for k, w in weights.items()}, 31, 44)
+def minded(right, *named, **agreement):
+    """What is said of these KPIs, where a weighted sum predicts `right` of 44 answers."""
+    index = LearnedIndex({"t_f": Term(1.0, 0.0, 1.0)}, right, 44)
+    return Minded.of(index, Importance(agreement, named, 44), TOY)
 
 
-def test_the_heaviest_are_named_by_title_and_the_rest_is_one_bar():
-    weights = {
-        "t_f": 0.3,
-        "final": 0.2,
-        "a": 0.1,
-        "b": 0.1,
-        "c": 0.1,
-        "d": 0.1,
-        "e": 0.05,
-        "f": 0.05,
-    }
-    minded = Minded.of(terms(**weights), TOY)
-    assert minded.sentence() == (
+def test_what_stands_out_is_named_by_title_and_bars_run_from_0_to_100_percent():
+    found = minded(31, "t_f", "final", t_f=0.95, final=0.9, a=0.8, b=0.7, c=0.6, d=0.5, e=0.4)
+    assert found.sentence() == (
         "You seem to care most about: settling time t_f and final level near its target."
     )
-    assert minded.trust.endswith("foretold 31 of 44 answers that it had not learned from.")
-    assert [b.title for b in minded.bars][:2] == [
+    assert found.trust.endswith("predicted 31 of 44 answers that it had not learned from.")
+    assert [b.title for b in found.bars][:2] == [
         "settling time t_f",
         "final level near its target",
     ]
-    assert (minded.bars[-1].title, minded.bars[-1].text) == ("2 others together", "10 %")
-    assert minded.bars[-1].rest
-    assert [b.width for b in minded.bars[:2]] == pytest.approx([1.0, 2 / 3])
-    assert sum(b.share for b in minded.bars) == pytest.approx(1.0)
+    assert len(found.bars) == 6
+    assert (found.bars[0].share, found.bars[0].text) == (0.95, "95 %")
+    assert "of the 44 answers" in found.caption
 
 
-def test_what_foretells_like_a_coin_is_not_shown():
-    minded = Minded.of(LearnedIndex({"t_f": Term(1.0, 0.0, 1.0)}, 23, 44), TOY)
-    assert (minded.named, minded.bars) == ((), ())
-    assert "do not explain the answers (yet)" in minded.sentence()
-    assert "23 of 44" in minded.trust
-    assert Minded.of(None, TOY) is None
+def test_of_equal_shares_nothing_is_named():
+    equal = minded(40, t_f=0.75, final=0.74, a=0.74, b=0.73, c=0.73)
+    assert equal.named == ()
+    assert equal.sentence().startswith("Nothing stands out yet: several KPIs count")
+
+
+def test_what_predicts_like_a_coin_is_said_to():
+    found = minded(23, t_f=0.5)
+    assert "no KPI explains the answers clearly better than chance" in found.sentence()
+    assert "23 of 44" in found.trust
+    assert Minded.of(None, None, TOY) is None
 
 
 def test_the_exported_cost_is_the_index_of_the_outcome(interview, tmp_path):

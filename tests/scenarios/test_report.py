@@ -11,12 +11,14 @@ import pytest
 
 from prefcal_env.end import End
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiment import Channel
 from prefcal_scenarios import Panel, figure
 from prefcal_scenarios.report.comparisons import comparisons_as_csv
+from prefcal_scenarios.report.course import course
 from prefcal_scenarios.report.folder import folder_for
 from prefcal_scenarios.report.pictures import PICTURES, Picture
+from prefcal_scenarios.report.slices import slices
 from prefcal_scenarios.report.style import canvas
+from prefcal_scenarios.report.tried import tried
 from prefcal_scenarios.report.wording import measured
 from prefcal_scenarios.report.write import write_report
 from support.pages import Outline
@@ -39,12 +41,14 @@ def page(folder):
 
 def test_the_folder_holds_everything_that_was_promised(folder):
     files = {p.name for p in folder.iterdir()}
-    figures = {p.file for p in PICTURES}
+    figures = {p.file for p in PICTURES if p.applies(toy_record())}
     assert files == {"report.html", "best.json", "comparisons.csv", *figures}
 
 
 def test_every_figure_is_a_png_of_readme_width(folder):
     for picture in PICTURES:
+        if not picture.applies(toy_record()):
+            continue
         data = (folder / picture.file).read_bytes()
         assert data.startswith(PNG)
         assert 1000 <= int.from_bytes(data[16:20], "big") <= 1400
@@ -58,7 +62,7 @@ def test_the_page_asks_the_network_for_nothing(page):
 
 def test_the_images_of_the_page_are_those_of_the_folder(page, folder):
     inside = [base64.b64decode(m) for m in re.findall(r"base64,([^\"]+)", page)]
-    assert inside == [(folder / p.file).read_bytes() for p in PICTURES]
+    assert inside == [(folder / p.file).read_bytes() for p in PICTURES if p.applies(toy_record())]
 
 
 def test_the_page_is_accessible(page):
@@ -96,7 +100,7 @@ def test_the_csv_has_one_row_for_each_question_with_units(folder):
     assert len(rows) == len(record.asked) == 7
     assert float(rows[0]["challenger T_s [h]"]) == record.thetas[1][0]
     assert rows[0]["incumbent experiment"] == "1"
-    assert rows[0]["verdict"] in {"new better", "as good", "best stays", "can't tell"}
+    assert rows[0]["verdict"] in {"newer better", "as good", "older better", "can't tell"}
     assert rows[0]["incumbent ended"] == "time is up"
 
 
@@ -124,7 +128,7 @@ def test_a_study_without_any_experiment_leaves_a_page_and_no_stale_result(tmp_pa
 
 def test_a_scenario_with_nothing_but_knobs_can_be_reported(tmp_path):
     write_report(toy_record("plain", learn=False), tmp_path)
-    assert {p.name for p in tmp_path.glob("*.png")} == {"tried.png"}
+    assert {p.name for p in tmp_path.glob("*.png")} == {"course.png", "tried.png"}
 
 
 def test_a_scenario_may_bring_its_own_figures(tmp_path):
@@ -155,12 +159,82 @@ def test_the_incumbent_is_followed_through_the_answers():
     assert sum(record.verdict_counts().values()) == 7
 
 
-def test_the_best_is_the_one_that_the_agent_believes_in_where_that_is_not_the_last_winner():
+def test_the_best_so_far_is_what_the_study_held_and_is_not_computed_again():
     along = toy_record()
     other = 2 if along.best.index != 2 else 1
-    record = replace(along, believed_best=other)
+    held = (*(t.index for t in along.incumbents[:-1]), other)
+    record = replace(along, held=held)
     assert record.best.index == other
-    assert [t.index for t in record.incumbents[:-1]] == [t.index for t in along.incumbents[:-1]]
+    assert tuple(t.index for t in record.incumbents) == held
+
+
+def written(record, folder):
+    write_report(record, folder)
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_person_is_not_judged_by_an_index_that_they_never_chose(tmp_path):
+    page = written(replace(toy_record(), judged=False), tmp_path)
+    assert "performance index" not in page.lower()
+    assert not (tmp_path / "best_so_far.png").exists()
+    assert (tmp_path / "course.png").exists()
+    judged = written(toy_record(), tmp_path)
+    assert "performance index" in judged
+    assert (tmp_path / "best_so_far.png").exists()
+    assert not (tmp_path / "course.png").exists()
+
+
+def test_the_colours_without_a_cost_count_experiments_up_in_integers():
+    drawn = tried(replace(toy_record(), judged=False))
+    drawn.draw_without_rendering()
+    bar = drawn.axes[1]
+    assert bar.get_ylabel() == "number of the experiment"
+    low, high = bar.get_ylim()
+    ticks = [tick for tick in bar.get_yticks() if low <= tick <= high]
+    assert ticks == [round(tick) for tick in ticks]
+    assert (low, high) == (1, 8)
+    assert all("−" not in label.get_text() for label in bar.get_yticklabels())
+
+
+def test_values_of_the_best_theta_lie_on_no_axis_and_on_no_line():
+    drawn = tried(toy_record())
+    drawn.draw_without_rendering()
+    axes = drawn.axes[0]
+    box = axes.get_window_extent()
+    best = [text for text in axes.texts if text.get_text().startswith("best ")]
+    assert len(best) == 3
+    assert all(text.get_window_extent().y1 < box.y0 for text in best)
+
+
+def test_the_learned_cost_is_never_drawn_below_0():
+    record = toy_record()
+    assert record.surrogate is not None
+    learned = record.surrogate
+    # Only the order has a meaning: another zero draws the same picture.
+    for zero in (0.0, 5.0):
+        drawn = slices(replace(record, surrogate=lambda thetas, zero=zero: learned(thetas) - zero))
+        lowest = [float(np.min(line.get_ydata())) for line in drawn.axes[0].lines]
+        assert min(lowest) >= 0
+        assert max(lowest) < 2
+
+
+def test_kpis_over_the_experiments_follow_the_best_so_far():
+    record = replace(toy_record(), judged=False)
+    drawn = course(record)
+    drawn.draw_without_rendering()
+    titles = ["settling time $t_{f}$ [h]", "final level [m]", "largest move [%]", "Answers"]
+    assert [axes.get_title() for axes in drawn.axes] == titles
+    steps = drawn.axes[0].lines[0]
+    held = [t.experiment.kpis["t_f"] for t in record.incumbents]
+    np.testing.assert_allclose(steps.get_ydata(), np.clip(held, *drawn.axes[0].get_ylim()))
+    marks = [len(line.get_xdata()) for line in drawn.axes[-1].lines]
+    assert dict(zip(record.verdict_counts(), marks, strict=True)) == record.verdict_counts()
+
+
+def test_a_study_without_kpis_shows_its_answers(tmp_path):
+    plain = toy_record("plain", learn=False)
+    assert written(plain, tmp_path).count("<figure>") == 2
+    assert len(course(plain).axes) == 1
 
 
 def test_a_csv_without_questions_is_just_the_headings():
@@ -223,7 +297,7 @@ def test_a_notebooks_figure_shows_both_runs_on_equal_axes(failed):
 
 
 def test_the_headings_of_a_notebooks_figure_keep_to_their_columns():
-    air = Panel("x", Channel("air temperature", "°C", high=230.0, target=200.0, band=2.0))
+    air = Panel("level <h>", title="air temperature", unit="°C", high=230.0, target=200.0, band=2.0)
     toy = replace(toy_scenario(), panels=(air,))
     drawn = figure(toy, toy.run(np.array([0.4, 20, 1.0])), toy.run(np.array([1.0, 8, 5.0])))
     drawn.draw_without_rendering()

@@ -96,7 +96,7 @@ _PARTS: dict[str, Any] = {
         KPI("final", "final level", "m", at_least=1.94, at_most=2.06),
         KPI("largest", "largest move", "%"),
     ),
-    "panels": (Panel("x", LEVEL), Panel("u", VALVE)),
+    "panels": (Panel("level <h>"), Panel("valve")),
     "references": {"paper": np.array([0.31, 26, 0.5]), "automated": np.array([0.25, 26, 1.0])},
     "calibrators": {"synthetic": Judge, "latent": lambda seed: LatentCost(cost, seed=seed)},
     "controller": Proportional,

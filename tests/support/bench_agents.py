@@ -1,6 +1,8 @@
 """Agents of a user's own, with what goes wrong in them. Loaded as own.py:NAME by the benchmark."""
 
 import os
+import signal
+import threading
 import time
 from pathlib import Path
 
@@ -160,4 +162,38 @@ class Slow(Own):
 
     def ask(self):
         time.sleep(0.1)
+        return super().ask()
+
+
+class Surrogate(Own):
+    """Raises an error with half a character in its words."""
+
+    def ask(self):
+        raise FileNotFoundError("no file b\udce4r")
+
+
+class Thread(Own):
+    """Leaves a thread behind that never ends."""
+
+    def ask(self):
+        threading.Thread(target=lambda: time.sleep(600)).start()
+        return super().ask()
+
+
+class Murderer(Own):
+    """Kills the process that started it, with seed 1."""
+
+    def ask(self):
+        if self.rng.bit_generator.seed_seq.entropy == 1:
+            os.kill(os.getppid(), signal.SIGKILL)
+            time.sleep(60)
+        return super().ask()
+
+
+class Hangs(Own):
+    """Never answers with seed 1."""
+
+    def ask(self):
+        while self.rng.bit_generator.seed_seq.entropy == 1:
+            pass
         return super().ask()

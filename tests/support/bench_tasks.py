@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 import time
 from pathlib import Path
 
@@ -32,6 +33,19 @@ def sleep(seconds, log=None):
         Path(log).write_text(str(os.getpid()))
     time.sleep(seconds)
     return os.getpid()
+
+
+def spin():
+    while True:
+        pass
+
+
+def leave_a_thread():
+    threading.Thread(target=time.sleep, args=(600,)).start()
+
+
+def stutter():
+    raise OSError("no file b\udce4r")
 
 
 def shout():

@@ -94,7 +94,7 @@ class Watched:
 
     def open(self, link: str) -> None:
         """Open the link, and wait for the first curves."""
-        self.page.goto(link)
+        self.page.goto(link, timeout=60_000)
         self.question()
 
     def question(self, other_than: str = "") -> str:

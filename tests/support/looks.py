@@ -1,15 +1,15 @@
 """What the tests of the views share: interviews of the toy, and a panel to draw."""
 
 from prefcal_env.experiment import Channel
+from prefcal_env.panels import Plot
 from prefcal_scenarios.interview import Choice, Interview, Now
-from prefcal_scenarios.scenario import Panel
 from support.interviews import begin, proceed
 from toy_study import toy_scenario
 
 toy, plain = toy_scenario(), toy_scenario("plain")
 run, SPACE = toy.run, toy.space
-LEVEL = Panel("x", Channel("level", "m", target=2.0, band=0.06, symbol="h"))
-VALVE = Panel("u", Channel("valve", "%", low=0.0, high=10.0))
+LEVEL = Plot(Channel("level", "m", target=2.0, band=0.06, symbol="h"), "x", "level <h>")
+VALVE = Plot(Channel("valve", "%", low=0.0, high=10.0), "u", "valve")
 THETA = (0.4, 20.0, 1.0)
 CHANNELS = run(THETA).channels
 

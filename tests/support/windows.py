@@ -88,6 +88,6 @@ def make_room(interview: Interview, static: Path | None = None, **options) -> Ro
     pace = options.pop("pace", Pace(poll=0.05, after_answer=0.0))
     app = make_app(
         interview, token=TOKEN, port=PORT, reports=reports, closed=closed, static=static,
-        seen=lambda: seen.append("poll"), pace=pace, **options,
+        seen=lambda waits: seen.append("poll"), pace=pace, **options,
     )  # fmt: skip
     return Room(interview, app, reports, closed, seen)

@@ -1,9 +1,27 @@
-"""`prefcal/Overtake-v0`: the overtaking of section IV-B as an environment."""
+"""`prefcal/Overtake-v0`: the overtaking of section IV-B as an environment.
 
+`OvertakeEnv` is loaded when it is asked for: highway-env takes a second.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+from prefcal_env.envs.overtake.course import Course as Course
 from prefcal_env.envs.overtake.drive import Mishap as Mishap
-from prefcal_env.envs.overtake.env import OvertakeEnv as OvertakeEnv
 from prefcal_env.envs.overtake.options import Car as Car
 from prefcal_env.envs.overtake.options import OvertakeOptions as OvertakeOptions
 from prefcal_env.envs.overtake.options import dynamic_car as dynamic_car
 from prefcal_env.envs.overtake.options import slipping_car as slipping_car
+from prefcal_env.envs.overtake.random_traffic import RandomTraffic as RandomTraffic
+from prefcal_env.envs.overtake.traffic import Driver as Driver
 from prefcal_env.envs.overtake.traffic import Obstacle as Obstacle
+
+if TYPE_CHECKING:
+    from prefcal_env.envs.overtake.env import OvertakeEnv as OvertakeEnv
+
+
+def __getattr__(name: str) -> Any:
+    if name != "OvertakeEnv":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from prefcal_env.envs.overtake.env import OvertakeEnv
+
+    return OvertakeEnv

@@ -9,13 +9,16 @@ from jaxtyping import Float
 
 from prefcal_env.envs.overtake.contact import Times, first_contact, travel
 from prefcal_env.envs.overtake.geometry import REACH, Poses, outside
-from prefcal_env.envs.overtake.traffic import Obstacle
+from prefcal_env.envs.overtake.traffic import Mover, Obstacle
 from prefcal_env.plants.plant import Plant
 
 SUB_STEP = 0.02
 """Longest step between recorded instants [s]."""
 ROAD_MARGIN = 1.0
 """A body that is farther than this off the road has left it [m]."""
+_SWERVE = 10.0
+"""How much farther a vehicle may come in a period than at its speed at the start [m]: it
+accelerates, or moves sideways."""
 _NONE = np.zeros(0)
 
 
@@ -55,15 +58,17 @@ def sub_steps(T_s: float) -> Times:
 class Period:
     """One sampling period, before it is driven: from state `x` at time `start` [s], `u` held.
 
-    `rows` are (x_o, y_o, v_o) of the obstacles at its start, shape (n, 3).
+    `rows` are (x_o, y_o, v_o) of the others at its start, shape (n, 3); `road` is the right and
+    the left edge of the road, y [m].
     """
 
     plant: Plant
     x: Float[np.ndarray, " n_x"]
     u: Float[np.ndarray, " 2"]
     start: float
-    obstacles: tuple[Obstacle, ...]
+    movers: tuple[Mover, ...]
     rows: Float[np.ndarray, "n 3"]
+    road: tuple[float, float]
 
     def drive(self, t: Times) -> Drive:
         """Drive on to the instants `t`, or to the first mishap."""
@@ -73,7 +78,7 @@ class Period:
         if not finite.all():
             n = int(np.argmin(finite))
             t, x, mishap = t[:n], x[:n], Mishap.NOT_FINITE
-        left = np.flatnonzero(outside(x[:, :3]) > ROAD_MARGIN)
+        left = np.flatnonzero(outside(x[:, :3], self.road) > ROAD_MARGIN)
         if len(left):
             n = int(left[0]) + 1
             t, x, mishap = t[:n], x[:n], Mishap.OFF_ROAD
@@ -86,15 +91,17 @@ class Period:
         return Drive(t, x, mishap)
 
     def _contact(self, t: Times, x: Float[np.ndarray, "M n_x"]) -> float | None:
-        """When the first of the obstacles that come near is touched, if one is."""
+        """When the first of those that come near is touched, if one is."""
         times = np.append(self.start, t)
         moved = float(travel(np.concatenate([self.x[None, :3], x[:, :3]])).sum())
         own_x, own_y, *_ = self.x.tolist()
         near = []
-        for obstacle, (x_o, y_o, v_o) in zip(self.obstacles, self.rows.tolist(), strict=True):
-            reach = 2 * REACH + moved + v_o * (times[-1] - self.start)
+        for mover, (x_o, y_o, v_o) in zip(self.movers, self.rows.tolist(), strict=True):
+            straight = isinstance(mover, Obstacle) and mover.moves_to is None
+            further = 0.0 if straight else _SWERVE
+            reach = 2 * REACH + moved + further + abs(v_o) * (times[-1] - self.start)
             if hypot(x_o - own_x, y_o - own_y) <= reach:
-                near.append(obstacle)
+                near.append(mover)
         if not near:
             return None
         return first_contact(lambda at: (self._poses(at), [o.poses(at) for o in near]), times)

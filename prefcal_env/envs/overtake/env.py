@@ -1,142 +1,197 @@
-"""The overtaking as a Gymnasium environment: one step is one sampling period."""
+"""The overtaking as an environment of highway-env: one step is one sampling period."""
 
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from highway_env.envs.common.abstract import AbstractEnv
+from highway_env.vehicle import behavior
 from jaxtyping import Float
 
 from prefcal_env.control import Measurement
-from prefcal_env.envs.checks import number, vector
-from prefcal_env.envs.overtake.drive import ROAD_MARGIN, Mishap
+from prefcal_env.envs.checks import check_render_mode, known_options, number, vector
+from prefcal_env.envs.overtake.course import Course
+from prefcal_env.envs.overtake.drive import Mishap
 from prefcal_env.envs.overtake.episode import Driven, Episode
-from prefcal_env.envs.overtake.geometry import outside, overlap
-from prefcal_env.envs.overtake.options import OvertakeOptions
+from prefcal_env.envs.overtake.options import OvertakeOptions, paper_scene
 from prefcal_env.envs.overtake.reward import MISHAP_COST, stage_cost
+from prefcal_env.envs.overtake.spaces import ACTION, OBSERVATION, action_of, observation_of
+from prefcal_env.envs.overtake.traffic import Driver
+from prefcal_env.envs.overtake.vehicles import CRASHED, OWN, road_of
+from prefcal_env.envs.overtake.viewer import RoadViewer
 from prefcal_env.envs.trajectory import Record
-from prefcal_env.errors import PlantError, ProtocolError, SettingsError
+from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiment import Channels, End
-from prefcal_env.overtaking import HORIZON, START, T_S_RANGE, gap
-from prefcal_env.plants.bicycle import KMH
+from prefcal_env.overtaking import T_S_RANGE
+from prefcal_env.plants.plant import Plant
 
 Array = np.ndarray[Any, Any]
-_DEFAULT_T_S = 0.1
-_RESET_OPTIONS = ("T_s", "x0")
-_OBSERVED = np.array([
-    (40 * KMH, 70 * KMH), (-np.pi / 4, np.pi / 4),  # v and δ_s last
-    (-3.0, 7.0), (-np.pi / 2, np.pi / 2),  # y_f, θ
-    (-30.0, 30.0), (-7.0, 7.0), (0.0, 1.0),  # gap, lateral offset, phase
-])  # fmt: skip
+_FREQUENCIES = (1 / T_S_RANGE[1], 1 / T_S_RANGE[0])
+_SCENE = tuple(paper_scene())
+_RESET_OPTIONS = ("T_s", "x0", "config")
 
 
-class OvertakeEnv(gym.Env[Array, Array]):
+class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
     """Keep the lane at 50 km/h, overtake at 60 km/h who drives slower. Section IV-B.
 
-    The own vehicle starts at (0, 0), the paper's obstacle 30 m ahead at 40 km/h.
+    The own vehicle starts at (0, 0), the paper's obstacle 30 m ahead at 40 km/h. `config` changes
+    the scene, the observation and the action; see `default_config`.
 
-    - Action, float, shape (2,): v and δ_s, [-1, 1] from their low to their high limit
+    - Action, by default float, shape (2,): v and δ_s, [-1, 1] from their low to their high limit
       (40 to 70 km/h, ±45°). Beyond the limits they saturate, as the actuators do.
-    - Observation, float32, shape (7,): v and δ_s last, y_f, θ, gap and y_f - y_o to the nearest
-      obstacle, phase; scaled to [-1, 1] and clipped. With noise, as measured.
+    - Observation, by default float32, shape (7,): see `OvertakeObservation`.
     - Reward: minus `stage_cost` (speed, lane, steering) times the duration of the step; after
       a mishap also minus `MISHAP_COST` times the rest of the horizon.
     - terminated: collision, more than 1 m off the road, or a state that is not finite.
       truncated: the first sample at or after 15 s.
-    - Info: `t` [s], `x` and `u` in the plant's units, `gap`, `lateral_offset` [m], `phase`;
-      `end` at the end, and `mishap` where there was one.
-    - Options of `reset`: `T_s` in [0.085, 0.5] s, any; `x0`, the pose (x_f, y_f, θ).
+    - Info: `t` [s], `x` and `u` in the plant's units, `speed` [m/s], `crashed`, `gap`,
+      `lateral_offset` [m], `phase`; `end` at the end, and `mishap` where there was one.
+    - Options of `reset`: `T_s` in [0.085, 0.5] s, any; `x0`, the pose (x_f, y_f, θ); `config`.
 
-    Measured disturbances are (x_o, y_o, v_o) of every obstacle. The seed of `reset` decides the
-    measurement noise, if there is any.
+    Measured disturbances are (x_o, y_o, v_o) of every other vehicle. The seed of `reset` decides
+    about measurement noise and random traffic, if there is any.
+
+    Deviation from highway-env: a step of it counts frames by a rounded ratio, which loses some
+    where T_s is odd, and its frames cost more than a whole experiment may. So the simulation of a
+    step is ours (`Course`): exact at any instant, and drivers decide n times T_s/n in a period.
 
     Args:
-        options: What differs from the paper; None: nothing.
+        config: What differs from `default_config`.
+        T_s: Sampling time [s]; None: that of the configuration.
+        x0: The pose (x_f, y_f [m], θ [rad]) at the start; None: that of the configuration.
         render_mode: None or "rgb_array": highway-env's picture of the scene.
 
     Raises:
-        SettingsError: an unknown render mode, or options that are none.
+        SettingsError: an unknown render mode, a configuration that is none.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
 
     def __init__(
-        self, options: OvertakeOptions | None = None, render_mode: str | None = None
+        self,
+        config: dict[str, Any] | None = None,
+        *,
+        T_s: float | None = None,
+        x0: Any = None,
+        render_mode: str | None = None,
     ) -> None:
-        if not isinstance(options, OvertakeOptions | None):
-            raise SettingsError(f"options must be OvertakeOptions, got {options!r}")
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise SettingsError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
-        self.options, self.render_mode = options or OvertakeOptions(), render_mode
-        self.plant = self.options.car.plant
-        limits = np.array([(c.low, c.high) for c in self.plant.inputs])
-        self._low, self._high = limits.T
-        self.channels = Channels(self.plant.states, self.plant.inputs, self.plant.outputs)
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
-        self.observation_space = gym.spaces.Box(-1.0, 1.0, (len(_OBSERVED),), np.float32)
-        self._episode: Episode | None = None
-        self._scene: Any = None
+        check_render_mode(render_mode, self.metadata)
+        self.metadata = dict(self.metadata)  # highway-env writes into it
+        self.action_space: Any = None
+        self.observation_space: Any = None
+        self.viewer: Any = None
+        self._once: dict[str, Any] = {}
+        self._driven: Driven | None = None
+        given = {name: value for name, value in (("T_s", T_s), ("x0", x0)) if value is not None}
+        super().__init__({**(config or {}), **given} if given else config, render_mode)
+
+    @classmethod
+    def default_config(cls) -> dict[str, Any]:
+        """highway-env's, and ours: the scene (`OvertakeOptions`), the observation, the action.
+
+        A `T_s` of None is 1/`policy_frequency`, a `screen_height` of None follows from the lanes.
+        """
+        ours = {
+            "observation": {"type": OBSERVATION},
+            "action": {"type": ACTION},
+            "policy_frequency": 10,
+            "T_s": None,
+            "screen_width": 960,
+            "screen_height": None,
+            "scaling": 12.0,
+        }
+        config: dict[str, Any] = super().default_config()
+        return config | ours | paper_scene()
+
+    def configure(self, config: dict[str, Any] | None) -> None:
+        """Change the configuration. Raises SettingsError for one that is none."""
+        if not isinstance(config, dict | None):
+            raise SettingsError(f"config must be a dict, got {config!r}")
+        known = self.default_config()
+        unknown = sorted(set(config or {}) - set(known))
+        if unknown:
+            raise SettingsError(f"config has no {unknown}, expected some of {sorted(known)}")
+        wanted = self.config | (config or {})
+        options = OvertakeOptions.of({name: wanted[name] for name in _SCENE})
+        if wanted["T_s"] is None:
+            T_s = 1 / number(wanted["policy_frequency"], _FREQUENCIES, "policy_frequency")
+        else:
+            T_s = number(wanted["T_s"], T_S_RANGE, "T_s")
+        super().configure(config)  # nothing has changed if anything was refused
+        self.options, self.course, self._usual_T_s = options, Course(options), T_s
+
+    def define_spaces(self) -> None:
+        """Set the types and spaces of observation and action; equal spaces stay what they are."""
+        self.observation_type = observation_of(self, self.config["observation"])
+        self.action_type = action_of(self, self.config["action"])
+        seen, done = self.observation_type.space(), self.action_type.space()
+        if self.observation_space != seen:
+            self.observation_space = seen
+        if self.action_space != done:
+            self.action_space = done
+
+    def update_metadata(self, video_real_time_ratio: float = 1.0) -> None:
+        """Pictures in real time: one for each step."""
+        self.metadata["render_fps"] = video_real_time_ratio / self.T_s
+
+    @property
+    def plant(self) -> Plant:
+        """What moves the own vehicle."""
+        return self.course.plant
+
+    @property
+    def channels(self) -> Channels:
+        """Channels of its experiments."""
+        return self.course.channels
 
     @property
     def T_s(self) -> float:
         """Sampling time of this episode [s]."""
-        return self._begun().T_s
+        return float(self._once.get("T_s") or self._usual_T_s)
+
+    @property
+    def episode(self) -> Episode:
+        """What has been driven. Raises ProtocolError before the first episode."""
+        return self.course.episode
 
     @property
     def end(self) -> End | None:
-        """Why the episode is over; None while it goes on, and before the first one."""
-        return None if self._episode is None else self._episode.end
+        """Why the episode is over; None while it goes on."""
+        return self.course.end
 
     @property
     def mishap(self) -> Mishap | None:
         """What ended the episode before its time, if anything did."""
-        return None if self._episode is None else self._episode.mishap
+        return self.course.mishap
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Array, dict[str, Any]]:
-        """Start an episode; options `T_s` [s] and `x0`, the pose (x_f, y_f [m], θ [rad]).
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode; options `T_s` [s] and `x0` for this one, `config` from now on.
 
         Raises:
-            SettingsError: an unknown option, or a sampling time out of range.
+            SettingsError: an unknown option, a sampling time out of range, a wrong configuration.
             PlantError: a pose of the wrong shape, not finite, off the road or in a collision.
         """
-        super().reset(seed=seed)
-        options = options or {}
-        unknown = sorted(set(options) - set(_RESET_OPTIONS))
-        if unknown:
-            raise SettingsError(f"reset options must be among {_RESET_OPTIONS}, got {unknown}")
-        T_s = number(options.get("T_s", _DEFAULT_T_S), T_S_RANGE, "T_s")
-        pose = vector(options.get("x0", START), 3, "initial pose x0")
-        now = np.zeros(1)
-        touching = any(overlap(pose[None], o.poses(now))[0] for o in self.options.obstacles)
-        if touching or outside(pose[None])[0] > ROAD_MARGIN:
-            raise PlantError(f"the initial pose x0 is in a collision or off the road: {pose}")
-        self._episode = Episode(self.options, pose, T_s, self.np_random)
-        return self.observe(), self._info()
+        given = known_options(options, _RESET_OPTIONS)
+        config = given.pop("config", None)
+        if given.get("T_s") is not None:
+            number(given["T_s"], T_S_RANGE, "T_s")
+        self._once, self._driven = given, None
+        return super().reset(seed=seed, options={"config": config} if config else None)  # type: ignore[no-any-return]
 
-    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """Apply `action`, shape (2,), v and δ_s scaled to [-1, 1], for one sampling period.
+    def inputs(self, action: Any) -> Float[np.ndarray, " 2"]:
+        """v [m/s] and δ_s [rad] that `action` stands for, shape (2,).
 
         Raises:
-            PlantError: an action of the wrong shape or not finite.
-            ProtocolError: no episode is under way.
+            PlantError: an action of the wrong shape, not finite, or not of a discrete space.
         """
-        driven = self.apply(self.inputs(action))
-        duration = driven.t[-1] - driven.t[0]
-        reward = -stage_cost(driven.t, driven.poses[:, 1], driven.u, driven.phase) * duration
-        terminated, truncated = self.mishap is not None, self.end is End.TIME_UP
-        if terminated:
-            reward -= MISHAP_COST * max(HORIZON - driven.t[-1], 0.0)
-        return self.observe(), float(reward), terminated, truncated, self._info()
-
-    def inputs(self, action: Array) -> Float[np.ndarray, " 2"]:
-        """v [m/s] and δ_s [rad] that `action` stands for, both shape (2,).
-
-        Raises:
-            PlantError: an action of the wrong shape or not finite.
-        """
-        a = vector(action, 2, "action")
-        return np.asarray(self._low + (a + 1) / 2 * (self._high - self._low))
+        if isinstance(self.action_space, gym.spaces.Box):
+            action = vector(action, self.action_space.shape[0], "action")
+        elif not self.action_space.contains(action):
+            raise PlantError(f"action must be in {self.action_space}, got {action!r}")
+        self.action_type.act(action)
+        return self.vehicle.inputs(self.T_s)  # type: ignore[no-any-return]
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
         """Hold v [m/s] and δ_s [rad], shape (2,), for one sampling period; they saturate.
@@ -145,72 +200,103 @@ class OvertakeEnv(gym.Env[Array, Array]):
             PlantError: inputs of the wrong shape or NaN.
             ProtocolError: no episode is under way.
         """
-        episode = self._begun()
-        if episode.end is not None:
-            raise ProtocolError("the episode is over: call reset() first")
-        u = vector(u, 2, "input u", finite=False)
-        return episode.apply(np.minimum(np.maximum(u, self._low), self._high))
+        self._driven = driven = self.course.apply(u)
+        self.steps += 1
+        self._place(self.episode.t, self.episode.x)
+        return driven
 
-    def observe(self) -> Array:
-        """The observation of now, as `reset` and `step` return it. ProtocolError before any."""
-        episode = self._begun()
-        _, y, yaw = episode.measured
-        distance, offset = self._nearest(episode.measured)
-        raw = np.array([*episode.u, y, yaw, distance, offset, episode.phase])
-        low, high = _OBSERVED.T
-        scaled: Array = np.clip(2 * (raw - low) / (high - low) - 1, -1, 1)
-        return scaled.astype(np.float32)
+    def observe(self) -> Any:
+        """The observation of now, as `reset` and `step` return it."""
+        return self.observation_type.observe()
 
     def measurement(self) -> Measurement:
-        """What a controller knows now: x the measured pose, d (x_o, y_o, v_o) of each obstacle.
-
-        `y_ref` is (x_f, 0, 0), that of lane keeping; references that follow from the phase are
-        the controller's own. Raises ProtocolError before the first episode.
-        """
-        return self._begun().measurement()
+        """What a controller knows now; see `Course.measurement`."""
+        return self.course.measurement()
 
     def record(self) -> Record:
-        """The episode so far, or the last one once it has ended. Raises ProtocolError if none.
-
-        Recorded are n sub-steps of T_s/n a period, of 0.02 s at most, and the end; a collision at
-        its very time. Its signals are those of `signals_of`.
-        """
-        return self._begun().record(self.channels)
+        """The episode so far, or the last one once it has ended; see `Course.record`."""
+        return self.course.record()
 
     def render(self) -> Array | None:
         """The scene as it is now, (height, width, 3) uint8; None without render mode."""
         if self.render_mode is None:
             return None
-        if self._scene is None:
-            # Here, not above: whoever does not render must not load highway-env and pygame.
-            from prefcal_env.envs.overtake.scene import Scene
-
-            self._scene = Scene(len(self.options.obstacles))
-        episode = self._begun()
-        self._scene.show(
-            episode.x[:3], episode.obstacles, episode.u, collided=self.mishap is Mishap.COLLISION
-        )
-        return np.asarray(self._scene.render())
-
-    def close(self) -> None:
-        """Let go of the scene."""
-        if self._scene is not None:
-            self._scene.close()
-        self._scene = None
+        if self.viewer is None:
+            self.viewer = RoadViewer(self)
+        return np.asarray(super().render())
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_scene": None}  # pictures cannot be pickled, and are made anew
+        return self.__dict__ | {"viewer": None}  # pictures cannot be pickled, and are made anew
 
-    def _begun(self) -> Episode:
-        if self._episode is None:
-            raise ProtocolError("no episode yet: call reset() first")
-        return self._episode
+    def _reset(self) -> None:
+        self.course.begin(self.T_s, self._once.get("x0"), self.np_random)
+        episode, history = self.episode, self.config["show_trajectories"]
+        if episode.simulation is None:
+            self.road = road_of(
+                self.options, episode.vehicles, episode.x, self.np_random, record_history=history
+            )
+        else:
+            self.road = episode.simulation.road
+            self.road.record_history = history
+        self.vehicle = self.road.vehicles[0]
+        self.viewer = None  # its size may have changed
 
-    def _info(self) -> dict[str, Any]:
-        episode = self._begun()
-        distance, offset = self._nearest(episode.x)
+    def _simulate(self, action: Any = None) -> None:
+        driven = self.apply(self.inputs(action))
+        self.time = self.episode.t
+        self._film(driven)
+
+    def _film(self, driven: Driven) -> None:
+        """Show instants within the period to a video that asked for them, as highway-env does."""
+        if self._record_video_wrapper is None or self.viewer is None:
+            return
+        drivers = [v for v in self.road.vehicles if isinstance(v, behavior.IDMVehicle)]
+        there = [(v.position, v.heading) for v in drivers]
+        frames = max(1, round(self.config["simulation_frequency"] * self.T_s))
+        shown = np.linspace(0, len(driven.t) - 1, frames + 1).round().astype(int)[1:-1]
+        for k in shown.tolist():
+            x = np.append(driven.poses[k], self.episode.x[3:])
+            self._place(float(driven.t[k]), x)
+            self._automatic_rendering()
+        self._place(self.episode.t, self.episode.x)
+        for driver, (position, heading) in zip(drivers, there, strict=True):
+            driver.position, driver.heading = position, heading
+            driver.on_state_update()
+
+    def _place(self, t: float, x: Float[np.ndarray, " n_x"]) -> None:
+        """Put everybody on the road where they are at `t` [s], ours at its state `x`."""
+        episode, (own, *others) = self.episode, self.road.vehicles
+        own.put(x, episode.u)
+        own.act({"speed": own.speed, "steering": -float(episode.u[1]), "acceleration": 0.0})
+        own.crashed = self.mishap is Mishap.COLLISION
+        own.color = CRASHED if own.crashed else OWN
+        for vehicle, mover, other in zip(episode.vehicles, episode.movers, others, strict=True):
+            if not isinstance(vehicle, Driver):
+                other.put(t)
+            elif t != episode.simulation.t:  # else it is there already
+                other.put(*mover.poses(np.array([t]))[0].tolist())
+
+    def _reward(self, action: Any) -> float:
+        driven = self._driven
+        assert driven is not None
+        duration = driven.t[-1] - driven.t[0]
+        reward = -stage_cost(driven.t, driven.poses[:, 1], driven.u, driven.phase) * duration
+        if self._is_terminated():
+            reward -= MISHAP_COST * max(self.options.duration - driven.t[-1], 0.0)
+        return float(reward)
+
+    def _is_terminated(self) -> bool:
+        return self.mishap is not None
+
+    def _is_truncated(self) -> bool:
+        return self.end is End.TIME_UP
+
+    def _info(self, obs: Any, action: Any = None) -> dict[str, Any]:
+        episode = self.episode
+        distance, offset = episode.nearest(episode.x)
         info: dict[str, Any] = {
             "t": episode.t, "x": episode.x.copy(), "u": episode.u.copy(),
+            "speed": float(self.vehicle.speed), "crashed": bool(self.vehicle.crashed),
             "gap": distance, "lateral_offset": offset, "phase": int(episode.phase),
         }  # fmt: skip
         if episode.end is not None:
@@ -218,10 +304,3 @@ class OvertakeEnv(gym.Env[Array, Array]):
         if episode.mishap is not None:
             info["mishap"] = episode.mishap.value
         return info
-
-    def _nearest(self, pose: Array) -> tuple[float, float]:
-        """Gap and y_f - y_o to the obstacle that is nearest along the road [m]."""
-        x, y = float(pose[0]), float(pose[1])
-        rows = self._begun().obstacles.tolist()
-        x_o, y_o, _ = min(rows, key=lambda row: abs(row[0] - x))
-        return gap(x, x_o), y - y_o

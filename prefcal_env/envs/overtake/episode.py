@@ -1,6 +1,7 @@
 """One drive of 15 s, sampling period by sampling period."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -11,10 +12,10 @@ from prefcal_env.envs.overtake.drive import Mishap, Period, sub_steps
 from prefcal_env.envs.overtake.geometry import Poses
 from prefcal_env.envs.overtake.options import OvertakeOptions
 from prefcal_env.envs.overtake.signals import signals_of
-from prefcal_env.envs.overtake.traffic import rows
+from prefcal_env.envs.overtake.traffic import Driver, Mover, Obstacle, rows
 from prefcal_env.envs.trajectory import Record, Trajectory
 from prefcal_env.experiment import Channels, End
-from prefcal_env.overtaking import HORIZON, KEEPING_SPEED, Phase, next_phase
+from prefcal_env.overtaking import KEEPING_SPEED, Phase, gap, next_phase
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,7 @@ class Episode:
         options: The scene.
         pose: (x_f, y_f [m], θ [rad]) at the start, shape (3,).
         T_s: Sampling time [s].
-        rng: Of the measurement noise.
+        rng: Of the measurement noise and of random traffic.
     """
 
     def __init__(
@@ -62,15 +63,28 @@ class Episode:
         self._phases: list[tuple[Phase, int]] = []
         self._steps, self.phase = 0, Phase.LANE_KEEPING
         self._shares = sub_steps(T_s)
-        samples = np.arange(int(HORIZON / T_s) + 2) * T_s
-        self._rows = rows(options.obstacles, samples)  # all at once: cheaper than one by one
+        self.vehicles = options.vehicles(rng, float(pose[0]))
+        self.simulation: Any = None
+        if any(isinstance(vehicle, Driver) for vehicle in self.vehicles):
+            # Here, not above: whoever meets no driver must not load highway-env.
+            from prefcal_env.envs.overtake.simulation import Simulation
+
+            self.simulation = Simulation(options, self.vehicles, self.x, rng)
+            self.movers: tuple[Mover, ...] = self.simulation.movers
+        else:
+            self.movers = tuple(v for v in self.vehicles if isinstance(v, Obstacle))
+            samples = np.arange(int(options.duration / T_s) + 2) * T_s
+            self._rows = rows(self.movers, samples)  # all at once: cheaper than one by one
         self._look()
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
         """Drive one period with `u` held, which the actuators can do."""
-        car, others = self.options.car, self.options.obstacles
-        period = Period(car.plant, self.x, u, self.t, others, self.obstacles)
-        drive = period.drive((self._steps + self._shares) * self.T_s)
+        times = (self._steps + self._shares) * self.T_s
+        if self.simulation is not None:
+            self.simulation.drive(self.x, u, self.t, float(times[-1]))
+        plant, road = self.options.car.plant, self.options.road
+        period = Period(plant, self.x, u, self.t, self.movers, self.obstacles, road)
+        drive = period.drive(times)
         self._trajectory.add(drive.t, drive.x, u, self.y_ref())
         self._phases.append((self.phase, len(drive.t)))
         t, x = np.append(self.t, drive.t), np.concatenate([self.x[None], drive.x])
@@ -80,7 +94,7 @@ class Episode:
         self._look()
         if drive.mishap is not None:
             self.end = End.UNSAFE
-        elif self.t >= HORIZON * (1 - 1e-12):
+        elif self.t >= self.options.duration * (1 - 1e-12):
             self.end = End.TIME_UP
         return driven
 
@@ -92,21 +106,28 @@ class Episode:
         """What a controller knows at this sampling instant."""
         return Measurement(self.t, self.measured, self.u, self.obstacles.flatten(), self.y_ref())
 
+    def nearest(self, pose: Float[np.ndarray, " n"]) -> tuple[float, float]:
+        """Gap and y_f - y_o to the vehicle that is nearest along the road from a pose [m]."""
+        x, y = float(pose[0]), float(pose[1])
+        x_o, y_o, _ = min(self.obstacles.tolist(), key=lambda row: abs(row[0] - x))
+        return gap(x, x_o), y - y_o
+
     def record(self, channels: Channels) -> Record:
         """The drive so far, with its signals."""
         record = self._trajectory.record(channels, self.end)
         held = [np.full(length, phase, float) for phase, length in self._phases]
         last = float(self._phases[-1][0] if self._phases else self.phase)
         phases = np.append(np.concatenate([np.zeros(0), *held]), last)
-        signals = signals_of(record.t, record.x[:, :3], phases, self.options.obstacles)
+        poses, road = record.x[:, :3], self.options.road
+        signals = signals_of(record.t, poses, phases, self.movers, road)
         return replace(record, signals=signals)
 
     def _look(self) -> None:
         """See where everybody is at this sampling instant."""
-        if self.mishap is None:
+        if self.mishap is None and self.simulation is None:
             self.obstacles = self._rows[self._steps]
         else:
-            self.obstacles = rows(self.options.obstacles, np.array([self.t]))[0]
+            self.obstacles = rows(self.movers, np.array([self.t]))[0]
         self.phase = next_phase(self.phase, float(self.x[0]), self.obstacles)
         noise = self._noise * self._rng.standard_normal(3) if self._noise.any() else 0.0
         self.measured = self.x[:3] + noise

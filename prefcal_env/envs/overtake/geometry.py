@@ -56,12 +56,15 @@ def corners(poses: Poses) -> Float[np.ndarray, "K 4 2"]:
     return np.stack([poses[:, :2] + a * forward + b * left for a, b in sides], axis=1)
 
 
-def outside(poses: Poses) -> Float[np.ndarray, " K"]:
-    """How far the outermost corner is off the road [m], shape (K,); negative: inside by as much."""
+def outside(poses: Poses, road: tuple[float, float] = ROAD) -> Float[np.ndarray, " K"]:
+    """How far the outermost corner is off the road [m], shape (K,); negative: inside by as much.
+
+    `road` is its right and its left edge, y [m].
+    """
     front, rear = poses[:, 1], poses[:, 1] - LENGTH * np.sin(poses[:, 2])
     half = _BROAD * np.abs(np.cos(poses[:, 2]))
     leftmost, rightmost = np.maximum(front, rear) + half, np.minimum(front, rear) - half
-    right_edge, left_edge = ROAD
+    right_edge, left_edge = road
     return np.asarray(np.maximum(leftmost - left_edge, right_edge - rightmost))
 
 

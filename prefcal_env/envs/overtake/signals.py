@@ -1,17 +1,24 @@
 """What an experiment keeps beside states and inputs, on its dense instants."""
 
+from collections.abc import Sequence
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from prefcal_env.envs.overtake.contact import Times
 from prefcal_env.envs.overtake.geometry import Poses, lateral_distance, outside, separation
-from prefcal_env.envs.overtake.traffic import Obstacle
+from prefcal_env.envs.overtake.traffic import Mover
 from prefcal_env.overtaking import (
     KEEPING_SPEED,
     KEEPING_SPEEDS,
+    LANE_WIDTH,
+    MIN_LATERAL_DISTANCE,
     OVERTAKING_SPEED,
     OVERTAKING_SPEEDS,
+    ROAD,
+    SAFETY_DISTANCE,
     Phase,
+    clearance,
     gap,
 )
 
@@ -19,34 +26,69 @@ Signal = Float[np.ndarray, " K"]
 
 
 def signals_of(
-    t: Times, poses: Poses, phases: Signal, obstacles: tuple[Obstacle, ...]
+    t: Times,
+    poses: Poses,
+    phases: Signal,
+    movers: Sequence[Mover],
+    road: tuple[float, float] = ROAD,
 ) -> dict[str, Signal]:
     """All signals by name, each shape (K,).
 
-    `obstacle_x`, `obstacle_y` [m], `obstacle_v` [m/s], and `obstacle2_x` ... for further ones.
+    `obstacle_x`, `obstacle_y` [m], `obstacle_v` [m/s], and `obstacle2_x` ... for further ones;
+    `obstacle_yaw` [rad] of one that turns, the angle of its body from the road's direction.
+    `road_left` [m]: the left edge, of a road that is not the paper's.
     `gap` [m]: x_o - 4.5 - x_f to the obstacle that is nearest along the road.
     `lateral_distance` [m]: the smallest to those alongside; NaN where there is none.
     `separation` [m]: at least so far apart are the bodies; below 1e-3 where they touched.
     `outside` [m]: how far the outermost corner is off the road, negative inside.
     `phase`: 0 lane keeping, 1 overtaking, held from sampling instants on.
     `speed_reference`, `speed_low` [m/s]: of v, in that phase.
+    `lateral_reference` [m]: of y_f; 0, and while overtaking 3 m to the left of the obstacle.
     """
-    others = [obstacle.poses(t) for obstacle in obstacles]
-    named: dict[str, Signal] = {}
-    for i, (obstacle, other) in enumerate(zip(obstacles, others, strict=True), start=1):
-        name = "obstacle" if i == 1 else f"obstacle{i}"
-        named |= {f"{name}_x": other[:, 0], f"{name}_y": other[:, 1]}
-        named[f"{name}_v"] = obstacle.speeds(t)
+    others = [mover.poses(t) for mover in movers]
+    named = _of_each(t, movers, others)
+    if road != ROAD:
+        named["road_left"] = np.full(len(t), road[1])
     overtaking = phases == Phase.OVERTAKING
     return named | {
         "gap": nearest_gap(poses[:, 0], np.array([other[:, 0] for other in others])),
         "lateral_distance": _smallest([lateral_distance(poses, other) for other in others]),
         "separation": _smallest([separation(poses, other) for other in others]),
-        "outside": outside(poses),
+        "outside": outside(poses, road),
         "phase": phases,
         "speed_reference": np.where(overtaking, OVERTAKING_SPEED, KEEPING_SPEED),
+        "lateral_reference": _lateral_reference(poses[:, 0], others, overtaking),
         "speed_low": np.where(overtaking, OVERTAKING_SPEEDS[0], KEEPING_SPEEDS[0]),
     }
+
+
+def _of_each(t: Times, movers: Sequence[Mover], others: list[Poses]) -> dict[str, Signal]:
+    """Where each of the others is, and how fast."""
+    named: dict[str, Signal] = {}
+    for i, (mover, other) in enumerate(zip(movers, others, strict=True), start=1):
+        name = "obstacle" if i == 1 else f"obstacle{i}"
+        named |= {f"{name}_x": other[:, 0], f"{name}_y": other[:, 1]}
+        named[f"{name}_v"] = mover.speeds(t)
+        if other[:, 2].any():
+            named[f"{name}_yaw"] = other[:, 2]
+    return named
+
+
+def _lateral_reference(
+    x_f: Signal, others: list[Poses], overtaking: Bool[np.ndarray, " K"]
+) -> Signal:
+    """What y_f is to be [m], shape (K,): 3 m beside the leftmost obstacle that is near, as tuned.
+
+    Where none is near any more, it stays what it was until the overtaking ends.
+    """
+    line = np.full(len(x_f), -np.inf)
+    for other in others:
+        ahead, y_o = other[:, 0] - x_f, other[:, 1]  # [m], from the own front end to the other's
+        near = (gap(0.0, ahead) < SAFETY_DISTANCE) & (clearance(0.0, ahead) <= SAFETY_DISTANCE)
+        line = np.where(near & (y_o < LANE_WIDTH / 2), np.maximum(line, y_o), line)
+    known = np.maximum.accumulate(np.where(np.isfinite(line), np.arange(len(line)), -1))
+    held = np.where(known >= 0, line[known], 0.0)
+    return np.where(overtaking, held + MIN_LATERAL_DISTANCE, 0.0)
 
 
 def nearest_gap(x_f: Signal, x_o: Float[np.ndarray, "n K"]) -> Signal:

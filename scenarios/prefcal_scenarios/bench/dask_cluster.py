@@ -39,6 +39,11 @@ class DaskCluster:
         """Never: other machines may be slower, or busy."""
         return False
 
+    @property
+    def limit(self) -> float:
+        """None: what a worker of a cluster runs cannot be killed from here."""
+        return float("inf")
+
     def width(self) -> int:
         """How many worker processes, now; waits if there is none."""
         until = time.monotonic() + self._patience

@@ -1,7 +1,7 @@
 """What the agents are tried on: test functions, the reactor, the overtaking."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
@@ -10,14 +10,27 @@ from jaxtyping import Float
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import KnobSpace
 from prefcal_scenarios.functions import FUNCTIONS, TestFunction
+from prefcal_scenarios.scenario import Scenario
 
 from .judges import ByCost, ByCriteria, Flipping, Judge, Outcome
 
-CSTR_BEST = 0.69066
-"""Smallest eq. perf_index known in the box of the CSTR, at θ = (0.25, 25, -1.000783).
+CSTR_BROAD = 0.69066
+"""Smallest eq. perf_index known of a run of the CSTR that does not undershoot the accepted band.
 
-Source: `benchmarks/best_known.py`, some 4,600 experiments a seed; three ended within 2e-6 of it.
+At θ = (0.25, 25, -1.000783). Gaps are measured from it: it is the bottom of the basin that answers
+lead to, and people would be content with. Source: `benchmarks/best_known.py`.
 """
+CSTR_HOLE = 0.41508
+"""Smallest eq. perf_index known in the whole box, at θ = (0.25, 4, -0.98486).
+
+A crease some 0.09 wide in log Q, where C_A undershoots the target by 0.49 kgmol/m³, which the index
+does not count, and ends on it by chance. Source: `benchmarks/best_known.py`, docs/reactor_index.md.
+"""
+HOLES: Mapping[str, float] = {"cstr": CSTR_BROAD - CSTR_HOLE}
+"""How far the cost of a problem falls below its `best_known` in a hole that gaps leave out."""
+
+GUIDELINES = "cstr-guidelines"
+"""The reactor judged by criteria in their order."""
 
 NOISES: Mapping[str, float] = {"noisy10": 0.1, "noisy20": 0.2}
 """Share of the answers that are flipped, by the name of the calibrator."""
@@ -35,7 +48,8 @@ class Problem:
         run: What comes of a θ, physical, shape (n,), inside the box.
         calibrators: Who compares, by name; each is made from a seed.
         referee: The one who decides between results: never wrong, the same for every calibrator.
-        best_known: Smallest cost known; None where there is no cost.
+        best_known: The cost that gaps are measured from: the smallest known, holes (see `HOLES`)
+            left out; None where there is no cost.
         paper: The paper's optimum, physical, shape (n,), to compare with where there is no cost.
         version: Raised when the same θ has another outcome, or calibrators answer differently.
     """
@@ -63,7 +77,7 @@ class Problem:
         return self.run(self.space.check(theta))
 
     def gap(self, outcome: Outcome) -> float:
-        """How far the cost lies above the best known one, free of noise.
+        """How far the cost lies above the best known one, free of noise; below 0 in a hole.
 
         Raises:
             SettingsError: the problem has no cost.
@@ -84,7 +98,7 @@ def problem(name: str) -> Problem:
         raise SettingsError(f"problem must be one of {', '.join(PROBLEMS)}, got {name!r}")
     if name in FUNCTIONS:
         return _of_function(FUNCTIONS[name])
-    return _reactor() if name == "cstr" else _overtaking()
+    return {"cstr": _reactor, GUIDELINES: _guidelines, "overtake": _overtaking}[name]()
 
 
 def judges(referee: Judge, name: str) -> dict[str, JudgeFactory]:
@@ -113,31 +127,57 @@ def _of_function(function: TestFunction) -> Problem:
 
 
 def _reactor() -> Problem:
-    """The paper's reactor. Who follows its guidelines (lexicographic) does not see the index.
-
-    So the gap of that calibrator says how good the index becomes that he never judged by.
-    """
-    from prefcal_scenarios.cstr import cstr as scenario  # loads solvers
-    from prefcal_scenarios.cstr.room import lexicographic
-    from prefcal_scenarios.outcomes import outcome
-
-    cost = scenario.cost
-    assert cost is not None
-
-    def run(theta: Float[np.ndarray, " 3"]) -> Outcome:
-        experiment = scenario.run(theta)
-        return Outcome(theta, float(cost(experiment)), experiment, outcome(scenario, experiment))
-
+    """The paper's reactor, judged by its index."""
     return Problem(
         name="cstr",
-        space=scenario.space,
-        run=run,
-        calibrators=judges(ByCost(), "perfect")
-        | {"lexicographic": partial(_sure, ByCriteria(lexicographic()))},
+        space=_cstr().space,
+        run=_run_reactor,
+        calibrators=judges(ByCost(), "perfect"),
         referee=ByCost(),
-        best_known=CSTR_BEST,
+        best_known=CSTR_BROAD,
         version=2,
     )
+
+
+def _guidelines() -> Problem:
+    """The same reactor, judged by the paper's guidelines in their order, not by its index.
+
+    Whoever answers by the guidelines never follows the index, so that it is no score for what
+    comes of such answers: returned θ meet each other before the guidelines, as in the overtaking.
+    """
+    from prefcal_scenarios.cstr.room import lexicographic
+
+    referee = ByCriteria(lexicographic())
+    scenario = _cstr()
+
+    def run(theta: Float[np.ndarray, " 3"]) -> Outcome:
+        return replace(_run_reactor(theta), cost=None)
+
+    return Problem(
+        name=GUIDELINES,
+        space=scenario.space,
+        run=run,
+        calibrators={"lexicographic": partial(_sure, referee)},
+        referee=referee,
+        paper=scenario.references["paper, preferences"],
+    )
+
+
+def _cstr() -> Scenario:
+    from prefcal_scenarios.cstr import cstr  # loads solvers
+
+    return cstr
+
+
+def _run_reactor(theta: Float[np.ndarray, " 3"]) -> Outcome:
+    """One experiment of the reactor, with its index and its KPIs."""
+    from prefcal_scenarios.outcomes import outcome
+
+    scenario = _cstr()
+    experiment = scenario.run(theta)
+    assert scenario.cost is not None
+    cost = float(scenario.cost(experiment))
+    return Outcome(theta, cost, experiment, outcome(scenario, experiment))
 
 
 def _overtaking() -> Problem:
@@ -158,11 +198,11 @@ def _overtaking() -> Problem:
         calibrators=judges(referee, "lexicographic"),
         referee=referee,
         paper=scenario.references["paper, preferences"],
-        version=2,
+        version=3,  # 0.0873 rad/s limit the steering, no longer 0.0873 rad a step
     )
 
 
-PROBLEMS = (*FUNCTIONS, "cstr", "overtake")
+PROBLEMS = (*FUNCTIONS, "cstr", GUIDELINES, "overtake")
 """Names of the problems, in the order of the tables."""
 CALIBRATORS = ("perfect", "lexicographic", *NOISES)
 """Names of all calibrators, in the order of the tables; a problem has some of them."""

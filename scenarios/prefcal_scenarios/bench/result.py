@@ -6,6 +6,7 @@ from math import isfinite, isnan
 from typing import Any
 
 from prefcal_env.errors import SettingsError
+from prefcal_scenarios.own_line import whole
 
 from .cell import Cell
 
@@ -17,7 +18,8 @@ class Result:
     """What an agent did in a cell, experiment by experiment; N experiments.
 
     A gap is the latent cost, free of noise, minus the best known one: 0 is the optimum. Where a
-    best known value is only measured, a better one would show as a gap just below 0.
+    best known value is only measured, a better one would show as a gap just below 0; a gap far
+    below 0 lies in a hole of the cost that gaps leave out (`problems.HOLES`).
 
     Args:
         cell: Which cell.
@@ -59,7 +61,7 @@ class Result:
     @classmethod
     def failed(cls, cell: Cell, why: str) -> "Result":
         """The result of a cell that failed."""
-        return cls(cell, (), (), (), (), (), failure=why or "for no stated reason")
+        return cls(cell, (), (), (), (), (), failure=whole(why) or "for no stated reason")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; floats survive exactly, an infinite one as a word."""

@@ -11,6 +11,7 @@ from typing import Any
 
 from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_scenarios.nearest import did_you_mean
 from prefcal_scenarios.own_file import module_at
 
 from .entry import Entry, Kind, package_version
@@ -35,7 +36,8 @@ def entry(name: str) -> Entry:
     if attribute.endswith(".py"):
         raise SettingsError(f"{name!r} is a file: say which agent in it, {name}:NAME")
     raise SettingsError(
-        f"no agent is called {name!r}: expected one of {', '.join(AGENTS)} or path/to/own.py:Agent"
+        f"no agent is called {name!r}.{did_you_mean(name, AGENTS)} "
+        f"Expected {', '.join(AGENTS)} or path/to/own.py:Agent"
     )
 
 

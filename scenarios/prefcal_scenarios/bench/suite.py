@@ -5,13 +5,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from prefcal_env.errors import SettingsError
+from prefcal_scenarios.nearest import did_you_mean
 
 from .cell import Cell
-from .problems import CALIBRATORS, PROBLEMS, problem
+from .problems import CALIBRATORS, GUIDELINES, PROBLEMS, problem
 from .roster import AGENTS, entry
 
 QUICK_AGENTS = ("GLISp", "GLISp.paper", "GLIS", "RandomSearch")
-QUICK_PROBLEMS = ("camel", "hartman3", "hartman6", "terraces3", "cstr", "overtake")
+QUICK_PROBLEMS = ("camel", "hartman3", "hartman6", "terraces3", "cstr", GUIDELINES, "overtake")
 QUICK_CALIBRATORS = ("perfect", "lexicographic")
 QUICK_SEEDS = 3
 FULL_SEEDS = 20
@@ -48,7 +49,10 @@ class Suite:
         for name, known in (("problems", PROBLEMS), ("calibrators", CALIBRATORS)):
             unknown = [word for word in getattr(self, name) if word not in known]
             if unknown:
-                raise SettingsError(f"{name} must be of {', '.join(known)}, got {unknown}")
+                raise SettingsError(
+                    f"no {name[:-1]} is called {unknown[0]!r}.{did_you_mean(unknown[0], known)} "
+                    f"Expected {', '.join(known)}"
+                )
         for name in ("agents", "problems", "calibrators"):
             words = list(getattr(self, name))
             if not words or len(set(words)) < len(words):
@@ -61,7 +65,7 @@ class Suite:
 
     @classmethod
     def quick(cls) -> "Suite":
-        """Our own agents on a few problems: within two minutes on two cores."""
+        """Our own agents on a few problems: two and a half minutes of processor time."""
         return cls(QUICK_AGENTS, QUICK_PROBLEMS, QUICK_CALIBRATORS, QUICK_SEEDS)
 
     @classmethod
@@ -84,6 +88,12 @@ class Suite:
             for seed in range(self.seeds)
             for study in studies
         )
+
+    @cached_property
+    def baseline(self) -> str:
+        """The agent that all others are compared with: the first one named that runs."""
+        running = {cell.agent for cell in self.cells}
+        return next((agent for agent in self.agents if agent in running), self.agents[0])
 
     @cached_property
     def left_out(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""`prefcal bench`: what the agents are worth, measured."""
+"""`prefcal bench`: compare agents on problems."""
 
 from pathlib import Path
 from typing import Annotated
@@ -11,38 +11,43 @@ EPILOG = """\
 [bold]Examples[/bold]
 
 [cyan]prefcal bench --quick[/cyan]
-  Our own agents on six problems: within two minutes on two cores.
+  Our own agents on seven problems: two and a half minutes of processor time.
 
 [cyan]prefcal bench --out results[/cyan]
-  Everything, 20 seeds. Stop it with Ctrl-C, and go on with the same line.
+  Everything, 20 seeds. Stop with Ctrl-C; the same command resumes.
 
 [cyan]prefcal bench --agents GLISp,GLIS --problems cstr,hartman6 --seeds 10[/cyan]
   Two agents, two problems.
 
 [cyan]prefcal bench --quick --agents GLISp,own.py:MyAgent[/cyan]
-  Your own agent: a class with ask, tell, done and best, made from a space, n_init, n_max and seed.
+  Your own agent: a class with ask, tell, done and best, made by
+  MyAgent(space, n_init=10, n_max=50, seed=0).
 
 [cyan]prefcal bench --agents GLISp --calibrators perfect --jobs 1[/cyan]
-  One cell at a time: only then is the time of a proposal measured.
+  One run at a time: only then are the times of proposals comparable.
 
 [cyan]prefcal bench --dask tcp://10.0.0.5:8786[/cyan]
-  On a Dask cluster whose workers have this prefcal, too (and own.py, at the same path).
+  On a Dask cluster whose workers have the same prefcal (and own.py).
 
 [cyan]prefcal bench --quick --json > quick.json[/cyan]
   For programs: the digest, the table, the duels and what failed.
 
-Results with the same digest are the same to the last bit, wherever and in whatever order they were
-computed. The exit code is 1 if a cell failed, and 130 after Ctrl-C.
+Results with the same digest are identical to the last bit, on any machine and
+in any order. The exit code is 1 if a run failed, and 130 after Ctrl-C.
 """
 
 _Quick = Annotated[
-    bool, typer.Option("--quick", help="A small suite; the options below change it, too.")
+    bool,
+    typer.Option(
+        "--quick", metavar="", help="A small suite; the options below change this one, too."
+    ),
 ]
 _Agents = Annotated[
     str | None,
     typer.Option(
         metavar="NAMES",
-        help="Names with commas between, or own.py:Agent. A wrong name lists them all.",
+        help="Agents, separated by commas: names or own.py:Agent. All are compared with the first. "
+        "A wrong name lists them all.",
         show_default="all that are installed",
     ),
 ]
@@ -50,7 +55,8 @@ _Problems = Annotated[
     str | None,
     typer.Option(
         metavar="NAMES",
-        help="Test functions, cstr and overtake, with commas between.",
+        help="Problems, separated by commas: test functions, cstr, cstr-guidelines and overtake. "
+        "A wrong name lists them all.",
         show_default="all",
     ),
 ]
@@ -64,34 +70,62 @@ _Calibrators = Annotated[
     ),
 ]
 _Seeds = Annotated[
-    int | None, typer.Option(help="How many seeds: 0, 1, ...", show_default="20; quick: 3")
+    int | None,
+    typer.Option(
+        min=1, metavar="N", help="Number of seeds: 0, 1, ..., N-1.", show_default="20; quick: 3"
+    ),
 ]
 _Initial = Annotated[
     int | None,
     typer.Option(
+        min=1,
+        metavar="N",
         help="Experiments before learning starts.",
         show_default="10, or half of --n-max if that is less",
     ),
 ]
-_Experiments = Annotated[int | None, typer.Option(help="Experiments in all.", show_default="50")]
+_Experiments = Annotated[
+    int | None, typer.Option(min=2, metavar="N", help="Experiments in all.", show_default="50")
+]
 _Jobs = Annotated[
-    int | None, typer.Option(help="Processes on this machine.", show_default="one a core")
+    int | None,
+    typer.Option(
+        min=1, metavar="N", help="Processes on this machine.", show_default="one per core"
+    ),
+]
+_Timeout = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SECONDS",
+        help="Most seconds of one cell on this machine; a longer one is ended and counts as "
+        "failed. inf: no limit.",
+        show_default="3600, an hour",
+    ),
 ]
 _Dask = Annotated[
     str | None,
     typer.Option(
-        metavar="ADDRESS", help="A Dask scheduler to run on instead: pip install 'prefcal[dask]'."
+        metavar="ADDRESS",
+        help="Run on this Dask scheduler instead (pip install 'prefcal\\[dask]').",
     ),
 ]
 _Folder = Annotated[
     Path,
-    typer.Option(help="Folder of the results; what it holds already is not computed again."),
+    typer.Option(
+        metavar="FOLDER", help="Folder of the results; what it holds already is not run again."
+    ),
 ]
 _Json = Annotated[
-    bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
+    bool,
+    typer.Option(
+        "--json",
+        metavar="",
+        help="Print only JSON on standard output (messages go to standard error).",
+    ),
 ]
 _Csv = Annotated[
-    bool, typer.Option("--csv", help="Print the table as CSV, and nothing else, on stdout.")
+    bool,
+    typer.Option("--csv", metavar="", help="Print only the table, as CSV, on standard output."),
 ]
 
 
@@ -104,20 +138,24 @@ def bench(
     n_init: _Initial = None,
     n_max: _Experiments = None,
     jobs: _Jobs = None,
+    cell_timeout: _Timeout = None,
     dask: _Dask = None,
     out: _Folder = Path("prefcal-bench"),
     json: _Json = False,
     csv: _Csv = False,
 ) -> None:
-    """Measure agents on problems, and write tables and figures of it.
+    """Compare agents on problems, and write tables and figures.
 
-    Every agent runs on every problem, before every calibrator and with every seed: one cell each.
-    Each result is saved as it lands, and never computed again: the same line goes on where it was
-    stopped. A cell that fails, or kills its process, is reported, and the others go on.
+    Every agent runs on every problem, with every calibrator and every seed.
+    Each result is saved at once and never computed again: the same command
+    resumes where it was stopped. A run that fails, crashes its process or takes
+    too long is reported, and the others continue.
     """
     one_thread()
     # Here, not above: --help must not wait for it, and numpy reads the environment once.
     from prefcal_scenarios.cli.benching import Wishes, run
 
-    wishes = Wishes(quick, agents, problems, calibrators, seeds, n_init, n_max, jobs, dask)
+    wishes = Wishes(
+        quick, agents, problems, calibrators, seeds, n_init, n_max, jobs, dask, cell_timeout
+    )
     raise typer.Exit(run(wishes, out, json=json, csv=csv))

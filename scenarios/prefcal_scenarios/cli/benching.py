@@ -12,14 +12,14 @@ from rich.text import Text
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench import DaskCluster, Finished, Processes, Store, Suite, run_suite
 from prefcal_scenarios.bench.executors import Workers, usable_cores
-from prefcal_scenarios.bench.results import as_csv, duel_table, table, write
+from prefcal_scenarios.bench.results import as_csv, duel_table, print_table, table, write
 from prefcal_scenarios.cli.bench_display import BenchDisplay
-from prefcal_scenarios.cli.bench_table import show
-from prefcal_scenarios.cli.interrupt import interruption
+from prefcal_scenarios.cli.interrupt import INTERRUPTED, interruption
 from prefcal_scenarios.export import jsonable
+from prefcal_scenarios.report.wording import printable
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+_TIMEOUT = 3600.0
+"""Seconds of a cell: the slowest agents take some minutes for 50 experiments."""
 _WIDTH = 110
 """Characters a line in files and pipes."""
 
@@ -37,6 +37,7 @@ class Wishes:
     n_max: int | None = None
     jobs: int | None = None
     dask: str | None = None
+    cell_timeout: float | None = None
 
     def command(self, out: Path) -> str:
         """The command line that repeats it, wherever it ran."""
@@ -65,22 +66,35 @@ class Wishes:
         n_init = self.n_init
         if n_init is None:
             n_init = min(suite.n_init, max(1, given.get("n_max", suite.n_max) // 2))
+        n_max = given.get("n_max", suite.n_max)
+        if n_init > n_max:
+            raise SettingsError(
+                f"--n-max must be at least --n-init, got --n-max {n_max} and --n-init {n_init}"
+            )
         suite = replace(suite, **given, n_init=n_init)
         if not suite.cells:
             raise SettingsError(f"there is nothing to run: {'; '.join(suite.left_out)}")
         return suite
 
-    def workers(self) -> Workers:
-        """Where they run.
+    def workers(self, out: Path) -> Workers:
+        """Where they run; `out` is the folder of the results.
 
         Raises:
-            SettingsError: both a cluster and processes here, or an impossible number of them.
+            SettingsError: both a cluster and processes here, an impossible number of them, or an
+                impossible time limit.
             MissingExtraError: Dask is not installed.
         """
         if self.dask is None:
-            return Processes(usable_cores() if self.jobs is None else self.jobs)
+            return Processes(
+                usable_cores() if self.jobs is None else self.jobs,
+                limit=_TIMEOUT if self.cell_timeout is None else self.cell_timeout,
+                last_words="the benchmark was killed, from outside or by an agent. The results "
+                f"so far are kept in {out}; the same command resumes.",
+            )
         if self.jobs is not None:
             raise SettingsError("--jobs is for this machine, --dask for a cluster: give one")
+        if self.cell_timeout is not None:
+            raise SettingsError("--cell-timeout is for this machine: a cluster has its own limits")
         return DaskCluster(self.dask)
 
 
@@ -92,7 +106,7 @@ def run(wishes: Wishes, out: Path, *, json: bool, csv: bool) -> int:
     """
     if json and csv:
         raise SettingsError("--json and --csv both want standard output: give one")
-    suite, workers = wishes.suite(), wishes.workers()
+    suite, workers = wishes.suite(), wishes.workers(out)
     messages = Console(stderr=True)
     for words in suite.left_out:
         _say(messages, f"Left out: {words}")
@@ -104,20 +118,29 @@ def run(wishes: Wishes, out: Path, *, json: bool, csv: bool) -> int:
                     finished = run_suite(suite, store, workers, display)
             except KeyboardInterrupt:
                 display.say(
-                    f"Stopped; {display.done} results are kept in {out}: go on with the same line."
+                    f"Stopped; {display.done} results are kept in {out}. The same command resumes."
                 )
                 return INTERRUPTED
     page = write(
         finished.results, finished.duels, store.folder, command=wishes.command(out),
-        digest=finished.digest, notes=(*suite.left_out, *finished.trouble),
+        digest=finished.digest, notes=(*suite.left_out, *finished.trouble), baseline=suite.baseline,
     )  # fmt: skip
     if json:
         print(_as_json(finished, suite, page))
     elif csv:
-        print(as_csv(table(finished.results)), end="")
+        print(as_csv(table(finished.results, baseline=suite.baseline)), end="")
     else:
-        show(finished, page, _paper())
+        _show(finished, page, _paper(), suite.baseline)
     return 1 if finished.failures or finished.trouble else 0
+
+
+def _show(finished: Finished, page: Path, console: Console, baseline: str) -> None:
+    """Print the tables, compared with `baseline`, what failed, digest, and where the page is."""
+    print_table(console, finished.results, finished.duels, baseline=baseline)
+    for words in finished.trouble:
+        console.print(Text(printable(words), style="red"), soft_wrap=True)
+    console.print(Text.assemble("Digest: ", (finished.digest, "bold")), soft_wrap=True)
+    console.print(Text.assemble("Page: ", (str(page), "bold")), soft_wrap=True)
 
 
 def _as_json(finished: Finished, suite: Suite, page: Path) -> str:
@@ -125,7 +148,7 @@ def _as_json(finished: Finished, suite: Suite, page: Path) -> str:
     content: dict[str, Any] = {
         "digest": finished.digest,
         "cells": len(finished.results),
-        "table": table(finished.results),
+        "table": table(finished.results, baseline=suite.baseline),
         "duels": duel_table(finished.duels),
         "failures": [
             {**result.cell.to_dict(), "failure": result.failure} for result in finished.failures

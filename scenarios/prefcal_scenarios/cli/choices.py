@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Calibrator
 from prefcal_env.rig import Rig
 from prefcal_scenarios.cli.options import BY_VALUE, SCORE, Options
+from prefcal_scenarios.nearest import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -19,8 +21,11 @@ if TYPE_CHECKING:
 
 Thetas = Sequence[Float[np.ndarray, " n"]]
 
-AGENTS = {"glisp": "GLISp", "glis": "GLIS", "random": "RandomSearch", "lhs": "LatinHypercube"}
-"""Word to class in `prefcal_agents`."""
+AGENTS = {
+    "glisp": "GLISp", "glisp-paper": "GLISp.paper", "glis": "GLIS", "random": "RandomSearch",
+    "lhs": "LatinHypercube",
+}  # fmt: skip
+"""Word to class, or to another way to make one, in `prefcal_agents`."""
 
 
 def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "AnyAgent":
@@ -31,18 +36,20 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Any
         KnobError: a θ to begin with that is outside the space.
     """
     if options.agent not in AGENTS:
-        raise SettingsError(f"agent must be one of {sorted(AGENTS)}, got {options.agent!r}")
+        hint = did_you_mean(options.agent, AGENTS)
+        raise SettingsError(
+            f"--agent must be one of {', '.join(AGENTS)}, got {options.agent!r}.{hint}".rstrip(".")
+        )
     if options.delta is not None and options.agent != "glisp":
-        raise SettingsError(f"only the agent glisp takes a delta, not {options.agent!r}")
+        raise SettingsError(f"only the agent glisp takes --delta, not {options.agent!r}")
     if not options.outcomes and options.agent != "glisp":
         raise SettingsError(
-            f"only the agent glisp learns from outcomes: leave --no-outcomes out for "
-            f"{options.agent!r}"
+            f"only the agent glisp learns from KPIs: leave --no-outcomes out for {options.agent!r}"
         )
     check_questions(options)
     if options.cost is not None and options.agent not in BY_VALUE:
         raise SettingsError(
-            f"only an agent that is told scores ({', '.join(BY_VALUE)}) takes a cost, "
+            f"only an agent that learns from scores ({', '.join(BY_VALUE)}) takes --cost, "
             f"not {options.agent!r}"
         )
     if options.agent in BY_VALUE:
@@ -55,7 +62,7 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Any
         extra["settings"] = prefcal_agents.GLISpSettings(**settings)
     if start:
         extra["start"] = start
-    make = getattr(prefcal_agents, AGENTS[options.agent])
+    make = attrgetter(AGENTS[options.agent])(prefcal_agents)
     agent: AnyAgent = make(
         scenario.space, n_init=options.n_init, n_max=options.n_max, seed=options.seed, **extra
     )
@@ -66,7 +73,7 @@ def check_questions(options: Options) -> None:
     """Raise SettingsError if more than one question is asked of an agent that asks one."""
     if options.questions_per_experiment != 1 and options.agent != "glisp":
         raise SettingsError(
-            f"only the agent glisp asks more questions per experiment, not {options.agent!r}"
+            f"only the agent glisp takes --questions-per-experiment above 1, not {options.agent!r}"
         )
 
 
@@ -88,10 +95,11 @@ def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
             f"human, got {calibrator!r}"
         )
     hint = "" if known else " (give it a cost, or calibrators, to calibrate it unattended)"
+    names = sorted(["human", *known])
     return (
-        f"calibrator must be one of {sorted(['human', *known])} for scenario {scenario.name!r}"
-        f"{hint}, got {calibrator!r}"
-    )
+        f"--calibrator must be one of {', '.join(names)} for scenario {scenario.name!r}"
+        f"{hint}, got {calibrator!r}.{did_you_mean(calibrator, names)}"
+    ).rstrip(".")
 
 
 def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experiment] | None:
@@ -115,8 +123,8 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
         return calibrator
     if not isinstance(calibrator, LatentCost):
         raise SettingsError(
-            f"calibrator {options.calibrator!r} takes no tie band and no answer noise: "
-            "it has no cost in mind"
+            f"calibrator {options.calibrator!r} takes neither --tie-band nor --answer-noise: "
+            "it does not compare costs"
         )
     if options.tie_band is not None:
         calibrator = replace(calibrator, tie_band=options.tie_band)
@@ -126,20 +134,36 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
     return calibrator
 
 
+def follows_cost(options: Options, scenario: Scenario) -> bool:
+    """Whether the answers follow the scenario's cost; a person has never chosen it.
+
+    So it does with scores, a cost of the user's own (`--cost`), a calibrator called "synthetic",
+    and any that has a latent cost in mind.
+    """
+    from prefcal_env.calibrators import LatentCost
+
+    if scenario.cost is None:
+        return False
+    if options.calibrator in (SCORE, "synthetic") or options.cost is not None:
+        return True
+    made = scenario.calibrators.get(options.calibrator)
+    return made is not None and isinstance(made(options.seed), LatentCost)
+
+
 def _check_score(options: Options, scenario: Scenario) -> None:
     """Refuse what does not go with an agent that is told scores."""
     if scenario.cost is None:
         raise SettingsError(
             f"agent {options.agent!r} learns from a score, and scenario {scenario.name!r} has "
-            "none: take another agent, or give the scenario a cost, or one out of a file (--cost)"
+            "none: take another agent, or give one with --cost own.py:NAME"
         )
     if options.calibrator != SCORE:
         raise SettingsError(
             f"agent {options.agent!r} learns from the scenario's score and asks nobody: "
-            f"leave the calibrator out, got {options.calibrator!r}"
+            f"leave --calibrator out, got {options.calibrator!r}"
         )
     if options.tie_band is not None or options.answer_noise is not None:
         raise SettingsError(
-            f"agent {options.agent!r} is told exact scores: it takes no tie band and no answer "
-            "noise"
+            f"agent {options.agent!r} is told exact scores: it takes neither --tie-band nor "
+            "--answer-noise"
         )

@@ -16,7 +16,7 @@ _OPTIONS: Mapping[str, tuple[type, ...]] = {
     "scenario": (str,), "calibrator": (str,), "agent": (str,), "seed": (int,), "n_init": (int,),
     "n_max": (int,), "delta": (int, float, type(None)), "tie_band": (int, float, type(None)),
     "answer_noise": (int, float, type(None)), "outcomes": (bool,), "cost": (str, type(None)),
-    "start": (list,), "earlier": (str, type(None)),
+    "start": (list,), "earlier": (str, type(None)), "processor": (str, type(None)),
 }  # fmt: skip
 
 

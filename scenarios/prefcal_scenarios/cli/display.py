@@ -17,7 +17,9 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from prefcal_env.compiling import Compiling
 from prefcal_env.study import Comparison
+from prefcal_scenarios.interview import Now
 from prefcal_scenarios.report.record import VERDICTS
 from prefcal_scenarios.report.wording import theta_text
 from prefcal_scenarios.scenario import Scenario
@@ -30,7 +32,8 @@ class Display:
         self._scenario, self._console = scenario, console
         self._counts = dict.fromkeys(VERDICTS, 0)
         self._current = "none yet"
-        self._best = "none yet (the very first run on a machine compiles for half a minute)"
+        self._best = "none yet"
+        self._compiling = False
         self._bar = Progress(
             TextColumn("[bold]{task.description}"), BarColumn(bar_width=None),
             MofNCompleteColumn(), TimeRemainingColumn(compact=True), console=console,
@@ -53,6 +56,13 @@ class Display:
         if not self._console.is_terminal:
             self._console.print()  # there, rich leaves the last line open
 
+    def compiling(self, part: Compiling) -> None:
+        """Say what is being compiled; where there is no live display, once and for all."""
+        if not self._console.is_terminal and not self._compiling:
+            self._console.print(part.words, markup=False, highlight=False, soft_wrap=True)
+        self._compiling = True
+        self._current = part.words
+
     def running(self, theta: Float[np.ndarray, " n"]) -> None:
         """Say which θ is being tried now."""
         self._current = theta_text(self._scenario.space, theta)
@@ -61,9 +71,14 @@ class Display:
         """Count one more experiment and its verdict."""
         if comparison.incumbent is not None:
             self._counts[comparison.answer.preference] += 1
-        best = theta_text(self._scenario.space, comparison.winner.theta)
-        self._best = f"{best} (experiment {comparison.winner_index + 1})"
         self._bar.advance(self._task)
+
+    def best(self, now: Now) -> None:
+        """Name the best experiment: the one that the study would return if it ended now."""
+        index = now.incumbent
+        if index is not None:
+            theta = np.array(now.state.samples[index].theta)
+            self._best = f"{theta_text(self._scenario.space, theta)} (experiment {index + 1})"
 
     def _lines(self) -> RenderableType:
         counts = " · ".join(f"{VERDICTS[v]} {n}" for v, n in self._counts.items())

@@ -9,7 +9,7 @@ from prefcal_scenarios.cli.sitting import Sitting
 from prefcal_scenarios.interview import Background, Phase
 
 GONE = 20.0
-"""Seconds without a page after which a study that is over ends the command."""
+"""Seconds after the last page was closed at which a study that is over ends the command."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +48,11 @@ def in_window(sitting: Sitting, front: Front, ctrl_c: Interruption) -> bool:
         if window.warning:
             sitting.say(window.warning)
         _print_link(window.link, sitting)
+        if window.link_for_others:
+            sitting.say("From other machines:")
+            _print_link(window.link_for_others, sitting)
         if front.browser and not open_browser(window.link):
-            sitting.say("No browser here: open the link, or answer in the terminal: --terminal")
+            sitting.say("No browser found: open the link yourself, or answer here with --terminal.")
         try:
             with ctrl_c.allowed():
                 while not window.closed.wait(0.1):
@@ -59,9 +62,13 @@ def in_window(sitting: Sitting, front: Front, ctrl_c: Interruption) -> bool:
                         window.reports = sitting.folder
                         if not sitting.json:
                             sitting.tell(record)
-                        sitting.say("The study is over: close it on its page, or with Ctrl-C.")
+                        sitting.say(
+                            "The study is over. This ends when you close its page, or with Ctrl-C."
+                        )
                     told = over
-                    if over and window.last_seen() > GONE:
+                    ctrl_c.on_press = sitting.closing if told else sitting.stopping
+                    away = window.away()
+                    if over and away is not None and away > GONE:
                         break
         except KeyboardInterrupt:
             pass

@@ -8,7 +8,7 @@ from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.cli.shelf import existing
 from prefcal_scenarios.interview import Interview
 from prefcal_scenarios.report.minded import Minded
-from prefcal_scenarios.scenario import BUILT_IN, load
+from prefcal_scenarios.scenario import is_built_in, load
 
 _COST = '''
 
@@ -35,7 +35,7 @@ def export_index(name: str, source: str | None, out: Path | None) -> tuple[Path,
 
     Args:
         name: Of the study.
-        source: The scenario that the user trusts, where he has named one.
+        source: The scenario that the user trusts, None: the built-in one of the study.
         out: The file; None: STUDY_index.py, in the present folder.
 
     Returns:
@@ -48,15 +48,16 @@ def export_index(name: str, source: str | None, out: Path | None) -> tuple[Path,
     path = existing(name)
     with open_described(path) as file:
         named = file.state.configuration["scenario"]
-        if source is None and named not in BUILT_IN:
-            # Whoever sent the study must not choose which program is run here.
+        if source is None and not is_built_in(named):
+            # Those who send a study must not choose which program is run here.
             raise StudyError(
                 f"study {name!r} calibrates {named!r}, which is a program: "
-                f"say so if you trust it, --scenario {named}"
+                f"if you trust it, add --scenario {named}"
             )
         scenario = load(source or named)
-        index = Interview(scenario, file, ahead=False, asks=False).index
-    minded = Minded.of(index, scenario)
+        interview = Interview(scenario, file, ahead=False, asks=False)
+        index, importance = interview.index, interview.importance
+    minded = Minded.of(index, importance, scenario)
     if index is None or minded is None:
         raise StudyError(
             f"study {name!r} says nothing of KPIs: that takes answers that prefer one experiment, "

@@ -1,8 +1,9 @@
-"""Which study a command works on: begun anew, or taken up where it stands."""
+"""Which study a command works on: a new one, or one resumed where it stands."""
 
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from prefcal_env.studies import (
     make_data_folder,
     questions_of,
     study_path,
+    to_text,
 )
 from prefcal_scenarios.cli.choices import check_questions, make_agent, make_calibrator
 from prefcal_scenarios.cli.clock import wall_clock
@@ -23,6 +25,7 @@ from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.cli.earlier import taken_from
 from prefcal_scenarios.cli.options import Options
 from prefcal_scenarios.cli.start import start_of
+from prefcal_scenarios.cli.target import check_target, on_target, target_of
 from prefcal_scenarios.export import jsonable, versions
 from prefcal_scenarios.interview.memory import agent_as_dict, constraint_names, knobs_as_dicts
 from prefcal_scenarios.scenario import Scenario
@@ -50,7 +53,7 @@ class Opened:
 def open_study(given: Mapping[str, Any], scenario: Scenario, name: str | None) -> Opened:
     """Open the study called `name`, a new one if there is none.
 
-    Without a name, a person's study gets the next free one of his data folder, and a synthetic
+    Without a name, a person's study gets the next free one of their data folder, and a synthetic
     calibrator's is kept in memory: it can be run again any time.
 
     Raises:
@@ -62,16 +65,39 @@ def open_study(given: Mapping[str, Any], scenario: Scenario, name: str | None) -
         return Opened(_create(IN_MEMORY, options, scenario), options, None, False)
     name = _free(scenario.name) if name is None else name
     path = study_path(name)
+    if path.is_dir():
+        raise StudyError(f"--study must be a name or a file, but {name!r} is a folder")
     if path.exists():
         return _resume(path, name, given, scenario)
     return Opened(_create(path, options, scenario), options, name, False)
+
+
+def identity(file: StudyFile) -> str:
+    """Return a text that two studies share only if they are the same study.
+
+    A file is told apart by what it was started with and when; a copy of it is the same study.
+    One in memory by the former alone: the same command gives the same study, bit for bit.
+    """
+    first = next(iter(file.events()))
+    at = "" if file.path == IN_MEMORY else first.at
+    return sha256("\n".join((at, *to_text(first.event))).encode()).hexdigest()[:16]
+
+
+def default_folder(opened: Opened, scenario: str) -> Path:
+    """Where the report goes unless the user says otherwise: prefcal-STUDY, one for each study.
+
+    A study that is kept in no file has its scenario and its seed for a name.
+    """
+    if opened.name is None:
+        return Path(f"prefcal-{scenario}-{opened.options.seed}")
+    return Path(f"prefcal-{study_path(opened.name).stem}")
 
 
 def _create(path: Path | str, options: Options, scenario: Scenario) -> StudyFile:
     # Everything is refused before there is a file.
     configuration = _configuration(options, scenario)
     if not options.by_a_person:
-        make_calibrator(options, scenario)
+        make_calibrator(options, on_target(scenario, configuration))
     if path != IN_MEMORY:
         make_data_folder(Path(path))
     return StudyFile.create(path, configuration, clock=wall_clock)
@@ -90,6 +116,7 @@ def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
         "kpis": [{"name": k.name, "title": k.title, "unit": k.unit} for k in scenario.kpis],
         "agent": agent_as_dict(make_agent(options, scenario, [*mine, *theirs])),
         **({} if taken is None else {"earlier": taken.as_dict()}),
+        **target_of(options.processor, scenario),
         "n_max": options.n_max,
         "seed": options.seed,
         "options": options.as_dict(),
@@ -118,7 +145,8 @@ def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario)
         if given.get("n_max") == begun["n_max"]:
             # The same line again: experiments that the page has added since stay.
             given = {**given, "n_max": None}
-        options = Options.resumed(by_now(state), given)
+        check_target(given.get("processor"), state.configuration)
+        options = Options.resumed(by_now(state), {**given, "processor": None})
         if options.questions_per_experiment != questions_of(state.configuration):
             check_questions(options)
             file.append(Paced(options.questions_per_experiment))

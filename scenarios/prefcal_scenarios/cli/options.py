@@ -3,10 +3,10 @@
 import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from pathlib import Path
 from typing import Any
 
 from prefcal_env.errors import SettingsError
+from prefcal_scenarios.source import split_source
 
 HUMAN = "human"
 """The calibrator that is a person."""
@@ -21,12 +21,41 @@ BY_VALUE = ("glis",)
 """The agents that are told scores."""
 
 
+def flag(name: str) -> str:
+    """Return an option as people type it: "--n-max" for n_max."""
+    return {"earlier": "--from", "outcomes": "--no-outcomes"}.get(
+        name, f"--{name.replace('_', '-')}"
+    )
+
+
+def _given(name: str, value: object) -> str:
+    """An option with its value, as people type it."""
+    if name == "outcomes":
+        return f"{flag(name)} {'off' if value else 'on'}"
+    if name == "start":
+        value = "; ".join(map(str, value)) if isinstance(value, list | tuple) else value
+    return f"no {flag(name)}" if value in (None, "") else f"{flag(name)} {value}"
+
+
+def _check_configuration(stored: str, given: str | None) -> None:
+    """Refuse to go on with a scenario of another configuration; its file may have moved."""
+    began = split_source(stored)[1]
+    now = began if given is None else split_source(given)[1]
+    if now != began:
+        said = "no --config" if began is None else f"the configuration {began}"
+        raise SettingsError(
+            f"the study was started with {said}, got {'none' if now is None else now}: give the "
+            "same one, or start another study"
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class Options:
-    """The options of `prefcal calibrate`; None where the default of whoever uses it holds.
+    """The options of `prefcal calibrate`; None stands for the default of the part that takes it.
 
     `outcomes` says whether glisp learns from KPIs too; `cost` is a function out of a file,
     PATH:NAME, in place of the scenario's score. `earlier` is the study whose best θ are begun with.
+    `processor` is the file of the processor that computation times are judged on.
 
     Raises:
         SettingsError: a seed below 0, or more initial experiments than experiments.
@@ -46,24 +75,30 @@ class Options:
     questions_per_experiment: int = 1
     start: tuple[str, ...] = ()
     earlier: str | None = None
+    processor: str | None = None
 
     def __post_init__(self) -> None:
         if self.seed < 0:
-            raise SettingsError(f"seed must be 0 or above, got {self.seed}")
-        if not 1 <= self.n_init <= self.n_max:
+            raise SettingsError(f"--seed must be 0 or above, got {self.seed}")
+        for name in ("n_init", "n_max"):
+            if getattr(self, name) < 1:
+                raise SettingsError(f"{flag(name)} must be at least 1, got {getattr(self, name)}")
+        if self.n_init > self.n_max:
             raise SettingsError(
-                f"n_max must be at least n_init, and n_init at least 1, "
-                f"got n_init {self.n_init} and n_max {self.n_max}"
+                f"--n-max must be at least --n-init, got --n-max {self.n_max} and "
+                f"--n-init {self.n_init}"
             )
-        if self.delta is not None and not 0 <= self.delta < float("inf"):
-            raise SettingsError(f"delta must be 0 or above and finite, got {self.delta}")
+        for name in ("delta", "tie_band", "answer_noise"):
+            value = getattr(self, name)
+            if value is not None and not 0 <= value < float("inf"):
+                raise SettingsError(f"{flag(name)} must be 0 or above and finite, got {value}")
 
     @classmethod
     def of(cls, given: Mapping[str, Any], knobs: int = 5) -> "Options":
-        """From what the user has given, None where he has not; `knobs` are to be calibrated.
+        """Return the options as given, with defaults for None; `knobs` are to be calibrated.
 
         GLISp starts to learn after two experiments a knob, ten at most: on the reactor with its
-        three the index after 20 experiments was 0.704 with six and 0.720 with ten
+        three the index after 15 experiments was 0.714 with six and 0.732 with ten
         (docs/research/outcomes.md).
         """
         said = {name: value for name, value in given.items() if value is not None}
@@ -76,7 +111,7 @@ class Options:
 
     @classmethod
     def resumed(cls, stored: Mapping[str, Any], given: Mapping[str, Any]) -> "Options":
-        """The options of a study by now; n_max and the questions per experiment may be given anew.
+        """Return the options of a study by now; n_max and the questions per experiment may change.
 
         Raises:
             SettingsError: any other option is given with another value.
@@ -87,22 +122,23 @@ class Options:
         options = began | {name: value for name, value in stored.items() if name in known}
         options["start"] = tuple(options.get("start", ()))  # a list in JSON
         if options.get("cost") is not None and given.get("cost") is None:
-            # Whoever sent the study must not choose which program is run here.
+            # Those who send a study must not choose which program is run here.
             raise SettingsError(
-                f"the study is scored by a program: say so if you trust it, "
+                f"the study is scored by a program: if you trust it, add "
                 f"--cost {shlex.quote(str(options['cost']))}"
             )
+        _check_configuration(str(options.get("scenario", "")), given.get("scenario"))
         for name, value in given.items():
             if name in _ANEW or value is None or value == options.get(name):
                 continue
             raise SettingsError(
-                f"the study was begun with {name} {options.get(name)}, got {value}: leave it out, "
-                "or begin another study"
+                f"the study was started with {_given(name, options.get(name))}, got "
+                f"{_given(name, value)}: leave the option out, or start another study"
             )
         wanted = given.get("n_max") or options["n_max"]
         if wanted < options["n_max"]:
             raise SettingsError(
-                f"n_max must not fall below the {options['n_max']} that the study has by now, "
+                f"--n-max must not fall below the {options['n_max']} that the study has by now, "
                 f"got {wanted}"
             )
         anew = {name: given[name] for name in _ANEW if given.get(name) is not None}
@@ -121,10 +157,6 @@ class Options:
     def as_dict(self) -> dict[str, Any]:
         """Plain data, for the study file."""
         return asdict(self)
-
-    def folder(self, scenario_name: str) -> Path:
-        """Where the report goes unless the user says otherwise: prefcal-<scenario>-<seed>."""
-        return Path(f"prefcal-{scenario_name}-{self.seed}")
 
     def settings(self) -> Mapping[str, str | int | float]:
         """What was set, for people."""
@@ -146,7 +178,7 @@ class Options:
             "--n-init": self.n_init, "--n-max": self.n_max, "--delta": self.delta,
             "--questions-per-experiment": self._more_questions,
             "--tie-band": self.tie_band, "--answer-noise": self.answer_noise,
-            "--cost": self.cost, "--from": self.earlier,
+            "--cost": self.cost, "--from": self.earlier, "--processor": self.processor,
         }  # fmt: skip
         for flag, value in flags.items():
             if value is not None:

@@ -16,8 +16,8 @@ from prefcal_scenarios.report.wording import labelled, measured, number
 from prefcal_scenarios.scenario import KPI
 
 
-def as_json(record: Record, options: Options, report: Path, study: str | None) -> str:
-    """One JSON object on several lines; strict, so null where there is no number."""
+def as_json(record: Record, options: Options, report: Path | None, study: str | None) -> str:
+    """One JSON object on several lines; strict, so null where there is no number or report."""
     best = record.best
     theta = None if best is None else record.scenario.space.named(best.experiment.theta)
     content = {
@@ -27,7 +27,7 @@ def as_json(record: Record, options: Options, report: Path, study: str | None) -
         "experiments": len(record.trials),
         "questions": record.questions,
         "verdicts": record.verdict_counts(),
-        "report": str(report),
+        "report": None if report is None else str(report),
         "scenario": options.scenario,
         "agent": options.agent,
         "calibrator": options.calibrator,
@@ -39,11 +39,12 @@ def as_json(record: Record, options: Options, report: Path, study: str | None) -
 
 
 def show(record: Record, report: Path, console: Console) -> None:
-    """Print the best θ beside the references, what became of them, and where the report is."""
-    if record.best is None:
-        console.print("No experiment was completed.")
-    else:
+    """Print the best θ next to the references, their KPIs, and where the report is."""
+    if record.best is not None:
         console.print(_table(record, record.best.experiment))
+    if record.outlook is not None:
+        for line in record.outlook.lines:
+            console.print(line, soft_wrap=True, markup=False, highlight=False)
     console.print(Text.assemble("Report: ", (str(report), "bold")), soft_wrap=True)
 
 
@@ -58,7 +59,7 @@ def _table(record: Record, best: Experiment) -> Table:
         cells = [number(e.theta[i]) for e in columns.values()]
         table.add_row(escape(labelled(knob.name, knob.unit)), *cells)
     table.add_section()
-    if scenario.cost is not None:
+    if record.shows_cost:
         table.add_row("performance index", *(number(record.cost(e)) for e in columns.values()))
     for kpi in record.kpis:
         cells = [_judged(kpi, e) for e in columns.values()]  # type: ignore[misc]

@@ -12,7 +12,7 @@ from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.cli.shelf import existing
 from prefcal_scenarios.cli.start import knob_called
 from prefcal_scenarios.interview.memory import agent_of, with_constraints
-from prefcal_scenarios.scenario import BUILT_IN, load
+from prefcal_scenarios.scenario import is_built_in, load
 
 Part = tuple[float, float]
 
@@ -36,10 +36,10 @@ def respace(name: str, source: str | None, changes: Changes) -> KnobSpace:
     """
     with open_described(existing(name)) as file:
         named = file.state.configuration["scenario"]
-        if source is None and named not in BUILT_IN:
+        if source is None and not is_built_in(named):
             raise StudyError(
                 f"study {name!r} calibrates {named!r}, which is a program: "
-                f"say so if you trust it, --scenario {named}"
+                f"if you trust it, add --scenario {named}"
             )
         event, space = _event(file.state, load(source or named).space, changes)
         if file.state.configuration["agent"]["agent"] not in _ABLE:

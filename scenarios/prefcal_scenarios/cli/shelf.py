@@ -1,11 +1,13 @@
 """What `prefcal studies` does with study files."""
 
 import json as json_
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.cells import cell_len
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -16,6 +18,7 @@ from prefcal_env.studies import (
     Closed,
     State,
     StudyFile,
+    data_folder,
     export_csv,
     export_json,
     import_json,
@@ -26,17 +29,22 @@ from prefcal_env.studies import (
 from prefcal_scenarios.cli.clock import wall_clock
 from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.export import jsonable
-from prefcal_scenarios.interview.memory import believed_best
+from prefcal_scenarios.interview.counts import Counts
+from prefcal_scenarios.interview.memory import incumbent
+from prefcal_scenarios.nearest import did_you_mean
 from prefcal_scenarios.report.record import verdict_text
 from prefcal_scenarios.report.wording import earlier_text, labelled, mark_text, number, printable
 
 
 def existing(name: str) -> Path:
-    """The file of a study. Raises StudyError if there is none."""
+    """Return the file of a study. Raises StudyError if there is none."""
     path = study_path(name)
-    if not path.is_file():
+    if path.is_file():
+        return path
+    if path.parent != data_folder():
         raise StudyError(f"there is no study {name!r}: no file {path}")
-    return path
+    hint = did_you_mean(name, [p.stem for p in studies_in_data_folder()])
+    raise StudyError(f"there is no study {name!r}.{hint} `prefcal studies list` shows yours")
 
 
 def print_list(*, json: bool) -> None:
@@ -46,17 +54,46 @@ def print_list(*, json: bool) -> None:
         print(_dumps(rows))
         return
     if not rows:
-        print("No studies yet: prefcal calibrate cstr begins one.")
+        print("No studies yet: `prefcal calibrate cstr` starts one.")
         return
-    table = Table()
-    for heading in ("study", "scenario", "experiments", "answers", "begun", "state"):
-        table.add_column(heading, overflow="fold")
-    for row in rows:
-        table.add_row(*(escape(printable(row.get(k, ""))) for k in _COLUMNS))
-    Console().print(table)
+    console, narrowest = Console(), _list([{**row, "state": ""} for row in rows])
+    wanted = console.measure(narrowest, options=console.options.update(width=_WIDEST)).minimum
+    Console(width=max(console.width, wanted)).print(_list(rows), crop=False)
 
 
-_COLUMNS = ("study", "scenario", "experiments", "answers", "begun", "state")
+def _list(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """The table of `rows`. A name is one word to copy: no column but the last is ever broken."""
+    texts = [[escape(printable(cell)) for cell in _cells(row)] for row in rows]
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for i, (heading, justify) in enumerate(_COLUMNS.items()):
+        free = heading == "state"
+        width = _STATE if free else max(map(cell_len, [heading, *(row[i] for row in texts)]))
+        table.add_column(
+            heading, no_wrap=not free, min_width=width, justify=justify, overflow="fold"
+        )
+    for row in texts:
+        table.add_row(*row)
+    return table
+
+
+_STATE = 12
+"""Characters for "all compared"; what is wrong with a file may take several lines."""
+_COLUMNS: Mapping[str, Literal["left", "right"]] = {
+    "study": "left", "scenario": "left", "experiments": "right", "answers": "right",
+    "started": "left", "state": "left",
+}  # fmt: skip
+_WIDEST = 1000
+"""Characters that a table may be wide: more than any name needs."""
+
+
+def _cells(row: Mapping[str, Any]) -> list[str]:
+    """A row for people: the day, a file without folders, a scenario without configuration."""
+    if "scenario" not in row:
+        return [str(row["study"]), "", "", "", "", str(row["state"])]
+    named = str(row["scenario"]).partition("{")[0].strip()
+    scenario = named.replace("\\", "/").rpartition("/")[2]
+    done = f"{row['experiments']} of {row['n_max']}"
+    return [row["study"], scenario, done, str(row["answers"]), row["begun"][:10], row["state"]]
 
 
 def _row(path: Path) -> dict[str, Any]:
@@ -64,17 +101,18 @@ def _row(path: Path) -> dict[str, Any]:
         with open_described(path) as file:
             state = file.state
     except PrefcalError as error:
-        return {"study": path.stem, "state": f"cannot be read: {error}"}
-    return {"study": path.stem, **summary(state)}
+        why = str(error).replace(f" {path}", "")
+        return {"study": path.stem, "file": str(path), "state": f"cannot be read: {why}"}
+    return {"study": path.stem, "file": str(path), **summary(state)}
 
 
 def summary(state: State) -> dict[str, Any]:
     """A study in a few words, for people and programs."""
     return {
         "scenario": state.configuration["scenario"],
-        "experiments": len(state.finished),
+        "experiments": Counts.of(state).experiments,
         "n_max": state.n_max,
-        "answers": max(len(state.closed) - 1, 0) + len(state.further),
+        "answers": Counts.of(state).comparisons,
         "begun": _minute(state.created),
         "state": state.ended or "open",
     }
@@ -121,7 +159,7 @@ def _minute(at: str) -> str:
 
 def best_theta(state: State) -> dict[str, float] | None:
     """θ of the best so far by knob; None before the first experiment."""
-    best = believed_best(state)
+    best = incumbent(state)
     if best is None:
         return None
     names = [knob["name"] for knob in state.configuration["knobs"]]
@@ -152,7 +190,7 @@ def _said(closed: Closed) -> str:
 def _table(answers: list[Mapping[str, Any]]) -> Table:
     table = Table()
     columns = ("at", "challenger", "incumbent", "verdict", "marks", "comment", "said")
-    for heading in ("when", "new", "best", "verdict", "marks", "comment", ""):
+    for heading in ("when", "experiment", "against", "verdict", "marks", "comment", ""):
         table.add_column(heading, overflow="fold")
     for answer in answers:
         marks = (mark_text(Mark(m), automatic=m in answer["automatic"]) for m in answer["marks"])

@@ -5,6 +5,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import KnobSpace
+from prefcal_scenarios.nearest import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
 
@@ -23,8 +24,8 @@ def start_of(text: str, scenario: Scenario) -> Float[np.ndarray, " n"]:
     if text not in scenario.references:
         known = sorted(scenario.references)
         raise SettingsError(
-            f"start must be KNOB=VALUE, ... or one of the references {known} of scenario "
-            f"{scenario.name!r}, got {text!r}"
+            f"--start must be KNOB=VALUE, ... or one of the references {known} of scenario "
+            f"{scenario.name!r}, got {text!r}.{did_you_mean(text, known)}".rstrip(".")
         )
     return np.array(scenario.references[text], dtype=float)
 
@@ -54,7 +55,9 @@ def theta_of(text: str, space: KnobSpace) -> Float[np.ndarray, " n"]:
 
 
 def knob_called(word: str, space: KnobSpace) -> str:
-    """Name of the knob that `word` means: its name, with _ for spaces, or how only it begins.
+    """Return the name of the knob that `word` means: its name, or how it alone begins.
+
+    Underscores stand for spaces.
 
     Raises:
         SettingsError: none, or several.
@@ -65,5 +68,7 @@ def knob_called(word: str, space: KnobSpace) -> str:
         return plain[wanted]
     found = [name for key, name in plain.items() if wanted and key.startswith(wanted)]
     if len(found) != 1:
-        raise SettingsError(f"knob must be one of {list(space.names)}, got {word!r}")
+        hint = did_you_mean(word, plain)
+        names = ", ".join(plain)
+        raise SettingsError(f"knob must be one of {names}, got {word!r}.{hint}".rstrip("."))
     return found[0]

@@ -1,4 +1,4 @@
-"""`prefcal studies`: list, show, export, import, verify, change study files, what they teach."""
+"""`prefcal studies`: list, show, rename, remove, export, import, verify and change studies."""
 
 from enum import Enum
 from pathlib import Path
@@ -8,13 +8,23 @@ import typer
 
 app = typer.Typer(
     name="studies",
-    help="List, show, export, import and verify studies; write what was learned as a function.",
+    help="List, show, rename, remove, export, import, verify and change studies.",
     no_args_is_help=True,
     rich_markup_mode="rich",
 )
 
 _Name = Annotated[str, typer.Argument(metavar="STUDY", help="A name, or the path of a file.")]
-_Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on stdout.")]
+_Json = Annotated[
+    bool, typer.Option("--json", metavar="", help="Print only JSON on standard output.")
+]
+_Scenario = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE.py:NAME",
+        help="Where your own scenario is. A study file alone never makes prefcal run a program.",
+        show_default="the built-in one that the study names",
+    ),
+]
 
 
 class Format(Enum):
@@ -24,7 +34,19 @@ class Format(Enum):
     CSV = "csv"
 
 
-@app.command("list")
+def _examples(*pairs: tuple[str, str]) -> str:
+    """Return an epilog that teaches: commands, each with what it is good for."""
+    shown = (f"[cyan]prefcal studies {line}[/cyan]\n  {words}" for line, words in pairs)
+    return "[bold]Examples[/bold]\n\n" + "\n\n".join(shown)
+
+
+@app.command(
+    "list",
+    epilog=_examples(
+        ("list", "All studies in your data folder."),
+        ("list --json", "The same for programs, with the file of each study."),
+    ),
+)
 def list_(json: _Json = False) -> None:
     """List the studies in your data folder."""
     from prefcal_scenarios.cli.shelf import print_list
@@ -32,26 +54,76 @@ def list_(json: _Json = False) -> None:
     print_list(json=json)
 
 
-@app.command()
+@app.command(
+    epilog=_examples(
+        ("show mine", "The best θ so far, and every answer."),
+        ("show ./shared.prefcal --json", "A study file from anywhere, for programs."),
+    )
+)
 def show(study: _Name, json: _Json = False) -> None:
-    """Show what a study calibrates, every answer, and how far it is."""
+    """Show one study: its progress, its best θ and every answer."""
     from prefcal_scenarios.cli.shelf import print_study
 
     print_study(study, json=json)
 
 
-@app.command()
+@app.command(
+    epilog=_examples(
+        ("rename cstr-1 mine", "Call the study cstr-1 mine."),
+        ("rename mine ./mine.prefcal", "Move it out of the data folder, into this one."),
+    )
+)
+def rename(
+    old: Annotated[str, typer.Argument(metavar="OLD", help="A name, or the path of a file.")],
+    new: Annotated[
+        str, typer.Argument(metavar="NEW", help="A name or a path that does not exist yet.")
+    ],
+) -> None:
+    """Rename a study. Reports that were already written keep their folders."""
+    from prefcal_scenarios.cli.removing import rename as rename_study
+
+    typer.echo(f"Renamed: {rename_study(old, new)}")
+
+
+@app.command(
+    epilog=_examples(
+        ("rm cstr-1", "Remove the study cstr-1, after you confirm."),
+        ("rm cstr-1 cstr-2 --yes", "Remove two without a question, in a script."),
+    )
+)
+def rm(
+    study: Annotated[list[str], typer.Argument(metavar="STUDY", help="Names, or paths of files.")],
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", metavar="", help="Remove without asking.")
+    ] = False,
+) -> None:
+    """Remove studies for good. Reports that were already written stay."""
+    from prefcal_scenarios.cli.removing import remove
+
+    raise typer.Exit(remove(study, yes=yes))
+
+
+@app.command(
+    epilog=_examples(
+        ("export mine", "Write mine.json, one file to pass on."),
+        ("export mine --format csv --out tables", "Tables and curves for a spreadsheet or pandas."),
+    )
+)
 def export(
     study: _Name,
     format: Annotated[
         Format,
         typer.Option(
-            help="json: one file that `import` reads back; csv: a folder of tables, curves too."
+            help="json: one file that `import` reads back; csv: a folder of tables and curves."
         ),
     ] = Format.JSON,
     out: Annotated[
         Path | None,
-        typer.Option(help="File (json) or folder (csv).", show_default="STUDY.json or ./STUDY"),
+        typer.Option(
+            metavar="PATH",
+            help="File (json) or folder (csv).",
+            show_default="STUDY.json or ./STUDY",
+        ),
     ] = None,
 ) -> None:
     """Write a study as JSON or CSV."""
@@ -60,21 +132,18 @@ def export(
     typer.echo(f"Written: {export_study(study, format.value, out)}")
 
 
-@app.command()
+@app.command(
+    epilog=_examples(("index mine", "Write mine_index.py, which scores experiments as you did."))
+)
 def index(
     study: _Name,
     out: Annotated[
-        Path | None, typer.Option(help="The Python file.", show_default="STUDY_index.py")
+        Path | None,
+        typer.Option(metavar="FILE", help="The Python file.", show_default="STUDY_index.py"),
     ] = None,
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            help="Your own scenario, own.py:name: a study file never makes us run a program.",
-            show_default="the built-in one that the study names",
-        ),
-    ] = None,
+    scenario: _Scenario = None,
 ) -> None:
-    """Write what the answers say that counts as a Python function, `cost(experiment)`.
+    """Write what the answers have taught as a Python function, `cost(experiment)`.
 
     With it an agent runs unattended:
     prefcal calibrate SCENARIO --agent glis --cost STUDY_index.py:cost
@@ -87,13 +156,20 @@ def index(
     typer.echo(f"Written: {file}")
 
 
-@app.command("import")
+@app.command(
+    "import",
+    epilog=_examples(
+        ("import mine.json --study second", "Make a study called second of an exported file.")
+    ),
+)
 def import_(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="JSON that `export` has written.")],
     study: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME_OR_PATH", help="What to call it.", show_default="the file's name"
+            metavar="NAME_OR_PATH",
+            help="Name or path of the new study.",
+            show_default="the file's name",
         ),
     ] = None,
 ) -> None:
@@ -103,9 +179,9 @@ def import_(
     typer.echo(f"Imported: {import_study(file, study)}")
 
 
-@app.command()
+@app.command(epilog=_examples(("verify mine", "Check the whole file, for example after a copy.")))
 def verify(study: _Name) -> None:
-    """Check that no event of a study was changed, moved or removed; exit code 1 if one was."""
+    """Check that no event of a study was changed, moved or removed; if so, exit code 1."""
     from prefcal_scenarios.cli.shelf import findings_of
 
     count, findings = findings_of(study)
@@ -113,18 +189,23 @@ def verify(study: _Name) -> None:
         typer.echo(finding)
     if findings:
         raise typer.Exit(1)
-    typer.echo(f"Sound: {count} events, each as it was written.")
+    typer.echo(f"Sound: {count} events, unchanged since they were written.")
 
 
 _Texts = list[str] | None
 
 
-@app.command()
+@app.command(
+    epilog=_examples(
+        ("respace mine --knob T_s=0.1:0.5", "Search T_s from 0.1 to 0.5 from now on."),
+        ("respace mine --freeze N_p=26", "Keep N_p at 26."),
+    )
+)
 def respace(
     study: _Name,
     knob: Annotated[
         _Texts,
-        typer.Option(metavar="KNOB=LOW:HIGH", help="Search this range: narrower, or wider."),
+        typer.Option(metavar="KNOB=LOW:HIGH", help="Search this range, narrower or wider."),
     ] = None,
     freeze: Annotated[
         _Texts, typer.Option(metavar="KNOB=VALUE", help="Keep a knob at this value.")
@@ -136,18 +217,12 @@ def respace(
             help="A knob that the scenario has now, and its value in the experiments so far.",
         ),
     ] = None,
-    scenario: Annotated[
-        str | None,
-        typer.Option(
-            help="Where the scenario is, own.py:name: it is a program.",
-            show_default="the built-in one that the study names",
-        ),
-    ] = None,
+    scenario: _Scenario = None,
 ) -> None:
     """Change the knobs of a running study; every experiment and answer stays.
 
-    Close its page first. Experiments outside of a narrowed range still teach; only
-    proposals keep to it. Each option may be given several times.
+    Close its page first. Experiments outside a narrowed range still count for
+    learning; only new proposals stay inside. Each option can be repeated.
     """
     from prefcal_scenarios.cli.respacing import Changes, in_words
     from prefcal_scenarios.cli.respacing import respace as respace_study

@@ -1,6 +1,7 @@
 """The CSTR as a scenario: the steady-state switch of section IV-A."""
 
 from functools import partial
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -8,19 +9,21 @@ from jaxtyping import Float
 
 from prefcal_env.calibrators import Criterion, LatentCost, Lexicographic
 from prefcal_env.envs.cstr import BAND, TARGET, UNSAFE_TEMPERATURE, cstr_env
-from prefcal_env.experiment import Channel, Experiment
-from prefcal_env.plants import CSTR
+from prefcal_env.envs.rendering import makes
+from prefcal_env.experiment import Experiment
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.plants.cstr import CSTR
 from prefcal_env.rollout import rollout
-from prefcal_env.tuning import TuningEnv, same_step_vector
+from prefcal_env.tuning import TuningEnv, same_step_vector, sampled_at
+from prefcal_scenarios.cstr import words
 from prefcal_scenarios.cstr.indicators import KPIS, indicators, performance_index
 from prefcal_scenarios.cstr.tuning import SPACE, controller, settings
-from prefcal_scenarios.scenario import Panel, Scenario
+from prefcal_scenarios.scenario import Panel, Scenario, described
 
-_T, _C_A = CSTR.states
 PANELS = (
-    Panel("x", Channel(_C_A.name, _C_A.unit, target=TARGET, band=BAND, symbol="C_A"), index=1),
-    Panel("u", CSTR.inputs[0]),
-    Panel("x", Channel(_T.name, _T.unit, high=UNSAFE_TEMPERATURE, symbol="T"), index=0),
+    Panel("concentration", target=TARGET, band=BAND),
+    Panel("coolant temperature"),
+    Panel("temperature", high=UNSAFE_TEMPERATURE),
 )
 REFERENCES = {
     "paper, preferences": np.array([0.31, 26.0, -1.79]),
@@ -28,16 +31,20 @@ REFERENCES = {
 }
 
 
-def run(theta: Float[np.ndarray, " 3"], seed: int = 0) -> Experiment:
-    """One experiment of θ = (T_s [h], N_p, log10 Q_Δu), shape (3,), physical.
+def run(
+    theta: Float[np.ndarray, " 3"], seed: int = 0, space: KnobSpace = SPACE, **options: Any
+) -> Experiment:
+    """One experiment of θ = (T_s [h], N_p, log10 Q_Δu), shape (3,), physical, in `space`.
 
-    From the steady state with C_A = 8.56; nothing in it is random.
+    From the steady state with C_A = 8.56; nothing in it is random. Options are those of
+    `cstr_env`.
 
     Raises:
         KnobError: θ of the wrong shape, NaN or outside the box.
     """
-    theta = SPACE.check(theta)
-    return rollout(cstr_env(), controller(theta), theta, seed=seed, kpis=indicators)
+    theta = space.check(theta)
+    loop = cstr_env(**options)
+    return rollout(loop, controller(theta, space=space), theta, seed=seed, kpis=indicators)
 
 
 def synthetic(seed: int = 0) -> LatentCost:
@@ -53,7 +60,7 @@ def lexicographic(seed: int = 0) -> Lexicographic:
     return Lexicographic(
         [
             Criterion("target missed by", _missed_by, 0.01),
-            Criterion("settling time [h]", partial(_kpi, "settling_time"), 0.5),
+            Criterion("time to steady state t_f [h]", partial(_kpi, "settling_time"), 0.5),
             Criterion(
                 "mean square move [K²]", partial(_kpi, "mean_square_move"), just_noticeable=0.05
             ),
@@ -74,26 +81,45 @@ def _kpi(name: str, experiment: Experiment) -> float:
 cstr = Scenario(
     name="cstr",
     title="CSTR steady-state switch",
-    space=SPACE,
+    space=SPACE.described(words.KNOBS),
     run=run,
     cost=performance_index,
-    kpis=KPIS,
+    kpis=described(KPIS, words.KPIS),
     panels=PANELS,
     references=REFERENCES,
     calibrators={"synthetic": synthetic, "lexicographic": lexicographic},
     controller=controller,
     settings=settings,
+    brief=words.BRIEF,
 )
 
 
-def make_tuning_env(render_mode: str | None = None) -> TuningEnv:
-    """`prefcal/CSTRTuning-v0`: one step is one experiment; reward = -(eq. perf_index)."""
+@makes(TuningEnv)
+def make_tuning_env(
+    *,
+    T_s: float | None = None,
+    x0: Any = None,
+    max_move: float | None = None,
+    plant: CSTR | None = None,
+    render_mode: str | None = None,
+) -> TuningEnv:
+    """`prefcal/CSTRTuning-v0`: one step is one experiment; reward = -(eq. perf_index).
+
+    Args:
+        T_s: Freezes the sampling time of θ [h].
+        x0: Of `cstr_env`, as `max_move` and `plant`: what every experiment runs on.
+        max_move: See `cstr_env`.
+        plant: See `cstr_env`; the MPC keeps its own model.
+        render_mode: None or "rgb_array".
+    """
+    options = {"x0": x0, "max_move": max_move, "plant": plant}
+    cstr_env(**options)  # refuses what is wrong now, not in the first experiment
     return TuningEnv(
-        SPACE, run, score=performance_index, panels=PANELS, title=cstr.title,
-        render_mode=render_mode,
+        sampled_at(SPACE, T_s), partial(run, **options), score=performance_index, panels=PANELS,
+        title=cstr.title, render_mode=render_mode,
     )  # fmt: skip
 
 
-def make_tuning_vector(num_envs: int = 1, render_mode: str | None = None) -> gym.vector.VectorEnv:
+def make_tuning_vector(num_envs: int = 1, **options: Any) -> gym.vector.VectorEnv:
     """Several of them, without wasted steps (see `same_step_vector`)."""
-    return same_step_vector("prefcal/CSTRTuning-v0", num_envs, render_mode=render_mode)
+    return same_step_vector("prefcal/CSTRTuning-v0", num_envs, **options)

@@ -25,10 +25,14 @@ SPACE = KnobSpace(
         Knob("log Q_Δu", -5.0, 3.0),
     ]
 )
-"""The logarithm itself is the knob, to base 10 (the paper states none)."""
+"""The logarithm itself is the knob.
+
+Deviation: to base 10; the paper states none. The lowest index then lies where the paper's GLIS
+found it, with base e it does not (docs/deviations.md).
+"""
 
 
-def mpc_settings(theta: Float[np.ndarray, " 3"]) -> MPCSettings:
+def mpc_settings(theta: Float[np.ndarray, " 3"], space: KnobSpace = SPACE) -> MPCSettings:
     """Settings of the MPC at θ = (T_s [h], N_p, log10 Q_Δu); the others are fixed by the paper.
 
     Only C_A is tracked (Q_y = diag(0, 1)), N_u = N_p/3 rounded half up, T_c in [284, 310] K with
@@ -37,7 +41,7 @@ def mpc_settings(theta: Float[np.ndarray, " 3"]) -> MPCSettings:
     Raises:
         KnobError: θ of the wrong shape, NaN or outside the box.
     """
-    T_s, N_p, log_Q_du = (float(v) for v in SPACE.check(theta))
+    T_s, N_p, log_Q_du = (float(v) for v in space.check(theta))
     limits = CSTR.inputs[0]
     return MPCSettings(
         T_s=T_s, N_p=int(N_p), N_u=control_horizon(1 / 3, int(N_p)),
@@ -53,18 +57,20 @@ ESTIMATOR = EstimatorSettings(
 
 
 def controller(
-    theta: Float[np.ndarray, " 3"], estimator: EstimatorSettings | None = None
+    theta: Float[np.ndarray, " 3"],
+    estimator: EstimatorSettings | None = None,
+    space: KnobSpace = SPACE,
 ) -> Controller:
     """A fresh MPC tuned by θ = (T_s [h], N_p, log10 Q_Δu), shape (3,), physical.
 
     The paper's has no estimator; `ESTIMATOR` is one.
     """
-    tuned = mpc_settings(theta)
+    tuned = mpc_settings(theta, space)
     return (
         LinearMPC(CSTR(), tuned) if estimator is None else EstimatingMPC(CSTR(), tuned, estimator)
     )
 
 
-def settings(theta: Float[np.ndarray, " 3"]) -> dict[str, Any]:
+def settings(theta: Float[np.ndarray, " 3"], space: KnobSpace = SPACE) -> dict[str, Any]:
     """The same settings as plain data."""
-    return asdict(mpc_settings(theta))
+    return asdict(mpc_settings(theta, space))

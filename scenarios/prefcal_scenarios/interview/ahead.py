@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.restore import AnyAgent
+from prefcal_env.errors import RunError
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Answer, Preference, Strength
 
@@ -35,6 +36,9 @@ class Ahead:
     _twins: dict[Answer, AnyAgent] = field(default_factory=dict)
     _tried: set[Answer] = field(default_factory=set)
     _experiments: OrderedDict[bytes, Experiment] = field(default_factory=OrderedDict)
+    _failures: dict[bytes, RunError] = field(default_factory=dict)
+    next: Float[np.ndarray, " n"] | None = None
+    """θ that a twin proposes and that is to be run, physical, shape (n,)."""
 
     def missing(self, asked: Question) -> Answer | None:
         """The next answer to `asked`, complete, that nothing is known about; None if all are."""
@@ -59,12 +63,25 @@ class Ahead:
         """Drop the twins: the question has changed."""
         self._twins.clear()
         self._tried.clear()
+        self.next = None
 
     def keep(self, theta: Float[np.ndarray, " n"], experiment: Experiment) -> None:
         """Have the experiment of θ at hand: as it was asked for, whatever θ its plant reports."""
         self._experiments[_key(theta)] = experiment
         while len(self._experiments) > _KEPT:
             self._experiments.popitem(last=False)
+
+    def keep_failure(self, theta: Float[np.ndarray, " n"], error: RunError) -> None:
+        """Have it at hand that θ crashed or took too long: nobody has to wait for that twice."""
+        self._failures[_key(theta)] = error
+
+    def is_known(self, theta: Float[np.ndarray, " n"]) -> bool:
+        """Whether θ was run, and gave an experiment or not."""
+        return _key(theta) in self._experiments or _key(theta) in self._failures
+
+    def take_failure(self, theta: Float[np.ndarray, " n"]) -> RunError | None:
+        """Return why θ gave no experiment, once: who tries again means it."""
+        return self._failures.pop(_key(theta), None)
 
     def experiment(self, theta: Float[np.ndarray, " n"]) -> Experiment | None:
         """The experiment of θ, if it was run."""

@@ -1,6 +1,8 @@
 """The experiments of a study by index, as questions show them."""
 
+from collections import OrderedDict
 from dataclasses import dataclass, field, replace
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -16,33 +18,66 @@ from prefcal_scenarios.scenario import Scenario
 
 from .moment import Question, Side
 
+_KEPT = 32
+"""Experiments that stay at hand: those of the last questions. A trajectory may take a megabyte."""
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(slots=True)
 class Album:
-    """Reads experiments out of the study file, once each."""
+    """Reads experiments out of the study file when they are shown.
+
+    The last few stay at hand, and whatever somebody else holds is never read twice. Of all others
+    only what takes no room is kept: what the agent may learn of them, and how they ended.
+    """
 
     scenario: Scenario
     study: StudyFile
-    _read: dict[int, Experiment] = field(default_factory=dict)
+    _held: WeakValueDictionary[int, Experiment] = field(default_factory=WeakValueDictionary)
+    _last: OrderedDict[int, Experiment] = field(default_factory=OrderedDict)
+    _outcomes: dict[int, Outcome] = field(default_factory=dict)
+    _ends: dict[int, End] = field(default_factory=dict)
 
     def experiment(self, index: int) -> Experiment:
         """Experiment number `index`, from 0. Raises StudyError if there is none."""
-        state = self.study.state
-        if index not in state.finished:
-            raise StudyError(f"the study has no experiment {index + 1}")
-        seq = state.finished[index]
-        if seq not in self._read:
-            experiment = self.study.experiment(seq)
-            if len(experiment.theta) != len(state.samples[index].theta):  # knobs were added since
-                theta = np.array(state.samples[index].theta)
-                experiment = replace(experiment, theta=theta)
-            self._read[seq] = experiment
-        return self._read[seq]
+        seq = self._event(index)
+        experiment = self._held.get(seq)
+        if experiment is None:
+            experiment = self._held[seq] = self._read(seq, index)
+        self._last[seq] = experiment
+        self._last.move_to_end(seq)
+        while len(self._last) > _KEPT:
+            self._last.popitem(last=False)
+        return experiment
+
+    def end(self, index: int) -> End:
+        """How experiment number `index`, from 0, ended. Raises StudyError if there is none."""
+        seq = self._event(index)
+        if seq not in self._ends:
+            self._ends[seq] = self.study.end(seq)
+        return self._ends[seq]
 
     def outcomes(self, challenger: int, incumbent: int | None) -> tuple[Outcome, Outcome | None]:
         """What the agent may learn of two experiments beside their θ."""
-        rival = None if incumbent is None else outcome(self.scenario, self.experiment(incumbent))
-        return outcome(self.scenario, self.experiment(challenger)), rival
+        rival = None if incumbent is None else self._outcome(incumbent)
+        return self._outcome(challenger), rival
+
+    def _event(self, index: int) -> int:
+        finished = self.study.state.finished
+        if index not in finished:
+            raise StudyError(f"the study has no experiment {index + 1}")
+        return finished[index]
+
+    def _read(self, seq: int, index: int) -> Experiment:
+        experiment, theta = self.study.experiment(seq), self.study.state.samples[index].theta
+        if len(experiment.theta) == len(theta):
+            return experiment
+        return replace(experiment, theta=np.array(theta))  # knobs were added since
+
+    def _outcome(self, index: int) -> Outcome:
+        seq = self._event(index)
+        if seq not in self._outcomes:
+            self._outcomes[seq] = outcome(self.scenario, self.experiment(index))
+        return self._outcomes[seq]
 
     def failed(self, index: int) -> Experiment:
         """An experiment without a record, for sample `index`, whose run failed."""
@@ -82,9 +117,11 @@ class Album:
 
     def comparison(self, index: int) -> Comparison:
         """Closed query number `index`, from 0; a retracted answer is an abstention."""
-        state = self.study.state
-        closed = state.closed[index]
-        rival = closed.incumbent
+        return self.compared(self.study.state.closed[index])
+
+    def compared(self, closed: Closed) -> Comparison:
+        """What was compared, and the answer; a retracted one is an abstention."""
+        state, index, rival = self.study.state, closed.challenger, closed.incumbent
         return Comparison(
             Query(_suggestion(state, index), None if rival is None else _suggestion(state, rival)),
             _abstained(closed.answer) if closed.retracted else closed.answer,

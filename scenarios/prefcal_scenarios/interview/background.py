@@ -1,10 +1,17 @@
 """The thread that runs an interview's experiments while a person looks at the last one."""
 
 import threading
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
+from prefcal_scenarios.isolated.life import GRACE
+
 from .interview import Interview
+from .moment import Phase
+
+_DRAWN = 0.15
+"""Seconds in which a new question is sent and drawn, before this machine looks further ahead."""
 
 
 class Background:
@@ -26,8 +33,17 @@ class Background:
         trace: TracebackType | None,
     ) -> None:
         self._interview.close()
-        self._thread.join(timeout=1.0)
+        self._thread.join(timeout=1.0 + GRACE)
 
     def _loop(self) -> None:
-        while self._interview.work() or self._interview.wait_for_work():
-            pass
+        # What cannot be compiled fails again as the first experiment runs, which shows it.
+        with suppress(Exception):
+            self._interview.prepare()
+        seen = None
+        while True:
+            now = self._interview.now()
+            if now.phase is Phase.QUESTION and now.question is not seen:
+                seen = now.question
+                self._interview.wait(now.version, _DRAWN)
+            if not (self._interview.work() or self._interview.wait_for_work()):
+                return

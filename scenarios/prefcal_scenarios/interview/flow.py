@@ -5,8 +5,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from prefcal_agents.restore import AnyAgent
+from prefcal_env.compiling import Compiling
 from prefcal_env.completing import completed
-from prefcal_env.errors import PrefcalError, StudyError
+from prefcal_env.errors import StudyError
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Answer, Query
 from prefcal_env.rig import Rig
@@ -21,11 +22,12 @@ from prefcal_env.studies import (
     StudyFile,
     Suggested,
 )
+from prefcal_scenarios.own_line import in_words
 
 from .ahead import Ahead
 from .album import Album
 from .memory import incumbent
-from .moment import Phase, Question
+from .moment import Phase, Question, Side
 from .order import challenger_left
 from .scores import judged
 
@@ -41,9 +43,16 @@ class Flow:
     phase: Phase = Phase.RUNNING
     question: Question | None = None
     problem: Exception | None = None
+    checked: bool = False
+    """Whether an experiment of this process has been found to fit its scenario."""
+    preparing: Compiling | None = None
     version: int = 0
     answered_at: int = 0
     """Version since which no answer was given or taken back."""
+    stopped: int | None = None
+    """Sample whose run a person has stopped before it began."""
+    draft: str = ""
+    """The comment of the answer that was taken back last, until another one is given."""
 
     @property
     def state(self) -> State:
@@ -176,12 +185,20 @@ class Flow:
         if shown.repeats is None:
             known = self.album.outcomes(shown.challenger, shown.incumbent)
             further = shown.challenger < len(self.state.closed)
-            question = replace(question, outcomes=known, further=further)
+            left, right = (
+                self._with_role(side, further) for side in (question.left, question.right)
+            )
+            question = replace(question, left=left, right=right, outcomes=known, further=further)
         else:
             further = any(c.question == shown.repeats for c in self.state.further)
             question = replace(question, further=further)
         self.move(Phase.QUESTION)
         self.question = question
+
+    def _with_role(self, side: Side, further: bool) -> Side:
+        """`side`, and whether it is the best so far by the record, or new."""
+        role = "new" if side.challenger and not further else ""
+        return replace(side, role="best so far" if side.index == self.best else role)
 
     def tell(self, answer: Answer) -> None:
         """Teach the agent `answer`, which is durable already, and go on if that is quick."""
@@ -195,6 +212,7 @@ class Flow:
 
     def ran(self, sample: Suggested, result: Experiment | Exception) -> None:
         """Take the result of running `sample`, if it is still the one that is waited for."""
+        self.stopped = None
         if isinstance(result, Experiment):
             self.ahead.keep(np.array(sample.theta), result)
         if self.phase is not Phase.RUNNING or self.pending != sample:
@@ -214,10 +232,3 @@ class Flow:
 def pair_of(query: Query) -> tuple[int, int | None]:
     """Indices of the challenger and of the incumbent."""
     return query.challenger.index, None if query.incumbent is None else query.incumbent.index
-
-
-def in_words(error: Exception) -> str:
-    """An error for people: ours speak for themselves, others need their name."""
-    words = str(error) if isinstance(error, PrefcalError) else f"{type(error).__name__}: {error}"
-    # The name of a file may hold half a character, which neither a study nor a terminal can.
-    return words.encode(errors="backslashreplace").decode()

@@ -3,25 +3,32 @@
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents import Advice, GLISp
+from prefcal_agents.importance import Importance
 from prefcal_agents.learned_index import LearnedIndex
-from prefcal_env.experiment import Experiment
+from prefcal_env.compiling import Compiling, compile_missing
+from prefcal_env.experiment import End, Experiment
 from prefcal_env.preference import Answer, Strength
 from prefcal_env.studies import Closed, Noted, StudyFile
 from prefcal_env.study import Comparison
+from prefcal_scenarios.own_line import in_words
 from prefcal_scenarios.scenario import Scenario
 
-from . import runs, steps
+from . import records, runs, steps
 from .album import Album
 from .consistency import Consistency
-from .flow import Flow, in_words
-from .memory import agent_of, as_studied
-from .minded import index_of, known_outcomes
+from .counts import Counts, answered
+from .flow import Flow
+from .memory import agent_of, as_studied, unbeaten
+from .minded import importance_of, index_of, known_outcomes
 from .moment import Choice, Now, Phase, Question
+from .outlook import Outlook, others_unbeaten, outlook
+from .records import Given, Preview
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 
@@ -64,12 +71,13 @@ class Interview:
     def now(self) -> Now:
         """One consistent view."""
         with self._changed:
-            flow = self._flow
+            flow, worker = self._flow, runs.worker_of(self._flow)
             return Now(
                 version=flow.version, phase=flow.phase, question=flow.question,
                 problem=None if flow.problem is None else in_words(flow.problem),
                 pending=flow.pending, incumbent=flow.best,
-                can_undo=steps.can_undo(flow), state=flow.state,
+                can_undo=steps.can_undo(flow), state=flow.state, preparing=flow.preparing,
+                draft=flow.draft, run_limit=None if worker is None else worker.limit,
             )  # fmt: skip
 
     def wait(self, version: int, timeout: float) -> Now:
@@ -82,6 +90,11 @@ class Interview:
         """Experiment `index`, from 0. Raises StudyError if there is none."""
         with self._changed:
             return self._flow.album.experiment(index)
+
+    def end(self, index: int) -> End:
+        """How experiment `index`, from 0, ended. Raises StudyError if there is none."""
+        with self._changed:
+            return self._flow.album.end(index)
 
     def asked(self, answer: int) -> Question:
         """Closed question number `answer`, as it was shown. Raises StaleError if there is none."""
@@ -102,6 +115,17 @@ class Interview:
         with self._changed:
             count = len(self._flow.state.closed)
             return tuple(self._flow.album.comparison(i) for i in range(start, count))
+
+    def answered(self) -> tuple[Comparison, ...]:
+        """The comparisons whose answers stand, further ones too, in the order given."""
+        with self._changed:
+            flow = self._flow
+            return tuple(flow.album.compared(closed) for closed in answered(flow.state))
+
+    @property
+    def counts(self) -> Counts:
+        """How many experiments and comparisons there are."""
+        return Counts.of(self.study.state)
 
     @property
     def n_max(self) -> int:
@@ -132,11 +156,28 @@ class Interview:
         return getattr(twin, "advice", None)
 
     @property
+    def outlook(self) -> Outlook | None:
+        """Whether to go on, and which knobs are at the end of their range; None if unknown."""
+        now, advice = self.now(), self.advice
+        best = None if now.incumbent is None else self.experiment(now.incumbent).theta
+        found = outlook(advice, best, self.scenario.space, self.study.path, now.state)
+        if found is None or self._flow.agent.by_value:
+            return found
+        return replace(found, unbeaten=others_unbeaten(unbeaten(now.state)))
+
+    @property
     def index(self) -> LearnedIndex | None:
         """What the answers say that a person minds; None while they say nothing of it."""
         with self._changed:
             ledger = known_outcomes(self.study.state, self._flow.album)
         return index_of(ledger, self._flow.seed)
+
+    @property
+    def importance(self) -> Importance | None:
+        """Which KPIs stand out in the answers; None while they say nothing of it."""
+        with self._changed:
+            ledger = known_outcomes(self.study.state, self._flow.album)
+        return importance_of(ledger, self.scenario)
 
     @property
     def consistency(self) -> Consistency:
@@ -215,16 +256,35 @@ class Interview:
             flow.version += 1
             return self.now()
 
-    def record(self, index: int, content: bytes, *, unsafe: bool = False) -> Now:
-        """Take the CSV of the pending sample, run on a rig. Raises RecordError if refused."""
+    def preview(self, given: Given) -> Preview:
+        """Read a rig's record, and save nothing. Raises RecordError if it is refused."""
+        with self._changed:
+            return records.preview(self._flow, given)
+
+    def record(self, given: Given) -> Now:
+        """Save a rig's record of the pending sample, or the right one of an earlier experiment.
+
+        Raises:
+            RecordError: it is refused.
+        """
         with self._change() as flow:
-            runs.record(flow, index, content, unsafe=unsafe)
+            records.record(flow, given)
             return self.now()
 
     def fail(self, index: int, reason: str = "") -> Now:
         """Count the run of the pending sample as failed: an experiment without a record."""
         with self._change() as flow:
             runs.fail(flow, index, reason)
+            return self.now()
+
+    def stop_run(self, index: int) -> Now:
+        """Stop the run of the pending sample, which then has failed.
+
+        Raises:
+            ScenarioError: it runs inside prefcal, as those of built-in scenarios do.
+        """
+        with self._change() as flow:
+            runs.stop(flow, index)
             return self.now()
 
     def retry(self, index: int = 0) -> Now:
@@ -246,6 +306,25 @@ class Interview:
             return self.now()
 
     # Work in the background.
+
+    def prepare(self, told: Callable[[Compiling], None] = lambda part: None) -> None:
+        """Compile what the scenario needs and no earlier run has left; `told` hears of each part.
+
+        Without it the first experiment compiles as it runs, and nobody sees how far it is.
+        """
+
+        def tell(part: Compiling | None) -> None:
+            with self._change() as flow:
+                flow.preparing = part
+                flow.version += 1
+            if part is not None:
+                told(part)
+
+        try:
+            compile_missing(tell)
+        finally:
+            if self._flow.preparing is not None:
+                tell(None)
 
     def work(self) -> bool:
         """Do the next piece of work; False if there is none. The long part holds no lock."""
@@ -280,9 +359,12 @@ class Interview:
                 raise self._flow.problem
 
     def close(self) -> None:
-        """Take no more work; the study file stays open."""
+        """Take no more work, and give up the run of an own scenario; the study file stays open."""
         with self._changed:
             self._closing = True
+            worker = runs.worker_of(self._flow)
+            if worker is not None:
+                worker.stop("given up")
             self._changed.notify_all()
 
     @contextmanager
@@ -293,4 +375,5 @@ class Interview:
                 yield self._flow
             finally:
                 if self._flow.version != version:
+                    runs.make_way(self._flow)
                     self._changed.notify_all()

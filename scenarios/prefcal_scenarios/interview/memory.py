@@ -1,17 +1,16 @@
 """Between a study file and an agent: the configuration, and waking the agent up from a state."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 from prefcal_agents import AgentState, Earlier, restore
 from prefcal_agents.restore import AnyAgent
-from prefcal_env.errors import PrefcalError, StudyError
+from prefcal_env.champions import Verdict, best_of, representative, undominated, unsafe_indices
+from prefcal_env.errors import StudyError
 from prefcal_env.knobs import KnobSpace
-from prefcal_env.preference import Preference
 from prefcal_env.studies import Closed, State, space_of
 from prefcal_env.studies import knobs_as_dicts as knobs_as_dicts
-from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.scenario import Scenario, with_ranges
 
 
 def constraint_names(space: KnobSpace) -> list[str]:
@@ -64,7 +63,9 @@ def as_studied(scenario: Scenario, state: State) -> Scenario:
     if "respaced" not in configuration:
         return scenario
     check_space({**configuration, "knobs": configuration.get("scenario_knobs")}, scenario.space)
-    return replace(scenario, space=with_constraints(space_of(configuration), scenario.space))
+    space = with_constraints(space_of(configuration), scenario.space)
+    about = {knob.name: knob.about for knob in scenario.space if knob.name in space.names}
+    return with_ranges(scenario, space.described(about))
 
 
 def with_constraints(space: KnobSpace, scenario: KnobSpace) -> KnobSpace:
@@ -99,30 +100,37 @@ def agent_state(state: State) -> AgentState:
 
 
 def incumbent(state: State) -> int | None:
-    """Index of the winner along the answers that stand; None before the first experiment."""
-    return incumbents(state)[-1] if state.closed else None
-
-
-def believed_best(state: State) -> int | None:
-    """Index of the best experiment so far, as the agent of a study believes; None before any.
-
-    Without its scenario: where no agent can be made, it is the winner along the answers.
-    """
-    try:
-        agent = restore(space_of(state.configuration), agent_state(state))
-    except PrefcalError:
-        return incumbent(state)
-    return incumbent(state) if agent.by_value else agent.best_index
+    """Return the index of the best experiment by the record; None before the first one."""
+    if not state.closed:
+        return None
+    return best_of(*_record(state, len(state.closed)))
 
 
 def incumbents(state: State) -> tuple[int, ...]:
-    """The winner after each closed query, along the answers that stand."""
-    winner, winners = 0, []
-    for closed in state.closed:
-        if not closed.retracted and closed.answer.preference is Preference.CHALLENGER:
-            winner = closed.challenger
-        winners.append(winner)
-    return tuple(winners)
+    """Return the best experiment after each closed query, by the answers given until the next."""
+    return tuple(best_of(*_record(state, count)) for count in range(1, len(state.closed) + 1))
+
+
+def unbeaten(state: State) -> tuple[int, ...]:
+    """Return the best experiment, and others that no answer says are worse, in order."""
+    if not state.closed:
+        return ()
+    verdicts, unsafe = _record(state, len(state.closed))
+    best = best_of(verdicts, unsafe)
+    others = [g for g in undominated(verdicts, unsafe) if best not in g]
+    return (best, *sorted(representative(verdicts, group) for group in others))
+
+
+def _record(state: State, count: int) -> tuple[list[Verdict], frozenset[int]]:
+    """Answers that stand about the first `count` experiments, and those they mark unsafe."""
+    closed = [*state.closed[:count], *(c for c in state.further if (c.after or 0) <= count)]
+    standing = [c for c in sorted(closed, key=lambda c: c.seq) if not c.retracted]
+    verdicts = [
+        Verdict(c.challenger, c.incumbent, c.answer.preference, c.after is not None)
+        for c in standing
+        if c.incumbent is not None and c.answer.preference is not None
+    ]
+    return verdicts, unsafe_indices(standing)
 
 
 def earlier_of(state: State) -> Earlier:

@@ -2,10 +2,13 @@
 
 from dataclasses import replace
 
+from prefcal_agents.importance import Importance
 from prefcal_agents.learned_index import LearnedIndex
 from prefcal_agents.ledger import Comparison, Ledger
 from prefcal_env.qp import make_backend
 from prefcal_env.studies import State
+from prefcal_scenarios.outcomes import seen
+from prefcal_scenarios.scenario import Scenario
 
 from .album import Album
 from .memory import agent_state
@@ -24,6 +27,11 @@ def known_outcomes(state: State, album: Album) -> Ledger:
 def index_of(ledger: Ledger, seed: int) -> LearnedIndex | None:
     """The index that explains the answers in `ledger` best."""
     return LearnedIndex.of(ledger, seed, make_backend("piqp"))
+
+
+def importance_of(ledger: Ledger, scenario: Scenario) -> Importance | None:
+    """Which of the scenario's KPIs stand out in the answers of `ledger`."""
+    return Importance.of(ledger, seen(scenario))
 
 
 def _known(comparison: Comparison, album: Album) -> Comparison:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from enum import Enum
 
+from prefcal_env.compiling import Compiling
 from prefcal_env.completing import completed, counts_as_unsafe
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Answer, Mark, Outcomes, Preference, Strength
@@ -42,12 +43,17 @@ class Choice(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """One of the two experiments of a question; `index` counts from 0, people from 1."""
+    """One of the two experiments of a question; `index` counts from 0, people from 1.
+
+    The `role` is said beside the number: "new", "best so far", or nothing. In a question that asks
+    an earlier one again, or that was closed, nobody is said to be the best.
+    """
 
     index: int
     experiment: Experiment
     challenger: bool
     marks: frozenset[str] = frozenset()
+    role: str = ""
 
     @property
     def counts_as_unsafe(self) -> bool:
@@ -84,7 +90,7 @@ class Question:
 
     @property
     def incumbent(self) -> Side:
-        """The side that was the best so far, or in a further question the earlier one."""
+        """The side that was there before: the best so far, or in a further question the earlier."""
         return self.right if self.left.challenger else self.left
 
     def preference(self, choice: Choice) -> Preference | None:
@@ -130,6 +136,9 @@ class Now:
         incumbent: Index of the best experiment so far; None before the first.
         can_undo: Whether there is an answer to take back.
         state: What the study file says.
+        draft: The comment of the answer that was just taken back.
+        preparing: What is compiled before the first experiment can run; None once all is there.
+        run_limit: Most seconds of a run, which can be stopped; None where runs cannot be stopped.
     """
 
     version: int
@@ -140,3 +149,6 @@ class Now:
     incumbent: int | None
     can_undo: bool
     state: State
+    draft: str = ""
+    preparing: Compiling | None = None
+    run_limit: float | None = None

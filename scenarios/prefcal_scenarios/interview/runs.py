@@ -5,15 +5,22 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import ScenarioError, StaleError
+from prefcal_env.errors import RunError, ScenarioError, StaleError
 from prefcal_env.experiment import Experiment
-from prefcal_env.rig import Rig
 from prefcal_env.studies import Ended, Extended, Finished, Noted, Reopened, Suggested
+from prefcal_scenarios.checks import check_experiment
+from prefcal_scenarios.isolated import IsolatedRun, Worker
+from prefcal_scenarios.own_line import located
 
 from .flow import Flow
 from .memory import agent_of
 from .moment import GOOD_ENOUGH, Phase
 
+UNBIDDEN = ("late", "died")
+"""Why a run gave no experiment, where neither a person nor the code has said so."""
+_COURTESY = 2.0
+"""Seconds that a run on suspicion may still take while another one is waited for: it may be as
+good as done, and a fresh process takes a second."""
 Attempt = Callable[[], Callable[[], None]]
 """What is long, to be called without the lock; it gives what is to be done with the lock."""
 
@@ -24,11 +31,22 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
         pending = flow.pending
         if pending is None or pending.index in flow.state.finished:
             return lambda: lambda: _go_on_running(flow)
-        known = flow.ahead.experiment(np.array(pending.theta))
+        known = _known(flow, pending)
+        if known is None:
+            reserve(flow, np.array(pending.theta))
         return lambda: _running(flow, pending, known)
     if flow.phase is Phase.QUESTION and ahead:
         return _looking_ahead(flow)
     return None
+
+
+def _known(flow: Flow, sample: Suggested) -> Experiment | RunError | None:
+    """What is known already of running `sample`."""
+    if flow.stopped == sample.index:
+        flow.stopped = None
+        return RunError("you stopped the run before it began", "stopped")
+    theta = np.array(sample.theta)
+    return flow.ahead.experiment(theta) or flow.ahead.take_failure(theta)
 
 
 def _go_on_running(flow: Flow) -> None:
@@ -40,27 +58,37 @@ def _go_on_running(flow: Flow) -> None:
         flow.proceed()
 
 
-def _running(flow: Flow, sample: Suggested, known: Experiment | None) -> Callable[[], None]:
+def _running(
+    flow: Flow, sample: Suggested, known: Experiment | RunError | None
+) -> Callable[[], None]:
     result = known or attempt(flow, np.array(sample.theta))
+    if isinstance(result, RunError) and result.why == "given up":
+        return lambda: None  # that is no failure; if it is waited for again, it is run again
     return lambda: flow.ran(sample, result)
 
 
 def attempt(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment | Exception:
     """Run θ. Whatever the user's plant raises is a result too, and so is what it should not give.
 
+    The first experiment that was not interrupted also shows whether the scenario fits it.
     SystemExit as well: a plant that calls exit() would end the thread, and all would wait for ever.
     """
+    scenario = flow.album.scenario
     try:
-        result: object = flow.album.scenario.run(theta.copy(), seed=flow.seed)
-    except (Exception, SystemExit) as error:
-        return error if isinstance(error, Exception) else ScenarioError(f"run called exit: {error}")
-    if isinstance(result, Experiment):
-        return result
-    return ScenarioError(f"run must return an Experiment, got {type(result).__name__}")
+        result: object = scenario.run(theta.copy(), seed=flow.seed)
+        if flow.checked and isinstance(result, Experiment):
+            return result
+        experiment = check_experiment(scenario, theta, result)
+    except Exception as error:
+        return located(error)
+    except SystemExit as error:
+        return ScenarioError(f"run called exit: {error}")
+    flow.checked = not experiment.end.interrupted
+    return experiment
 
 
 def _looking_ahead(flow: Flow) -> Attempt | None:
-    """Tell a twin the next likely answer, and run what it would propose.
+    """Tell a twin the next likely answer; then run what it proposes.
 
     What goes wrong here has cost nothing, and perhaps is never asked for: the question stays open.
     If that answer is given, it is computed again, and told if it fails again.
@@ -69,6 +97,8 @@ def _looking_ahead(flow: Flow) -> Attempt | None:
     assert asked is not None
     if asked.repeats is not None:
         return None
+    if flow.ahead.next is not None:
+        return _running_ahead(flow, flow.ahead.next)
     answer = flow.ahead.missing(asked)
     if answer is None:
         return None
@@ -80,23 +110,40 @@ def _looking_ahead(flow: Flow) -> Attempt | None:
             theta = None if twin.done else twin.ask().challenger.theta
         except Exception:
             return lambda: None
-        result = None if theta is None or _is_known(flow, theta) else attempt(flow, theta)
 
         def keep() -> None:
-            if theta is not None and isinstance(result, Experiment):
-                flow.ahead.keep(theta, result)
             if flow.question is asked:
                 flow.ahead.keep_twin(answer, twin)
+                if theta is not None and not _is_known(flow, theta):
+                    flow.ahead.next = theta
 
         return keep
 
     return look
 
 
+def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
+    """Run θ before anybody waits for it."""
+    flow.ahead.next = None
+    reserve(flow, theta)
+
+    def run() -> Callable[[], None]:
+        result = attempt(flow, theta)
+
+        def keep() -> None:
+            if isinstance(result, Experiment):
+                flow.ahead.keep(theta, result)
+            elif isinstance(result, RunError) and result.why in UNBIDDEN:
+                flow.ahead.keep_failure(theta, result)
+
+        return keep
+
+    return run
+
+
 def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
     """Whether θ was run: in the study (before an undo, or a night), or on suspicion."""
-    known = flow.study.find_experiment(theta) is not None
-    return known or flow.ahead.experiment(theta) is not None
+    return flow.study.find_experiment(theta) is not None or flow.ahead.is_known(theta)
 
 
 def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:
@@ -107,13 +154,39 @@ def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:
     return pending
 
 
-def record(flow: Flow, index: int, content: bytes, *, unsafe: bool) -> None:
-    """Take the record of the pending sample."""
-    sample, rig = awaited(flow, index, Phase.RECORD), flow.album.scenario.run
-    assert isinstance(rig, Rig)
-    experiment = rig.read(rig.read_bytes(content), np.array(sample.theta), unsafe=unsafe)
-    flow.study.append((Finished(index), experiment))
-    flow.proceed()
+def worker_of(flow: Flow) -> Worker | None:
+    """The process in which experiments run; None if they run in this one."""
+    run = flow.album.scenario.run
+    return run.worker if isinstance(run, IsolatedRun) else None
+
+
+def reserve(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
+    """Say what is run next before the lock is given up: from then on it can be stopped."""
+    worker = worker_of(flow)
+    if worker is not None:
+        worker.reserve(theta)
+
+
+def stop(flow: Flow, index: int) -> None:
+    """Stop the run of the pending sample, which then has failed."""
+    theta = np.array(awaited(flow, index, Phase.RUNNING).theta)
+    worker = worker_of(flow)
+    if worker is None:
+        raise ScenarioError("experiments of a built-in scenario run in seconds: wait for this one")
+    if worker.busy_with(theta):
+        return worker.stop("stopped")
+    flow.stopped = index  # an earlier one is still in its way
+    return worker.stop("given up")
+
+
+def make_way(flow: Flow) -> None:
+    """If something is waited for, give up the run that nobody waits for, soon."""
+    worker = worker_of(flow)
+    if worker is None or flow.phase is not Phase.RUNNING:
+        return
+    pending = flow.pending
+    if pending is None or worker.busy_with(np.array(pending.theta)) is False:
+        worker.stop("given up", within=_COURTESY)
 
 
 def fail(flow: Flow, index: int, reason: str) -> None:

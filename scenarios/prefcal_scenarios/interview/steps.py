@@ -1,12 +1,12 @@
 """What an answer, a mark, an undo and a retraction do to the flow. Each is durable first."""
 
 from prefcal_agents import GLISp
-from prefcal_env.errors import SettingsError, StaleError, StudyError
+from prefcal_env.errors import PreferenceError, SettingsError, StaleError, StudyError
 from prefcal_env.preference import Answer
 from prefcal_env.studies import Answered, Closed, Marked, Paced, Retracted, Shown, Undone
 
 from .flow import Flow
-from .moment import MARKS, Phase, Question
+from .moment import GOOD_ENOUGH, MARKS, Phase, Question
 from .order import to_repeat
 
 
@@ -30,14 +30,23 @@ def close(flow: Flow, asked: Question, given: Answer, comment: str, blind: bool)
         flow.tell(given)
     else:
         flow.proceed()
-    flow.answered_at = flow.version
+    flow.draft, flow.answered_at = "", flow.version
 
 
 def mark(flow: Flow, asked: Question, side: str, mark: str, on: bool) -> None:
-    """Mark the experiment on `side`, or take the mark away."""
+    """Mark the experiment on `side`, or take the mark away; one mark replaces the other.
+
+    Raises:
+        StudyError: there is no such side or mark.
+        PreferenceError: a run that was interrupted as unsafe is to be good enough.
+    """
     if side not in ("left", "right") or mark not in MARKS:
         raise StudyError(f"a mark is one of {MARKS} on left or right, got {mark!r} on {side!r}")
     which = asked.left if side == "left" else asked.right
+    if on and mark == GOOD_ENOUGH and which.counts_as_unsafe:
+        raise PreferenceError(
+            f"experiment {which.index + 1} was interrupted as unsafe: it cannot be good enough"
+        )
     if on != (mark in which.marks):
         flow.study.append(Marked(which.index, mark, on))
         flow.refresh()
@@ -59,10 +68,19 @@ def undo(flow: Flow, version: int) -> None:
     if version < flow.answered_at:
         raise StaleError("an answer was given or taken back since you looked")
     if flow.question is None or flow.question.repeats is None:
+        comment = _last(flow).comment
         flow.study.append(Undone())
         flow.agent.undo()
+        flow.draft = comment
     flow.proceed()
     flow.answered_at = flow.version
+
+
+def _last(flow: Flow) -> Closed:
+    """The answer that an undo takes back."""
+    state = flow.state
+    last = state.further[-1:]
+    return last[0] if last and last[0].after == len(state.closed) else state.closed[-1]
 
 
 def closed(flow: Flow, answer: int) -> Closed:

@@ -11,7 +11,10 @@ from prefcal_scenarios.overtake.indicators import SHORTEST_DISTANCE
 
 
 def calibrator(processor: Processor) -> Lexicographic:
-    """Criteria (i) to (v) in the priority of (vi); the just noticeable differences are ours.
+    """Criteria (i) to (v) in the priority of (vi).
+
+    Deviation: the just noticeable differences, and the order among (ii) to (v), are ours. What
+    other differences change is in docs/deviations.md.
 
     Real time first: whether the worst t_comp on `processor` is below T_s, and of two that are
     not, the smaller excess. Then whether it was interrupted (collision, off the road; the longer
@@ -42,6 +45,11 @@ def calibrator(processor: Processor) -> Lexicographic:
         ],
         first=[real_time],
     )
+
+
+def on_processor(processor: Processor, seed: int = 0) -> Lexicographic:
+    """The calibrator before `processor`; whatever the `seed`."""
+    return calibrator(processor)
 
 
 def synthetic(seed: int = 0) -> Lexicographic:

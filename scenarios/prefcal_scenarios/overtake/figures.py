@@ -9,11 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from prefcal_env.experiment import Experiment
-from prefcal_env.overtaking import KEEPING_SPEEDS, LENGTH, OVERTAKING_SPEEDS, ROAD
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.overtaking import KEEPING_SPEEDS, LENGTH, OVERTAKING_SPEEDS
 from prefcal_env.plants.bicycle import KMH
 from prefcal_scenarios.overtake.moments import moments
-from prefcal_scenarios.overtake.roads import BREADTH, bare, caption, road, stacked, strip
-from prefcal_scenarios.overtake.scene import obstacles, phases
+from prefcal_scenarios.overtake.roads import bare, breadth, caption, road, stacked, strip
+from prefcal_scenarios.overtake.scene import obstacles, phases, road_of
 from prefcal_scenarios.overtake.shown import OBSTACLE, Shown, best, first
 from prefcal_scenarios.report.record import Record
 from prefcal_scenarios.report.style import FAINT, GOOD, LIMIT, WIDTH, canvas
@@ -25,17 +26,28 @@ _DASHED: Any = (0, (6, 3))
 
 
 def comparison(record: Record) -> Figure:
-    """The paper's Fig. car_comparison: the best run to the left, the first to the right."""
-    pair = (best(record), first(record))
+    """Draw the best run to the left and the first to the right, as in Fig. car_comparison."""
+    return compared(best(record), first(record), record.scenario.space)
+
+
+def final(record: Record) -> Figure:
+    """Draw the best run alone, wide, as in Fig. car_finalPerf."""
+    return wide(best(record), record.scenario.space)
+
+
+def compared(left: Shown, right: Shown, space: KnobSpace) -> Figure:
+    """Draw two runs side by side along the road, as in Fig. car_comparison."""
+    pair = (left, right)
     window = 56.0
-    each = (WIDTH - 0.7) / 2 / window * BREADTH  # inches of a road that is to scale
+    # Inches of a road that is to scale.
+    each = (WIDTH - 0.7) / 2 / window * breadth(left.experiment)
     heights = [1.35, 5 * each, 1.5, 1.5]
     figure = canvas(2.7 + sum(heights))
     axes = figure.subplots(4, 2, sharey="row", height_ratios=heights)
     for column, shown in enumerate(pair):
         _along(axes[[0, 2, 3], column], shown, pair)
         stacked(axes[1, column], shown, window)
-        _above(axes[0, column], theta_lines(record, shown), 20, color=FAINT, fontsize=8.2)
+        _above(axes[0, column], theta_lines(space, shown), 20, color=FAINT, fontsize=8.2)
         _above(axes[0, column], _computing(shown.experiment), 47, fontsize=8.8)
         _above(axes[0, column], shown.label, 62, color=shown.color, fontweight="bold")
     for axis in axes[:, 1]:
@@ -44,9 +56,8 @@ def comparison(record: Record) -> Figure:
     return figure
 
 
-def final(record: Record) -> Figure:
-    """The paper's Fig. car_finalPerf: the best run alone, wide."""
-    shown = best(record)
+def wide(shown: Shown, space: KnobSpace) -> Figure:
+    """Draw one run along the road, as in Fig. car_finalPerf."""
     figure = canvas(7.4)
     grid = figure.add_gridspec(4, 5, height_ratios=[1.5, 1.0, 1.6, 1.6])
     along = np.array([figure.add_subplot(grid[row, :]) for row in (0, 2, 3)])
@@ -55,21 +66,20 @@ def final(record: Record) -> Figure:
         place = figure.add_subplot(grid[1, column])
         strip(place, shown, moment, 33.0, 0.0)
         place.set_aspect("equal")
-        low, high = ROAD
+        low, high = road_of(shown.experiment)
         caption(place, 0.0, high + 0.8, column + 1, shown.experiment, moment)
         place.set_ylim(low - 0.4, high + 6.2)
         bare(place)
     figure.align_ylabels(along)
-    theta = theta_lines(record, shown).replace("\n", ",  ")
+    theta = theta_lines(space, shown).replace("\n", ",  ")
     _above(along[0], theta, 20, color=FAINT, fontsize=8.5)
     title = f"{shown.label}: {_computing(shown.experiment)}"
     _above(along[0], title, 35, color=shown.color, fontweight="bold")
     return figure
 
 
-def theta_lines(record: Record, shown: Shown) -> str:
-    """θ in mathtext, on two lines."""
-    space = record.scenario.space
+def theta_lines(space: KnobSpace, shown: Shown) -> str:
+    """Return θ in mathtext, on two lines."""
     parts = [
         f"{mathtext(k.name)} = {number(v)}" + (f" {k.unit}" if k.unit else "")
         for k, v in zip(space, shown.experiment.theta, strict=True)
@@ -106,7 +116,8 @@ def _along(axes: Sequence[Axes] | np.ndarray, shown: Shown, pair: Sequence[Shown
 def _path(axes: Axes, shown: Shown, pair: Sequence[Shown]) -> None:
     experiment = shown.experiment
     x, y = experiment.x[:, 0], experiment.x[:, 1]
-    road(axes, -2 * LENGTH, max(float(s.experiment.x[:, 0].max()) for s in pair) + 10)
+    end = max(float(s.experiment.x[:, 0].max()) for s in pair) + 10
+    road(axes, -2 * LENGTH, end, road_of(experiment))
     others = obstacles(experiment)
     for other in others:
         axes.plot(*other.T, color=OBSTACLE, linewidth=1.5, linestyle=(0, (4, 1.5)))
@@ -115,7 +126,7 @@ def _path(axes: Axes, shown: Shown, pair: Sequence[Shown]) -> None:
         for other in others:
             _numbered(axes, other[moment.index], n, OBSTACLE)
         _numbered(axes, experiment.x[moment.index, :2], n, shown.color)
-    low, high = ROAD
+    low, high = road_of(experiment)
     reach = [float(f(s.experiment.x[:, 1])) for s in pair for f in (np.min, np.max)]
     axes.set_ylim(min(low - 0.5, *reach), max(high + 0.5, *reach))
     axes.set_yticks([0, 3, 6])

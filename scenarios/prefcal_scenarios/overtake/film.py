@@ -13,9 +13,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from prefcal_env.envs.overtake.geometry import corners
 from prefcal_env.experiment import Experiment
-from prefcal_env.overtaking import LANE_WIDTH, ROAD
 from prefcal_env.plants.bicycle import KMH
-from prefcal_scenarios.overtake.scene import obstacles
+from prefcal_scenarios.overtake.scene import lines_of, obstacles, road_of
 from prefcal_scenarios.overtake.shown import (
     ASPHALT,
     DASH,
@@ -39,7 +38,7 @@ _BEHIND, _AHEAD = 42.0, 42.0
 """What is seen of the road behind and ahead of the front end [m]."""
 _WORDS, _MARGIN = 34, 26
 """Heights of the line of text above a road, and of the marks below it [pixels]."""
-_SIZE = (int((_BEHIND + _AHEAD) * _SCALE), int((ROAD[1] - ROAD[0]) * _SCALE) + _WORDS + _MARGIN)
+_WIDTH = int((_BEHIND + _AHEAD) * _SCALE)
 _WHITE = "#ffffff"
 _PALE = 0.55
 """How much of the path's colour the asphalt takes."""
@@ -84,17 +83,21 @@ def gif(record: Record) -> bytes:
 
 
 def _frame(shown: Sequence[Shown], time: float) -> Image.Image:
-    width, height = _SIZE
-    image = Image.new("RGB", (width, height * len(shown)), _WHITE)
-    for row, run in enumerate(shown):
-        image.paste(_scene(run, time), (0, row * height))
+    scenes = [_scene(run, time) for run in shown]
+    image = Image.new("RGB", (_WIDTH, sum(scene.height for scene in scenes)), _WHITE)
+    top = 0
+    for scene in scenes:
+        image.paste(scene, (0, top))
+        top += scene.height
     return image
 
 
 def _scene(run: Shown, time: float) -> Image.Image:
     now = instant(run.experiment, time)
-    view = _View(float(now.pose[0]))
-    image = Image.new("RGB", (_SIZE[0] * _FINE, _SIZE[1] * _FINE), _WHITE)
+    low, high = road_of(run.experiment)
+    view = _View(float(now.pose[0]), (low, high))
+    height = int((high - low) * _SCALE) + _WORDS + _MARGIN
+    image = Image.new("RGB", (_WIDTH * _FINE, height * _FINE), _WHITE)
     draw = ImageDraw.Draw(image)
     _road(draw, view)
     x, y = run.experiment.x[:, 0], run.experiment.x[:, 1]
@@ -111,26 +114,28 @@ def _scene(run: Shown, time: float) -> Image.Image:
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """The camera: from metres to pixels of the fine picture, around `x` [m]."""
+    """The camera: from meters to pixels of the fine picture, around `x` [m]; edges of the road."""
 
     x: float
+    road: tuple[float, float]
 
     def points(self, at: Float[np.ndarray, "n 2"]) -> list[tuple[float, float]]:
         across = (at[:, 0] - self.x + _BEHIND) * _SCALE * _FINE
-        down = ((ROAD[1] - at[:, 1]) * _SCALE + _WORDS) * _FINE
+        down = ((self.road[1] - at[:, 1]) * _SCALE + _WORDS) * _FINE
         return list(zip(across.tolist(), down.tolist(), strict=True))
 
 
 def _road(draw: ImageDraw.ImageDraw, view: _View) -> None:
     start, end = view.x - _BEHIND, view.x + _AHEAD
-    low, high = ROAD
+    low, high = view.road
     draw.rectangle(view.points(np.array([[start, high], [end, low]])), fill=ASPHALT)
-    for side in ROAD:
+    for side in view.road:
         line = view.points(np.array([[start, side], [end, side]]))
         draw.line(line, fill=PAINT, width=2 * _FINE)
     for dash in np.arange(np.floor(start / PERIOD) * PERIOD, end, PERIOD):
-        line = view.points(np.array([[dash, LANE_WIDTH / 2], [dash + DASH, LANE_WIDTH / 2]]))
-        draw.line(line, fill=PAINT, width=2 * _FINE)
+        for y in lines_of(view.road):
+            line = view.points(np.array([[dash, y], [dash + DASH, y]]))
+            draw.line(line, fill=PAINT, width=2 * _FINE)
     for mark in np.arange(np.ceil(start / 20) * 20, end, 20.0):
         ((x, y),) = view.points(np.array([[mark, low]]))
         draw.line([(x, y), (x, y + 4 * _FINE)], fill=PAINT, width=_FINE)
@@ -150,7 +155,7 @@ def _body(
 def _words(draw: ImageDraw.ImageDraw, run: Shown, time: float, speed: float) -> None:
     line = 22 * _FINE
     draw.text((10 * _FINE, line), run.label, run.color, _font(15, bold=True), anchor="ls")
-    right = (_SIZE[0] - 10) * _FINE
+    right = (_WIDTH - 10) * _FINE
     draw.text((right, line), f"{speed:.0f} km/h", INK, _font(15), anchor="rs")
     # A cross says that the run was stopped.
     ended = run.experiment.end.interrupted and time >= run.experiment.t[-1]

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from prefcal_env.envs.overtake.contact import CONTACT
 from prefcal_env.experiment import Experiment
+from prefcal_env.mpc.computation import Processor
 from prefcal_env.overtaking import (
     KEEPING_SPEED,
     LANE_WIDTH,
@@ -43,7 +44,7 @@ KPIS = (
     KPI("overtaking_time", "time of overtaking", "s", better="lower"),
     KPI("overshoot", "overshoot of y_f beyond its reference", "m", better="lower"),
     KPI("lane_deviation", "largest |y_f| in lane keeping", "m", better="lower"),
-    KPI("lane_yaw", "largest |θ| in lane keeping", "°", better="lower"),
+    KPI("lane_yaw", "largest |ψ| in lane keeping", "°", better="lower"),
     KPI("lateral_acceleration", "largest lateral acceleration", "m/s²", better="lower"),
     KPI("lateral_acceleration_rms", "RMS lateral acceleration", "m/s²", better="lower"),
     KPI("lateral_jerk", "largest lateral jerk", "m/s³", better="lower"),
@@ -59,9 +60,9 @@ KPIS = (
 """Most important first. Infinite times mean never, an infinite distance that there was none."""
 
 
-def indicators(experiment: Experiment) -> dict[str, float]:
-    """The values of `KPIS`, in their units. t_comp is modelled on `PAPER_PROCESSOR`."""
-    seconds = t_comp(experiment, PAPER_PROCESSOR)
+def indicators(experiment: Experiment, processor: Processor = PAPER_PROCESSOR) -> dict[str, float]:
+    """The values of `KPIS`, in their units. t_comp is modelled on `processor`."""
+    seconds = t_comp(experiment, processor)
     found = {
         "t_comp_worst": seconds.max(),
         "t_comp_99": np.percentile(seconds, 99),

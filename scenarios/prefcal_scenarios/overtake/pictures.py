@@ -57,8 +57,8 @@ PICTURES: tuple[Picture, ...] = (
         "comparison.png",
         "Best and first run along the road",
         "Numbers mark five moments of the overtaking; the roads below show both vehicles there, "
-        "to scale. Limits and reference of the speed change with the phase. t_comp is modelled "
-        "on the processor of the paper.",
+        "to scale. Limits and reference of the speed change with the phase. t_comp is "
+        "modelled.",
         _comparison_alt,
         comparison,
         _improved,

@@ -8,9 +8,11 @@ from importlib.resources import files
 import numpy as np
 
 from prefcal_env.experiment import Experiment
-from prefcal_env.overtaking import LANE_WIDTH, LENGTH, ROAD, WIDTH
+from prefcal_env.overtaking import LANE_WIDTH, LENGTH, WIDTH
+from prefcal_env.plants.bicycle import KMH
 from prefcal_scenarios.overtake.film import Instant, instant
 from prefcal_scenarios.overtake.moments import moments
+from prefcal_scenarios.overtake.scene import lines_of, obstacles, road_of
 from prefcal_scenarios.overtake.shown import DASH, OBSTACLE, PERIOD, Shown, runs
 from prefcal_scenarios.report.record import Record
 
@@ -58,20 +60,31 @@ def _controls(last: float, still: float) -> str:
 
 def scene(experiment: Experiment) -> dict[str, object]:
     """What the query window animates: the road, the size of the cars [m], and their positions."""
-    road = {"kind": "road", "road": list(ROAD), "lane": LANE_WIDTH, "size": [LENGTH, WIDTH]}
-    return {**road, "step": STEP, **_positions(experiment)}
+    road = list(road_of(experiment))
+    road_and_cars = {"kind": "road", "road": road, "lane": LANE_WIDTH, "size": [LENGTH, WIDTH]}
+    return {**road_and_cars, "step": STEP, **_positions(experiment)}
 
 
 def _positions(experiment: Experiment) -> dict[str, object]:
     """Columns of x, y [m], heading [°], speed [km/h], then x, y of each obstacle."""
     last = experiment.duration
-    at = [*np.arange(0.0, last, STEP).tolist(), last] if len(experiment.t) else []
-    rows = [_row(instant(experiment, time)) for time in at]
     return {
         "end": round(last, 3),
         "stopped": experiment.end.interrupted,
-        "rows": rows,
+        "rows": _rows(experiment, last) if len(experiment.t) else [],
     }
+
+
+def _rows(experiment: Experiment, last: float) -> list[list[float]]:
+    """Every row at once: a question waits for its scenes."""
+    at, t, x = np.append(np.arange(0.0, last, STEP), last), experiment.t, experiment.x
+    held = np.maximum(np.searchsorted(t, at + 1e-9, side="right") - 1, 0)
+    columns = [np.interp(at, t, x[:, i]) for i in range(3)]
+    columns[2] = np.degrees(columns[2])
+    columns.append(experiment.u[held, 0] / KMH)
+    columns += [np.interp(at, t, c) for other in obstacles(experiment) for c in other.T]
+    rows: list[list[float]] = (np.round(np.column_stack(columns), 2) + 0.0).tolist()
+    return rows
 
 
 def _row(now: Instant) -> list[float]:
@@ -83,7 +96,7 @@ def _row(now: Instant) -> list[float]:
 def _scene(shown: Shown, time: float) -> Iterator[str]:
     """One run at `time`: y upwards becomes downwards, the world moves under the camera."""
     now = instant(shown.experiment, time)
-    low, high = ROAD
+    low, high = road_of(shown.experiment)
     x, y, heading, speed, *others = _row(now)
     yield (
         f'<div class="run"><p><strong style="color:{shown.color}">{escape(shown.label)}</strong> '
@@ -104,17 +117,18 @@ def _scene(shown: Shown, time: float) -> Iterator[str]:
 
 def _road(experiment: Experiment) -> Iterator[str]:
     start, end = -_SEEN, float(experiment.x[:, 0].max()) + _SEEN
-    low, high = ROAD
+    low, high = road_of(experiment)
     yield (
         f'<rect class="asphalt" x="{start:g}" y="{-high:g}" width="{end - start:.1f}" '
         f'height="{high - low:g}"/>'
     )
-    for y in ROAD:
+    for y in (low, high):
         yield f'<path class="paint" d="M{start:g} {-y:g}H{end:.1f}"/>'
-    yield (
-        f'<path class="paint" d="M{start:g} {-LANE_WIDTH / 2:g}H{end:.1f}" '
-        f'stroke-dasharray="{DASH:g} {PERIOD - DASH:g}"/>'
-    )
+    for y in lines_of((low, high)):
+        yield (
+            f'<path class="paint" d="M{start:g} {-y:g}H{end:.1f}" '
+            f'stroke-dasharray="{DASH:g} {PERIOD - DASH:g}"/>'
+        )
     for mark in range(-80, int(end), 20):
         yield f'<path class="paint" d="M{mark} {-low:g}v0.4"/>'
         yield f'<text x="{mark}" y="{-low + 2:g}">{mark} m</text>'

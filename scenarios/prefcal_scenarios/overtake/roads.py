@@ -9,58 +9,67 @@ from matplotlib.collections import PolyCollection
 
 from prefcal_env.envs.overtake.geometry import corners
 from prefcal_env.experiment import Experiment
-from prefcal_env.overtaking import LANE_WIDTH, LENGTH, ROAD
+from prefcal_env.overtaking import LENGTH
 from prefcal_scenarios.overtake.moments import Moment, moments
-from prefcal_scenarios.overtake.scene import obstacles
+from prefcal_scenarios.overtake.scene import bodies, lines_of, road_of
 from prefcal_scenarios.overtake.shown import ASPHALT, DASH, OBSTACLE, PAINT, PERIOD, Shown, windows
 from prefcal_scenarios.report.style import FAINT
 
-BREADTH = ROAD[1] - ROAD[0] + 3.4
-"""Of a road with its caption [m]."""
+_CAPTION = 3.4
+"""Height of a caption [m]."""
 
 
-def road(axes: Axes, start: float, end: float, offset: float = 0.0) -> None:
-    """Both lanes, their edges, and the broken line between them."""
-    low, high = (side + offset for side in ROAD)
+def breadth(experiment: Experiment) -> float:
+    """Of a road with its caption [m]."""
+    low, high = road_of(experiment)
+    return high - low + _CAPTION
+
+
+def road(
+    axes: Axes, start: float, end: float, edges: tuple[float, float], offset: float = 0.0
+) -> None:
+    """All lanes, the edges [m] of the road, and the broken lines between lanes."""
+    low, high = (side + offset for side in edges)
     axes.fill_between([start, end], low, high, color=ASPHALT, linewidth=0, zorder=0)
     for side in (low, high):
         axes.plot([start, end], [side, side], color=PAINT, linewidth=1.2, zorder=0.5)
     dashes = np.arange(np.floor(start / PERIOD) * PERIOD, end, PERIOD)
-    middle = offset + LANE_WIDTH / 2
-    axes.hlines(
-        np.full(len(dashes), middle), np.maximum(dashes, start), np.minimum(dashes + DASH, end),
-        color=PAINT, linewidth=1.2, zorder=0.5,
-    )  # fmt: skip
+    for line in lines_of(edges):
+        axes.hlines(
+            np.full(len(dashes), offset + line), np.maximum(dashes, start),
+            np.minimum(dashes + DASH, end), color=PAINT, linewidth=1.2, zorder=0.5,
+        )  # fmt: skip
 
 
 def stacked(axes: Axes, shown: Shown, window: float) -> None:
     """One road for each moment, to scale, in the order of time from above."""
+    (low, high), each = road_of(shown.experiment), breadth(shown.experiment)
     for row, moment in enumerate(moments(shown.experiment)):
-        offset = -BREADTH * row
+        offset = -each * row
         strip(axes, shown, moment, window, offset)
-        top = offset + ROAD[1] + 0.7
+        top = offset + high + 0.7
         caption(axes, -window / 2, top, row + 1, shown.experiment, moment)
     axes.set_aspect("equal", anchor="W")
-    axes.set_ylim(-4 * BREADTH + ROAD[0] - 0.3, ROAD[1] + BREADTH - 8.0)
+    axes.set_ylim(-4 * each + low - 0.3, high + _CAPTION)
     bare(axes)
 
 
 def strip(axes: Axes, shown: Shown, moment: Moment, window: float, offset: float) -> None:
     """Both bodies at a moment, on the road around them; x counts from the middle of them."""
     experiment, k = shown.experiment, moment.index
-    others = obstacles(experiment)
+    others = bodies(experiment)
     own = experiment.x[:, :3]
     x = float(own[k, 0])
     nearest = min(others[:, k, 0].tolist(), key=lambda x_o: abs(x_o - x), default=x)
     middle = (x + nearest - LENGTH) / 2
-    road(axes, -window / 2, window / 2, offset)
+    road(axes, -window / 2, window / 2, road_of(experiment), offset)
     seen = np.abs(own[:, 0] - middle) <= window / 2
     axes.plot(
         own[seen, 0] - middle, own[seen, 1] + offset, color=shown.color, linewidth=1.0, alpha=0.55
     )
     shift = np.array([-middle, offset])
     for other in others:
-        _body(axes, np.append(other[k], 0.0), shift, OBSTACLE)
+        _body(axes, other[k], shift, OBSTACLE)
     _body(axes, own[k], shift, shown.color)
     axes.set_xlim(-window / 2, window / 2)
 

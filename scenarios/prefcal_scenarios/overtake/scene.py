@@ -5,7 +5,7 @@ from jaxtyping import Bool, Float, Int
 
 from prefcal_env.envs.overtake.geometry import Poses, corners
 from prefcal_env.experiment import Experiment
-from prefcal_env.overtaking import LENGTH, WIDTH, Phase
+from prefcal_env.overtaking import LANE_WIDTH, LENGTH, ROAD, WIDTH, Phase
 
 Points = Float[np.ndarray, "K 4 2"]
 
@@ -28,24 +28,43 @@ def at_control(experiment: Experiment) -> Int[np.ndarray, " N"]:
 
 def obstacles(experiment: Experiment) -> Float[np.ndarray, "n K 2"]:
     """Front ends (x_o, y_o) [m] of each obstacle on `experiment.t`, shape (n, K, 2)."""
-    signals = experiment.signals
+    return bodies(experiment)[:, :, :2]
+
+
+def bodies(experiment: Experiment) -> Float[np.ndarray, "n K 3"]:
+    """Poses (x_o, y_o [m], angle [rad]) of each obstacle on `experiment.t`, shape (n, K, 3)."""
+    signals, straight = experiment.signals, np.zeros(len(experiment.t))
     names = [k[:-2] for k in signals if k.startswith("obstacle") and k.endswith("_x")]
-    found = [np.column_stack([signals[f"{n}_x"], signals[f"{n}_y"]]) for n in names]
-    return np.stack(found) if found else np.zeros((0, len(experiment.t), 2))
+    found = [
+        np.column_stack(
+            [signals[f"{n}_x"], signals[f"{n}_y"], signals.get(f"{n}_yaw", straight)]
+        )
+        for n in names
+    ]  # fmt: skip
+    return np.stack(found) if found else np.zeros((0, len(experiment.t), 3))
+
+
+def road_of(experiment: Experiment) -> tuple[float, float]:
+    """Right and left edge of the road, y [m]."""
+    left = experiment.signals.get("road_left", np.zeros(0))
+    return ROAD[0], float(left.max(initial=ROAD[1]))
+
+
+def lines_of(road: tuple[float, float]) -> list[float]:
+    """Where the broken lines between lanes are, y [m]."""
+    right, left = road
+    return np.arange(right + LANE_WIDTH, left - LANE_WIDTH / 2, LANE_WIDTH).tolist()
 
 
 def clearance(experiment: Experiment) -> float:
     """Smallest distance of the outlines [m], 0 where they touch, infinite without an obstacle."""
     pose = experiment.x[:, :3]
-    return min((float(_between(pose, o).min()) for o in obstacles(experiment)), default=np.inf)
+    return min((float(_between(pose, o).min()) for o in bodies(experiment)), default=np.inf)
 
 
-def _between(x: Poses, o: Float[np.ndarray, "K 2"]) -> Float[np.ndarray, " K"]:
+def _between(x: Poses, o: Poses) -> Float[np.ndarray, " K"]:
     """Distance of the outlines: at the nearest, a corner of one of them is involved."""
-    straight = np.column_stack([o, np.zeros(len(o))])
-    return np.asarray(
-        np.minimum(_to_corners(straight, corners(x)), _to_corners(x, corners(straight)))
-    )
+    return np.asarray(np.minimum(_to_corners(o, corners(x)), _to_corners(x, corners(o))))
 
 
 def _to_corners(pose: Poses, points: Points) -> Float[np.ndarray, " K"]:

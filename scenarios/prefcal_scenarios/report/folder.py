@@ -16,7 +16,7 @@ def folder_for(path: str | Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
-        raise SettingsError(f"out must be a folder, but {error.filename!r} is a file") from error
+        raise SettingsError(f"--out must be a folder, but {error.filename!r} is a file") from error
     except OSError as error:
         raise SettingsError(f"cannot make the folder {path!s}: {error.strerror}") from error
     if not os.access(folder, os.W_OK):

@@ -1,34 +1,27 @@
-"""What somebody seems to care about, in words and shares: for the page, terminal and report."""
+"""What somebody seems to care about, in words and bars: for the page, terminal and report."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from prefcal_agents.importance import Importance
 from prefcal_agents.learned_index import LearnedIndex
 from prefcal_scenarios.outcomes import titles
 from prefcal_scenarios.scenario import Scenario
 
-_NAMED = 3
-"""KPIs that the sentence names at most."""
-_COUNTS = 0.5
-"""Share of the heaviest from which on another one is named beside it."""
 _SHOWN = 6
 
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """One line of a chart.
+    """One line of a chart whose axis runs from 0 to 100 %.
 
     Args:
-        title: Of a KPI, or of all small ones together.
-        share: Of all weights, above 0.
-        width: Relative to the heaviest KPI, at most 1.
-        rest: Whether it is the sum of the small ones.
+        title: Of a KPI.
+        share: Of the answers that this KPI alone would have given, 0 to 1; ½ is a coin.
     """
 
     title: str
     share: float
-    width: float
-    rest: bool = False
 
     @property
     def text(self) -> str:
@@ -38,55 +31,71 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class Minded:
-    """The weights of a learned index for people.
+    """What the answers say of the KPIs, for people.
 
     Args:
-        named: Titles of the KPIs that weigh most, the heaviest first.
-        bars: The heaviest first; empty where the KPIs do not explain the answers.
-        foretold: Answers that were foretold without having been learned from.
-        answers: Of so many.
+        named: Titles of the KPIs that stand out by evidence; see `Importance`.
+        bars: How far single KPIs agree with the answers, the best first.
+        explained: Whether a weighted sum of the KPIs predicts answers better than a coin.
+        predicted: Answers that it predicted without having learned from them.
+        answers: Number of answers that prefer one side.
     """
 
     named: tuple[str, ...]
     bars: tuple[Bar, ...]
-    foretold: int
+    explained: bool
+    predicted: int
     answers: int
 
     @classmethod
-    def of(cls, index: LearnedIndex | None, scenario: Scenario) -> "Minded | None":
-        """In the words of `scenario`; None where there is no index."""
-        if index is None:
+    def of(
+        cls, index: LearnedIndex | None, importance: Importance | None, scenario: Scenario
+    ) -> "Minded | None":
+        """In the words of `scenario`; None where the answers say nothing of KPIs."""
+        if index is None or importance is None:
             return None
-        if not index.explains:
-            return cls((), (), index.foretold, index.answers)
         known = titles(scenario)
-        terms = [(known.get(name, name), share) for name, share in index.weights.items()]
-        named = [title for title, share in terms if share >= _COUNTS * terms[0][1]][:_NAMED]
-        return cls(tuple(named), tuple(_bars(terms)), index.foretold, index.answers)
+        return cls(
+            named=tuple(known.get(name, name) for name in importance.named),
+            bars=tuple(
+                Bar(known.get(name, name), share)
+                for name, share in list(importance.agreement.items())[:_SHOWN]
+            ),
+            explained=index.explains,
+            predicted=index.foretold,
+            answers=index.answers,
+        )
 
     def sentence(self, who: str = "You seem") -> str:
         """What it comes to."""
-        if not self.named:
-            return "The indicators do not explain the answers (yet)."
-        *most, last = self.named
-        listed = " and ".join([", ".join(most), last] if most else [last])
-        return f"{who} to care most about: {listed}."
+        if self.named:
+            *most, last = self.named
+            listed = " and ".join([", ".join(most), last] if most else [last])
+            return f"{who} to care most about: {listed}."
+        if self.explained:
+            return (
+                "Nothing stands out yet: several KPIs count, or the answers do not tell them apart."
+            )
+        return "Nothing stands out yet: no KPI explains the answers clearly better than chance."
+
+    @property
+    def caption(self) -> str:
+        """What the bars show."""
+        return (
+            f"Share of the {self.answers} answers that each KPI alone would have given. "
+            "50 % is chance."
+        )
 
     @property
     def trust(self) -> str:
-        """How far to trust it."""
-        right = f"{self.foretold} of {self.answers} answers that it had not learned from"
-        if self.named:
-            return f"A weighted sum of the indicators foretold {right}."
-        return f"A weighted sum of them foretold only {right}: hardly better than a coin."
+        """How far a weighted sum of the KPIs can be trusted."""
+        right = f"{self.predicted} of {self.answers} answers that it had not learned from"
+        if self.explained:
+            return f"A weighted sum of the KPIs predicted {right}."
+        return f"A weighted sum of the KPIs predicted {right}: not clearly better than a coin."
 
-
-def _bars(terms: list[tuple[str, float]]) -> Iterator[Bar]:
-    shown = len(terms) if len(terms) <= _SHOWN + 1 else _SHOWN
-    widest = terms[0][1]
-    for title, share in terms[:shown]:
-        yield Bar(title, share, share / widest)
-    rest = sum(share for _, share in terms[shown:])
-    if rest:
-        title = f"{len(terms) - shown} others together"
-        yield Bar(title, rest, min(rest / widest, 1.0), rest=True)
+    def drawn(self, width: int) -> Iterator[tuple[str, Bar]]:
+        """Each bar in characters on an axis of `width` characters, for a terminal."""
+        for bar in self.bars:
+            full = round(width * bar.share)
+            yield "█" * full + "·" * (width - full), bar

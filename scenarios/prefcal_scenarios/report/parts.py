@@ -35,7 +35,12 @@ def image(title: str, kind: str, content: bytes, alt: str) -> str:
 def listing(caption: str, items: Mapping[str, object]) -> str:
     """A table of names and values, all plain text."""
     rows = "".join(
-        f'<tr><th scope="row">{escape(str(k))}</th><td class="words">{escape(str(v))}</td></tr>'
+        f'<tr><th scope="row">{escape(str(k))}</th><td class="words">{escape(_text(v))}</td></tr>'
         for k, v in items.items()
     )
     return f"<table>\n<caption>{escape(caption)}</caption>\n<tbody>{rows}</tbody>\n</table>"
+
+
+def _text(value: object) -> str:
+    """A value as people read it: a list without its brackets."""
+    return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)

@@ -6,6 +6,7 @@ from io import BytesIO
 
 from matplotlib.figure import Figure
 
+from prefcal_scenarios.report.course import course, drawn_kpis
 from prefcal_scenarios.report.progress import best_so_far
 from prefcal_scenarios.report.record import Record
 from prefcal_scenarios.report.slices import slices
@@ -104,6 +105,20 @@ def _progress_alt(record: Record) -> str:
     )
 
 
+def _course_alt(record: Record) -> str:
+    assert record.best is not None
+    verdicts = ", ".join(f"{words} {n}" for words, n in record.verdict_counts().items())
+    kpis = [
+        f"{k.title} {measured(k, record.trials[0].experiment)} to "
+        f"{measured(k, record.best.experiment)} {k.unit}".rstrip()
+        for k in drawn_kpis(record)
+    ]
+    return (
+        f"Plots of the KPIs of {len(record.trials)} experiments, and of the verdicts: {verdicts}. "
+        f"From the first experiment to the best: {', '.join(kpis) or 'no KPI differs'}."
+    )
+
+
 def _tried_alt(record: Record) -> str:
     assert record.best is not None
     theta = theta_text(record.scenario.space, record.best.experiment.theta)
@@ -139,7 +154,16 @@ PICTURES: tuple[Picture, ...] = (
         "for preferences never sees it.",
         _progress_alt,
         best_so_far,
-        lambda record: record.scenario.cost is not None,
+        lambda record: record.shows_cost,
+    ),
+    Picture(
+        "course.png",
+        "How it went",
+        "KPIs of each experiment and of the best so far, in the order tried, and what was "
+        "answered. Green: the objectives.",
+        _course_alt,
+        course,
+        lambda record: not record.shows_cost and bool(record.asked),
     ),
     Picture(
         "tried.png",

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -11,22 +12,30 @@ from jaxtyping import Float
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Answer, Preference
 from prefcal_env.study import Comparison
+from prefcal_scenarios.interview.outlook import Outlook
 from prefcal_scenarios.report.minded import Minded
 from prefcal_scenarios.scenario import KPI, Scenario
 
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 """Learned latent cost of m physical θ; lower is better, only the order has a meaning."""
 
+
+def above(cost: Float[np.ndarray, " m"], lowest: float) -> Float[np.ndarray, " m"]:
+    """Square root of how far `cost` lies above `lowest`, 0 or more."""
+    return np.asarray(np.sqrt(np.maximum(cost - lowest, 0.0)))
+
+
 VERDICTS: Mapping[Preference | None, str] = {
-    Preference.CHALLENGER: "new better",
+    Preference.CHALLENGER: "newer better",
     Preference.TIE: "as good",
-    Preference.INCUMBENT: "best stays",
+    Preference.INCUMBENT: "older better",
     None: "can't tell",
 }
-"""How a verdict reads, in the order in which people see the counts."""
+"""How a verdict reads, in the order in which people see the counts. The challenger is the newer one
+of the two; the older one need not be the best so far (further questions)."""
 _MUCH: Mapping[Preference | None, str] = {
-    Preference.CHALLENGER: "new much better",
-    Preference.INCUMBENT: "best stays, much better",
+    Preference.CHALLENGER: "newer much better",
+    Preference.INCUMBENT: "older much better",
 }
 
 
@@ -61,37 +70,45 @@ class Record:
         comparisons: In the order of the answers.
         references: Experiments of the scenario's reference θ, by name.
         settings: What the study was started with, name to value, for people.
+        agent_settings: All settings of the agent, name to value, as they are.
         n_init: Number of experiments before anything was learned.
         n_max: Number of experiments that were planned.
         command: One command line that repeats the study.
         surrogate: What the agent has learned; None if it learns nothing.
         minded: What the calibrator seems to care about; None where nothing can be said.
         good_enough: Whether it was ended early because the best is good enough.
-        further: Answers about two experiments that had both been compared before.
-        advice: What further experiments would be expected to gain, in words; empty if not known.
-        believed_best: Index of the best experiment, as the agent believes; None: the winner along
-            the answers.
+        answered: The comparisons whose answers stand, further ones too, in the order given; None:
+            all of `comparisons` but the first experiment's.
+        held: Index of the best experiment after each of `comparisons`; None: the winner along the
+            answers.
+        waiting: Experiments that ran and are not compared yet, by index.
+        judged: Whether the answers follow the scenario's cost; if not, nobody has chosen that, and
+            it is not shown.
+        outlook: Whether to go on; None if not known.
     """
 
     scenario: Scenario
     source: str
     comparisons: tuple[Comparison, ...]
     references: Mapping[str, Experiment] = field(default_factory=dict)
-    settings: Mapping[str, str | int | float] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    agent_settings: Mapping[str, Any] = field(default_factory=dict)
     n_init: int = 10
     n_max: int = 50
     command: str = ""
     surrogate: Surrogate | None = None
     minded: Minded | None = None
     good_enough: bool = False
-    further: tuple[Answer, ...] = ()
-    advice: str = ""
-    believed_best: int | None = None
+    answered: tuple[Comparison, ...] | None = None
+    held: tuple[int, ...] | None = None
+    waiting: Mapping[int, Experiment] = field(default_factory=dict)
+    judged: bool = True
+    outlook: Outlook | None = None
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:
         """Every experiment once, in the order tried."""
-        experiments: dict[int, Experiment] = {}
+        experiments: dict[int, Experiment] = dict(self.waiting)
         for c in self.comparisons:
             if c.query.incumbent is not None and c.incumbent is not None:
                 experiments.setdefault(c.query.incumbent.index, c.incumbent)
@@ -107,13 +124,25 @@ class Record:
 
     @property
     def asked(self) -> tuple[Comparison, ...]:
-        """The comparisons that the calibrator was asked: all but the first experiment's."""
+        """The comparisons whose answers stand, in the order given."""
+        if self.answered is not None:
+            return self.answered
         return tuple(c for c in self.comparisons if c.incumbent is not None)
 
     @property
     def questions(self) -> int:
         """How many questions the calibrator answered."""
-        return 0 if self.scored else len(self.asked) + len(self.further)
+        return 0 if self.scored else len(self.asked)
+
+    @property
+    def by_a_person(self) -> bool:
+        """Whether a person compared."""
+        return self.settings.get("calibrator") == "human"
+
+    @property
+    def shows_cost(self) -> bool:
+        """Whether the cost is shown: there is one, and the answers follow it."""
+        return self.scenario.cost is not None and self.judged
 
     @property
     def scored(self) -> bool:
@@ -127,13 +156,15 @@ class Record:
 
     @cached_property
     def best(self) -> Trial | None:
-        """The incumbent after the last comparison; None before any experiment."""
+        """The best experiment; None before any."""
         return self.incumbents[-1] if self.comparisons else None
 
     @cached_property
     def incumbents(self) -> tuple[Trial, ...]:
         """The best trial after each comparison."""
         by_index = {t.index: t for t in self.trials}
+        if self.held is not None:
+            return tuple(by_index[index] for index in self.held)
         winner, winners = 0, []
         for c in self.comparisons:
             # Along the answers that stand: a retracted one is an abstention here, and whoever
@@ -141,8 +172,6 @@ class Record:
             if c.incumbent is None or c.answer.preference is Preference.CHALLENGER:
                 winner = c.query.challenger.index
             winners.append(by_index[winner])
-        if winners and self.believed_best is not None:
-            winners[-1] = by_index[self.believed_best]
         return tuple(winners)
 
     @cached_property
@@ -153,10 +182,8 @@ class Record:
 
     @property
     def kpis(self) -> tuple[KPI, ...]:
-        """The scenario's KPIs, without the index itself: it is shown as the cost."""
-        if self.scenario.cost is None:
-            return self.scenario.kpis
-        return tuple(k for k in self.scenario.kpis if k.name != "index")
+        """The scenario's KPIs, without the index itself: if at all, it is shown as the cost."""
+        return self.scenario.shown_kpis
 
     def cost(self, experiment: Experiment) -> float | None:
         """Latent cost of an experiment; None where the scenario has none.
@@ -169,5 +196,5 @@ class Record:
 
     def verdict_counts(self) -> dict[str, int]:
         """How often each verdict was given, in words."""
-        given = [a.preference for a in (*(c.answer for c in self.asked), *self.further)]
+        given = [c.answer.preference for c in self.asked]
         return {words: given.count(verdict) for verdict, words in VERDICTS.items()}

@@ -1,5 +1,7 @@
 """Figure: slices of the learned surrogate through the best θ."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
@@ -7,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullLocator
 
 from prefcal_env.knobs import KnobSpace
-from prefcal_scenarios.report.record import Record, Surrogate
+from prefcal_scenarios.report.record import Record, Surrogate, above
 from prefcal_scenarios.report.style import BEST, FAINT, VALLEY, WIDTH, canvas
 from prefcal_scenarios.report.wording import knob_axis
 
@@ -22,7 +24,7 @@ def slices(record: Record) -> Figure:
     n = len(space)
     figure = canvas(min(2.45, 9.0 / n) * n, WIDTH)
     grid = figure.subplots(n, n, squeeze=False)
-    seen = _stretched(record.surrogate(record.thetas))
+    learned = _Learned.of(record)
     for i in range(n):
         for j in range(n):
             axes = grid[i, j]
@@ -30,13 +32,13 @@ def slices(record: Record) -> Figure:
                 axes.set_visible(False)
                 continue
             if i == j:
-                _line(axes, record, i, seen)
+                _line(axes, record, i, learned)
             else:
-                _plane(axes, record, (j, i))
+                _plane(axes, record, (j, i), learned)
             axes.set_xlabel(knob_axis(space.knobs[j]) if i == n - 1 else "")
             if j == 0 and i > 0:
                 axes.set_ylabel(knob_axis(space.knobs[i]))
-    grid[0, 0].set_ylabel("learned cost, square root")
+    grid[0, 0].set_ylabel("learned cost, square root\n(0: the lowest shown)")
     _explain(figure, n)
     return figure
 
@@ -58,25 +60,30 @@ def _explain(figure: Figure, n: int) -> None:
     )  # fmt: skip
 
 
-def _line(axes: Axes, record: Record, i: int, seen: Float[np.ndarray, " N"]) -> None:
-    assert record.surrogate is not None
+def _line(axes: Axes, record: Record, i: int, learned: "_Learned") -> None:
     space, best = record.scenario.space, _best(record)
     values = _along(space, i, _LINE)
-    points = np.repeat(best[None, :], len(values), axis=0)
-    points[:, i] = values
-    axes.plot(record.thetas[:, i], seen, "o", color=FAINT, alpha=0.45, ms=3.6, mew=0, clip_on=False)
-    axes.plot(values, _stretched(record.surrogate(points)), color=BEST, linewidth=2)
-    axes.plot(best[i], float(_stretched(record.surrogate(best[None, :]))[0]), "o", color=BEST, ms=7,
+    axes.plot(
+        record.thetas[:, i],
+        learned(record.thetas),
+        "o",
+        color=FAINT,
+        alpha=0.45,
+        ms=3.6,
+        mew=0,
+        clip_on=False,
+    )
+    axes.plot(values, learned(_moved(best, i, values)), color=BEST, linewidth=2)
+    axes.plot(best[i], float(learned(best[None, :])[0]), "o", color=BEST, ms=7,
               mec="white", mew=1.2, zorder=5, clip_on=False)  # fmt: skip
     _scale(axes, space, i, "x")
 
 
-def _plane(axes: Axes, record: Record, pair: tuple[int, int]) -> None:
-    assert record.surrogate is not None
+def _plane(axes: Axes, record: Record, pair: tuple[int, int], learned: "_Learned") -> None:
     space, best = record.scenario.space, _best(record)
     j, i = pair
     across, up = _along(space, j, _PLANE), _along(space, i, _PLANE)
-    values = _over_plane(record.surrogate, best, pair, (across, up))
+    values = learned(_plane_points(best, pair, across, up)).reshape(len(up), len(across))
     axes.contourf(across, up, values, levels=14, cmap=VALLEY)
     axes.plot(
         record.thetas[:, j],
@@ -96,21 +103,56 @@ def _plane(axes: Axes, record: Record, pair: tuple[int, int]) -> None:
     _scale(axes, space, i, "y")
 
 
-def _over_plane(
-    surrogate: Surrogate,
+def _moved(
+    best: Float[np.ndarray, " n"], i: int, values: Float[np.ndarray, " c"]
+) -> Float[np.ndarray, "c n"]:
+    """The best θ with knob `i` at each of `values`."""
+    points = np.repeat(best[None, :], len(values), axis=0)
+    points[:, i] = values
+    return points
+
+
+def _plane_points(
     best: Float[np.ndarray, " n"],
     pair: tuple[int, int],
-    along: tuple[Float[np.ndarray, " a"], Float[np.ndarray, " b"]],
-) -> Float[np.ndarray, "b a"]:
-    across, up = np.meshgrid(*along)
-    points = np.repeat(best[None, :], across.size, axis=0)
-    points[:, pair[0]], points[:, pair[1]] = across.ravel(), up.ravel()
-    return _stretched(surrogate(points)).reshape(across.shape)
+    across: Float[np.ndarray, " a"],
+    up: Float[np.ndarray, " b"],
+) -> Float[np.ndarray, "m n"]:
+    """The best θ with two knobs at each pair of values, row by row upwards."""
+    first, second = (grid.ravel() for grid in np.meshgrid(across, up))
+    points = _moved(best, pair[0], first)
+    points[:, pair[1]] = second
+    return points
 
 
-def _stretched(cost: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """Signed square root: only the order has a meaning, and the good end is what matters."""
-    return np.asarray(np.sign(cost) * np.sqrt(np.abs(cost)))
+@dataclass(frozen=True, slots=True)
+class _Learned:
+    """The learned cost as it is drawn: the square root of how far it lies above the lowest shown.
+
+    Only the order has a meaning, and the good end is what matters.
+    """
+
+    surrogate: Surrogate
+    lowest: float
+
+    @classmethod
+    def of(cls, record: Record) -> "_Learned":
+        """With the lowest value of all samples, slices and planes."""
+        assert record.surrogate is not None
+        space, best = record.scenario.space, _best(record)
+        n = len(space)
+        points = [record.thetas, best[None, :]]
+        points += [_moved(best, i, _along(space, i, _LINE)) for i in range(n)]
+        points += [
+            _plane_points(best, (j, i), _along(space, j, _PLANE), _along(space, i, _PLANE))
+            for i in range(n)
+            for j in range(i)
+        ]
+        return cls(record.surrogate, float(record.surrogate(np.vstack(points)).min()))
+
+    def __call__(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+        """At physical θ, 0 or more."""
+        return above(self.surrogate(thetas), self.lowest)
 
 
 def _along(space: KnobSpace, i: int, count: int) -> Float[np.ndarray, " c"]:

@@ -23,7 +23,8 @@ def result_table(record: Record) -> str:
         for heading, cells in _result_rows(record, list(columns.values()))
     )
     return (
-        '<div class="scroll" tabindex="0" role="region" aria-label="Result table">\n<table>\n'
+        '<div class="scroll" tabindex="0" role="region" aria-label="Result table">\n'
+        '<table class="result">\n'
         "<caption>✓ meets the objective, ✗ does not.</caption>\n"
         f"<thead><tr><td></td>{head}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table>\n</div>"
     )
@@ -55,7 +56,7 @@ def _result_rows(record: Record, experiments: list[Experiment]) -> Iterator[tupl
             _with_unit(html(knob.name), knob.unit),
             [_cell(number(e.theta[i]), column=c) for c, e in enumerate(experiments)],
         )
-    if record.scenario.cost is not None:
+    if record.shows_cost:
         yield (
             "performance index",
             [_cell(number(record.cost(e)), column=c) for c, e in enumerate(experiments)],
@@ -95,13 +96,13 @@ def comparison_table(record: Record) -> str:
     width = 1 + len(scenario.space) + len(_columns(record))
     sides = "".join(
         f'<th class="edge" scope="colgroup" colspan="{width}">{side}</th>'
-        for side in ("new (challenger)", "best so far (incumbent)")
+        for side in ("newer experiment", "compared with")
     )
     names = "".join(_side_headings(record) * 2)
     rows = "\n".join(_comparison_row(record, i + 1, c) for i, c in enumerate(record.asked))
     return (
         '<div class="scroll tall" tabindex="0" role="region" aria-label="Comparisons">\n'
-        '<table class="tight">\n<caption>The tinted side was preferred. All KPIs, the index '
+        '<table class="tight">\n<caption>The tinted side was preferred. All KPIs '
         "and full precision are in comparisons.csv.</caption>\n<thead>\n"
         '<tr><th scope="col" rowspan="2">no.</th>'
         '<th class="words" scope="col" rowspan="2">verdict</th>'

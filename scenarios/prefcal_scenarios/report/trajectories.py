@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from prefcal_env.experiment import Channel, Experiment
+from prefcal_env.panels import Plot
 from prefcal_scenarios.report.record import Record
 from prefcal_scenarios.report.style import (
     BEST,
@@ -22,7 +23,7 @@ from prefcal_scenarios.report.style import (
     style,
 )
 from prefcal_scenarios.report.wording import mathtext, number
-from prefcal_scenarios.scenario import Panel, Scenario, panels_of
+from prefcal_scenarios.scenario import Scenario, panels_of
 
 _DASHES: tuple[Any, ...] = ((0, (5, 1.6)), (0, (1.5, 1.2)), "-")
 
@@ -42,7 +43,7 @@ class Curve:
 class _Row:
     """One panel, or the neighbourhood of its target."""
 
-    panel: Panel
+    panel: Plot
     zoomed: bool = False
 
 
@@ -61,7 +62,8 @@ def curves_of(record: Record) -> list[Curve]:
 def best_against(record: Record) -> Figure:
     """The best trajectory against the first and the references'; one panel above another."""
     curves = curves_of(record)
-    rows = list(_rows(record.scenario.panels, curves))
+    panels = panels_of(record.scenario, *(c.experiment for c in curves))
+    rows = list(_rows(panels, curves))
     heights = [1.25 if row.zoomed else 1.9 for row in rows]
     figure = canvas(0.7 + sum(heights))
     grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=heights)
@@ -74,26 +76,49 @@ def best_against(record: Record) -> Figure:
 def side_by_side(record: Record, other: str) -> Figure:
     """The best trajectory to the left, the reference `other` to the right, on equal axes."""
     assert record.best is not None
-    rows = [_Row(panel) for panel in record.scenario.panels]
+    best, rival = record.best.experiment, record.references[other]
+    rows = [_Row(panel) for panel in panels_of(record.scenario, best, rival)]
     pair = (
-        Curve(record.best.experiment, "preference-based (this study)", BEST, 1.9),
-        Curve(record.references[other], other, OTHERS[0], 1.9),
+        Curve(best, "preference-based (this study)", BEST, 1.9),
+        Curve(rival, other, OTHERS[0], 1.9),
     )
     return _pair(record.scenario, rows, pair)
 
 
-def figure(scenario: Scenario, left: Experiment, right: Experiment) -> Figure:
-    """Two experiments side by side on equal axes, for a notebook.
+def figure(
+    scenario: Scenario, left: Experiment, right: Experiment, labels: tuple[str, str] = ("1", "2")
+) -> Figure:
+    """Draw two experiments side by side on equal axes.
 
     Args:
         scenario: Of both.
         left: One experiment.
         right: The other.
+        labels: What the two are called, left and right.
     """
-    rows = [_Row(panel) for panel in panels_of(scenario, left.channels)]
-    pair = (Curve(left, "1", BEST, 1.9), Curve(right, "2", OTHERS[0], 1.9))
+    rows = [_Row(panel) for panel in panels_of(scenario, left, right)]
+    pair = (Curve(left, labels[0], BEST, 1.9), Curve(right, labels[1], OTHERS[0], 1.9))
     with style():
         return _pair(scenario, rows, pair)
+
+
+def alone(scenario: Scenario, experiment: Experiment) -> Figure:
+    """One experiment, one panel above another, and where its target's band is narrow, a zoom.
+
+    Args:
+        scenario: Its scenario.
+        experiment: A run that left a record.
+    """
+    with style():
+        curve = Curve(experiment, "this run", BEST, 1.9)
+        rows = list(_rows(panels_of(scenario, experiment), [curve]))
+        figure = canvas(0.6 + 1.75 * len(rows))
+        grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)
+        _fill(list(grid[:, 0]), rows, [curve])
+        values = zip(scenario.space.names, experiment.theta, strict=True)
+        theta = ",  ".join(f"{mathtext(n)} = {number(v)}" for n, v in values)
+        _above(grid[0, 0], theta, 21, color=FAINT, fontsize=8.5)
+    return figure
 
 
 def _pair(scenario: Scenario, rows: Sequence[_Row], pair: Sequence[Curve]) -> Figure:
@@ -115,12 +140,13 @@ def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
     )
 
 
-def _rows(panels: Sequence[Panel], curves: Sequence[Curve]) -> Iterator[_Row]:
+def _rows(panels: Sequence[Plot], curves: Sequence[Curve]) -> Iterator[_Row]:
     """Every panel, and a zoomed one after it where the accepted band would be a mere line."""
     for panel in panels:
         yield _Row(panel)
         values = [panel.values(c.experiment) for c in curves]
-        spread = max(v.max() for v in values) - min(v.min() for v in values)
+        every = np.concatenate(values)
+        spread = np.ptp(every[np.isfinite(every)]) if np.isfinite(every).any() else 0.0
         band = panel.channel.band
         if panel.channel.target is not None and band is not None and 2 * band < 0.15 * spread:
             yield _Row(panel, zoomed=True)
@@ -139,13 +165,13 @@ def _fill(axes: Sequence[Axes], rows: Sequence[_Row], curves: Sequence[Curve]) -
     axes[-1].set_xlabel(f"time [{curves[0].experiment.channels.time_unit}]")
 
 
-def _draw(axes: Axes, panel: Panel, curve: Curve) -> None:
+def _draw(axes: Axes, panel: Plot, curve: Curve) -> None:
     t, values = curve.experiment.t, panel.values(curve.experiment)
-    if not len(t):
+    if not np.isfinite(values).any():
         return
     axes.plot(
         t, values, label=curve.label, color=curve.color, linewidth=curve.width,
-        linestyle=curve.dashes, drawstyle="steps-post" if panel.kind == "u" else "default",
+        linestyle=curve.dashes, drawstyle="steps-post" if panel.held else "default",
     )  # fmt: skip
     # Runs end at different times: a cross says it was stopped, a dot that it came to its end.
     marker = "X" if curve.experiment.end.interrupted else "o"

@@ -1,11 +1,15 @@
 """Figure: every θ tried, as parallel coordinates."""
 
+from dataclasses import dataclass
+from typing import Literal
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import PowerNorm
+from matplotlib.colors import Colormap, Normalize, PowerNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from prefcal_env.knobs import Knob
 from prefcal_scenarios.report.record import Record
@@ -13,43 +17,65 @@ from prefcal_scenarios.report.style import BEST, FAINT, HEAT, INK, canvas
 from prefcal_scenarios.report.wording import knob_axis, number
 
 
+@dataclass(frozen=True, slots=True)
+class _Colors:
+    """What lines are coloured by, and which of them are drawn first."""
+
+    values: Float[np.ndarray, " N"]
+    label: str
+    map: Colormap
+    norm: Normalize
+    order: Int[np.ndarray, " N"]
+    extend: Literal["max", "neither"] = "neither"
+
+
 def tried(record: Record) -> Figure:
     """One line a θ across the knobs' axes, coloured by cost (or order), the best in blue."""
     assert record.best is not None
     space = record.scenario.space
     cube = np.array([space.encode(theta) for theta in record.thetas])
-    values, label, reverse = _colouring(record)
-    norm = PowerNorm(0.5, *_range(values))
-    figure = canvas(3.6)
+    colors = _by_cost(record) if record.shows_cost else _by_number(record)
+    figure = canvas(3.8)
     axes = figure.subplots()
     places = np.arange(len(space))
-    for i in np.argsort(values if reverse else -values, kind="stable"):
+    for i in colors.order:
         stopped = record.trials[i].experiment.end.interrupted
         axes.plot(
-            places, cube[i], color=HEAT(norm(values[i])), linewidth=1.1,
+            places, cube[i], color=colors.map(colors.norm(colors.values[i])), linewidth=1.1,
             linestyle=":" if stopped else "-",
         )  # fmt: skip
     best = space.encode(record.best.experiment.theta)
     axes.plot(places, best, color="white", linewidth=5.5, zorder=4, solid_capstyle="round")
     axes.plot(places, best, "o-", color=BEST, linewidth=2.8, markersize=7, zorder=5, clip_on=False)
     _axis_lines(axes, list(space), record.best.experiment.theta)
-    extend = "max" if values.max() > (norm.vmax or 0) else "neither"
-    bar = figure.colorbar(ScalarMappable(norm, HEAT), ax=axes, pad=0.02, aspect=26, extend=extend)
+    bar = figure.colorbar(
+        ScalarMappable(colors.norm, colors.map), ax=axes, pad=0.02, aspect=26, extend=colors.extend
+    )
     bar.outline.set_visible(False)
-    bar.set_label(label, color=INK)
+    bar.set_label(colors.label, color=INK)
+    if not record.shows_cost:
+        bar.ax.yaxis.set_major_locator(MaxNLocator(8, integer=True))
     axes.set_title(
         f"All {len(cube)} θ tried; best in blue (experiment {record.best.number})", pad=22
     )
     return figure
 
 
-def _colouring(record: Record) -> tuple[Float[np.ndarray, " N"], str, bool]:
-    """Values to colour by, what they are, and whether small ones are drawn first."""
-    if record.scenario.cost is None:
-        order = np.array([-float(t.number) for t in record.trials])
-        return order, "− experiment", False
+def _by_number(record: Record) -> _Colors:
+    """The later, the darker, and on top of the earlier ones."""
+    numbers = np.array([float(t.number) for t in record.trials])
+    norm = Normalize(1, max(float(numbers.max()), 2.0))
+    order = np.argsort(numbers, kind="stable")
+    return _Colors(numbers, "number of the experiment", HEAT.reversed(), norm, order)
+
+
+def _by_cost(record: Record) -> _Colors:
+    """The lower, the darker, and on top of the worse ones."""
     costs = np.array([t.cost for t in record.trials], dtype=float)
-    return costs, "performance index (low is good)", False
+    norm = PowerNorm(0.5, *_range(costs))
+    extend: Literal["max", "neither"] = "max" if costs.max() > (norm.vmax or 0) else "neither"
+    order = np.argsort(-costs, kind="stable")
+    return _Colors(costs, "performance index (lower is better)", HEAT, norm, order, extend)
 
 
 def _range(values: Float[np.ndarray, " N"]) -> tuple[float, float]:
@@ -77,8 +103,8 @@ def _axis_lines(axes: Axes, knobs: list[Knob], best: Float[np.ndarray, " n"]) ->
                 number(end), (i, z), (0, -5 if z == 0 else 5), textcoords="offset points",
                 ha="center", va=anchor, color=FAINT, fontsize=8.5, annotation_clip=False,
             )  # fmt: skip
+        # Below the name, not at the point: there it would lie on lines and on the axis' ends.
         axes.annotate(
-            number(value), (i, knob.encode(value)), (9, 0), textcoords="offset points",
-            va="center", color=BEST, fontweight="bold", zorder=6,
-            bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8},
+            f"best {number(value)}", (i, 0), (0, -36), textcoords="offset points", ha="center",
+            va="top", color=BEST, fontweight="bold", annotation_clip=False,
         )  # fmt: skip

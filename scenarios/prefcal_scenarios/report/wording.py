@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping
 from html import escape
-from math import inf, isfinite
+from math import ceil, floor, inf, isfinite, log10
 from typing import Any
 
 from prefcal_env.experiment import Experiment
@@ -15,13 +15,35 @@ _SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
 
 
 def number(value: float | None) -> str:
-    """Four significant digits; a dash where there is no number."""
+    """Four significant digits with a typographic minus; a dash where there is no number."""
     if value is None or value != value:
         return "–"
     if not isfinite(value):
         return "∞" if value > 0 else "−∞"
     text = f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
-    return "0" if text == "-0" else text
+    return "0" if text == "-0" else text.replace("-", "−")
+
+
+def knob_number(knob: Knob, value: float) -> str:
+    """A knob's value to the digits that its resolution has, else to a thousandth of its range.
+
+    Two values that read the same are, for whoever turns the knob, the same.
+    """
+    if knob.integer:
+        return number(float(value))
+    if knob.scale == "log10":
+        return f"{value:.3g}"
+    step = knob.resolution
+    digits = _decimals(step) if step else floor(-log10((knob.high - knob.low) / 1000))
+    digits = max(digits, 0)
+    text = f"{round(float(value), digits) + 0.0:.{digits}f}"
+    return (text.rstrip("0").rstrip(".") if digits else text).replace("-", "−")
+
+
+def _decimals(step: float) -> int:
+    """Decimal places that tell neighbours apart, one more where `step` is written with that."""
+    least = ceil(-log10(step) - 1e-9)
+    return next((k for k in (least, least + 1) if abs(round(step, k) - step) < 1e-9), least)
 
 
 def measured(kpi: KPI, experiment: Experiment) -> str:
@@ -44,8 +66,8 @@ def earlier_text(taken: Mapping[str, Any]) -> str:
 
 
 def mark_text(mark: Mark, *, automatic: bool = False) -> str:
-    """A mark in the words of the tables, whose columns are "new" and "best"."""
-    words = mark.value.replace("challenger", "new").replace("incumbent", "best")
+    """Return a mark in the words of the tables, which name the challenger first."""
+    words = mark.value.replace("challenger ", "first: ").replace("incumbent ", "second: ")
     return words.replace("unsafe", INTERRUPTED) if automatic else words
 
 
@@ -61,7 +83,7 @@ def quantity(value: float | None, unit: str) -> str:
 
 def with_unit(text: str, unit: str) -> str:
     """A number that is written already with its unit; words such as "never" have none."""
-    return f"{text} {unit}" if unit not in ("", "-") and text[:1] in "-0123456789" else text
+    return f"{text} {unit}" if unit not in ("", "-") and text[:1] in "-−+0123456789" else text
 
 
 def printable(text: object) -> str:
@@ -77,7 +99,9 @@ def labelled(name: str, unit: str) -> str:
 def theta_text(space: KnobSpace, theta: object) -> str:
     """θ on one line: name, value and unit of each knob."""
     values = space.named(theta)  # type: ignore[arg-type]
-    return " · ".join(f"{k.name} {quantity(values[k.name], k.unit)}" for k in space)
+    return " · ".join(
+        f"{k.name} {with_unit(knob_number(k, values[k.name]), k.unit)}" for k in space
+    )
 
 
 def mathtext(name: str) -> str:

@@ -1,21 +1,30 @@
 """The conversation in a terminal: show, read a key, do it; until the study is over or stopped."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, suppress
+from dataclasses import dataclass, field, replace
+from math import isfinite
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 
-from prefcal_env.errors import PrefcalError
+from prefcal_env.errors import PrefcalError, RecordError, StaleError
+from prefcal_env.knobs import KnobSpace
 from prefcal_env.preference import Strength
-from prefcal_scenarios.interview import Choice, Interview, Now, Phase
+from prefcal_env.studies import Suggested
+from prefcal_scenarios.interview import Choice, Given, Interview, Now, Phase
 from prefcal_scenarios.interview.moment import GOOD_ENOUGH, UNSAFE
+from prefcal_scenarios.isolated import in_time
+from prefcal_scenarios.report.wording import theta_text
+from prefcal_scenarios.window.view import Seen, preview_view
 
-from .keys import END, ask_line
+from .briefing import show_brief
+from .keys import END, ESCAPE, ask_line, pressed
 from .looking import show_history, show_status
-from .showing import show_keys, show_next, show_question
+from .showing import show_comparison, show_keys, show_next, show_question
 
-# A key that the page has too means the same there; only R, which asks again there, is right here.
+# A key that the page has too means the same there.
 CHOICES = {
     "l": Choice.LEFT, "left": Choice.LEFT, "r": Choice.RIGHT, "right": Choice.RIGHT,
     "=": Choice.SAME, "same": Choice.SAME, "s": Choice.CANNOT_TELL,
@@ -28,6 +37,9 @@ MARKS = {
     "a": ("left", GOOD_ENOUGH), "d": ("right", GOOD_ENOUGH),
 }  # fmt: skip
 STOP = ("x", "stop")
+STOP_RUN = "k"
+_LOOK = 0.2
+"""Seconds after which a waiting conversation looks at the keys."""
 _LARGEST = 20 << 20
 """Bytes of a record, as on the page."""
 
@@ -41,9 +53,15 @@ class _Conversation:
     blind: bool = False
     comment: str = ""
     shown: int = -1
+    seen: Seen = field(default_factory=Seen)
+    compiles: bool = False
+    dialed: tuple[float, ...] | None = None
+    pressed: Callable[[], AbstractContextManager[Callable[[], str]]] = pressed
 
     def run(self) -> None:
         """Go on until it is over or stopped."""
+        if self.interview.scenario.brief and len(self.interview.now().state.closed) <= 1:
+            show_brief(self.interview, self.console)
         while (now := self.interview.now()).phase is not Phase.OVER:
             if now.phase is Phase.RUNNING:
                 self._wait(now)
@@ -52,12 +70,21 @@ class _Conversation:
         self._say(f"The study is over: {now.state.ended}.")
 
     def _wait(self, now: Now) -> None:
-        words = "choosing the next experiment"
-        if now.pending is not None:
-            words = f"running experiment {now.pending.index + 1}"
-        with self.console.status(f"{words} (the first run on a machine compiles)"):
+        with self.console.status(_waiting(now)) as status, self.pressed() as pressed:
             while now.phase is Phase.RUNNING:
-                now = self.interview.wait(now.version, 1.0)
+                self._compiling(now)
+                status.update(_waiting(now))
+                stops = pressed() == STOP_RUN and now.run_limit is not None
+                if stops and now.pending is not None:
+                    with suppress(StaleError):  # it has just ended
+                        self.interview.stop_run(now.pending.index)
+                now = self.interview.wait(now.version, _LOOK)
+
+    def _compiling(self, now: Now) -> None:
+        """Say it once where nothing can move: a file, or a pipe."""
+        if now.preparing is not None and not self.console.is_terminal and not self.compiles:
+            self.compiles = True
+            self._say(now.preparing.words)
 
     def _one(self, now: Now) -> bool:
         """One step of the person; False if he stops."""
@@ -74,7 +101,7 @@ class _Conversation:
     def _question(self, now: Now) -> bool:
         assert now.question is not None
         if self.shown != now.version:
-            show_question(self.interview, now, self.console, blind=self.blind)
+            show_question(self.interview, now, self.console, blind=self.blind, seen=self.seen)
             self.shown = now.version
         key = self.keys()
         if key in STOP:
@@ -101,15 +128,16 @@ class _Conversation:
         self._say(f"Saved: {choice.value}{much}.")
 
     def _other(self, key: str, now: Now) -> None:
-        if key == "z":
-            self.interview.undo(now.version)
-            self._say("The last answer is taken back.")
+        if key == "z" or (key == ESCAPE and now.question and now.question.repeats is not None):
+            self._undo(now)
         elif key == "c":
             said = self.line("comment on the next answer")
             # Ctrl-D says END: the person wants no comment.
             self.comment = "" if said == END else said
         elif key == "b":
             self.blind, self.shown = not self.blind, -1
+        elif key == "t" and now.question is not None:
+            show_comparison(self.interview, now.question, self.console, self.seen)
         elif key == "p":
             self.interview.repeat()
         elif key == "f":
@@ -124,27 +152,63 @@ class _Conversation:
         elif key == "w":
             show_status(self.interview, self.console)
         else:
+            show_brief(self.interview, self.console)
             show_keys(self.console)
+
+    def _undo(self, now: Now) -> None:
+        """Take the last answer back, with its comment; a question asked again is put away."""
+        skipped = now.question is not None and now.question.repeats is not None
+        self.comment = self.interview.undo(now.version).draft or self.comment
+        kept = f" Its comment is kept for the next one: {self.comment}" if self.comment else ""
+        self._say("Skipped." if skipped else f"The last answer is taken back.{kept}")
 
     def _record(self, now: Now) -> bool:
         assert now.pending is not None
         if self.shown != now.version:
             show_next(self.interview, now, self.console)
             self.shown = now.version
-        said = self.line("its file, or: failed, unsafe FILE, undo, stop")
+        said = self.line(
+            "its file, or: failed, unsafe FILE, set KNOB=VALUE, replace N FILE, undo, stop"
+        )
         if said in STOP:
             return False
         if said in ("z", "undo"):
             self.interview.undo(now.version)
         elif said == "failed":
             self.interview.fail(now.pending.index)
+        elif said.startswith("set "):
+            self.dialed = dialed(
+                said.removeprefix("set "), self.interview.scenario.space, now.pending
+            )
+            self._say(f"Its θ is now {theta_text(self.interview.scenario.space, self.dialed)}.")
         elif said:
-            content = self._content(said.removeprefix("unsafe ").strip().strip("\"'"))
-            if content is not None:
-                unsafe = said.startswith("unsafe ")
-                self.interview.record(now.pending.index, content, unsafe=unsafe)
-                self._say("The record is saved.")
+            self._file(said, now.pending)
         return True
+
+    def _file(self, said: str, pending: Suggested) -> None:
+        """Save a record: of the pending experiment, or with "replace N" of an earlier one."""
+        index, theta = pending.index, self.dialed
+        if said.startswith("replace "):
+            number, _, said = said.removeprefix("replace ").strip().partition(" ")
+            if not number.isdecimal() or not said:
+                self._say("Say which record and the right file: replace 2 run-2.csv")
+                return
+            index, theta = int(number) - 1, None
+        unsafe = said.startswith("unsafe ")
+        content = self._content(said.removeprefix("unsafe ").strip().strip("\"'"))
+        if content is None:
+            return
+        given = Given(index, content, unsafe, theta)
+        view = preview_view(self.interview, given)
+        self._say(f"Experiment {index + 1}: {view['text']}.")
+        for warning in view["warnings"]:
+            self._say(warning)
+        if view["warnings"] and self.line("save it all the same? yes or no") != "yes":
+            self._say("Nothing was saved.")
+            return
+        self.interview.record(replace(given, again=True))
+        self.dialed = None
+        self._say("The record is saved.")
 
     def _content(self, name: str) -> bytes | None:
         """Of a file; None, said in words, if it cannot be read."""
@@ -175,6 +239,40 @@ class _Conversation:
 
     def _say(self, words: str) -> None:
         self.console.print(words, markup=False, highlight=False, soft_wrap=True)
+
+
+def _waiting(now: Now) -> str:
+    """Say what is waited for."""
+    if now.preparing is not None:
+        return now.preparing.words
+    if now.pending is None:
+        return "choosing the next experiment"
+    words = f"running experiment {now.pending.index + 1}"
+    if now.run_limit is None:
+        return words
+    limit = f"at most {in_time(now.run_limit)}; " if isfinite(now.run_limit) else ""
+    return f"{words} ({limit}k stops it)"
+
+
+def dialed(text: str, space: KnobSpace, sample: Suggested) -> tuple[float, ...]:
+    """θ of `sample` with what was really set: "KNOB=VALUE, ...", a _ in place of a space.
+
+    Raises:
+        RecordError: an unknown knob, or no number.
+        KnobError: it is outside the space.
+    """
+    values = dict(zip(space.names, sample.theta, strict=True))
+    plain = {name.replace(" ", "_"): name for name in space.names}
+    for part in text.split(","):
+        word, _, value = (piece.strip() for piece in part.partition("="))
+        name = plain.get(word.replace(" ", "_"))
+        if name is None:
+            raise RecordError(f"a knob must be one of {list(plain)}, got {word!r}")
+        try:
+            values[name] = float(value)
+        except ValueError as error:
+            raise RecordError(f"knob {name!r} must be a number, got {value!r}") from error
+    return tuple(space.check(np.array(list(values.values()))).tolist())
 
 
 def converse(

@@ -1,7 +1,7 @@
 """Curves of an experiment in braille, for a terminal."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import plotille
@@ -9,64 +9,64 @@ from jaxtyping import Float
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from prefcal_env.experiment import Channel, Experiment
-from prefcal_scenarios.interview import Question
+from prefcal_env.experiment import Experiment
+from prefcal_env.panels import Plot
 from prefcal_scenarios.report.wording import labelled, number
-from prefcal_scenarios.scenario import Panel
+from prefcal_scenarios.window.view.panels import reference_of
 
-_ROWS = 5
-"""Height of a plot in lines."""
+ROWS = 5
+"""Height of a plot in lines, where nothing is known of the screen."""
+LEAST, MOST = 2, 8
+"""Of a plot that is fitted to the screen."""
 _LABEL = 12
 """Characters to the left of a plot, for its upper and lower edge."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Axes:
-    """What a plot spans, alike on both sides."""
-
-    start: float
-    end: float
-    low: float
-    high: float
-
-
 def curves(
-    experiment: Experiment, question: Question, panels: Sequence[Panel], width: int, style: str
+    experiment: Experiment,
+    panels: Sequence[Plot],
+    axes: Mapping[str, Any],
+    *,
+    width: int,
+    rows: int = ROWS,
+    style: str = "",
 ) -> RenderableType:
-    """Every panel of one side, `width` characters wide, on axes that both sides share."""
+    """Every panel of one side, `width` characters wide, with one time axis below.
+
+    Args:
+        experiment: What is drawn.
+        panels: Top down.
+        axes: Of both sides, as `Seen.frame` gives them.
+        width: In characters.
+        rows: Height of each plot in lines.
+        style: Of the curves.
+    """
     if not len(experiment.t):
         return Text("This run failed and left no record.", style="bold red")
-    both = [s.experiment for s in (question.left, question.right) if len(s.experiment.t)]
     parts: list[RenderableType] = []
-    for panel in panels:
-        axes = _axes(panel, both)
-        parts.append(Text(_title(panel.channel), style="bold", no_wrap=True, overflow="ellipsis"))
-        if axes is None:
-            parts.append(Text("no values", style="dim"))
+    for panel, span in zip(panels, axes["y"], strict=True):
+        parts.append(Text(_title(panel), style="bold", no_wrap=True, overflow="ellipsis"))
+        if not np.isfinite(panel.values(experiment)).any():
+            parts.append(Text("no values" + "\n" * (rows - 1), style="dim"))
             continue
-        drawn = _plot(panel, experiment, axes, width)
+        drawn = _plot(panel, experiment, (*axes["x"], *span), (width - _LABEL, rows))
         parts.append(Text(drawn, style=style, no_wrap=True, overflow="crop"))
-        start, end = number(axes.start), f"{number(axes.end)} {experiment.channels.time_unit}"
-        parts.append(Text(" " * _LABEL + start + end.rjust(width - _LABEL - len(start))))
+    start, end = (number(v) for v in axes["x"])
+    end = f"{end} {experiment.channels.time_unit}".strip()
+    parts.append(Text(" " * _LABEL + start + end.rjust(width - _LABEL - len(start))))
     if len(experiment.runs) > 1:
         parts.append(Text(f"Curves: the first of {len(experiment.runs)} variants of this run."))
     return Group(*parts)
 
 
-def _axes(panel: Panel, both: Sequence[Experiment]) -> _Axes | None:
-    """Wide enough for both sides; None where neither has a finite value."""
-    values = np.concatenate([panel.values(e) for e in both])
-    values = values[np.isfinite(values)]
-    if not len(values):
-        return None
-    start, end = min(float(e.t[0]) for e in both), max(e.duration for e in both)
-    low, high = float(values.min()), float(values.max())
-    pad = 0.04 * (high - low) or max(1.0, 1e-9 * abs(high))
-    return _Axes(start, end if end > start else start + 1.0, low - pad, high + pad)
+def lines_beside_plots(experiment: Experiment, panels: Sequence[Plot]) -> int:
+    """Lines that `curves` takes apart from the plots themselves."""
+    return len(panels) + 1 + (len(experiment.runs) > 1) if len(experiment.t) else 1
 
 
-def _title(channel: Channel) -> str:
+def _title(panel: Plot) -> str:
     """What is drawn, its unit, and what it should do."""
+    channel = panel.channel
     words = labelled(channel.name, channel.unit)
     if channel.target is not None:
         band = "" if channel.band is None else f" ± {number(channel.band)}"
@@ -74,21 +74,35 @@ def _title(channel: Channel) -> str:
     limits = [number(limit) for limit in (channel.low, channel.high) if np.isfinite(limit)]
     if limits:
         words += f", limit{'s' * (len(limits) - 1)} {' to '.join(limits)}"
+        words += " at most" if panel.low_signal or panel.high_signal else ""
     return words
 
 
-def _plot(panel: Panel, experiment: Experiment, axes: _Axes, width: int) -> str:
-    """Rows of braille with the values of the upper and lower edge on the left."""
-    columns = width - _LABEL
-    canvas = plotille.Canvas(columns, _ROWS, axes.start, axes.low, axes.end, axes.high)
+def _plot(
+    panel: Plot,
+    experiment: Experiment,
+    axes: tuple[float, float, float, float],
+    size: tuple[int, int],
+) -> str:
+    """Rows of braille with the values of the upper and lower edge on the left.
+
+    Axes are start, end, low and high; the size is columns and rows.
+    """
+    (start, end, low, high), (columns, rows) = axes, size
+    canvas = plotille.Canvas(columns, rows, start, low, end, high)
     target = panel.channel.target
-    if target is not None and axes.low < target < axes.high:
-        for t in np.linspace(axes.start, axes.end, columns // 3).tolist():
+    if target is not None and low < target < high:
+        for t in np.linspace(start, end, columns // 3).tolist():
             canvas.point(t, target)
-    _curve(canvas, experiment.t, panel.values(experiment), steps=panel.kind == "u")
-    rows = canvas.plot().split("\n")
-    edges = {0: number(axes.high), _ROWS - 1: number(axes.low)}
-    return "\n".join(f"{edges.get(i, ''):>{_LABEL - 2}} │{row}" for i, row in enumerate(rows))
+    reference = reference_of(panel, experiment)
+    if reference is not None:
+        for t in np.linspace(start, experiment.duration, columns // 3).tolist():
+            k = max(int(np.searchsorted(experiment.t, t, side="right")) - 1, 0)
+            canvas.point(t, float(reference[k]))
+    _curve(canvas, experiment.t, panel.values(experiment), steps=panel.held)
+    drawn = canvas.plot().split("\n")
+    edges = {0: number(high), rows - 1: number(low)}
+    return "\n".join(f"{edges.get(i, ''):>{_LABEL - 2}} │{row}" for i, row in enumerate(drawn))
 
 
 def _curve(

@@ -1,7 +1,10 @@
 """What the person types: single keys on a terminal, lines where the input is a file or a pipe."""
 
+import os
+import select
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import click
 from rich.console import Console
@@ -14,6 +17,7 @@ ARROWS = {LEFT: "l", RIGHT: "r", DOWN: "=", "\x1bOD": "l", "\x1bOC": "r", "\x1bO
 SHIFTED = ("L", "R")
 """Letters that mean more as capitals: much better."""
 END = "x"
+ESCAPE = "\x1b"
 
 Keys = Callable[[], str]
 
@@ -34,6 +38,31 @@ def _key() -> str:
     except EOFError:  # Ctrl-D
         return END
     return ARROWS.get(pressed, _folded(pressed))
+
+
+@contextmanager
+def pressed() -> Iterator[Keys]:
+    """Give a function that returns the key that was pressed meanwhile, or "".
+
+    Nothing is read of a file or a pipe: its lines are answers.
+    """
+    if not sys.stdin.isatty() or os.name != "posix":
+        yield lambda: ""
+        return
+    import termios
+    import tty
+
+    before = termios.tcgetattr(sys.stdin)
+    try:
+        tty.setcbreak(sys.stdin)
+        yield _waiting
+    finally:
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+
+
+def _waiting() -> str:
+    ready, _, _ = select.select([sys.stdin], [], [], 0.0)
+    return os.read(sys.stdin.fileno(), 1).decode("ascii", "ignore").lower() if ready else ""
 
 
 def _line(console: Console) -> str:

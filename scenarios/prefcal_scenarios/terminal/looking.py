@@ -1,7 +1,5 @@
 """History and state of a study in a terminal."""
 
-from collections.abc import Iterator
-
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -13,7 +11,7 @@ from prefcal_scenarios.window.view.history import history_view
 from prefcal_scenarios.window.view.status import in_words
 
 _WIDTH = 24
-"""Characters of the longest bar."""
+"""Characters of a bar that stands for 100 %."""
 
 
 def show_history(interview: Interview, console: Console) -> None:
@@ -23,7 +21,7 @@ def show_history(interview: Interview, console: Console) -> None:
         console.print("No answers yet.")
         return
     table = Table(title="History", title_justify="left")
-    for heading in ("", "new", "best", "verdict", "marks", "comment"):
+    for heading in ("", "experiment", "against", "verdict", "marks", "comment"):
         table.add_column(heading, overflow="fold")
     for answer in answers:
         said = "retracted" if answer["retracted"] else "again" if answer["repeated"] else ""
@@ -39,25 +37,22 @@ def show_history(interview: Interview, console: Console) -> None:
 def show_status(interview: Interview, console: Console) -> None:
     """The best so far, how far it is, and how consistent the answers are."""
     now = interview.now()
-    done = len(now.state.finished)
-    answers = max(len(now.state.closed) - 1, 0) + len(now.state.further)
-    plural = "" if answers == 1 else "s"
-    lines = [f"{done} of {now.state.n_max} experiments, {answers} answer{plural}"]
+    counts = interview.counts
+    plural = "" if counts.comparisons == 1 else "s"
+    lines = [
+        f"{counts.experiments} of {interview.n_max} experiments, "
+        f"{counts.comparisons} comparison{plural}"
+    ]
     if now.incumbent is not None:
         best = theta_text(interview.scenario.space, interview.experiment(now.incumbent).theta)
         lines.append(f"best so far, experiment {now.incumbent + 1}: {best}")
     lines.append(in_words(interview.consistency))
-    if (advice := interview.advice) is not None:
-        lines.append(advice.text)
-    minded = Minded.of(interview.index, interview.scenario)
+    if (outlook := interview.outlook) is not None:
+        lines += outlook.lines
+    minded = Minded.of(interview.index, interview.importance, interview.scenario)
     if minded is not None:
-        lines += [minded.sentence(), *_bars(minded), minded.trust]
+        lines += [minded.sentence(), minded.caption]
+        lines += [f"  {drawn} {bar.text:>5}  {bar.title}" for drawn, bar in minded.drawn(_WIDTH)]
+        lines.append(minded.trust)
     for line in lines:
         console.print(printable(line), markup=False, highlight=False, soft_wrap=True)
-
-
-def _bars(minded: Minded) -> Iterator[str]:
-    """A line for each share: its bar, number and title."""
-    for bar in minded.bars:
-        drawn = ("░" if bar.rest else "█") * max(round(_WIDTH * bar.width), 1)
-        yield f"  {drawn:<{_WIDTH}} {bar.text:>5}  {bar.title}"

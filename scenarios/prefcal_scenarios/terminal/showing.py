@@ -9,19 +9,21 @@ from rich.panel import Panel as Box
 from rich.table import Table
 from rich.text import Text
 
+from prefcal_env.experiment import Experiment
 from prefcal_env.rig import Rig
-from prefcal_scenarios.interview import Interview, Now, Question
+from prefcal_scenarios.interview import Interview, Now, Question, Side
 from prefcal_scenarios.report.wording import INTERRUPTED, with_unit
 from prefcal_scenarios.scenario import Scenario, panels_of
+from prefcal_scenarios.window.view import Seen, comparison_view
 from prefcal_scenarios.window.view.sides import numbers_view, theta_view
 
-from .drawing import curves
+from .drawing import LEAST, MOST, ROWS, curves, lines_beside_plots
 
 WIDE = 110
 """Columns from which both sides stand beside each other."""
 STYLES = {"left": "blue", "right": "dark_orange3"}
-_MOST = 6
-"""KPIs of a side that are shown."""
+_MOST, _FEW = 6, 3
+"""KPIs of a side that are shown; and where the screen is low."""
 
 KEYS = (
     ("← or l", "left is better"), ("→ or r", "right is better"),
@@ -30,24 +32,26 @@ KEYS = (
     ("q / e", "mark left / right unsafe or very bad"),
     ("a / d", "mark left / right good enough"), ("c", "comment on the next answer"),
     ("b", "blind: hide θ and which one is new"), ("h", "history"), ("w", "where are we"),
+    ("t", "all KPIs of both sides, those that differ most first"),
     ("p", "ask an earlier question again"), ("f f", "finish the study"),
-    ("x", "stop for now; everything is saved"), ("?", "these keys"),
+    ("x", "stop for now; everything is saved"), ("?", "what this is about, and these keys"),
 )  # fmt: skip
 
 
-def show_question(interview: Interview, now: Now, console: Console, *, blind: bool) -> None:
-    """Both sides, side by side where there is room, and the keys."""
-    question, scenario = now.question, interview.scenario
+def show_question(
+    interview: Interview, now: Now, console: Console, *, blind: bool, seen: Seen | None = None
+) -> None:
+    """Both sides, side by side where there is room, and the keys.
+
+    Curves of both sides begin in the same line, on the axes of the study; on a terminal they are
+    as high as lets the headline stay in sight.
+    """
+    question = now.question
     assert question is not None
+    seen = (Seen() if seen is None else seen).look(interview)
     wide = console.width >= WIDE
-    width = (console.width // 2 if wide else console.width) - 6
-    sides = [_side(question, name, scenario, width, blind=blind) for name in ("left", "right")]
-    head = f"Comparison {question.number} of {interview.n_max - 1}"
-    if question.repeats is not None:
-        head = "An earlier question again"
-    elif question.further:
-        head = "A further comparison of two that you have seen"
-    console.rule(f"{head}: which experiment is better?")
+    console.rule(_headline(interview, question))
+    sides = _sides(question, interview.scenario, console, seen, blind=blind)
     if wide:
         grid = Table.grid(expand=True)
         grid.add_column(ratio=1)
@@ -64,28 +68,92 @@ def show_question(interview: Interview, now: Now, console: Console, *, blind: bo
     )  # fmt: skip
 
 
-def _side(
-    question: Question, name: str, scenario: Scenario, width: int, *, blind: bool
+def _headline(interview: Interview, question: Question) -> str:
+    head = f"Comparison {question.number} of {interview.n_max - 1}"
+    if question.repeats is not None:
+        head = "An earlier question again (Esc or z skips it)"
+    elif question.further:
+        head = "A further comparison of two that you have seen"
+    return f"{head}: which experiment is better?"
+
+
+def _sides(
+    question: Question, scenario: Scenario, console: Console, seen: Seen, *, blind: bool
+) -> list[RenderableType]:
+    """Both boxes, of equal heights above their curves."""
+    wide = console.width >= WIDE
+    width = (console.width // 2 if wide else console.width) - 6
+    pair = {"left": question.left, "right": question.right}
+    both = [side.experiment for side in pair.values()]
+    panels = panels_of(scenario, *both)
+    for most in (_MOST, _FEW):
+        heads = [
+            _head(side.experiment, other, scenario, most, blind=blind)
+            for side, other in zip(pair.values(), both[::-1], strict=True)
+        ]
+        heights = [len(console.render_lines(h, console.options.update(width=width))) for h in heads]
+        beside = max(lines_beside_plots(e, panels) for e in both) + max(heights) + 2
+        rows = _rows(console, len(panels), beside, stacked=1 if wide else 2)
+        if rows >= LEAST:
+            break
+    axes, rows = seen.frame(panels, *both), max(rows, LEAST)
+    boxes: list[RenderableType] = []
+    for (name, side), head, height in zip(pair.items(), heads, heights, strict=True):
+        drawn = curves(
+            side.experiment, panels, axes, width=width, rows=rows, style=STYLES[name]
+        )  # fmt: skip
+        gap = [Text("")] * (max(heights) - height if wide else 0)
+        title = _title(name, side, blind=blind)
+        boxes.append(Box(Group(head, *gap, drawn), title=Text(title), border_style=STYLES[name],
+                         title_align="left"))  # fmt: skip
+    return boxes
+
+
+def _rows(console: Console, panels: int, beside: int, *, stacked: int) -> int:
+    """Lines of each plot with which all of a question is in sight; as usual if not on a screen."""
+    if not console.is_terminal or not panels:
+        return ROWS
+    left = console.height - 3 - stacked * beside  # the headline, the keys, and the next line
+    return min(left // (stacked * panels), MOST)
+
+
+def _head(
+    experiment: Experiment, other: Experiment, scenario: Scenario, most: int, *, blind: bool
 ) -> RenderableType:
-    side = getattr(question, name)
-    other = question.right if name == "left" else question.left
-    panels = panels_of(scenario, side.experiment.channels)
-    differing = side.experiment.theta != other.experiment.theta
-    parts: list[RenderableType] = [_kpis(numbers_view(side.experiment, scenario)["kpis"])]
+    """KPIs and θ of one side."""
+    parts: list[RenderableType] = [_kpis(numbers_view(experiment, scenario)["kpis"][:most])]
     if not blind:
-        parts.append(_theta(theta_view(scenario.space, side.experiment, differing)))
-    parts.append(curves(side.experiment, question, panels, width, STYLES[name]))
+        parts.append(_theta(theta_view(scenario.space, experiment, other)))
+    return Group(*parts)
+
+
+def _title(name: str, side: Side, *, blind: bool) -> str:
     title = name.upper()
     if not blind:
-        roles = ("earlier", "later") if question.further else ("best so far", "new")
-        title += f" · experiment {side.index + 1} · {roles[side.challenger]}"
+        title += f" · experiment {side.index + 1}" + (f" · {side.role}" if side.role else "")
     if side.marks:
         title += f" · marked {', '.join(sorted(side.marks))}"
     if side.counts_as_unsafe:
         title += f" · {INTERRUPTED}"
     elif side.experiment.end.interrupted:
         title += f" · {side.experiment.end.value}"
-    return Box(Group(*parts), title=Text(title), border_style=STYLES[name], title_align="left")
+    return title
+
+
+def show_comparison(interview: Interview, question: Question, console: Console, seen: Seen) -> None:
+    """All KPIs of both sides, those that differ most first; the better value is bold."""
+    table = Table(title_justify="left", expand=False)
+    for heading, style in (("KPI", ""), ("LEFT", STYLES["left"]), ("RIGHT", STYLES["right"])):
+        table.add_column(heading, header_style=style, justify="right" if style else "left")
+    table.add_column("right − left", justify="right")
+    for row in comparison_view(question, interview.scenario, seen.look(interview)):
+        values = []
+        for name in ("left", "right"):
+            sign = {True: " ✓", False: " ✗", None: ""}[row[name]["met"]]
+            text = with_unit(row[name]["text"], row["unit"]) + sign
+            values.append(Text(text, style="bold" if row["better"] == name else ""))
+        table.add_row(Text(row["title"]), *values, row["difference"] or "–")
+    console.print(table)
 
 
 def _kpis(kpis: list[dict[str, Any]]) -> RenderableType:
@@ -94,7 +162,7 @@ def _kpis(kpis: list[dict[str, Any]]) -> RenderableType:
     table.add_column(overflow="fold")
     table.add_column(justify="right", no_wrap=True)
     table.add_column(no_wrap=True)
-    for kpi in kpis[:_MOST]:
+    for kpi in kpis:
         style = {True: "green", False: "red", None: ""}[kpi["met"]]
         sign = {True: "✓ ", False: "✗ ", None: ""}[kpi["met"]]
         value = Text(with_unit(kpi["text"], kpi["unit"]), style="bold")

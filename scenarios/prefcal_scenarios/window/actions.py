@@ -49,10 +49,6 @@ def _method(name: str) -> Callable[..., Any]:
     return do
 
 
-def _record(interview: Interview, index: int, content: bytes, unsafe: bool) -> Any:
-    return interview.record(index, content, unsafe=unsafe)
-
-
 ACTIONS: Mapping[str, Action] = MappingProxyType(
     {
         "answer": Action(
@@ -78,11 +74,10 @@ ACTIONS: Mapping[str, Action] = MappingProxyType(
         "repeat": Action({}, _method("repeat")),
         "pace": Action({"questions": between(1, MOST_QUESTIONS)}, _method("pace")),
         "note": Action({"text": text}, _method("note")),
+        "stop_run": Action({"index": whole}, _method("stop_run")),
         "retry": Action({"index": whole}, _method("retry")),
         "fail": Action({"index": whole, "reason": text}, _method("fail")),
         "finish": Action({}, _method("finish")),
         "go_on": Action({"more": at_most(MOST_MORE)}, _method("go_on")),
     }
 )
-RECORD = Action({}, _record)
-"""Its body is a rig's record, as it is."""

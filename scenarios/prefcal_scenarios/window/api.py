@@ -14,15 +14,16 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from prefcal_env.errors import StaleError
-from prefcal_scenarios.interview import Interview, Now, Phase
+from prefcal_scenarios.interview import Given, Interview, Now, Phase
 
-from .actions import RECORD, Action
+from .actions import Action
 from .answers import Handler, as_json, error_response, refused
-from .bodies import MalformedError, bit, digits, number_of_answer, read_json, read_query
+from .bodies import MalformedError, bit, digits, number_of_answer, numbers, read_json, read_query
 from .views import Views
 from .watch import Watch
 
 _BLIND = {"blind": bit}
+_RECORD = {"index": digits, "unsafe": bit, "again": bit, "theta": numbers, **_BLIND}
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +65,7 @@ class Api:
         views: What is shown of it.
         watch: Waits for its changes.
         closed: Set when the person closes the window.
-        seen: Called whenever a page asks how things stand.
+        seen: Called whenever a page asks how things stand, with whether it waits for a change.
         pace: How long pages are let wait.
     """
 
@@ -72,18 +73,25 @@ class Api:
     views: Views
     watch: Watch
     closed: threading.Event
-    seen: Callable[[], None]
+    seen: Callable[[bool], None]
     pace: Pace
 
     @_answering
     async def now(self, request: Request) -> Response:
         """How things stand; with `after`, once they differ from that version."""
         query = _query(request, {"after": digits, **_BLIND})
-        self.seen()
         after = query.get("after")
+        self.seen(after is not None)
         if after is not None and (await self._now()).version == after:
             await self.watch.changed(after, self.pace.poll)
+            self.seen(True)
         return await self._shown(query)
+
+    @_answering
+    async def brief(self, request: Request) -> Response:
+        """What the task is, what knobs and KPIs mean, and how long it takes."""
+        _query(request, _BLIND)
+        return as_json(await run_in_threadpool(self.views.brief))
 
     @_answering
     async def history(self, request: Request) -> Response:
@@ -127,15 +135,15 @@ class Api:
 
     @_answering
     async def record(self, request: Request) -> Response:
-        """Take the record of an experiment that the person has run."""
-        query = _query(request, {"index": digits, "unsafe": bit, **_BLIND})
-        if not _sent_as(request, "text/csv"):
-            return error_response(415, "A record is sent as a CSV file (text/csv).", "record")
-        if "index" not in query:
-            raise MalformedError("The request does not say of which experiment the record is.")
-        content, unsafe = await request.body(), query.get("unsafe", False)
-        do = partial(RECORD.do, self.interview, query["index"], content, unsafe)
-        return await self._done(query, do)
+        """Save the record of an experiment that the person has run."""
+        query, given = await _given(request)
+        return await self._done(query, partial(self.interview.record, given))
+
+    @_answering
+    async def preview(self, request: Request) -> Response:
+        """What would be saved of a record, with its curves."""
+        _, given = await _given(request)
+        return as_json(await run_in_threadpool(self.views.preview, given))
 
     @_answering
     async def close(self, request: Request) -> Response:
@@ -153,7 +161,7 @@ class Api:
         if not isinstance(error, StaleError):
             return b"null"
         try:
-            query = _query(request, {"index": digits, "unsafe": bit, **_BLIND})
+            query = _query(request, _RECORD)
             return bytes((await self._shown(query)).body)
         except Exception as second:
             refused(second)
@@ -177,6 +185,20 @@ class Api:
 
 def _query(request: Request, fields: dict[str, Any]) -> dict[str, Any]:
     return read_query(request.scope["query_string"], fields)
+
+
+async def _given(request: Request) -> tuple[dict[str, Any], Given]:
+    """The parameters and the record of a request that brings one."""
+    query = _query(request, _RECORD)
+    if not _sent_as(request, "text/csv"):
+        raise HTTPException(415, "A record is sent as a CSV file (text/csv).")
+    if "index" not in query:
+        raise MalformedError("The request does not say of which experiment the record is.")
+    given = Given(
+        query["index"], await request.body(), query.get("unsafe", False), query.get("theta"),
+        query.get("again", False),
+    )  # fmt: skip
+    return query, given
 
 
 def _sent_as(request: Request, media_type: str) -> bool:

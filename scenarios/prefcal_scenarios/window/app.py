@@ -33,7 +33,7 @@ def make_app(
     again: str = "",
     command: str = "",
     closed: threading.Event | None = None,
-    seen: Callable[[], None] = lambda: None,
+    seen: Callable[[bool], None] = lambda waits: None,
     pace: Pace | None = None,
     static: Traversable | None = None,
 ) -> Starlette:
@@ -47,10 +47,10 @@ def make_app(
         port: Where it is served.
         hosts: Our names; those of the loopback address if None.
         reports: Where the report is, once there is one.
-        again: The command that takes the study up again.
+        again: The command that resumes the study.
         command: The command that repeats it from the start.
         closed: Set when the person closes the window.
-        seen: Called whenever a page asks how things stand.
+        seen: Called whenever a page asks how things stand, with whether it waits for a change.
         pace: How long pages are let wait.
         static: Folder of the page's files; the package's own if None.
     """
@@ -89,9 +89,11 @@ def _of_api(api: Api) -> list[Route]:
     ]
     return [
         Route("/api/now", api.now),
+        Route("/api/brief", api.brief),
         Route("/api/history", api.history),
         Route("/api/history/{answer}", api.asked),
         Route("/api/status", api.status),
+        Route("/api/preview", api.preview, methods=["POST"]),
         Route("/api/record", api.record, methods=["POST"]),
         Route("/api/close", api.close, methods=["POST"]),
         *posts,

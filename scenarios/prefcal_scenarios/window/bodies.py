@@ -4,6 +4,7 @@ import json
 import re
 import unicodedata
 from collections.abc import Callable, Mapping
+from math import isfinite
 from typing import Any
 from urllib.parse import parse_qsl
 
@@ -132,6 +133,17 @@ def number_of_answer(name: str, value: Any) -> int:
     if not re.fullmatch("-?[1-9][0-9]{0,14}", value):
         raise MalformedError(f"{name} must be a whole number other than 0.")
     return int(value)
+
+
+def numbers(name: str, value: Any) -> tuple[float, ...]:
+    """Finite numbers between commas, in an address."""
+    try:
+        found = tuple(float(part) for part in value.split(","))
+    except ValueError as error:
+        raise MalformedError(f"{name} must be numbers between commas.") from error
+    if not all(map(isfinite, found)):
+        raise MalformedError(f"{name} must be finite.")
+    return found
 
 
 def bit(name: str, value: Any) -> bool:

@@ -51,6 +51,28 @@ def in_link(address: str) -> str:
     return f"[{ip}]" if ip.version == 6 else str(ip)
 
 
+def seen_from_outside(address: str) -> str:
+    """Return how other machines call this one, as links write it.
+
+    Empty where the link of `in_link` is the one for them too, or nobody else can come in.
+
+    Args:
+        address: The IP address that the window listens on.
+    """
+    ip = ipaddress.ip_address(address.partition("%")[0])
+    if not ip.is_unspecified:
+        return ""
+    probe = ("2001:db8::1", 9) if ip.version == 6 else ("192.0.2.1", 9)  # for documents: nobody's
+    family = socket.AF_INET6 if ip.version == 6 else socket.AF_INET
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as udp:
+            udp.connect(probe)  # sends nothing; it chooses the address that would be sent from
+            own = str(udp.getsockname()[0])
+    except OSError:
+        return socket.gethostname().lower()  # no way out: a name that `Hosts` allows
+    return in_link(own)
+
+
 def warning(address: str) -> str:
     """What it means to listen on the IP address `address`; empty for a loopback address."""
     if ipaddress.ip_address(address.partition("%")[0]).is_loopback:
@@ -58,7 +80,7 @@ def warning(address: str) -> str:
     return (
         f"The window listens on {address}, beyond this machine: everybody on that network who "
         "has the link can see this study and answer its questions. The traffic is not encrypted: "
-        "whoever can listen in on the network can read it, the link too."
+        "anybody who can listen in on the network can read it, the link too."
     )
 
 

@@ -9,7 +9,7 @@ from starlette.responses import PlainTextResponse, Response
 
 from .files import Asset, Assets
 from .reports import Reports
-from .security import NO_COOKIE, cookie, same
+from .security import NO_COOKIE, REPORT_POLICY, cookie, same
 
 _FOREVER = "private, max-age=31536000, immutable"
 
@@ -62,13 +62,14 @@ class Pages:
         return Response(content, headers=headers, media_type=asset.media_type)
 
     async def report(self, request: Request) -> Response:
-        """A file of the report. Its page holds scripts of its own, so it can only be saved."""
+        """A file of the report; its page, which holds scripts of its own, in a sandbox."""
         found = await run_in_threadpool(self.reports.read, request.path_params["file"])
         if found is None:
             raise HTTPException(404)
         content, media_type = found
-        shown = not media_type.startswith("text/html")
-        headers = {} if shown else {"content-disposition": "attachment"}
+        headers = {}
+        if media_type.startswith("text/html"):
+            headers["content-security-policy"] = REPORT_POLICY
         return Response(content, headers=headers, media_type=media_type)
 
 

@@ -4,8 +4,10 @@ import json
 import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass
+from http import HTTPStatus
 from types import MappingProxyType
 
+import anyio
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from .hosts import Hosts
@@ -16,6 +18,13 @@ POLICY = (
     "form-action 'self'; frame-ancestors 'none'"
 )
 """Content security policy. Plotly writes styles of its own, hence 'unsafe-inline' for them."""
+REPORT_POLICY = (
+    "sandbox allow-scripts allow-popups; default-src 'none'; script-src 'unsafe-inline'; "
+    "style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+"""Of the report, whose scripts are its own: a sandbox, as of another origin and without network, so
+that nothing in it can ask this window for anything."""
 HEADERS: Mapping[bytes, bytes] = MappingProxyType(
     {
         b"content-security-policy": POLICY.encode(),
@@ -32,7 +41,9 @@ LARGEST_BODY = 64 * 1024
 """Bytes of a JSON body."""
 LARGEST_RECORD = 20 * 1024 * 1024
 """Bytes of a rig's record."""
-RECORD_PATH = "/api/record"
+BODY_SECONDS = 60.0
+"""Seconds in which a body has to be sent."""
+RECORD_PATHS = ("/api/record", "/api/preview")
 OPEN_PATH = "/open/"
 _METHODS = ("GET", "HEAD", "POST")
 
@@ -48,6 +59,11 @@ class Refusal:
 
 NO_COOKIE = Refusal(
     401, "This page belongs to a study: open it by the link that prefcal printed in the terminal."
+)
+
+
+_LATE = Refusal(
+    408, f"This took longer than {BODY_SECONDS:g} s to arrive: nothing was saved, send it again."
 )
 
 
@@ -82,8 +98,10 @@ class Guard:
         refusal = self._refuse(scope)
         body: bytes | Refusal | None = b""
         if refusal is None and scope["method"] == "POST":
-            limit = LARGEST_RECORD if scope["path"] == RECORD_PATH else LARGEST_BODY
-            body = await _body(scope, receive, limit)
+            limit = LARGEST_RECORD if scope["path"] in RECORD_PATHS else LARGEST_BODY
+            body = _LATE
+            with anyio.move_on_after(BODY_SECONDS):
+                body = await _body(scope, receive, limit)
             if body is None:
                 return None  # the client went away
             refusal = body if isinstance(body, Refusal) else None
@@ -185,8 +203,6 @@ async def _answer(send: Send, scope: Scope, refusal: Refusal) -> None:
     kind = b"application/json" if api else b"text/plain; charset=utf-8"
     content = body.encode()
     headers = [(b"content-type", kind), (b"content-length", str(len(content)).encode())]
-    if scope["method"] not in ("GET", "HEAD"):
-        headers.append((b"connection", b"close"))  # or the rest of an endless body is read on
     await send({"type": "http.response.start", "status": refusal.status, "headers": headers})
     shown = b"" if scope["method"] == "HEAD" else content
     await send({"type": "http.response.body", "body": shown})
@@ -195,10 +211,17 @@ async def _answer(send: Send, scope: Scope, refusal: Refusal) -> None:
 def _with_headers(send: Send) -> Send:
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
+            policy = b"content-security-policy"  # a handler may have a stricter one
+            own = [(k, v) for k, v in message["headers"] if k.lower() == policy]
             given = [(k, v) for k, v in message["headers"] if k.lower() not in HEADERS]
             if not any(key.lower() == b"cache-control" for key, _ in given):
                 given.append((b"cache-control", b"no-store"))
-            message = {**message, "headers": [*given, *HEADERS.items()]}
+            if message["status"] >= HTTPStatus.BAD_REQUEST:
+                # Or the rest of an endless body is read on, and strangers hold connections.
+                given = [(k, v) for k, v in given if k.lower() != b"connection"]
+                given.append((b"connection", b"close"))
+            fixed = [(k, v) for k, v in HEADERS.items() if not (own and k == policy)]
+            message = {**message, "headers": [*given, *own, *fixed]}
         await send(message)
 
     return sending

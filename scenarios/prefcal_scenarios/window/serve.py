@@ -1,12 +1,13 @@
 """The window: the application on a socket, in a thread of its own."""
 
+import asyncio
 import secrets
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import uvicorn
 
@@ -14,7 +15,9 @@ from prefcal_scenarios.interview import Interview
 
 from .app import make_app
 from .binding import bind
-from .hosts import Hosts, in_link, warning
+from .connections import Connection
+from .hosts import Hosts, in_link, seen_from_outside, warning
+from .presence import Presence
 from .reports import Reports
 from .security import LARGEST_HEAD
 
@@ -29,7 +32,7 @@ class Window:
         interview: What is shown, and answered.
         host: Name or address to listen on; of the loopback device unless others shall see it.
         port: To listen on; 0 takes a free one.
-        again: The command that takes the study up again, for the page.
+        again: The command that resumes the study, for the page.
         command: The command that repeats the study, for the page.
         clock: Seconds that never run backwards.
 
@@ -53,15 +56,17 @@ class Window:
         address, self.port = self._socket.getsockname()[:2]
         address = address.partition("%")[0]
         self._token = secrets.token_urlsafe(32)
-        self._clock, self._seen_at = clock, clock()
+        self._presence = Presence(clock)
         self.warning = warning(address)
         self.link = f"http://{in_link(address)}:{self.port}/open/{self._token}"
+        outside = seen_from_outside(address)
+        self.link_for_others = outside and f"http://{outside}:{self.port}/open/{self._token}"
         self.closed = threading.Event()
         self._reports = Reports()
         self._app = make_app(
             interview, token=self._token, port=self.port, hosts=Hosts.of(address, self.port),
             reports=self._reports, again=again, command=command, closed=self.closed,
-            seen=self._see,
+            seen=self._presence.seen,
         )  # fmt: skip
         self._reports.changed = self._app.state.watch.wake
         self._server = uvicorn.Server(_config(self._app))
@@ -76,9 +81,9 @@ class Window:
     def reports(self, folder: Path | None) -> None:
         self._reports.put(folder)
 
-    def last_seen(self) -> float:
-        """Seconds since a page last asked how things stand, or since the window was made."""
-        return self._clock() - self._seen_at
+    def away(self) -> float | None:
+        """Return for how many seconds no page has been open; None before the first page."""
+        return self._presence.away()
 
     @property
     def waiting(self) -> int:
@@ -102,17 +107,27 @@ class Window:
         self._thread.join(timeout=_GRACE + 1)
         self._socket.close()
 
-    def _see(self) -> None:
-        self._seen_at = self._clock()
-
     def _serve(self) -> None:
         self._server.run(sockets=[self._socket])
+
+
+def _connections() -> type[asyncio.Protocol]:
+    """The class of our connections, which know of each other."""
+    waiting: dict[str, dict[Connection, None]] = {}
+
+    class Ours(Connection):
+        """A connection of one window."""
+
+        def __init__(self, *args: Any, **kwargs: Any) -> None:
+            super().__init__(*args, waiting=waiting, **kwargs)
+
+    return Ours
 
 
 def _config(app: Callable[..., object]) -> uvicorn.Config:
     """Quiet, and nothing taken from the environment or from proxies."""
     return uvicorn.Config(
-        app, loop="asyncio", http="h11", ws="none", lifespan="off", log_config=None,
+        app, loop="asyncio", http=_connections(), ws="none", lifespan="off", log_config=None,
         log_level="critical", access_log=False, proxy_headers=False, server_header=False,
         h11_max_incomplete_event_size=LARGEST_HEAD, timeout_keep_alive=30,
         timeout_graceful_shutdown=_GRACE,

@@ -6,10 +6,18 @@ import threading
 from dataclasses import dataclass, field
 from typing import Any
 
-from prefcal_scenarios.interview import Interview
+from prefcal_scenarios.interview import Given, Interview
 
 from .reports import Reports
-from .view import asked_view, history_view, now_view, status_view
+from .view import (
+    Seen,
+    asked_view,
+    brief_view,
+    history_view,
+    now_view,
+    preview_view,
+    status_view,
+)
 
 
 @dataclass(slots=True)
@@ -28,6 +36,7 @@ class Views:
     again: str = ""
     command: str = ""
     _lock: threading.Lock = field(default_factory=threading.Lock)
+    _seen: Seen = field(default_factory=Seen)
     _kept: dict[bool, tuple[Any, bytes]] = field(default_factory=dict)
 
     def now(self, blind: bool) -> bytes:
@@ -39,13 +48,23 @@ class Views:
                 kept = self._kept[blind] = (key, encoded(self._now(blind)))
             return kept[1]
 
+    def brief(self) -> bytes:
+        """What the task is."""
+        return encoded(brief_view(self.interview))
+
+    def preview(self, given: Given) -> bytes:
+        """What would be saved of a record."""
+        return encoded(preview_view(self.interview, given))
+
     def history(self) -> bytes:
         """Every question and answer."""
         return encoded(history_view(self.interview))
 
     def asked(self, answer: int, blind: bool) -> bytes:
         """A closed question, as it was shown."""
-        return encoded(asked_view(self.interview, answer, blind=blind))
+        with self._lock:  # what was seen is one for all threads
+            view = asked_view(self.interview, answer, blind=blind, seen=self._seen)
+        return encoded(view)
 
     def status(self) -> bytes:
         """Where we are."""
@@ -54,7 +73,7 @@ class Views:
     def _now(self, blind: bool) -> dict[str, Any]:
         return now_view(
             self.interview, blind=blind, again=self.again, command=self.command,
-            report=self.reports.folder,
+            report=self.reports.folder, seen=self._seen,
         )  # fmt: skip
 
 

@@ -48,7 +48,7 @@ class _Waiter:
 
 
 class Watch:
-    """Wakes whoever waits for a change.
+    """Wakes every page that waits for a change.
 
     However many tabs are open, one thread waits for all of them: the threads of the server stay
     free for answers.

@@ -1,11 +1,14 @@
 """A plant and a task as an environment."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_env.envs import PlantEnv
+from prefcal_env.envs import PlantEnv, Task
+from prefcal_env.envs.fit import observed_of
 from prefcal_env.errors import PlantError, ProtocolError, SettingsError
 from prefcal_env.experiment import Channel, End
 from prefcal_env.plants import FunctionPlant
@@ -187,7 +190,7 @@ def test_float64_actions_are_not_rounded(actions):
         ({"dt": 0.5}, SettingsError, r"must be among .*got \['dt'\]"),
         ({"x0": [1.0, 2.0]}, PlantError, r"x0 must have shape \(1,\), got \(2,\)"),
         ({"x0": [np.inf]}, PlantError, "x0 must be finite"),
-        ({"x0": "empty"}, PlantError, "x0 must be 1 numbers, got 'empty'"),
+        ({"x0": "empty"}, PlantError, "x0 must be numbers, got 'empty'"),
         ({"x0": [7.0]}, PlantError, "unsafe already"),
     ],
 )
@@ -260,3 +263,34 @@ def test_an_unknown_render_mode_is_refused():
 def test_an_impossible_task_is_refused(change, reason):
     with pytest.raises(SettingsError, match=reason):
         tank_task(**change)
+
+
+def test_x0_u0_y_ref_and_horizon_are_enough_of_a_task():
+    task = Task(x0=np.zeros(1), u0=np.zeros(1), y_ref=np.array([2.0]), horizon=10.0)
+    assert (task.T_s, task.dense_step) == (0.05, 0.02)
+    assert task.sampling_time(10.0) == 10.0
+    with pytest.raises(SettingsError, match="T_s must be"):
+        task.sampling_time(10.1)
+    plant = FunctionPlant(lambda x, u, d: [u[0] - x[0]], states=[LEVEL], inputs=[INFLOW])
+    env = PlantEnv(plant, task)
+    observation, _ = env.reset()
+    assert env.channels.y[0].target == 2.0
+    # The level reaches ten times 2 m either way; the input its limits; its reference ten times 2.
+    assert observation == pytest.approx([0.0, -1.0, 0.0])
+    assert env.step(np.ones(1))[0] == pytest.approx([env.record().x[-1, 0] / 20, 1.0, 0.0])
+
+
+def test_all_outputs_with_a_reference_are_tracked():
+    plant = FunctionPlant(
+        lambda x, u, d: [u[0] - x[0], x[0]],
+        states=[LEVEL, Channel("total", "m s", low=-1.0)], inputs=[INFLOW],
+    )  # fmt: skip
+    both = Task(x0=np.zeros(2), u0=np.zeros(1), y_ref=np.array([2.0, 3.0]), horizon=1.0)
+    assert [c.target for c in PlantEnv(plant, both).channels.y] == [2.0, 3.0]
+    one = replace(both, y_ref=np.array([2.0, np.nan]))
+    env = PlantEnv(plant, one)
+    assert [c.target for c in env.channels.y] == [2.0, None]
+    assert observed_of(plant, one).tolist() == [[-20, 20], [-1, 10], [0, 4], [-18, 22]]
+    assert env.observation_space.shape == (4,)
+    with pytest.raises(SettingsError, match="that have a reference"):
+        PlantEnv(plant, replace(one, tracked=(1,)))

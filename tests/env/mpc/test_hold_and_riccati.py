@@ -35,7 +35,7 @@ def test_an_integrator_of_a_constant_drifts_linearly():
 def test_triangularise_keeps_the_inner_products(seed, rows, columns):
     M = np.random.default_rng(seed).normal(size=(rows, columns))
     R = M.copy()
-    triangularise(R, rows, columns)
+    triangularise(R, rows, columns, 0)
     np.testing.assert_allclose(R.T @ R, M.T @ M, atol=1e-10)
     np.testing.assert_array_equal(np.tril(R, -1), 0)
 
@@ -44,7 +44,7 @@ def test_rows_of_very_different_size_keep_their_own_accuracy():
     """Two rows of size 1 beside one of 1e40: plain QR leaves only rounding of the large one."""
     big, a, b = np.array([2e40, 1e40, 3e40]), np.array([1.0, 2, 3]), np.array([0.0, 1.0, 5.0])
     R = np.array([a, big, b])
-    triangularise(R, 3, 2)
+    triangularise(R, 3, 2, 0)
     # Exactly: with x_1 + x_2 / 2 + 3 / 2 = 0 enforced, rows a and b are 1.5 x_2 + 1.5, x_2 + 5.
     assert np.hypot(1.5, 1.0) == pytest.approx(abs(R[1, 1]), rel=1e-12)
     assert (1.5 * 1.5 + 1.0 * 5.0) / np.hypot(1.5, 1.0) == pytest.approx(

@@ -1,5 +1,7 @@
 """Experiments as bytes, and events as text: there and back unchanged, and nothing else is read."""
 
+import struct
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -127,3 +129,35 @@ def test_wrong_fields_are_refused_or_fit_their_types(kind, data):
 def test_an_unknown_kind_is_refused():
     with pytest.raises(StudyError, match="cannot be a 'surprise'"):
         from_text("surprise", "{}")
+
+
+def _with_outputs(y):
+    one = np.zeros(1)
+    return Experiment(
+        theta=one, t=np.arange(2.0), x=np.array([[1.0, 2.0], [3.0, 4.0]]), u=np.zeros((2, 1)),
+        t_control=one, u_control=one[:, None], y_ref=one[:, None], iterations=np.zeros(1, int),
+        solve_time=one, solved=np.ones(1, bool), end=End.TIME_UP,
+        channels=Channels((Channel("a"), Channel("b")), (Channel("c"),), (Channel("d"),)),
+        y=None if y is None else np.array(y)[:, None],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("y", "more"), [(None, 0), ([2.0, 4.0], 0), ([5.0, np.nan], 16)])
+def test_outputs_come_back_and_those_that_are_states_need_no_room(y, more):
+    made = _with_outputs(y)
+    assert decode(encode(made)) == made
+    headers = [struct.unpack_from("<I", encode(e), 8)[0] for e in (made, _with_outputs(None))]
+    sizes = [len(encode(e)) for e in (made, _with_outputs(None))]
+    assert (sizes[0] - headers[0]) - (sizes[1] - headers[1]) == more
+
+
+def test_a_file_from_before_outputs_were_recorded_is_read():
+    content = encode(_with_outputs(None))  # its header says nothing of outputs, as theirs
+    assert b'"states"' not in content
+    assert decode(content).y is None
+
+
+def test_outputs_that_name_a_state_that_is_not_there_are_refused():
+    content = encode(_with_outputs([2.0, 4.0])).replace(b'"states":[1]', b'"states":[7]')
+    with pytest.raises(StudyError, match="outputs cannot be the states"):
+        decode(content)

@@ -50,7 +50,8 @@ def test_studies_of_different_budgets_do_not_meet():
 def test_a_round_s_key_knows_the_version_of_the_problem(monkeypatch):
     round_ = Round("overtake", "noisy10", 3, (("A", OPTIMUM),))
     before = round_.key
-    newer = replace(problem("overtake"), version=3)
+    now = problem("overtake")
+    newer = replace(now, version=now.version + 1)
     monkeypatch.setattr("prefcal_scenarios.bench.duels.problem", lambda name: newer)
     assert round_.key != before
 

@@ -6,6 +6,7 @@ import signal
 import time
 from functools import partial
 
+import numpy as np
 import pytest
 
 from prefcal_env.errors import SettingsError
@@ -14,8 +15,8 @@ from prefcal_scenarios.bench.executors import Processes, usable_cores
 from support import bench_tasks as tasks
 
 
-def run(todo, jobs=2):
-    found = dict(each(todo, Processes(jobs)))
+def run(todo, jobs=2, limit=np.inf):
+    found = dict(each(todo, Processes(jobs, limit=limit)))
     assert not multiprocessing.active_children()
     return [found[number] for number in range(len(todo))]
 
@@ -41,6 +42,26 @@ def test_a_task_that_raises_is_lost_with_its_words_and_the_others_are_not():
     assert fail == Lost("OSError: the pump does not answer")
     assert left == Lost("SystemExit: 3")
     assert two == 2
+
+
+def test_a_task_that_takes_too_long_is_lost_and_what_ran_beside_it_is_not():
+    todo = [partial(tasks.double, k) for k in range(6)]
+    todo[1] = tasks.spin
+    todo[2] = partial(tasks.sleep, 0.5)
+    results = run(todo, limit=4.0)
+    assert results[1] == Lost("it took longer than 4 s and was ended (--cell-timeout)")
+    assert [results[k] for k in (0, 3, 4, 5)] == [0, 6, 8, 10]
+    assert not isinstance(results[2], Lost)
+
+
+def test_a_thread_that_a_task_leaves_behind_keeps_nobody():
+    begun = time.monotonic()
+    assert run([tasks.leave_a_thread, partial(tasks.double, 1)], jobs=1) == [None, 2]
+    assert time.monotonic() - begun < 20
+
+
+def test_half_a_character_in_an_error_is_spelled_out():
+    assert run([tasks.stutter], jobs=1) == [Lost("OSError: no file b\\udce4r")]
 
 
 def test_nothing_to_do_opens_nothing():
@@ -110,6 +131,12 @@ def test_ctrl_c_while_a_worker_is_started_comes_after_it(monkeypatch):
 def test_an_impossible_number_of_processes_is_refused(jobs):
     with pytest.raises(SettingsError, match="jobs"):
         Processes(jobs)
+
+
+@pytest.mark.parametrize("limit", [0.0, -1.0, float("nan")])
+def test_an_impossible_time_limit_is_refused(limit):
+    with pytest.raises(SettingsError, match="time limit"):
+        Processes(1, limit=limit)
 
 
 def test_the_cores_that_may_be_used_are_counted():

@@ -1,13 +1,24 @@
+import csv
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.preference import Preference
-from prefcal_scenarios.bench.problems import CALIBRATORS, CSTR_BEST, PROBLEMS, problem
+from prefcal_scenarios.bench.problems import (
+    CALIBRATORS,
+    CSTR_BROAD,
+    CSTR_HOLE,
+    GUIDELINES,
+    HOLES,
+    PROBLEMS,
+    problem,
+)
 from prefcal_scenarios.functions import FUNCTIONS
 
+BEST_KNOWN = Path(__file__).parents[3] / "benchmarks" / "reactor_index.csv"
 EACH = pytest.mark.parametrize("name", PROBLEMS)
 
 
@@ -38,9 +49,47 @@ def test_a_function_has_no_gap_at_its_optimum(name):
 def test_the_best_known_index_of_the_reactor_is_reached():
     where = problem("cstr")
     best = where.outcome(np.array([0.25, 25, -1.0007833894600786]))
-    assert best.cost == pytest.approx(CSTR_BEST, abs=5e-6)
+    assert best.cost == pytest.approx(CSTR_BROAD, abs=5e-6)
+    assert best.experiment.kpis["undershoot"] == 0
     paper = where.outcome(np.array([0.25, 26, -0.91]))
     assert where.gap(paper) == pytest.approx(0.699 - 0.691, abs=0.005)  # design, section 4
+
+
+def test_the_index_of_the_reactor_has_a_hole_that_gaps_leave_out():
+    where = problem("cstr")
+    hole = next(row for row in table() if row["runs"] == "all" and row["N_p"] == 4)
+    found = where.outcome(np.array([hole["T_s"], hole["N_p"], hole["log_Q"]]))
+    assert found.cost == pytest.approx(CSTR_HOLE, abs=5e-6)
+    assert found.experiment.kpis["undershoot"] > 0.4  # kgmol/m³; the index does not count it
+    assert where.gap(found) == pytest.approx(-HOLES["cstr"], abs=1e-5)
+
+
+def test_nothing_that_was_searched_is_below_the_two_constants():
+    for kind, constant in (("calm", CSTR_BROAD), ("all", CSTR_HOLE)):
+        rows = [row for row in table() if row["runs"] == kind]
+        assert [row["N_p"] for row in rows] == list(range(4, 41))
+        assert min(row["index"] for row in rows) == pytest.approx(constant, abs=5e-6)
+
+
+def table():
+    """What `benchmarks/best_known.py` found, by N_p."""
+    with BEST_KNOWN.open() as file:
+        return [
+            {k: v if k == "runs" else float(v) for k, v in row.items()}
+            for row in csv.DictReader(file)
+        ]
+
+
+def test_the_reactor_s_guidelines_are_judged_by_the_guidelines_not_by_the_index():
+    where = problem(GUIDELINES)
+    assert not where.has_cost
+    sooner, lower = (where.outcome(np.array(t)) for t in ([0.31, 26, -1.79], [0.25, 25, -1.0]))
+    index = problem("cstr").referee
+    by_index = [problem("cstr").outcome(o.theta) for o in (sooner, lower)]
+    assert index.prefer(*by_index) is Preference.INCUMBENT
+    assert where.referee.prefer(sooner, lower) is Preference.CHALLENGER
+    assert where.calibrators["lexicographic"](3) == where.referee
+    assert "lexicographic" not in problem("cstr").calibrators
 
 
 def test_the_overtaking_has_no_cost_and_its_referee_is_the_paper_s_calibrator():
@@ -79,10 +128,10 @@ def test_flipped_answers_are_those_of_this_version():
 
 def test_the_overtaking_is_that_of_this_version():
     where = problem("overtake")
-    assert where.version == 2
+    assert where.version == 3
     kpis = where.outcome(where.paper).experiment.kpis
-    assert kpis["lateral_distance"] == pytest.approx(2.9998143, abs=1e-6)
-    assert kpis["speed_variation"] == pytest.approx(22.453724, abs=1e-4)
+    assert kpis["lateral_distance"] == pytest.approx(2.9684877, abs=1e-6)
+    assert kpis["speed_variation"] == pytest.approx(24.207157, abs=1e-4)
 
 
 def test_theta_outside_the_box_and_unknown_names_are_refused():

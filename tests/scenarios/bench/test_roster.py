@@ -50,7 +50,7 @@ def test_an_own_agent_is_told_what_its_tell_asks_for():
 @pytest.mark.parametrize(
     ("name", "error", "words"),
     [
-        ("glisp", SettingsError, "expected one of GLISp,"),
+        ("glisp", SettingsError, "Expected GLISp,"),
         ("own.py", SettingsError, "say which agent in it"),
         ("nowhere.py:Own", ScenarioError, "no file 'nowhere.py'"),
         (f"{OWN}:Missing", SettingsError, "must name an agent's class"),

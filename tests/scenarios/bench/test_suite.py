@@ -11,7 +11,7 @@ from prefcal_scenarios.bench.roster import AGENTS
 
 OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
 BOTH = Suite(
-    ("GLISp", "GLIS"), ("camel", "overtake", "cstr"),
+    ("GLISp", "GLIS"), ("camel", "overtake", "cstr", "cstr-guidelines"),
     ("perfect", "lexicographic", "noisy10"), seeds=2, n_init=2, n_max=4,
 )  # fmt: skip
 
@@ -20,7 +20,7 @@ def test_all_combinations_that_make_sense_are_there_and_no_others():
     pairs = {(c.agent, c.problem, c.calibrator) for c in BOTH.cells}
     assert pairs == {
         ("GLISp", "camel", "perfect"), ("GLISp", "camel", "noisy10"),
-        ("GLISp", "cstr", "perfect"), ("GLISp", "cstr", "lexicographic"),
+        ("GLISp", "cstr", "perfect"), ("GLISp", "cstr-guidelines", "lexicographic"),
         ("GLISp", "cstr", "noisy10"), ("GLISp", "overtake", "lexicographic"),
         ("GLISp", "overtake", "noisy10"), ("GLIS", "camel", "perfect"),
         ("GLIS", "cstr", "perfect"),
@@ -34,7 +34,10 @@ def test_cells_come_seed_by_seed():
 
 
 def test_what_is_left_out_is_said():
-    assert BOTH.left_out == ("GLIS on overtake: it learns from values, and there is no cost",)
+    assert BOTH.left_out == tuple(
+        f"GLIS on {where}: it learns from values, and there is no cost"
+        for where in ("overtake", "cstr-guidelines")
+    )
     noisy = replace(BOTH, calibrators=("noisy10",))
     assert "GLIS on camel: it sees the value, which is the calibrator perfect alone" in (
         noisy.left_out
@@ -57,6 +60,13 @@ def test_own_agents_join():
     assert len(suite.cells) == 3
 
 
+def test_all_are_compared_with_the_first_agent_that_runs():
+    assert BOTH.baseline == "GLISp"
+    assert replace(BOTH, agents=("RandomSearch", "GLISp")).baseline == "RandomSearch"
+    blind = replace(BOTH, agents=("GLIS", "RandomSearch"), problems=("overtake",))
+    assert blind.baseline == "RandomSearch"  # GLIS sees values, and there are none
+
+
 def test_the_quick_suite_is_part_of_the_full_one_and_needs_nothing_installed():
     quick, full = Suite.quick(), Suite.full()
     assert set(quick.cells) <= set(full.cells)
@@ -72,8 +82,8 @@ def test_the_quick_suite_is_part_of_the_full_one_and_needs_nothing_installed():
         ({"agents": ("GLISp", "Glis")}, "no agent is called 'Glis'"),
         ({"agents": ()}, "agents must be one or more"),
         ({"agents": ("GLISp", "GLISp")}, "agents must be one or more different"),
-        ({"problems": ("camel", "dromedary")}, "problems must be of camel,"),
-        ({"calibrators": ("", "perfect")}, "calibrators must be of perfect,"),
+        ({"problems": ("camel", "dromedary")}, "no problem is called 'dromedary'. Expected camel,"),
+        ({"calibrators": ("", "perfect")}, "no calibrator is called ''. Expected perfect,"),
         ({"seeds": 0}, "seeds"),
         ({"n_max": 1}, "n_max"),
         ({"n_init": 5}, "n_max must not be below n_init"),

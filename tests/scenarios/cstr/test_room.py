@@ -16,6 +16,7 @@ from prefcal_env.plants import CSTR
 from prefcal_env.preference import Preference
 from prefcal_scenarios import load
 from prefcal_scenarios.cstr import cstr, indicators, performance_index
+from prefcal_scenarios.scenario import panels_of
 from support.short_runs import short_run
 
 PREFERRED, AUTOMATED = (
@@ -147,7 +148,7 @@ def test_the_calibrators_agree_that_a_run_that_stays_put_is_worse():
 
 
 def test_panels_show_concentration_with_its_band_and_coolant_with_its_limits():
-    concentration, coolant, temperature = cstr.panels
+    concentration, coolant, temperature = panels_of(cstr, AUTOMATED)
     assert (concentration.channel.target, concentration.channel.band) == (2.0, 0.06)
     assert (coolant.channel.low, coolant.channel.high) == (284.0, 310.0)
     assert temperature.channel.high == 400.0

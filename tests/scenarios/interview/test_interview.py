@@ -108,11 +108,11 @@ def test_two_tabs_answer_at_once_and_one_of_them_is_told(interview):
 def test_marks_stay_with_the_experiment_and_go_into_the_answer(interview):
     question = proceed(interview).question
     side = "left" if question.left.challenger else "right"
+    interview.mark(question.id, side, "good enough", True)
+    interview.mark(question.id, side, "good enough", False)
     now = interview.mark(question.id, side, "unsafe", True)
     assert now.question.id == question.id
     assert now.question.challenger.marks == {"unsafe"}
-    interview.mark(question.id, side, "good enough", True)
-    interview.mark(question.id, side, "good enough", False)
     interview.answer(question.id, LEFT)
     assert interview.now().state.closed[1].answer.marks == (Mark.CHALLENGER_UNSAFE,)
     assert interview.now().state.marks[1] == {"unsafe"}
@@ -400,7 +400,8 @@ def test_the_unattended_loop_equals_the_loop_in_memory(toy):
 
     agent = GLISp(toy.space, n_init=3, n_max=8, seed=0)
     judge_ = toy.calibrators["synthetic"](0)
-    plain = list(calibrate(agent, toy.run, judge_, partial(outcome, toy)))
+    steps = calibrate(agent, toy.run, judge_, partial(outcome, toy))
+    plain = [c for c in steps if not c.query.further]
     interview = begin(toy, n_max=8)
     stored = list(unattended(interview, judge_))
     assert [c.answer for c in stored] == [c.answer for c in plain]
@@ -466,3 +467,36 @@ def test_every_verdict_is_foreseen_with_its_strength(toy):
     assert (
         interview.answer(question.id, LEFT, strength=Strength.MUCH_BETTER).phase is Phase.QUESTION
     )  # nothing had to be computed first
+
+
+def test_one_mark_takes_the_other_away(interview):
+    now = proceed(interview)
+    question = now.question
+    interview.mark(question.id, "left", "good enough", True)
+    interview.mark(question.id, "left", "unsafe", True)
+    assert interview.now().question.left.marks == {"unsafe"}
+    interview.mark(question.id, "left", "good enough", True)
+    assert interview.now().question.left.marks == {"good enough"}
+    interview.mark(question.id, "left", "good enough", False)
+    assert interview.now().question.left.marks == frozenset()
+
+
+def test_the_comment_comes_back_with_the_answer_that_is_taken_back(interview):
+    question = proceed(interview).question
+    assert interview.answer(question.id, Choice.LEFT, comment="it swings").draft == ""
+    now = interview.undo(proceed(interview).version)
+    assert now.draft == "it swings"
+    assert interview.answer(now.question.id, Choice.LEFT).draft == ""
+
+
+def test_a_question_that_is_asked_again_is_skipped_without_a_trace(interview):
+    for _ in range(2):
+        interview.answer(proceed(interview).question.id, Choice.LEFT)
+    before = proceed(interview)
+    now = interview.repeat()
+    assert now.question.repeats is not None
+    after = interview.undo(now.version)
+    sides = {after.question.left.index, after.question.right.index}
+    assert sides == {before.question.left.index, before.question.right.index}
+    assert after.question.repeats is None
+    assert (after.state.closed, after.state.repeats) == (before.state.closed, ())

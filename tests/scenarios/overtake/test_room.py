@@ -7,14 +7,15 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from prefcal_env.envs.overtake import OvertakeEnv
+from prefcal_env.envs.overtake import Course
 from prefcal_env.errors import KnobError
 from prefcal_env.experiment import End
 from prefcal_env.rollout import rollout
 from prefcal_scenarios import load
 from prefcal_scenarios.export import jsonable
 from prefcal_scenarios.overtake import indicators, overtake
-from prefcal_scenarios.overtake.tuning import PAPER, controller
+from prefcal_scenarios.overtake.tuning import PAPER, STEERING_LIMITS, controller
+from prefcal_scenarios.scenario import panels_of
 
 OPTIMUM = overtake.references["paper, preferences"]
 PAPERS = overtake.run(OPTIMUM)
@@ -41,16 +42,22 @@ def test_the_papers_optimum_overtakes_as_an_independent_implementation_does():
     assert (kpis["collision"], kpis["off_road"], kpis["unsolved"]) == (0, 0, 0)
     assert 2.9 <= kpis["lateral_distance"] <= 3.3
     assert 3.0 <= kpis["path_peak"] <= 3.2
-    assert kpis["path_peak"] == pytest.approx(3.03, abs=0.015)  # the other implementation's
+    per_step = run_with(STEERING_LIMITS["per step"]).kpis
+    assert per_step["path_peak"] == pytest.approx(3.03, abs=0.015)  # the other implementation's
+
+
+def run_with(fixed):
+    return rollout(Course(), controller(OPTIMUM, fixed), OPTIMUM, kpis=indicators)
 
 
 def test_with_the_toolboxs_slack_weight_the_car_swerves():
     """Deviation in `Fixed`: Q_ε = 10."""
-    swerving = rollout(
-        OvertakeEnv(), controller(OPTIMUM, replace(PAPER, Q_eps=1e5)), OPTIMUM, kpis=indicators
-    )
-    assert swerving.kpis["path_peak"] == pytest.approx(5.9, abs=0.05)
-    assert swerving.kpis["lateral_distance"] == pytest.approx(3.0, abs=0.01)
+    swerving = run_with(replace(PAPER, Q_eps=1e5))
+    assert swerving.end is End.UNSAFE
+    assert swerving.kpis["off_road"] > 1
+    per_step = run_with(replace(STEERING_LIMITS["per step"], Q_eps=1e5)).kpis
+    assert per_step["path_peak"] == pytest.approx(5.9, abs=0.05)
+    assert per_step["lateral_distance"] == pytest.approx(3.0, abs=0.01)
 
 
 def test_hard_limits_are_kept_in_each_phase():
@@ -109,7 +116,7 @@ def test_the_controller_is_the_papers():
         assert (s["T_s"], s["N_p"], s["N_u"]) == (0.085, 16, 5)
         assert s["Q_y"] == ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0))
         assert s["Q_du"] == ((pytest.approx(10**0.261), 0.0), (0.0, pytest.approx(10**0.918)))
-        assert (s["du_max"], s["Q_eps"]) == ((np.inf, 0.0873), 10.0)
+        assert (s["du_max"], s["Q_eps"]) == ((np.inf, pytest.approx(0.0873 * 0.085)), 10.0)
         assert s["y_max"][2] == -s["y_min"][2] == pytest.approx(np.pi / 4)
     assert (keeping["u_min"][0], keeping["u_max"][0]) == pytest.approx((40 / 3.6, 70 / 3.6))
     assert (overtaking["u_min"][0], overtaking["u_max"][0]) == pytest.approx((50 / 3.6, 70 / 3.6))
@@ -118,11 +125,11 @@ def test_the_controller_is_the_papers():
 
 
 def test_panels_show_metres_kmh_and_degrees():
-    y, v, steering = overtake.panels
+    y, v, steering = panels_of(overtake, PAPERS)
     assert np.array_equal(y.values(PAPERS), PAPERS.x[:, 1])
     assert v.values(PAPERS)[0] == pytest.approx(50.0)
     assert (v.channel.unit, v.channel.low, v.channel.high) == ("km/h", 40, 70)
-    assert np.abs(steering.values(PAPERS)).max() == pytest.approx(15.0, abs=0.1)
+    assert np.abs(steering.values(PAPERS)).max() == pytest.approx(3.4, abs=0.01)
 
 
 def test_tuning_has_no_score_and_so_no_reward():

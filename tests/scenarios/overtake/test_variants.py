@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from prefcal_env.envs.overtake import Car, Obstacle, OvertakeEnv, OvertakeOptions
+from prefcal_env.envs.overtake import Car, Course, Obstacle, OvertakeOptions
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiment import End
 from prefcal_env.plants.bicycle import Bicycle
@@ -15,7 +15,7 @@ from prefcal_env.plants.function_plant import FunctionPlant
 from prefcal_env.preference import Preference
 from prefcal_env.rollout import rollout
 from prefcal_scenarios.overtake import overtake, overtake_variants
-from prefcal_scenarios.overtake.tuning import ESTIMATOR, controller
+from prefcal_scenarios.overtake.tuning import ESTIMATOR, STEERING_LIMITS, controller
 from prefcal_scenarios.overtake.variants import HIGHER_IS_BETTER, VARIANTS
 from prefcal_scenarios.scenario import load
 
@@ -47,7 +47,9 @@ def test_the_papers_optimum_does_well_in_every_variant():
     e = robust()
     assert e.kpis["collision"] == 0
     assert e.kpis["unsolved"] == 0
-    assert e.kpis["lateral_distance"] > 2.9
+    distances = dict(zip(VARIANTS, (run.kpis["lateral_distance"] for run in e.runs), strict=True))
+    assert distances.pop("braking obstacle") > 2.1  # 0.0873 rad/s is slow beside who brakes
+    assert min(distances.values()) > 2.9
 
 
 def test_the_seed_decides_the_noise_and_nothing_else():
@@ -64,7 +66,7 @@ def test_without_noise_and_mismatch_the_estimator_changes_next_to_nothing():
 
 def test_a_collision_in_one_variant_is_one_of_the_experiment():
     # It stands across the left lane's way, where nobody looks.
-    blocked = OvertakeOptions(obstacles=(Obstacle(), Obstacle(x=60.0, y=4.0, speed=5.0)))
+    blocked = OvertakeOptions(traffic=(Obstacle(), Obstacle(x=70.0, y=4.0, speed=5.0)))
     scenario = overtake_variants({"nominal": OvertakeOptions(), "blocked": blocked})
     e = scenario.run(PAPER)
     assert [r.end for r in e.runs] == [End.TIME_UP, End.UNSAFE]
@@ -74,7 +76,7 @@ def test_a_collision_in_one_variant_is_one_of_the_experiment():
 
 
 def test_the_calibrator_judges_the_worst_variant():
-    blocked = OvertakeOptions(obstacles=(Obstacle(), Obstacle(x=60.0, y=4.0, speed=5.0)))
+    blocked = OvertakeOptions(traffic=(Obstacle(), Obstacle(x=70.0, y=4.0, speed=5.0)))
     crashed = overtake_variants({"nominal": OvertakeOptions(), "blocked": blocked}).run(PAPER)
     calibrator = overtake.calibrators["fast-processor"]()
     assert calibrator.prefer(crashed, robust()) is Preference.INCUMBENT
@@ -105,8 +107,8 @@ def final_offset(estimator, bias=np.pi / 180):
         lambda x, u, d: bicycle.f(x, u + np.array([0.0, bias]), d),
         states=bicycle.states, inputs=bicycle.inputs,
     )  # fmt: skip
-    options = OvertakeOptions(car=Car(plant), obstacles=(Obstacle(x=500.0),))
-    e = rollout(OvertakeEnv(options), controller(PAPER, estimator=estimator), PAPER)
+    options = OvertakeOptions(car=Car(plant), traffic=(Obstacle(x=500.0),))
+    e = rollout(Course(options), controller(PAPER, estimator=estimator), PAPER)
     return abs(e.x[-1, 1])
 
 
@@ -116,12 +118,13 @@ def test_a_steering_that_is_off_leaves_an_offset_that_the_estimator_removes():
 
 
 def test_with_noise_the_estimator_calms_the_steering():
-    noisy = OvertakeOptions(noise=(0.1, 0.05, 0.01))
+    """With the limit per step: per second, steering is so slow that noise hardly moves it."""
+    noisy, per_step = OvertakeOptions(noise=(0.1, 0.05, 0.01)), STEERING_LIMITS["per step"]
     moves = [
         np.mean([
             np.diff(
                 rollout(
-                    OvertakeEnv(noisy), controller(PAPER, estimator=e), PAPER, seed=seed
+                    Course(noisy), controller(PAPER, per_step, e), PAPER, seed=seed
                 ).u_control[:, 1]
             ).std()
             for seed in range(3)
@@ -134,4 +137,4 @@ def test_with_noise_the_estimator_calms_the_steering():
 def test_disturbances_of_positions_are_refused_since_they_cannot_be_told():
     positions = replace(ESTIMATOR, on_inputs=(), on_outputs=(1,))
     with pytest.raises(SettingsError, match="cannot be told"):
-        rollout(OvertakeEnv(), controller(PAPER, estimator=positions), PAPER)
+        rollout(Course(), controller(PAPER, estimator=positions), PAPER)

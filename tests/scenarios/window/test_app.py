@@ -9,7 +9,7 @@ import pytest
 
 from prefcal_env.preference import Strength
 from prefcal_env.studies import export_csv
-from prefcal_scenarios.interview import Choice, Interview, Phase
+from prefcal_scenarios.interview import Choice, Given, Interview, Phase
 from prefcal_scenarios.scenario import load
 from prefcal_scenarios.window.api import Pace
 from support.interviews import begin, proceed
@@ -79,7 +79,7 @@ def test_much_better_is_stored_shown_and_exported(room, tmp_path, choice, side):
     (closed,) = room.interview.now().state.closed[1:]
     assert replace(closed.answer, outcomes=None) == asked.answer(side, Strength.MUCH_BETTER)
     (shown,) = room.page().get("/api/history").json()["answers"]
-    assert shown["text"] in ("new much better", "best stays, much better")
+    assert shown["text"] in ("newer much better", "older much better")
     again = room.page().get("/api/history/1").json()
     assert (again["verdict"], again["much"]) == (side.value, True)
     export_csv(room.interview.study, tmp_path)
@@ -236,15 +236,18 @@ def test_a_record_that_nobody_waits_for_is_told(room):
 def test_a_record_arrives_as_it_was_sent(room, monkeypatch):
     got = []
 
-    def record(self, index, content, *, unsafe=False):
-        got.append((index, content, unsafe))
+    def record(self, given):
+        got.append(given)
         return self.now()
 
     monkeypatch.setattr(Interview, "record", record)
     content = bytes(range(256)) * 4000  # larger than any JSON body may be
     page = room.page(**{"content-type": "text/csv; charset=utf-8"})
-    assert page.post("/api/record?index=3&unsafe=1", content=content).status_code == 200
-    assert got == [(3, content, True)]
+    address = "/api/record?index=3&unsafe=1&theta=0.5,20,1e-3&again=1"
+    assert page.post(address, content=content).status_code == 200
+    assert got == [Given(3, content, True, (0.5, 20.0, 0.001), True)]
+    for theta in ("", "a", "1,,2", "nan", "1,inf"):
+        assert page.post(f"/api/record?index=3&theta={theta}", content=b"x").status_code == 400
 
 
 def test_only_json_is_taken_as_json(room):

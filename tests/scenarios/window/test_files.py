@@ -71,7 +71,10 @@ def test_the_report_is_there_once_it_is_written(room, tmp_path):
     room.reports.put(folder)
     picture = page.get("/report/a.png")
     assert (picture.content, picture.headers["content-type"]) == (b"content", "image/png")
-    assert page.get("/report/b.html").headers["content-disposition"] == "attachment"
+    policy = page.get("/report/b.html").headers["content-security-policy"]
+    assert policy.startswith("sandbox allow-scripts allow-popups; default-src 'none'")
+    assert "allow-same-origin" not in policy
+    assert room.page(cookie="").get("/report/b.html").status_code == 401
     for name in (
         "c.py", ".d.json", "e.svg", "link.json", "folder.png", "%2e%2e%2fsecret.json", "z.png",
     ):  # fmt: skip

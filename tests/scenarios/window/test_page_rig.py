@@ -61,14 +61,42 @@ def test_a_rigs_records_are_dropped_refused_and_compared(browser, window, own):
     assert state_of(served).finished == {}
     good = {"name": "good.csv", "mimeType": "text/csv", "buffer": record_of_toy().encode()}
     page.set_input_files("#record-file", good)
+    page.wait_for_selector("#record-save")
+    assert "30 rows, from 0 h to 14.5 h" in page.inner_text("#record-preview")
+    assert state_of(served).finished == {}
+    watched.shot("rig-preview")
+    page.click("#record-save")
     page.wait_for_function(
         "() => document.getElementById('record-title').textContent.includes('2')"
     )
-    page.check("#became-unsafe")
     page.set_input_files("#record-file", good)
+    page.wait_for_selector(".warning")
+    assert "exactly the curves of experiment 1" in page.inner_text(".warning")
+    watched.shot("rig-same")
+    other = {**good, "buffer": record_of_toy(20).encode()}
+    page.click("text=I set other values")
+    page.fill(".dials input >> nth=0", "1.07")
+    page.check("#became-unsafe")
+    page.set_input_files("#record-file", other)
+    page.wait_for_function(
+        "() => document.getElementById('record-preview').textContent.includes('20 rows')"
+    )
+    watched.shot("rig-dialed")
+    page.click("#record-save")
     watched.question()
+    assert state_of(served).samples[1].theta[0] == pytest.approx(1.07)
     assert "unsafe" in page.inner_text("#pair")
     watched.shot("rig-question")
+    page.click("#replace")
+    right = {**good, "buffer": record_of_toy(25).encode()}
+    page.set_input_files("#replace-file", right)
+    page.wait_for_selector("#replace-save")
+    watched.shot("rig-replace")
+    page.click("#replace-save")
+    page.wait_for_function("() => !document.getElementById('dialog').open")
+    watched.question()
+    assert len(list(state_of(served).finished)) == 2
+    assert "unsafe" not in page.inner_text("#pair")
     page.keyboard.press("ArrowLeft")
     watched.phase("record")
     page.click("text=The run failed")
@@ -100,6 +128,6 @@ def test_a_plant_that_breaks_down_is_tried_again(browser, window, own):
     watched.shot("failed")
     assert len(state_of(served).closed) == 2
     (own / "mended").touch()
-    watched.page.click("text=Try again")
+    watched.page.click("button:has-text('Try again')")
     watched.question()
     assert len(state_of(served).finished) == 3

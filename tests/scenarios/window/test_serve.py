@@ -8,6 +8,7 @@ import httpx
 import pytest
 
 from prefcal_env.errors import SettingsError
+from prefcal_scenarios.interview import Choice
 from prefcal_scenarios.window import Window
 from prefcal_scenarios.window.files import Assets
 from support.interviews import begin, proceed
@@ -137,15 +138,49 @@ def test_a_chunked_body_without_end_is_cut_off(interview, known):
     assert interview.now().state.notes == ()
 
 
-def test_last_seen_is_when_a_page_asked_last(interview):
-    seconds = iter(range(100, 200, 10))
-    with Window(interview, clock=lambda: float(next(seconds))) as window, page(window) as browser:
-        assert window.last_seen() == 10  # since it was made
-        browser.get("/api/now")  # at 120
-        assert window.last_seen() == 10
-        assert window.last_seen() == 20
+def test_away_counts_from_the_last_page_and_not_before_there_was_one(interview):
+    now = [100.0]
+    with Window(interview, clock=lambda: now[0]) as window, page(window) as browser:
+        now[0] = 1000.0
+        assert window.away() is None  # nobody has opened the link: it stays
+        browser.get("/api/now", params={"after": 0})
+        now[0] = 1030.0
+        assert window.away() == 30.0
         browser.get("/api/history")  # no sign that somebody looks
-        assert window.last_seen() == 30
+        assert window.away() == 30.0
+
+
+def test_a_page_that_waits_is_there_until_its_wait_ends(toy):
+    begun = begin(toy)
+    version = proceed(begun).version
+    now = [0.0]
+    window = Window(begun, clock=lambda: now[0])
+    with window, page(window) as browser:
+        poll = threading.Thread(target=browser.get, args=("/api/now",),
+                                kwargs={"params": {"after": version}})  # fmt: skip
+        poll.start()
+        while window.waiting < 1:
+            time.sleep(0)
+        now[0] = 9.0
+        begun.answer(begun.now().question.id, Choice.LEFT)
+        poll.join(20)
+        now[0] = 10.0
+        assert window.away() == 1.0
+
+
+def test_a_window_for_the_network_prints_an_address_that_others_can_use(interview):
+    with Window(interview, host="0.0.0.0") as window:
+        name = window.link_for_others.partition("//")[2].partition(":")[0]
+        assert name not in ("127.0.0.1", "0.0.0.0", "localhost", "")
+        token = window.link.rpartition("/")[2]
+        assert window.link_for_others == f"http://{name}:{window.port}/open/{token}"
+        with page(window) as browser:  # the name is one of ours, a foreign one still is not
+            ours = {"host": f"{name}:{window.port}", "origin": f"http://{name}:{window.port}"}
+            assert browser.get("/api/now", headers=ours).status_code == 200
+            evil = {"host": f"evil.example:{window.port}"}
+            assert browser.get("/api/now", headers=evil).status_code == 403
+    with Window(interview) as window:
+        assert window.link_for_others == ""
 
 
 def test_the_report_is_put_in_its_place(interview, tmp_path):

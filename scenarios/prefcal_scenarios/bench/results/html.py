@@ -6,7 +6,7 @@ from html import escape
 
 from prefcal_scenarios.bench.results import tables
 from prefcal_scenarios.bench.results.campaign import Regime
-from prefcal_scenarios.bench.results.missing import beaten, failures, missing, not_run
+from prefcal_scenarios.bench.results.missing import beaten, failures, in_holes, missing, not_run
 from prefcal_scenarios.bench.results.pictures import Material, Shown, standings
 from prefcal_scenarios.bench.results.rows import Choices
 from prefcal_scenarios.bench.results.words import regime_name, short
@@ -107,6 +107,7 @@ def _absent(material: Material, choices: Choices, origin: Origin) -> list[str]:
         *missing(campaign),
         *not_run(campaign),
         *beaten(campaign, choices.floor),
+        *in_holes(campaign),
     ]
     if material.rows and choices.baseline not in campaign.agents:
         found.append(f"No differences are shown: there are no results of {choices.baseline}")

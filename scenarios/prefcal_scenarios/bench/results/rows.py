@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from prefcal_env.errors import SettingsError
+from prefcal_scenarios.bench.problems import HOLES
 from prefcal_scenarios.bench.result import Result
 from prefcal_scenarios.bench.results.campaign import (
     HUGE,
@@ -19,6 +20,7 @@ from prefcal_scenarios.bench.results.campaign import (
     campaign_of,
     curve,
 )
+from prefcal_scenarios.bench.results.missing import hole_seeds
 from prefcal_scenarios.bench.results.statistics import (
     FLOOR,
     Average,
@@ -48,6 +50,7 @@ class Row:
         questions: Median number of questions.
         seconds: Median of a proposal, over the cells where it was measured.
         against: The difference to the baseline; None for itself and without common seeds.
+        in_hole: How many seeds ended in the hole of the cost; None where no hole is known.
         p_holm: Its p value after Holm's correction for all agents compared on this problem.
     """
 
@@ -62,6 +65,7 @@ class Row:
     questions: float | None = None
     seconds: float | None = None
     against: Difference | None = None
+    in_hole: int | None = None
     p_holm: float | None = None
 
 
@@ -162,12 +166,14 @@ def _row(campaign: Campaign, regime: Regime, problem: str, agent: str, choices: 
     )
     if not campaign.has_cost(problem):
         return row
+    holed = hole_seeds(campaign, regime, problem, agent)
     seen = [curve(r, returned=False)[-1] for r in runs.values() if r.visited is not None]
     return replace(
         row,
         gap=quartiles([curve(r)[-1] for r in runs.values()]),
         visited=float(np.median(seen)) if seen else None,
         against=_against(campaign, (regime, problem), agent, choices),
+        in_hole=None if holed is None else len(holed),
     )
 
 
@@ -211,6 +217,8 @@ def _plain(row: Row, choices: Choices) -> dict[str, Any]:
         "gap_lower_quartile": gap and gap.low,
         "gap_median": gap and gap.median,
         "gap_upper_quartile": gap and gap.high,
+        "gap_to_hole_median": _to_hole(row),
+        "seeds_in_hole": row.in_hole,
         "visited_median": row.visited,
         "questions_median": row.questions,
         "seconds_per_proposal": row.seconds,
@@ -228,6 +236,11 @@ def _plain(row: Row, choices: Choices) -> dict[str, Any]:
         "p_holm": row.p_holm,
     }
     return {key: _known(value) for key, value in cells.items()}
+
+
+def _to_hole(row: Row) -> float | None:
+    """Median gap to the bottom of the hole; None where no hole is known."""
+    return row.gap.median + HOLES[row.problem] if row.gap and row.problem in HOLES else None
 
 
 def _known(value: Any) -> Any:

@@ -69,9 +69,11 @@ def _mark(row: Row | None, choices: Choices) -> str:
 def numbers(rows: Sequence[Row], choices: Choices, label: str) -> str:
     """All that is known of the rows of one regime."""
     timed = any(row.seconds is not None for row in rows)
+    holed = any(row.in_hole is not None for row in rows)
     names = (
         "problem", "agent", "seeds", "median gap", "quartiles", "best visited", "questions",
-        f"× {choices.baseline} (95 %)", "won–tied–lost", "p", *(("s/proposal",) if timed else ()),
+        f"× {choices.baseline} (95 %)", "won–tied–lost", "p", *(("in the hole",) if holed else ()),
+        *(("s/proposal",) if timed else ()),
     )  # fmt: skip
     head = "".join(
         f'<th{_words(name == "agent")} scope="col">{escape(name)}</th>' for name in names
@@ -82,11 +84,13 @@ def numbers(rows: Sequence[Row], choices: Choices, label: str) -> str:
         "agent is nearer. p: Wilcoxon signed-rank test, two-sided, after Holm's correction for the "
         "agents on that problem. Failed seeds have no gap. Full precision in table.csv."
     )
-    lines = ["".join(_number_cells(row, timed)) for row in rows]
+    if holed:
+        caption += " In the hole: seeds that ended where the cost is lower than it should be."
+    lines = ["".join(_number_cells(row, holed, timed)) for row in rows]
     return _table(label, caption, head, lines)
 
 
-def _number_cells(row: Row, timed: bool) -> Iterator[str]:
+def _number_cells(row: Row, holed: bool, timed: bool) -> Iterator[str]:
     yield f'<tr><th scope="row">{escape(row.problem)}</th>'
     yield f'<td class="words">{escape(row.agent)}</td>'
     for text in (
@@ -95,6 +99,8 @@ def _number_cells(row: Row, timed: bool) -> Iterator[str]:
         score(row.against), probability(row.p_holm),
     ):  # fmt: skip
         yield f"<td>{text}</td>"
+    if holed:
+        yield f"<td>{'–' if row.in_hole is None else row.in_hole}</td>"
     if timed:
         yield f"<td>{short(row.seconds)}</td>"
     yield "</tr>"

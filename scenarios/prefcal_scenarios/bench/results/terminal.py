@@ -12,7 +12,7 @@ from prefcal_scenarios.bench.duels import PAPER, Duel
 from prefcal_scenarios.bench.result import Result
 from prefcal_scenarios.bench.results.campaign import Campaign, Regime, campaign_of
 from prefcal_scenarios.bench.results.duelling import Tally, tallies
-from prefcal_scenarios.bench.results.missing import failures, missing
+from prefcal_scenarios.bench.results.missing import failures, in_holes, missing
 from prefcal_scenarios.bench.results.ranking import SIGNIFICANCE
 from prefcal_scenarios.bench.results.rows import BASELINE, Choices, Row, rows_of
 from prefcal_scenarios.bench.results.words import (
@@ -60,6 +60,7 @@ def print_table(
         console.print("No results yet.")
     _tell(console, "failed", [f"{cell}: {words}" for cell, words in failures(campaign)])
     _tell(console, "missing", missing(campaign))
+    _tell(console, "worth knowing", in_holes(campaign))
 
 
 def _table(title: str, caption: str, words: Sequence[str], numbers: Sequence[str]) -> Table:

@@ -34,9 +34,11 @@ export async function post(name, fields, blind) {
   }));
 }
 
-export async function sendRecord(index, unsafe, content, blind) {
-  const query = `index=${index}&unsafe=${unsafe ? 1 : 0}&${flag(blind)}`;
-  return result(await fetch(`/api/record?${query}`, {
+// `where` is "preview", which saves nothing, or "record".
+export async function sendRecord(where, { index, unsafe, again, theta }, content, blind) {
+  const set = theta ? `&theta=${encodeURIComponent(theta.join(","))}` : "";
+  const query = `index=${index}&unsafe=${unsafe ? 1 : 0}&again=${again ? 1 : 0}${set}&${flag(blind)}`;
+  return result(await fetch(`/api/${where}?${query}`, {
     method: "POST",
     headers: { "Content-Type": "text/csv" },
     body: content,

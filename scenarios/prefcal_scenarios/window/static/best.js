@@ -20,7 +20,7 @@ function kpiTable(kpis) {
   const rows = kpis.slice(0, MOST).map((kpi) => el("tr", { class: { true: "met", false: "missed" }[kpi.met] ?? "" },
     el("th", { scope: "row" }, symbol(kpi.title)), el("td", { class: "number" }, withUnit(kpi.text, kpi.unit)),
     el("td", { class: "faint" }, kpi.objective), el("td", {}, { true: "✓ met", false: "✗ missed" }[kpi.met] ?? "")));
-  const heads = ["indicator", "value", "objective", "verdict"];
+  const heads = ["KPI", "value", "objective", "verdict"];
   return el("div", { class: "scroll" }, el("table", { class: "kpi-table" }, el("thead", {}, el("tr", {},
     heads.map((text, k) => el("th", { scope: "col", class: k === 1 ? "number" : null }, text)))), el("tbody", {}, rows)));
 }

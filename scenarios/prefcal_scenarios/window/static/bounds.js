@@ -1,9 +1,23 @@
 // What a panel states besides curves: its target with the band, and its limits.
 
-export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const known = new Map();
+let theme = "";
 
-// As plotly's shapes, across the whole panel of the axis `yref`.
-export function bounds(panel, yref) {
+// A colour of the style sheet, asked for once in each theme: asking makes the browser lay out.
+export function css(name) {
+  const { theme: now } = document.documentElement.dataset;
+  if (now !== theme) known.clear();
+  theme = now;
+  if (!known.has(name)) known.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
+  return known.get(name);
+}
+
+export const LIMIT = () => ({ color: css("--bad"), width: 1.3, dash: "dash" });
+export const TARGET = () => ({ color: css("--good"), width: 1.3, dash: "dot" });
+
+// As plotly's shapes, across the whole panel of the axis `yref`. Limits that change in time are
+// curves: `held` says which of the two.
+export function bounds(panel, yref, held) {
   const across = { xref: "paper", x0: 0, x1: 1, yref };
   const level = (y, line) => ({ type: "line", ...across, y0: y, y1: y, line });
   const shapes = [];
@@ -11,9 +25,29 @@ export function bounds(panel, yref) {
     shapes.push({ type: "rect", ...across, y0: panel.target - panel.band, y1: panel.target + panel.band,
       fillcolor: css("--band"), line: { width: 0 }, layer: "below" });
   }
-  if (panel.target !== null) shapes.push(level(panel.target, { color: css("--good"), width: 1.3, dash: "dot" }));
-  for (const limit of [panel.low, panel.high]) {
-    if (limit !== null) shapes.push(level(limit, { color: css("--bad"), width: 1.3, dash: "dash" }));
-  }
+  if (panel.target !== null) shapes.push(level(panel.target, TARGET()));
+  [panel.low, panel.high].forEach((limit, k) => {
+    if (limit !== null && !held[k]) shapes.push(level(limit, LIMIT()));
+  });
   return shapes;
+}
+
+const written = (value) => String(value).replace("-", "−");
+
+// The same in words, with every value that a limit takes.
+export function aims(panel, question) {
+  const sides = [question.left, question.right];
+  const i = question.panels.indexOf(panel);
+  const taken = (k, limit) => {
+    const values = sides.flatMap((side) => side.limits[i]?.[k]?.y ?? []).filter((v) => v !== null);
+    const all = values.length ? [...new Set(values)].sort((a, b) => a - b) : [limit];
+    return all.length > 4 ? `${written(all[0])}…${written(all.at(-1))}` : all.map(written).join(" or ");
+  };
+  const words = [];
+  if (panel.target !== null) words.push(`target ${written(panel.target)}${panel.band ? ` ± ${panel.band}` : ""}`);
+  else if (sides.some((side) => side.references[i])) words.push("reference dotted");
+  if (panel.low !== null && panel.high !== null) words.push(`limits ${taken(0, panel.low)} to ${taken(1, panel.high)}`);
+  else if (panel.high !== null) words.push(`limit ${taken(1, panel.high)}`);
+  else if (panel.low !== null) words.push(`at least ${taken(0, panel.low)}`);
+  return words.length ? ` · ${words.join(" · ")}` : "";
 }

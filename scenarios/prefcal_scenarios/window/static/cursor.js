@@ -1,10 +1,10 @@
 // One cursor in time for all panels of both sides, with what each curve shows there.
 
-import { $, fill, symbol } from "./dom.js";
+import { fill, symbol } from "./dom.js";
 
 // Four digits; what is nothing beside the axis is 0.
 const digits = (value, span) =>
-  (Math.abs(value) < 1e-6 * span ? 0 : Number(value.toPrecision(4))).toString();
+  (Math.abs(value) < 1e-6 * span ? 0 : Number(value.toPrecision(4))).toString().replace("-", "−");
 
 // Value of a curve at `time`: held from the last point, or linear between two.
 function at({ t, y }, time, held) {
@@ -15,7 +15,7 @@ function at({ t, y }, time, held) {
     if (t[middle] <= time) low = middle;
     else high = middle - 1;
   }
-  if (held || low === t.length - 1) return y[low];
+  if (held || low === t.length - 1 || y[low] === null || y[low + 1] === null) return y[low];
   return y[low] + ((time - t[low]) / (t[low + 1] - t[low])) * (y[low + 1] - y[low]);
 }
 
@@ -29,8 +29,8 @@ export class Cursor {
     this.#told = told;
   }
 
-  start() {
-    const pair = $("pair");
+  // Follow the pointer over the figures within `pair`.
+  start(pair) {
     pair.addEventListener("mousemove", (event) => {
       const div = event.target.closest?.(".plot");
       const time = div ? this.#plots.time(div, event.clientX) : null;
@@ -69,7 +69,7 @@ export class Cursor {
 
   draw() {
     for (const name of this.#plots.shown) {
-      const div = $(`${name}-plot`);
+      const div = this.#plots.cell(name);
       const line = div?.querySelector(".cursor");
       if (!line) continue;
       const pixel = this.#time === null ? null : this.#plots.pixel(div, this.#time);

@@ -45,20 +45,22 @@ export async function copied(text, button) {
   }
 }
 
-export function ask(title, text, actions) {
+export function ask(title, text, actions, kind = "") {
   const dialog = $("dialog");
+  dialog.className = kind;
   const buttons = actions.map(([words, act, kind]) =>
     el("button", { type: "button", class: kind ?? "", on: { click: () => {
       dialog.close();
       act?.();
     } } }, words));
-  fill(dialog, el("h2", { id: "dialog-title" }, title), ...[text].flat(),
+  fill(dialog, el("h2", { id: "dialog-title", tabindex: "-1" }, title), ...[text].flat(),
     el("p", { class: "actions" }, buttons));
   dialog.showModal();
+  if (kind) $("dialog-title").focus(); // a long one begins at its beginning, not at its buttons
 }
 
 export function when(iso) {
   const date = new Date(iso);
-  return Number.isNaN(date.getTime()) ? iso : date.toLocaleString(undefined,
-    { dateStyle: "short", timeStyle: "short" });
+  return Number.isNaN(date.getTime()) ? iso : date.toLocaleString("sv-SE",
+    { dateStyle: "short", timeStyle: "short" }); // year, month, day: no country reads it otherwise
 }

@@ -138,9 +138,16 @@ export function mark(side, kind) {
     on ? `${side} is ${kind}` : `${side} is no longer ${kind}`);
 }
 
-export function undo() {
-  if (state.now?.can_undo) act("undo", { version: state.now.version }, "last answer taken back");
+export async function undo() {
+  if (state.now?.question?.repeat) return skip();
+  if (!state.now?.can_undo) return undefined;
+  const done = await act("undo", { version: state.now.version }, "last answer taken back");
+  if (done) $("comment").value ||= state.now.draft;
+  return undefined;
 }
+
+// Leave a question that is only asked again: nothing is recorded, and the open one comes back.
+export const skip = () => act("undo", { version: state.now.version });
 
 export function finish() {
   const { answered, comparisons } = state.now.progress;

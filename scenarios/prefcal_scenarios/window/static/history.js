@@ -3,10 +3,11 @@
 import { get } from "./api.js";
 import { $, ask, el, fill, say, when } from "./dom.js";
 import { WORDS } from "./flow.js";
-import { miniature } from "./miniature.js";
-import { item, thetas } from "./question.js";
+import { Cursor } from "./cursor.js";
+import { Plots } from "./plots.js";
+import { headline, item, thetas } from "./side.js";
 
-const HEADS = ["question", "new", "best so far", "verdict", "marks", "comment", "answered", "retract"];
+const HEADS = ["question", "experiment", "against", "verdict", "marks", "comment", "answered", "retract"];
 
 export async function showHistory(act) {
   const view = $("view-history");
@@ -71,7 +72,7 @@ const named = (answer) => (answer < 0 ? `further comparison ${-answer}` : `compa
 
 function confirm({ answer }, act) {
   ask(`Retract ${named(answer)}?`, el("p", {}, "It will teach nothing any more; every experiment stays. This cannot be taken back."), [
-    ["Retract it", () => act("retract", { answer }, "answer retracted"), "primary"], ["Keep it", null]]);
+    ["Keep it", null, "primary"], ["Retract it", () => act("retract", { answer }, "answer retracted")]]);
 }
 
 async function lookAgain(number) {
@@ -88,19 +89,26 @@ async function lookAgain(number) {
   fill(place, el("div", { class: "card-head" }, el("h3", {}, `Comparison ${number}: ${words}`),
     comment ? el("span", { class: "faint" }, `“${comment}”`) : null, close),
   el("div", { class: "pair small" }, ["left", "right"].map((name) => side(name, question[name], verdict === name && (asked.much ? "much preferred" : "preferred")))));
-  for (const name of ["left", "right"]) {
-    miniature(place.querySelector(`[data-side=${name}]`), question, name, unit);
-  }
+  draw(place.querySelector(".pair"), question, unit);
   place.scrollIntoView({ block: "nearest" });
   place.focus({ preventScroll: true });
   return say(`Comparison ${number}: ${words}`);
 }
 
+// The question's own figures: the same axes, titles and cursor.
+function draw(pair, question, unit) {
+  const plots = new Plots((name) => pair.querySelector(`[data-side=${name}]`));
+  plots.take(question, unit);
+  pair.style.setProperty("--least", `${1.25 * plots.least}px`);
+  new Cursor(plots, () => {}).start(pair);
+  plots.draw();
+}
+
 function side(name, shown, won) {
   const title = name === "left" ? "Left" : "Right";
   return el("section", { class: `side ${name}`, "aria-label": title },
-    el("header", {}, el("h4", {}, title), el("p", { class: "which" }, `experiment ${shown.number} · ${shown.role}`),
+    el("header", {}, el("h4", {}, title), el("p", { class: "which" }, `experiment ${shown.number}`),
       won ? el("span", { class: "chip good" }, won) : null),
-    el("dl", { class: "kpis" }, shown.kpis.slice(0, 4).map(item)), thetas(shown),
+    el("dl", { class: "kpis" }, headline(shown).map(item)), thetas(shown),
     el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side: name } }));
 }

@@ -1,7 +1,8 @@
 // The keys. They never fire while somebody types, with a modifier (but shift), or twice for one long press.
 
-import { answer, finish, mark, open, toggleBlind, undo, current } from "./flow.js";
-import { moveCursor, repeat, resetZoom, toggleOverlay, togglePlay, toggleZoom } from "./question.js";
+import { answer, finish, mark, open, skip, toggleBlind, undo, current } from "./flow.js";
+import { moveCursor, repeat, resetZoom, toggleOverlay, togglePlay, toggleTable, toggleZoom } from "./question.js";
+import { briefing } from "./brief.js";
 import { $, ask, el } from "./dom.js";
 
 const QUESTION = {
@@ -16,6 +17,7 @@ const QUESTION = {
   e: ["E", "mark right as unsafe or very bad", () => mark("right", "unsafe")],
   d: ["D", "mark right as good enough", () => mark("right", "good enough")],
   c: ["C", "write a comment; Enter or Esc leaves it", () => $("comment").focus()],
+  t: ["T", "all KPIs of both sides, those that differ most first", toggleTable],
   f: ["F", "zoom to the target and back", toggleZoom],
   0: ["0", "whole time again (or double click)", resetZoom],
   o: ["O", "both in one plot, or side by side", toggleOverlay],
@@ -27,15 +29,20 @@ const QUESTION = {
   ">": [null, "", () => moveCursor(10)],
   ":": [null, "", () => moveCursor(10)],
   " ": ["space", "play and pause the animation", togglePlay],
-  r: ["R", "ask me an earlier question again", repeat],
+  p: ["P", "ask me an earlier question again", repeat],
 };
 const EVERYWHERE = {
   z: ["Z", "take the last answer back", undo],
   h: ["H", "history", () => open("history")],
   w: ["W", "where are we", () => open("status")],
-  Escape: ["Esc", "back to the question", () => open("now")],
-  "?": ["?", "these keys", showKeys],
+  Escape: ["Esc", "back to the question; skip one that is asked again", leave],
+  "?": ["?", "what this is about, and these keys", showKeys],
 };
+
+function leave() {
+  if (document.body.dataset.view === "now" && current()?.question?.repeat) skip();
+  else open("now");
+}
 
 const typing = (target) =>
   target instanceof Element && (target.matches("input, textarea, select, [contenteditable]"));
@@ -62,12 +69,14 @@ export function keyboard() {
   });
 }
 
-export function showKeys() {
+export async function showKeys() {
   // An object gives a number before all other keys.
   const known = Object.values({ ...QUESTION, ...EVERYWHERE }).filter(([key]) => key);
+  const told = await briefing();
+  if ($("dialog").open) return; // pressed twice while it was fetched
   const rows = known.sort((a, b) => (a[0] === "0") - (b[0] === "0"))
     .map(([key, words]) => el("tr", {}, el("th", { scope: "row" }, el("kbd", {}, key)), el("td", {}, words)));
-  ask("All keys", [el("table", { class: "keys" }, el("tbody", {}, rows)),
+  ask("What this is about", [...told, el("h3", {}, "Keys"), el("table", { class: "keys" }, el("tbody", {}, rows)),
     el("p", {}, "Keys rest while you type. Drag over a plot to zoom both sides.")],
-  [["Close", null, "primary"], ["Finish the study…", finish]]);
+  [["Close", null, "primary"], ["Finish the study…", finish]], "wide");
 }

@@ -1,13 +1,14 @@
 // The page: each phase and view is drawn by a module of its own, when the flow has changed.
 
+import { intro, waitFor } from "./brief.js";
 import { $, say } from "./dom.js";
 import { showFailed } from "./failed.js";
-import { act, answer, finish, open, start, state, toggleBlind, undo } from "./flow.js";
+import { act, answer, finish, open, skip, start, state, toggleBlind, undo } from "./flow.js";
 import { showHistory } from "./history.js";
 import { keyboard, showKeys } from "./keys.js";
 import { showOver } from "./over.js";
 import * as question from "./question.js";
-import { showRecord } from "./record.js";
+import { replaceRecord, showRecord } from "./record.js";
 import { showStatus } from "./status.js";
 
 const HEADINGS = {
@@ -25,10 +26,11 @@ function render(before) {
   progress(now.progress);
   $("undo").disabled = !now.can_undo;
   if (now.phase === "question") {
+    intro(now);
     question.show(now, same);
     if (!same) asked(now);
   }
-  if (now.phase === "running") waitFor(now);
+  if (now.phase === "running") waitFor(now, act);
   if (now.phase === "record" && before?.pending?.index !== now.pending?.index) showRecord(now, act);
   if (now.phase === "failed") showFailed(now, act);
   if (now.phase === "over") showOver(now, act);
@@ -65,13 +67,8 @@ function progress({ answered, comparisons }) {
   bar.setAttribute("aria-valuemax", Math.max(comparisons, 1));
   bar.setAttribute("aria-valuenow", answered);
   bar.firstElementChild.style.width = `${(100 * answered) / Math.max(comparisons, 1)}%`;
-}
-
-function waitFor(now) {
-  const number = now.pending?.number;
-  $("wait-title").textContent = number ? `Running experiment ${number}` : "Choosing the next experiment";
-  $("wait-text").textContent = now.progress.answered > 0
-    ? "Your answer is saved." : "The very first run on a machine compiles for half a minute.";
+  const place = state.now.phase === "over" ? "done" : `${next}/${comparisons}`;
+  document.title = `${place} · ${state.now.scenario.title} · prefcal`;
 }
 
 // Which of the sections and buttons are there.
@@ -86,6 +83,8 @@ function arrange() {
   $("heading").textContent = shown === "question" && state.now.question.repeat
     ? "Once more: which is better?" : HEADINGS[phase];
   $("verdicts").hidden = shown !== "question";
+  $("replace").hidden = !here || !state.now?.rig?.recorded.length || !["record", "question"].includes(phase);
+  $("skip").hidden = !state.now?.question?.repeat;
   for (const button of document.querySelectorAll("[data-in=question]")) {
     button.hidden = shown !== "question";
   }
@@ -101,6 +100,8 @@ function begin() {
     $(`verdict-${choice}`).addEventListener("click", () => answer(choice.replace("-", " ")));
   }
   $("undo").addEventListener("click", undo);
+  $("replace").addEventListener("click", replaceRecord);
+  $("skip").addEventListener("click", skip);
   $("blind").addEventListener("click", toggleBlind);
   $("help").addEventListener("click", showKeys);
   $("theme").addEventListener("click", () => state.view === "status" && showStatus(state.now, act));

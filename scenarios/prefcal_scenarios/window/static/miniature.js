@@ -1,8 +1,7 @@
-// Curves without cursor and zoom: an earlier question, slices of what was learned.
+// Curves without cursor and zoom: every θ tried, slices of what was learned.
 /* global Plotly */
 
-import { whole } from "./axes.js";
-import { bounds, css } from "./bounds.js";
+import { css } from "./bounds.js";
 
 const axis = () => ({ gridcolor: css("--grid"), zeroline: false, linecolor: css("--grid"),
   tickfont: { color: css("--muted"), size: 11 } });
@@ -14,31 +13,6 @@ export const base = (width, height) => ({
 });
 
 const STILL = { displayModeBar: false, staticPlot: true };
-
-// One side of an earlier question. Both sides have the same axes, as they had then.
-export function miniature(div, question, name, unit) {
-  const { panels } = question;
-  const all = whole(question);
-  const traces = panels.flatMap((panel, i) => side(question[name], panel, i, css(`--${name}`)));
-  const layout = base(div.clientWidth, 130 * panels.length + 30);
-  layout.xaxis = { ...axis(), range: all.x, title: titled(`time [${unit}]`), anchor: `y${panels.length > 1 ? panels.length : ""}` };
-  layout.shapes = panels.flatMap((panel, i) => bounds(panel, i ? `y${i + 1}` : "y"));
-  panels.forEach((panel, i) => {
-    layout[i ? `yaxis${i + 1}` : "yaxis"] = { ...axis(), range: all.y[i], nticks: 4,
-      domain: [1 - (i + 0.92) / panels.length, 1 - i / panels.length],
-      title: titled(typeset(named({ name: panel.symbol, unit: panel.unit }))) };
-  });
-  Plotly.react(div, traces, layout, STILL);
-}
-
-function side({ curves, references }, panel, i, color) {
-  const common = { type: "scatter", mode: "lines", yaxis: i ? `y${i + 1}` : "y" };
-  const shape = panel.shape === "step" ? "hv" : "linear";
-  const reference = references[i] && { ...common, x: references[i].t, y: references[i].y,
-    line: { color: css("--muted"), width: 1.2, shape: "hv", dash: "3px,3px" } };
-  return [...(reference ? [reference] : []), ...curves[i].map((curve, run) => ({ ...common, x: curve.t, y: curve.y,
-    opacity: run ? 0.45 : 1, line: { color, width: run ? 1 : 1.8, simplify: false, shape } }))];
-}
 
 export const named = (knob) => (knob.unit && knob.unit !== "-" ? `${knob.name} [${knob.unit}]` : knob.name);
 

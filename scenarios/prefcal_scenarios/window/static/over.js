@@ -1,33 +1,64 @@
-// The end: what came out, where the report is, and how to go on all the same.
+// The end: what was gained, where the report is, and what to do next.
 
 import { bestCard, pictures } from "./best.js";
-import { $, ask, copied, el, fill } from "./dom.js";
+import { $, ask, copied, el, fill, symbol, withUnit } from "./dom.js";
 
 const REASONS = {
   "all compared": "All experiments are compared", "good enough": "The best is good enough",
   stopped: "You have finished the study",
 };
 
+const button = (words, run, kind = "") => el("button", { type: "button", class: kind, on: { click: run } }, words);
+const copying = (text, words = "Copy") => button(words, (event) => copied(text, event.target));
+
 export function showOver(now, act) {
   const { over, progress } = now;
-  const button = (words, run, kind = "") => el("button", { type: "button", class: kind, on: { click: run } }, words);
-  const command = el("code", {}, over.command);
-  const actions = [
-    button("Close prefcal", close, "primary"),
-    over.reason === "all compared" ? null : button("Go on comparing", () => act("go_on", { more: 0 })),
-    button("10 more experiments", () => act("go_on", { more: 10 })),
-    now.can_undo ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer taken back")) : null,
-  ];
+  const { report } = over;
   fill($("view-over"), el("div", { class: "hero" },
     el("span", { class: "done", "aria-hidden": "true" }, "✓"),
     el("div", {}, el("h2", { id: "over-title" }, `${REASONS[over.reason] ?? over.reason}.`),
-      el("p", { class: "faint" }, `${progress.experiments} experiments, ${progress.answered} comparisons. Everything is saved.`)),
-    el("p", { class: "actions" }, actions)), bestCard(over.best, "The result"),
-  el("h3", {}, "Report"), pictures(over.report),
-  el("h3", {}, "The study again"), el("p", { class: "command" }, command,
-    button("Copy", (event) => copied(over.command, event.target)), el("span", { class: "faint" }, "repeats it from the start")),
-  el("p", { class: "command" }, el("code", {}, now.study.again),
-    button("Copy", (event) => copied(now.study.again, event.target)), el("span", { class: "faint" }, "opens this one again")));
+      el("p", { class: "faint" }, `${progress.experiments} experiments, ${progress.given} comparisons. Everything is saved.`)),
+    el("p", { class: "actions" },
+      report ? el("a", { class: "button primary", href: report.link, target: "_blank", rel: "noopener" }, "Open the report")
+        : el("span", { class: "faint" }, "The report is being written…"),
+      over.next.download ? el("a", { class: "button", href: over.next.download, download: "best.json" }, "Download best.json") : null)),
+  gained(over.gain), bestCard(over.best, "The result"), steps(now, act), pictures(report));
+}
+
+// The main KPIs, before and after.
+function gained(gain) {
+  if (!gain || !gain.kpis.length) return null;
+  if (gain.same) {
+    return el("div", { class: "card gain" }, el("h3", {}, "What was gained"),
+      el("p", {}, `No experiment was better than ${gain.before}: experiment 1 is still the best.`));
+  }
+  const rows = gain.kpis.map((kpi) => el("tr", { class: kpi.verdict },
+    el("th", { scope: "row", title: kpi.about || null }, symbol(kpi.title)),
+    el("td", { class: "number" }, withUnit(kpi.before, kpi.unit)), el("td", { class: "number" }, withUnit(kpi.after, kpi.unit)),
+    el("td", { class: "number change" }, withUnit(kpi.change, kpi.unit)), el("td", {}, kpi.verdict)));
+  const heads = ["", gain.before, `experiment ${gain.after}`, "change", ""];
+  return el("div", { class: "card gain" }, el("h3", {}, `What was gained since ${gain.before}`),
+    el("div", { class: "scroll" }, el("table", { class: "kpi-table" },
+      el("thead", {}, el("tr", {}, heads.map((text, k) => el("th", { scope: "col", class: k && k < 4 ? "number" : null }, text)))),
+      el("tbody", {}, rows))));
+}
+
+// What to do next: go on, use it, look beyond a range, or leave.
+function steps(now, act) {
+  const { over, study } = now;
+  const more = el("input", { type: "number", id: "more", min: "1", max: "1000", value: "10", "aria-label": "Further experiments" });
+  const on = () => act("go_on", { more: Math.max(1, Math.min(1000, Math.round(Number(more.value)) || 10)) });
+  const item = (title, ...parts) => el("li", {}, el("h4", {}, title), ...parts);
+  const { outlook } = over.next;
+  return el("section", { class: "card steps" }, el("h3", {}, "What next?"), el("ul", {},
+    item("Compare more", el("p", { class: "actions" }, more, button("more experiments", on),
+      over.reason === "all compared" ? null : button("Go on comparing", () => act("go_on", { more: 0 })),
+      now.can_undo ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer taken back")) : null)),
+    over.next.python ? item("Use the controller", command(over.next.python, "builds it in Python")) : null,
+    outlook ? item("Go on or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
+      outlook.command ? command(outlook.command, "widens the range") : null) : null,
+    item("Come back", command(study.again, "opens this study again"), command(over.command, "repeats it from the start")),
+    item("Done", el("p", { class: "actions" }, button("Close prefcal", close), el("span", { class: "faint" }, "ends the command in the terminal")))));
 
   async function close() {
     if (await act("close", {})) {
@@ -35,3 +66,5 @@ export function showOver(now, act) {
     }
   }
 }
+
+const command = (text, what) => el("p", { class: "command" }, el("code", {}, text), copying(text), el("span", { class: "faint" }, what));

@@ -1,23 +1,69 @@
-// A rig: the next θ for the person who runs it, and the record that he brings.
+// A rig: the next θ for the person who runs it, the record that they bring, and a look at it before it is saved.
 
 import { Refusal, sendRecord } from "./api.js";
 import { $, ask, copied, el, fill, say, symbol, withUnit } from "./dom.js";
-import { isBlind, refresh } from "./flow.js";
+import { current, isBlind, refresh } from "./flow.js";
+import { Plots } from "./plots.js";
 
 const MOST = 20 * 1024 * 1024;
 
 export function showRecord(now, act) {
   const { pending } = now;
   const copy = el("button", { type: "button", on: { click: (event) => copied(pending.copy, event.target) } }, "Copy θ");
-  const template = new Blob([`${pending.columns.join(",")}\n`], { type: "text/csv" });
-  const link = el("a", { href: URL.createObjectURL(template), download: `experiment-${pending.number}.csv` },
+  const set = dials(pending);
+  fill($("view-record"),
+    el("h2", { id: "record-title" }, `Experiment ${pending.number}: run your plant with`),
+    el("dl", { class: "values big" }, pending.theta.map((knob) => el("div", {},
+      el("dt", {}, symbol(knob.name)), el("dd", { title: knob.exact }, withUnit(knob.text, knob.unit))))),
+    el("p", { class: "actions" }, copy, el("span", {}, "in full precision")),
+    pending.instructions ? el("p", { class: "instructions" }, pending.instructions) : null, set.block,
+    el("h3", {}, "Its record"), columns(now), taking("record", pending.index, set.read),
+    el("p", {}, "Or: ", el("button", { type: "button", on: { click: failed } }, "The run failed, there is no record")),
+    el("p", { class: "faint" }, "This may take days: everything is saved. Go on later with ", el("code", {}, now.study.again)));
+
+  function failed() {
+    ask("Count it as failed?", el("p", {}, "It is then compared as a run without a record."), [
+      ["It failed", () => act("fail", { index: pending.index, reason: "" }), "primary"], ["Go back", null]]);
+  }
+}
+
+function columns({ rig, pending }) {
+  const template = new Blob([`${rig.columns.join(",")}\n`], { type: "text/csv" });
+  const link = el("a", { href: URL.createObjectURL(template), download: `experiment-${pending?.number ?? 1}.csv` },
     "empty CSV with these columns");
+  return el("p", {}, "A CSV file with the columns ", rig.columns.map((column, i) =>
+    [i ? ", " : "", el("code", {}, column)]).flat(), "; or start from an ", link, ".");
+}
+
+// "I set:" what was really dialed, where that is not what was proposed.
+function dials(pending) {
+  const inputs = pending.theta.map((knob) => el("input", { type: "text", inputmode: "decimal", value: knob.exact,
+    "aria-label": `${knob.name} that was set` }));
+  const block = el("details", { class: "dials" }, el("summary", {}, "I set other values"),
+    el("p", { class: "faint" }, "What your plant really ran with: it is learned from, and what was proposed stays in the study."),
+    el("dl", { class: "values" }, pending.theta.map((knob, k) => el("div", {}, el("dt", {}, symbol(knob.name)),
+      el("dd", {}, inputs[k], knob.unit ? ` ${knob.unit}` : "")))));
+  const read = () => {
+    const values = inputs.map((input) => input.value.trim().replace(",", "."));
+    return values.every((text, k) => text === pending.theta[k].exact) ? null : values;
+  };
+  return { block, read };
+}
+
+// A place to drop a file, and what is made of it; `dialed` gives θ where that was another one.
+function taking(id, index, dialed, saved = () => {}) {
   const refused = el("div", { class: "refused", role: "alert", hidden: true });
-  const unsafe = el("input", { type: "checkbox", id: "became-unsafe" });
-  const input = el("input", { type: "file", id: "record-file", accept: ".csv,.txt,text/csv,text/plain" });
-  const zone = el("div", { class: "drop" }, el("label", { for: "record-file" },
-    "Drop the record here, or choose a CSV file"), input);
-  input.addEventListener("change", () => input.files.length && send(input.files[0]));
+  const seen = el("div", { class: "preview", id: `${id}-preview` });
+  const unsafe = el("input", { type: "checkbox", id: id === "record" ? "became-unsafe" : `${id}-unsafe` });
+  const input = el("input", { type: "file", id: `${id}-file`, accept: ".csv,.txt,text/csv,text/plain" });
+  const zone = el("div", { class: "drop" }, el("label", { for: input.id }, "Drop the record here, or choose a CSV file"), input);
+  let file = null;
+  const take = (given) => {
+    file = given;
+    look();
+  };
+  input.addEventListener("change", () => input.files.length && take(input.files[0]));
+  unsafe.addEventListener("change", () => file && look());
   zone.addEventListener("dragover", (event) => {
     event.preventDefault();
     zone.classList.add("over");
@@ -26,44 +72,71 @@ export function showRecord(now, act) {
   zone.addEventListener("drop", (event) => {
     event.preventDefault();
     zone.classList.remove("over");
-    if (event.dataTransfer.files.length) send(event.dataTransfer.files[0]);
+    if (event.dataTransfer.files.length) take(event.dataTransfer.files[0]);
   });
-  fill($("view-record"),
-    el("h2", { id: "record-title" }, `Experiment ${pending.number}: run your plant with`),
-    el("dl", { class: "values big" }, pending.theta.map((knob) => el("div", {},
-      el("dt", {}, symbol(knob.name)), el("dd", { title: knob.exact }, withUnit(knob.text, knob.unit))))),
-    el("p", { class: "actions" }, copy, el("span", {}, "in full precision")),
-    pending.instructions ? el("p", { class: "instructions" }, pending.instructions) : null,
-    el("h3", {}, "Its record"),
-    el("p", {}, "A CSV file with the columns ", pending.columns.map((column, i) =>
-      [i ? ", " : "", el("code", {}, column)]).flat(), "; or start from an ", link, "."),
-    zone, refused,
-    el("p", {}, unsafe, el("label", { for: "became-unsafe" }, " It became unsafe and was stopped")),
-    el("p", {}, "Or: ", el("button", { type: "button", on: { click: failed } }, "The run failed, there is no record")),
-    el("p", { class: "faint" }, "This may take days: everything is saved. Go on later with ", el("code", {}, now.study.again)));
 
-  function failed() {
-    ask("Count it as failed?", el("p", {}, "It is then compared as a run without a record."), [
-      ["It failed", () => act("fail", { index: pending.index, reason: "" }), "primary"], ["Go back", null]]);
+  // The curves before anything is saved.
+  async function look() {
+    fill(seen);
+    const found = await sent("preview", false);
+    if (!found) return;
+    const { side, panels, axes, warnings, text, same, time_unit: unit } = found;
+    const plot = el("div", { class: "plot", role: "img", "aria-label": side.stories.join(". ") });
+    fill(seen, el("h4", {}, `This is what would be saved: ${text}`),
+      warnings.map((words) => el("p", { class: "warning", role: "alert" }, words)), plot,
+      el("p", { class: "actions" },
+        el("button", { type: "button", class: same ? "" : "primary", id: `${id}-save`, on: { click: save } },
+          same ? "Save it all the same" : `Save as experiment ${index + 1}`),
+        el("button", { type: "button", on: { click: () => fill(seen) } }, "Take another file")));
+    const plots = new Plots((name) => (name === "left" ? plot : null));
+    plots.take({ panels, axes, left: side, right: side }, unit);
+    plot.style.height = `${plots.least}px`;
+    plots.draw();
+    seen.scrollIntoView({ block: "nearest" });
   }
 
-  async function send(file) {
+  async function save() {
+    const now = await sent("record", true);
+    if (!now) return;
+    refresh(now);
+    say("The record is saved.");
+    saved();
+  }
+
+  async function sent(where, again) {
     refused.hidden = true;
+    input.value = "";
     if (file.size > MOST) return refuse(`The file has ${Math.round(file.size / 1e6)} MB; 20 MB are taken.`);
     try {
-      refresh(await sendRecord(pending.index, unsafe.checked, await file.arrayBuffer(), isBlind()));
-      say("The record is saved.");
+      const query = { index, unsafe: unsafe.checked, again, theta: dialed() };
+      return await sendRecord(where, query, await file.arrayBuffer(), isBlind());
     } catch (error) {
       if (error.now) refresh(error.now);
-      refuse(error instanceof Refusal ? error.message : "No connection to prefcal: nothing was sent.");
+      return refuse(error instanceof Refusal ? error.message : "No connection to prefcal: nothing was sent.");
     }
-    input.value = "";
-    return undefined;
   }
 
   function refuse(text) {
     fill(refused, el("p", {}, "The record is refused, and nothing was saved:"),
       el("ul", {}, text.split("; ").map((problem) => el("li", {}, problem))));
     refused.hidden = false;
+    return null;
   }
+
+  return el("div", {}, zone, refused, el("p", {}, unsafe, el("label", { for: unsafe.id }, " It became unsafe and was stopped")), seen);
+}
+
+// The right record in place of a wrong one, until the study is over.
+export function replaceRecord() {
+  const now = current();
+  const { recorded } = now.rig;
+  const place = el("div", {});
+  const choice = el("select", { id: "replaced", on: { change: choose } },
+    recorded.map((number) => el("option", { value: number, selected: number === recorded.at(-1) }, `experiment ${number}`)));
+  function choose() {
+    fill(place, taking("replace", Number(choice.value) - 1, () => null, () => $("dialog").close()));
+  }
+  choose();
+  ask("Replace a record", [el("p", {}, el("label", { for: "replaced" }, "The right record of "), choice), place],
+    [["Close", null]], "wide");
 }

@@ -1,10 +1,9 @@
 // The overtaking from above: both scenes on one clock, to be played, paused and scrubbed.
 
+import { css } from "./bounds.js";
 import { $ } from "./dom.js";
 
 const BEHIND = 24, SEEN = 60; // m behind the front end, and in all
-
-const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 export class Scenes {
   #told;
@@ -128,8 +127,8 @@ function paint(canvas, scene, time, color) {
   g.fillRect(from, low, to - from, high - low);
   line(g, css("--paint"), 0.16, [], [[from, low + 0.2], [to, low + 0.2]]);
   line(g, css("--paint"), 0.16, [], [[from, high - 0.2], [to, high - 0.2]]);
-  const middle = scene.lane / 2;
-  line(g, css("--paint"), 0.14, [3, 4.5], [[Math.floor(from / 7.5) * 7.5, middle], [to, middle]]);
+  for (let y = low + scene.lane; y < high - scene.lane / 2; y += scene.lane)
+    line(g, css("--paint"), 0.14, [3, 4.5], [[Math.floor(from / 7.5) * 7.5, y], [to, y]]);
   line(g, color, 0.22, [], scene.rows.slice(0, Math.floor(time / scene.step) + 1).concat([[x, y]]));
   for (let k = 0; k < others.length; k += 2) car(g, scene.size, others[k], others[k + 1], 0, css("--other"));
   car(g, scene.size, x, y, heading, color);

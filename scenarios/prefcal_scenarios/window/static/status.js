@@ -19,7 +19,7 @@ export async function showStatus(now, act) {
   const chosen = document.activeElement?.id === "pace"; // changing it draws all anew
   fill(view, title, el("div", { class: "columns" }, bestCard(status.best), answers(now, status, act)),
     cares(status.minded),
-    status.advice ? [el("h3", {}, "What would ten more experiments gain?"), el("p", {}, status.advice)] : [],
+    outlook(status.outlook),
     el("h3", {}, "θ tried"), legend(),
     figures("tried", status.tried.knobs, (knob) => `${knob.name} of every experiment`),
     table(status.tried),
@@ -33,6 +33,14 @@ export async function showStatus(now, act) {
   return undefined;
 }
 
+// Whether to go on: one sentence, and the way to wider ranges where the best is at an end of them.
+function outlook(found) {
+  if (!found) return [];
+  return el("div", { class: "card" }, el("h3", {}, "Go on or stop?"),
+    found.sentences.map((words) => el("p", {}, symbol(words))),
+    found.command ? el("p", {}, el("code", {}, found.command)) : null);
+}
+
 const legend = () => el("p", { class: "marks-legend faint" }, [["★", "best", "the best so far"], ["○", "was", "was the best for a while"],
   ["●", "other", "another experiment"], ["✕", "bad", "unsafe: marked, or its run was interrupted"]].map(([sign, kind, words]) =>
   el("span", {}, el("span", { class: `sign ${kind}`, "aria-hidden": "true" }, sign), words)));
@@ -43,10 +51,10 @@ const figures = (kind, knobs, words) => el("div", { class: "grid" }, knobs.map((
 // The answers: how many of each kind, and whether they agree.
 function answers(now, status, act) {
   const { verdicts, consistency: { text, can_repeat: can } } = status;
-  const { answered, comparisons, experiments, n_max: most } = now.progress;
+  const { given, experiments, n_max: most } = now.progress;
   const again = el("button", { type: "button", disabled: !can, on: { click: async () => {
     if (await act("repeat", {})) open("now");
-  } } }, "Ask me an earlier question again ", el("kbd", {}, "R"));
+  } } }, "Ask me an earlier question again ", el("kbd", {}, "P"));
   const total = Math.max(Object.values(verdicts).reduce((a, b) => a + b, 0), 1);
   const bars = Object.entries(verdicts).map(([words, count]) => {
     const bar = el("span", { class: "share" }, el("span", {}));
@@ -54,7 +62,7 @@ function answers(now, status, act) {
     return el("tr", {}, el("th", { scope: "row" }, words), el("td", { class: "number" }, count), el("td", { "aria-hidden": "true" }, bar));
   });
   return el("div", { class: "card" }, el("h3", {}, "Your answers"),
-    el("p", {}, `${answered} of ${comparisons} comparisons, ${experiments} of ${most} experiments.`),
+    el("p", {}, `${experiments} of ${most} experiments, ${given} ${given === 1 ? "comparison" : "comparisons"}.`),
     el("table", { class: "shares" }, el("tbody", {}, bars)), pace(status.questions, act),
     el("h3", {}, "How consistent are they?"), el("p", {}, text), el("p", {}, again),
     el("p", { class: "faint" }, "It teaches nothing: it only shows how sure you are."));
@@ -67,22 +75,23 @@ function pace(most, act) {
   const select = el("select", { id: "pace", on: { change: () => act("pace", { questions: Number(select.value) }) } },
     choices.map((n) => el("option", { value: n, selected: n === most }, n)));
   return el("p", { class: "pace" }, el("label", { for: "pace" }, "Comparisons for each experiment, at most "), select,
-    el("span", { class: "faint" }, most === 1 ? " More of them, with experiments that have run, are worth it where a run is dear."
+    el("span", { class: "faint" }, most === 1 ? " Allow more if experiments are expensive: the further ones compare experiments that have already run."
       : " Those after the first need no new run."));
 }
 
-// What the person seems to care about: shares as bars, and in words for whoever does not see them.
+// What the person seems to care about: how far single KPIs agree with the answers, from 0 to 100 %.
 function cares(minded) {
   const title = el("h3", {}, "What counts for you");
-  if (!minded) return el("div", { class: "card" }, title, el("p", { class: "faint" }, "Nothing can be said yet: that takes answers about experiments that differ in their indicators."));
-  const rows = minded.bars.map(({ title: words, text, width, rest }) => {
-    const bar = el("span", { class: rest ? "share rest" : "share" }, el("span", {}));
-    bar.firstChild.style.width = `${100 * width}%`;
+  if (!minded) return el("div", { class: "card" }, title, el("p", { class: "faint" }, "Nothing can be said yet: that takes answers about experiments that differ in their KPIs."));
+  const rows = minded.bars.map(({ title: words, text, share }) => {
+    const bar = el("span", { class: "share" }, el("span", {}));
+    bar.firstChild.style.width = `${100 * share}%`;
     return el("tr", {}, el("th", { scope: "row" }, symbol(words)), el("td", { class: "number" }, text), el("td", { "aria-hidden": "true" }, bar));
   });
   return el("div", { class: "card cares" }, title, el("p", { class: "finding" }, symbol(minded.sentence)),
-    rows.length ? el("table", { class: "shares", "aria-label": "Shares of the weights" }, el("tbody", {}, rows)) : null,
-    el("p", { class: "faint" }, minded.trust, rows.length ? [" It is learned from your answers alone. As a Python function: ", el("code", {}, "prefcal studies index")] : null));
+    el("p", { class: "faint" }, minded.caption),
+    el("table", { class: "shares", "aria-label": minded.caption }, el("tbody", {}, rows)),
+    el("p", { class: "faint" }, minded.trust, " That sum as a Python function: ", el("code", {}, "prefcal studies index")));
 }
 
 function table({ knobs, experiments }) {

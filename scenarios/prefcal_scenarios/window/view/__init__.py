@@ -1,6 +1,10 @@
 """What the page is shown: an interview as plain data. The page itself computes nothing of it."""
 
+from .brief import brief_view as brief_view
+from .compare import comparison_view as comparison_view
 from .history import asked_view as asked_view
 from .history import history_view as history_view
 from .now import now_view as now_view
+from .preview import preview_view as preview_view
+from .seen import Seen as Seen
 from .status import status_view as status_view

@@ -8,6 +8,7 @@ from prefcal_scenarios.interview import Interview
 from prefcal_scenarios.report.record import verdict_text
 from prefcal_scenarios.report.wording import marks_text
 
+from .seen import Seen
 from .sides import question_view
 
 _WINNERS = {Preference.CHALLENGER: "new", Preference.INCUMBENT: "best", Preference.TIE: "none"}
@@ -43,13 +44,21 @@ def _answer_view(closed: Closed, numbers: dict[int | None, int]) -> dict[str, An
     }
 
 
-def asked_view(interview: Interview, answer: int, *, blind: bool = False) -> dict[str, Any]:
-    """Closed question number `answer`, as it was shown. Raises StaleError if there is none."""
+def asked_view(
+    interview: Interview, answer: int, *, blind: bool = False, seen: Seen | None = None
+) -> dict[str, Any]:
+    """Closed question number `answer`, as it was shown, on the axes that the study has by now.
+
+    Raises:
+        StaleError: there is none.
+    """
     question = interview.asked(answer)
     closed = interview.closed(answer)
     return {
         "answer": answer,
-        "question": question_view(question, interview.scenario, blind=blind),
+        "question": question_view(
+            question, interview.scenario, blind=blind, seen=(seen or Seen()).look(interview)
+        ),
         "verdict": question.choice(closed.answer.preference).value,
         "much": closed.answer.much_better,
         "retracted": closed.retracted,

@@ -1,39 +1,42 @@
 """One side of a question, and the question of two."""
 
-from collections.abc import Sequence
 from typing import Any
-
-import numpy as np
 
 from prefcal_env.experiment import Experiment
 from prefcal_env.knobs import KnobSpace
 from prefcal_scenarios.interview import Question, Side
 from prefcal_scenarios.report.tables import objective
-from prefcal_scenarios.report.wording import measured, number
-from prefcal_scenarios.scenario import KPI, Panel, Scenario, panels_of
+from prefcal_scenarios.report.wording import knob_number, measured
+from prefcal_scenarios.scenario import KPI, Scenario, panels_of
 
-from .panels import curves, panel_view, reference, story
+from .compare import comparison_view
+from .panels import panel_view
+from .seen import Seen
 
 
-def question_view(question: Question, scenario: Scenario, *, blind: bool) -> dict[str, Any]:
-    """A question; `blind` keeps numbers, roles and θ on this side of the wire."""
+def question_view(
+    question: Question, scenario: Scenario, *, blind: bool, seen: Seen | None = None
+) -> dict[str, Any]:
+    """A question; `blind` keeps numbers, roles and θ on this side of the wire.
+
+    Axes, and what counts as a large difference, are those of all experiments `seen` so far.
+    """
+    seen = Seen() if seen is None else seen
     sides = (question.left, question.right)
-    channels = next(
-        (s.experiment.channels for s in sides if len(s.experiment.t)),
-        question.left.experiment.channels,
+    panels = panels_of(scenario, *(side.experiment for side in sides))
+    both = tuple(s.experiment for s in sides)
+    left, right = (
+        side_view(side, other.experiment, scenario, seen, blind=blind)
+        for side, other in (sides, sides[::-1])
     )
-    panels = panels_of(scenario, channels)
-    differing = question.left.experiment.theta != question.right.experiment.theta
-    left, right = (side_view(side, scenario, panels, differing, blind=blind) for side in sides)
-    if question.further and not blind:
-        earlier, later = (left, right) if question.incumbent is question.left else (right, left)
-        earlier["role"], later["role"] = "earlier", "later"
     return {
         "id": question.id,
         "number": question.number,
         "repeat": question.repeats is not None,
         "further": question.further,
         "panels": [panel_view(panel) for panel in panels],
+        "axes": seen.frame(panels, *both),
+        "comparison": comparison_view(question, scenario, seen),
         "left": left,
         "right": right,
         "has_scene": scenario.scene is not None,
@@ -41,30 +44,24 @@ def question_view(question: Question, scenario: Scenario, *, blind: bool) -> dic
 
 
 def side_view(
-    side: Side, scenario: Scenario, panels: Sequence[Panel], differing: Any, *, blind: bool
+    side: Side, other: Experiment, scenario: Scenario, seen: Seen, *, blind: bool
 ) -> dict[str, Any]:
     """One experiment with its curves."""
     experiment = side.experiment
-    empty = not len(experiment.t)
-    first = experiment.runs[0] if experiment.runs else experiment
     return {
         **numbers_view(experiment, scenario),
         "number": None if blind else side.index + 1,
-        "role": None if blind else ("new" if side.challenger else "best so far"),
+        "role": None if blind else side.role,
         "marks": sorted(side.marks),
         "counts_as_unsafe": side.counts_as_unsafe,
-        "theta": [] if blind else theta_view(scenario.space, experiment, differing),
-        "runs": max(len(experiment.runs), 1),
-        "curves": [curves(p, experiment) for p in panels] if not empty else [[] for _ in panels],
-        "references": [reference(p, first) for p in panels],
-        "stories": [story(p, first) for p in panels],
-        "scene": None if scenario.scene is None or empty else scenario.scene(first),
+        "theta": [] if blind else theta_view(scenario.space, experiment, other),
+        **seen.drawn(experiment, scenario),
     }
 
 
 def numbers_view(experiment: Experiment, scenario: Scenario) -> dict[str, Any]:
     """How an experiment ended, and its KPIs: first those with an objective."""
-    shown = [kpi for kpi in scenario.kpis if kpi.name in experiment.kpis]
+    shown = [kpi for kpi in scenario.shown_kpis if kpi.name in experiment.kpis]
     shown.sort(key=lambda kpi: not objective(kpi))
     return {
         "ended": experiment.end.value,
@@ -78,6 +75,7 @@ def _kpi_view(kpi: KPI, experiment: Experiment) -> dict[str, Any]:
     met, words = kpi.met(experiment.kpis[kpi.name]), objective(kpi)
     return {
         "title": kpi.title,
+        "about": kpi.about,
         "unit": kpi.unit,
         "text": measured(kpi, experiment),
         "met": None if met is None else bool(met),
@@ -85,16 +83,23 @@ def _kpi_view(kpi: KPI, experiment: Experiment) -> dict[str, Any]:
     }
 
 
-def theta_view(space: KnobSpace, experiment: Experiment, differing: Any) -> list[dict[str, Any]]:
-    """θ in words and units; `differing` says of each knob whether the other side's differs."""
+def theta_view(
+    space: KnobSpace, experiment: Experiment, other: Experiment | None = None
+) -> list[dict[str, Any]]:
+    """θ in words and units, and whether each value differs from that of `other` as it reads."""
+    texts = _texts(space, experiment)
+    others = texts if other is None else _texts(space, other)
     return [
         {
             "name": knob.name,
+            "about": knob.about,
             "unit": knob.unit,
-            "text": number(float(value)),
-            "differs": bool(differs),
+            "text": text,
+            "differs": text != its,
         }
-        for knob, value, differs in zip(
-            space, experiment.theta, np.broadcast_to(differing, len(space)), strict=True
-        )
+        for knob, text, its in zip(space, texts, others, strict=True)
     ]
+
+
+def _texts(space: KnobSpace, experiment: Experiment) -> list[str]:
+    return [knob_number(k, float(v)) for k, v in zip(space, experiment.theta, strict=True)]

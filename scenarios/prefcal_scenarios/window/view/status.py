@@ -6,15 +6,16 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.knobs import Knob
+from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_scenarios.interview import Consistency, Interview, Now
 from prefcal_scenarios.interview.memory import incumbents
 from prefcal_scenarios.interview.order import to_repeat
 from prefcal_scenarios.report.minded import Minded
-from prefcal_scenarios.report.record import VERDICTS
-from prefcal_scenarios.report.wording import number
+from prefcal_scenarios.report.record import VERDICTS, above
+from prefcal_scenarios.report.wording import knob_number
 
-from .now import best_view, marks_of, report_view
+from .end import outlook_view, report_view
+from .now import best_view, marks_of
 
 _POINTS = 81
 """Of a slice through the surrogate."""
@@ -36,8 +37,8 @@ def status_view(interview: Interview, *, report: Path | None = None) -> dict[str
             "text": in_words(consistency),
             "can_repeat": now.question is not None and to_repeat(now.state, seed) is not None,
         },
-        "advice": None if (advice := interview.advice) is None else advice.text,
-        "verdicts": _verdicts(now),
+        "outlook": outlook_view(interview.outlook),
+        "verdicts": _verdicts(interview),
         "questions": interview.questions,
         "minded": _minded(interview),
         "report": report_view(report),
@@ -75,10 +76,13 @@ def _tried(interview: Interview, now: Now) -> dict[str, Any]:
             {
                 "number": index + 1,
                 "theta": list(state.samples[index].theta),
-                "text": [number(v) for v in state.samples[index].theta],
+                "text": [
+                    knob_number(k, v)
+                    for k, v in zip(space, state.samples[index].theta, strict=True)
+                ],
                 "best": index == now.incumbent,
                 "was_best": index in winners,
-                "ended": interview.experiment(index).end.value,
+                "ended": interview.end(index).value,
                 "marks": marks_of(state, index),
             }
             for index in sorted(state.finished)
@@ -93,19 +97,18 @@ def _slices(interview: Interview, now: Now) -> Any:
         return None
     space, best = interview.scenario.space, interview.experiment(now.incumbent).theta
     tried = np.array([now.state.samples[index].theta for index in sorted(now.state.finished)])
-    seen = _stretched(surrogate(tried)).tolist()
     base = space.encode(best)
+    paths = [_path(space, base, k) for k in range(len(space))]
+    costs = [surrogate(thetas) for thetas in (tried, *paths)]
+    lowest = float(min(cost.min() for cost in costs))
+    seen = above(costs[0], lowest).tolist()
     slices = []
     for k, knob in enumerate(space):
-        z = np.repeat(base[None], _POINTS, axis=0)
-        z[:, k] = np.linspace(0.0, 1.0, _POINTS)
-        thetas = np.unique(np.array([space.decode(row) for row in z]), axis=0)
-        thetas = thetas[np.argsort(thetas[:, k])]
         slices.append(
             {
                 "knob": _knob_view(knob),
-                "x": thetas[:, k].tolist(),
-                "y": _stretched(surrogate(thetas)).tolist(),
+                "x": paths[k][:, k].tolist(),
+                "y": above(costs[k + 1], lowest).tolist(),
                 "samples": {"x": tried[:, k].tolist(), "y": seen},
                 "best": float(best[k]),
             }
@@ -113,27 +116,27 @@ def _slices(interview: Interview, now: Now) -> Any:
     return slices
 
 
-def _stretched(cost: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """Signed square root: only the order has a meaning, and the good end is what matters."""
-    return np.asarray(np.sign(cost) * np.sqrt(np.abs(cost)))
+def _path(space: KnobSpace, base: Float[np.ndarray, " n"], k: int) -> Float[np.ndarray, "m n"]:
+    """θ over the whole range of knob `k` through the cube point `base`, each once, upwards."""
+    z = np.repeat(base[None], _POINTS, axis=0)
+    z[:, k] = np.linspace(0.0, 1.0, _POINTS)
+    thetas = np.unique(np.array([space.decode(row) for row in z]), axis=0)
+    return np.asarray(thetas[np.argsort(thetas[:, k])])
 
 
 def _minded(interview: Interview) -> Any:
     """What the person seems to care about; None while nothing can be said."""
-    minded = Minded.of(interview.index, interview.scenario)
+    minded = Minded.of(interview.index, interview.importance, interview.scenario)
     if minded is None:
         return None
     return {
         "sentence": minded.sentence(),
+        "caption": minded.caption,
         "trust": minded.trust,
-        "bars": [
-            {"title": bar.title, "text": bar.text, "width": bar.width, "rest": bar.rest}
-            for bar in minded.bars
-        ],
+        "bars": [{"title": b.title, "text": b.text, "share": b.share} for b in minded.bars],
     }
 
 
-def _verdicts(now: Now) -> dict[str, int]:
-    asked = (*now.state.closed[1:], *now.state.further)
-    given = [c.answer.preference for c in asked if not c.retracted]
-    return {words: given.count(verdict) for verdict, words in VERDICTS.items()}
+def _verdicts(interview: Interview) -> dict[str, int]:
+    counted = interview.counts.verdicts
+    return {words: counted[verdict] for verdict, words in VERDICTS.items()}

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from prefcal_env.control import Move
 from prefcal_env.envs.overtake import (
     Car,
+    Course,
     Mishap,
     Obstacle,
     OvertakeEnv,
-    OvertakeOptions,
     dynamic_car,
     slipping_car,
 )
@@ -145,10 +145,10 @@ def test_ending_an_episode_early_never_pays():
 
 
 def test_noise_is_that_of_the_seed_and_leaves_the_plant_alone():
-    options = OvertakeOptions(noise=(0.1, 0.1, 0.01))
+    config = {"noise": [0.1, 0.1, 0.01]}
     seen = []
     for seed in (1, 1, 2):
-        env = OvertakeEnv(options)
+        env = OvertakeEnv(config)
         env.reset(seed=seed)
         env.apply(np.array([50 * KMH, 0.0]))
         assert np.array_equal(env.measurement().x, env.measurement().x)
@@ -161,7 +161,7 @@ def test_noise_is_that_of_the_seed_and_leaves_the_plant_alone():
 
 def test_several_obstacles_of_which_one_brakes():
     others = Obstacle(), Obstacle(150.0, deceleration=3.0, brakes_at=1.0)
-    env = OvertakeEnv(OvertakeOptions(obstacles=others))
+    env = OvertakeEnv({"traffic": others})
     signals = drive(env, (60 * KMH, 0.0), **LEFT).signals
     assert env.measurement().d.shape == (6,)
     assert signals["obstacle2_v"][-1] == 0
@@ -180,8 +180,8 @@ def test_every_car_can_be_driven_by_the_same_controller(car):
         def move(self, measurement):
             return Move(np.array([60 * KMH, -0.1 * measurement.x[1] - 0.5 * measurement.x[2]]))
 
-    left_lane = OvertakeOptions(car=car, obstacles=(Obstacle(y=4.0),))
-    experiment = rollout(OvertakeEnv(left_lane), Straight(), np.zeros(1))
+    env = OvertakeEnv({"car": car, "traffic": [{"type": "constant", "y": 4.0}]})
+    experiment = rollout(env, Straight(), np.zeros(1))
     assert experiment.end is End.TIME_UP
     assert experiment.x.shape[1] == 3 + len(car.others)
     assert experiment.y_ref.shape == (50, 3)
@@ -202,9 +202,9 @@ def test_an_impossible_start_is_refused():
 def test_impossible_settings_are_refused():
     for make in (
         lambda: OvertakeEnv(render_mode="human"),
-        lambda: OvertakeEnv({"noise": 1}),
-        lambda: OvertakeOptions(obstacles=()),
-        lambda: OvertakeOptions(noise=(0.1, -0.1, 0.0)),
+        lambda: OvertakeEnv(["traffic"]),
+        lambda: OvertakeEnv(T_s=1.0),
+        lambda: OvertakeEnv({"policy_frequency": 1}),
         lambda: Car(others=(1.0,)),
     ):
         with pytest.raises(SettingsError):
@@ -214,8 +214,7 @@ def test_impossible_settings_are_refused():
 def test_a_wrong_input_or_one_out_of_turn_is_refused():
     env = OvertakeEnv()
     with pytest.raises(ProtocolError, match="reset"):
-        env.apply(np.zeros(2))
-    env.reset()
+        Course().apply(np.zeros(2))
     for bad in (np.zeros(3), np.array([np.nan, 0.0]), "fast"):
         with pytest.raises(PlantError, match="input u"):
             env.apply(bad)
@@ -224,11 +223,11 @@ def test_a_wrong_input_or_one_out_of_turn_is_refused():
         env.step(np.zeros(2))
 
 
-def test_who_does_not_render_loads_neither_highway_env_nor_pygame():
+def test_an_experiment_in_the_papers_scene_loads_neither_highway_env_nor_pygame():
     code = (
-        "import sys, gymnasium as gym, numpy as np\n"
-        "env = gym.make('prefcal_env:prefcal/Overtake-v0')\n"
-        "env.reset(); env.step(np.zeros(2, np.float32))\n"
+        "import sys, numpy as np\n"
+        "from prefcal_scenarios import load\n"
+        "e = load('overtake').run(np.array([0.3, 0.5, 12, -1, 1]))\n"
         "print({'highway_env', 'pygame', 'matplotlib'} & set(sys.modules))"
     )
     program = f"import sys; sys.path[:0] = {sys.path!r}\n{code}"

@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_env.errors import SettingsError
+from prefcal_scenarios.bench.problems import HOLES
 from prefcal_scenarios.bench.results import as_csv, table
 from prefcal_scenarios.bench.results.campaign import campaign_of, curve
-from prefcal_scenarios.bench.results.missing import beaten, failures, missing, not_run
+from prefcal_scenarios.bench.results.missing import beaten, failures, in_holes, missing, not_run
 from prefcal_scenarios.bench.results.statistics import FLOOR
 from support.campaigns import ends, failed, grid, result
 
@@ -179,6 +180,33 @@ def test_beating_the_best_known_value_is_told():
         "count as the floor"
     ]
     assert beaten(campaign_of(ends("A", "p", [-1e-12])), FLOOR) == []
+
+
+def test_the_hole_of_the_reactor_s_index_is_counted_apart_from_what_nobody_knew():
+    campaign = campaign_of(
+        ends("GLIS", "cstr", [-0.27, 0.01, -0.2]) + ends("A", "cstr", [0.02] * 3)
+    )
+    assert beaten(campaign, FLOOR) == []
+    (words,) = in_holes(campaign)
+    assert "cstr, perfect calibrator: found the hole of the cost" in words
+    assert "GLIS in 2 of 3 seeds" in words
+    assert " A in" not in words
+    rows = by_agent(table(ends("GLIS", "cstr", [-0.27, 0.01, 0.02])))
+    assert rows["GLIS"]["seeds_in_hole"] == 1
+    assert rows["GLIS"]["gap_to_hole_median"] == pytest.approx(0.01 + HOLES["cstr"])
+    assert rows["GLIS"]["gap_median"] == 0.01
+
+
+def test_a_gap_below_the_bottom_of_the_hole_is_news_all_the_same():
+    campaign = campaign_of(ends("A", "cstr", [-0.4]))
+    assert in_holes(campaign) == []
+    assert "0.4 below the best known value" in beaten(campaign, FLOOR)[0]
+
+
+def test_where_no_hole_is_known_none_is_counted():
+    (row,) = table(ends("A", "p", [-0.02]))
+    assert row["seeds_in_hole"] is None
+    assert row["gap_to_hole_median"] is None
 
 
 def test_seconds_are_there_only_where_they_were_measured():

@@ -48,6 +48,11 @@ def test_failed_and_missing_cells_are_told():
     assert "3 of 4" in text
 
 
+def test_whoever_found_the_hole_of_the_reactor_s_index_is_named():
+    text = " ".join(printed(ends("GLIS", "cstr", [-0.27, 0.01])).split())
+    assert "GLIS in 1 of 2 seeds" in text
+
+
 def test_many_failures_are_counted_and_the_first_shown():
     text = printed([failed("A", "p", s) for s in range(9)])
     assert "Failed (9)" in text

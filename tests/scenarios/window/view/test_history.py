@@ -53,7 +53,7 @@ def test_marks_read_as_the_columns_do():
     interview.answer(question.id, Choice.RIGHT)
     proceed(interview)
     (answer,) = history_view(interview)["answers"]
-    assert answer["marks"] == ["new unsafe" if question.left.challenger else "best unsafe"]
+    assert answer["marks"] == ["first: unsafe" if question.left.challenger else "second: unsafe"]
 
 
 def test_remarks_are_kept_with_their_time():

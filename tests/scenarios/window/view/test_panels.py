@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_env.experiment import Channel, Channels
-from prefcal_scenarios.scenario import Panel
+from prefcal_env.panels import Panel, Plot
 from prefcal_scenarios.window.view.panels import (
     curve,
     curves,
@@ -15,7 +15,7 @@ from prefcal_scenarios.window.view.panels import (
     story,
 )
 from prefcal_scenarios.window.view.sides import panels_of
-from support.looks import CHANNELS, LEVEL, THETA, VALVE, plain, run, toy
+from support.looks import LEVEL, THETA, VALVE, plain, run, toy
 
 values = st.lists(
     st.floats(-1e6, 1e6).map(lambda v: round(v, 3)), min_size=1, max_size=60
@@ -23,9 +23,9 @@ values = st.lists(
 
 
 def test_a_scenario_without_panels_gets_one_for_each_state_and_input():
-    panels = panels_of(plain, CHANNELS)
+    panels = panels_of(plain, run(THETA))
     assert [(p.kind, p.channel.name) for p in panels] == [("x", "level <h>"), ("u", "valve")]
-    assert panels_of(toy, CHANNELS) == toy.panels
+    assert panels_of(toy, run(THETA)) == panels
 
 
 def test_inputs_are_steps_and_states_are_lines():
@@ -38,7 +38,7 @@ def test_limits_that_do_not_exist_are_null_and_not_infinite():
 
 
 def test_a_symbol_that_is_the_name_is_not_said_twice():
-    assert panel_view(Panel("x", Channel("T", symbol="T")))["title"] == "T"
+    assert panel_view(Plot(Channel("T", symbol="T"), "x", "T"))["title"] == "T"
     assert panel_view(LEVEL)["title"] == "level h"
 
 
@@ -78,10 +78,9 @@ def test_every_variant_of_an_experiment_is_a_curve():
 def test_a_reference_that_changes_in_time_has_the_scale_of_its_panel():
     one = run(THETA)
     ordered = np.where(one.t < 10, 1.0, 2.0)
-    seen = reference(
-        Panel("x", Channel("level", "cm"), scale=100.0, reference="ordered"),
-        replace(one, signals={"ordered": ordered}),
-    )
+    one = replace(one, signals={"ordered": ordered})
+    panel = Panel("level <h>", unit="cm", scale=100.0, reference="ordered")
+    seen = reference(panel.plot(one), one)
     assert seen is not None
     assert seen["y"] == [100.0, 200.0, 200.0]
     assert reference(LEVEL, one) is None
@@ -108,5 +107,10 @@ def test_a_curve_that_never_crosses_its_band_says_so(level, words):
 
 
 def test_channels_of_an_experiment_name_the_panels_of_a_plain_scenario():
-    channels = Channels(x=(Channel("a"), Channel("b")), u=(Channel("c"),), y=())
-    assert [p.index for p in panels_of(plain, channels)] == [0, 1, 0]
+    one = run(THETA)
+    channels = Channels(x=(Channel("a"), Channel("b")), u=(Channel("c"),), y=(one.channels.y))
+    made = replace(one, x=np.stack([one.t, -one.t], axis=1), channels=channels, y=one.x)
+    panels = panels_of(plain, made)
+    assert [p.channel.name for p in panels] == ["a", "b", "c", "level <h>"]
+    drawn = [p.values(made) for p in panels]
+    np.testing.assert_array_equal(drawn, [one.t, -one.t, one.u[:, 0], one.x[:, 0]])

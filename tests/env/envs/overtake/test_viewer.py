@@ -4,10 +4,11 @@ import numpy as np
 import pygame
 import pytest
 
-from prefcal_env.envs.overtake import Obstacle, OvertakeEnv, OvertakeOptions
-from prefcal_env.envs.overtake.scene import CRASHED, OTHER, OWN, SIZE, Scene
-from prefcal_env.errors import ProtocolError
+from prefcal_env.envs.overtake import Obstacle, OvertakeEnv
+from prefcal_env.envs.overtake.vehicles import CRASHED, OTHER, OWN
 from prefcal_env.plants.bicycle import KMH
+
+SIZE = (960, 176)
 
 
 def where(frame: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
@@ -15,9 +16,9 @@ def where(frame: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
     return np.argwhere(np.all(frame == color, axis=2))
 
 
-def picture(x0, T_s=0.3, options=None) -> np.ndarray:
-    env = OvertakeEnv(options, render_mode="rgb_array")
-    env.reset(options={"T_s": T_s, "x0": x0})
+def picture(x0, **config) -> np.ndarray:
+    env = OvertakeEnv(config, T_s=0.3, x0=x0, render_mode="rgb_array")
+    env.reset()
     frame = env.render()
     env.close()
     return frame
@@ -83,12 +84,30 @@ def test_a_collision_is_seen():
 
 
 def test_every_obstacle_is_drawn():
-    two = OvertakeOptions(obstacles=(Obstacle(), Obstacle(20.0, 4.0)))
+    two = [Obstacle(), {"type": "idm", "x": 20.0, "y": 4.0}]
     one = picture((0.0, 0.0, 0.0))
-    both = picture((0.0, 0.0, 0.0), options=two)
+    both = picture((0.0, 0.0, 0.0), traffic=two)
     assert len(where(both, OTHER)) == pytest.approx(2 * len(where(one, OTHER)), rel=0.05)
 
 
-def test_a_scene_does_not_step():
-    with pytest.raises(ProtocolError, match="OvertakeEnv"):
-        Scene(1).step(np.zeros(2))
+def test_more_lanes_make_a_higher_picture_of_the_same_scale():
+    frame = picture((0.0, 0.0, 0.0), lanes_count=3, oncoming_lanes_count=1)
+    assert frame.shape[0] == SIZE[1] + 2 * 4 * 12
+    own, other = (where(frame, color)[:, 1].min() for color in (OWN, OTHER))
+    assert other - own == pytest.approx(30 * 12, abs=2)
+
+
+def test_a_video_gets_the_instants_within_a_step_as_with_highway_env():
+    class Video:
+        frames = 0
+
+        def _capture_frame(self):
+            self.frames += 1
+
+    env = OvertakeEnv(T_s=0.4, render_mode="rgb_array")
+    video = Video()
+    env.set_record_video_wrapper(video)
+    env.reset()
+    env.render()
+    env.step(np.zeros(2))
+    assert video.frames == 5  # 15 Hz: six frames in 0.4 s, the last one by render

@@ -1,0 +1,1 @@
+"""The parts of deviations.py: every deviation from the paper, both ways."""

@@ -1,0 +1,212 @@
+"""What the agent does otherwise than the paper's: studies in pairs."""
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import cache
+from typing import Any
+from unittest import mock
+
+import numpy as np
+from rich.table import Table
+from scipy.stats import qmc
+
+from prefcal_agents import GLIS, GLISp, GLISpSettings, acquisition, cube, proposal
+from prefcal_agents.glis_settings import GLISSettings
+from prefcal_agents.minimise import multistart
+from prefcal_agents.rbf import squared_distances
+from prefcal_agents.settings import MINIMISERS
+from prefcal_env import Knob, KnobSpace
+from prefcal_scenarios.cstr.room import SPACE
+from prefcal_scenarios.functions import FUNCTIONS
+
+from .common import bar, seeds, table
+from .control import index
+
+PROBLEMS = (
+    "branin", "camel", "adjiman", "ackley2", "rosenbrock2", "hartman3", "styblinski3", "levy4",
+    "rosenbrock4", "ackley5", "hartman6", "levy8",
+)  # fmt: skip
+FLOOR = 1e-9  # the optima are not known better
+REACTOR = 0.69066
+"""Best known index of the broad basin."""
+QUARTILES = (0.25, 0.5, 0.75, 1.0)
+Settings = GLISpSettings | GLISSettings
+Patch = Callable[[], Any]
+
+
+@contextmanager
+def z_of(function: Callable[[np.ndarray], np.ndarray]) -> Iterator[None]:
+    """The exploration function replaced: it takes the d of the unit cube, shape (m, N)."""
+    with mock.patch.object(acquisition, "exploration", function):
+        yield
+
+
+def z_printed(d: np.ndarray) -> np.ndarray:
+    """Eq. IDW-distance in [-1, 1]^n, where every squared distance is four times as large."""
+    return EXPLORATION(4 * d)
+
+
+def z_authors(d: np.ndarray) -> np.ndarray:
+    """Theirs in [-1, 1]^n, with w the inverse of the squared distance."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.arctan(1 / np.sum(1 / (4 * d), axis=1)))
+
+
+def maximin(space: KnobSpace, count: int, seed: int) -> np.ndarray:
+    """The best of five Latin hypercubes, by the smallest distance of two points."""
+    sampler = qmc.LatinHypercube(len(space), rng=np.random.default_rng([seed, 0]))
+    plans = [np.asarray(sampler.random(count)) for _ in range(5)]
+    return cube.scaled(space, max(plans, key=smallest_distance))
+
+
+def smallest_distance(points: np.ndarray) -> float:
+    """Between any two rows, shape (N, n), in the unit cube."""
+    d = squared_distances(points, points)
+    return float(np.sqrt(d[np.triu_indices(len(points), 1)].min()))
+
+
+EXPLORATION = acquisition.exploration
+SWARM = MINIMISERS["particle_swarm"]
+PAPER = GLISpSettings.paper()
+# φ(εd) with d four times as large is φ(4ε d): the candidates of ε are multiples of it.
+WIDE = replace(PAPER, epsilon=4.0)
+MORE = tuple(float(e) for e in 10.0 ** np.linspace(-2, 2, 17))
+VARIANTS: dict[str, tuple[Settings, Patch]] = {
+    "ours": (PAPER, ExitStack),
+    "box [-1, 1], z as printed": (WIDE, lambda: z_of(z_printed)),
+    "box [-1, 1], z of the authors' code": (WIDE, lambda: z_of(z_authors)),
+    "maximin hypercube": (
+        PAPER, lambda: mock.patch.object(proposal, "latin_hypercube", maximin)
+    ),
+    "ε from 0.01 to 100": (replace(PAPER, epsilons=MORE), ExitStack),
+    "knobs of any value": (PAPER, ExitStack),
+    "GLIS": (GLISSettings(), ExitStack),
+    "GLIS, α 0.8, δ 0.5": (GLISSettings(alpha=0.8, delta=0.5), ExitStack),
+}  # fmt: skip
+
+
+def problem(name: str, *, stepless: bool) -> tuple[KnobSpace, Callable[[np.ndarray], float], float]:
+    """Space, latent cost of a physical θ, and its best known value."""
+    if name == "cstr":
+        knobs = [replace(k, step=0) if stepless and not k.integer else k for k in SPACE]
+        return KnobSpace(knobs), reactor_index, REACTOR
+    function = FUNCTIONS[name]
+    return function.space, function, function.optimum
+
+
+def reactor_index(theta: np.ndarray) -> float:
+    return _index(tuple(theta.tolist()))
+
+
+@cache
+def _index(theta: tuple[float, ...]) -> float:
+    return index(theta)
+
+
+@cache
+def gap(name: str, variant: str, seed: int) -> float:
+    """What remains to the optimum after 50 experiments, 10 of them initial."""
+    space, cost, best = problem(name, stepless=variant == "knobs of any value")
+    settings, patch = VARIANTS[variant]
+    make: Any = GLIS if isinstance(settings, GLISSettings) else GLISp
+    agent = make(space, n_init=10, n_max=50, seed=seed, settings=settings)
+    with patch():
+        while not agent.done:
+            query = agent.ask()
+            new = cost(query.challenger.theta)
+            if make is GLIS:
+                agent.tell(query, new)
+            elif query.incumbent is None:
+                agent.tell(query, None)
+            else:
+                agent.tell(query, int(np.sign(new - cost(query.incumbent.theta))))
+    return max(cost(agent.best) - best, FLOOR)
+
+
+def pairs(
+    title: str, variants: Sequence[str], args: argparse.Namespace, *,
+    ours: str = "ours", problems: Sequence[str] = (*PROBLEMS, "cstr"),
+) -> Table:  # fmt: skip
+    """Gaps of the same problem and seed, each variant against ours."""
+    jobs = [(p, v, s) for p in problems for v in (ours, *variants) for s in seeds(args)]
+    found = {job: gap(*job) for job in bar(jobs, title)}
+    shown = table(title, "problem", *(c for v in variants for c in (v, "won:lost")))
+    everything: dict[str, list[float]] = {v: [] for v in variants}
+    for p in problems:
+        cells = [p]
+        for v in variants:
+            ratios = [float(np.log10(found[p, v, s] / found[p, ours, s])) for s in seeds(args)]
+            cells += summary(ratios)
+            # The reactor has a row of its own and is not in the mean over the functions.
+            everything[v] += ratios if p != "cstr" else []
+        shown.add_row(*cells)
+    if len(problems) > 1:
+        means = [c for v in variants for c in summary(everything[v])]
+        shown.add_row(f"{len(problems) - 1} functions", *means)
+    for v in (ours, *variants):
+        costs = np.array([found["cstr", v, s] for s in seeds(args)]) + REACTOR
+        quartiles = " ".join(f"{q:.4f}" for q in np.quantile(costs, QUARTILES))
+        print(f"cstr, {v}: index, quartiles and worst {quartiles}")
+    return shown
+
+
+def summary(ratios: Sequence[float]) -> tuple[str, str]:
+    """Mean log10 ratio to ours with its standard error; wins and losses of the variant."""
+    error = np.std(ratios) / np.sqrt(len(ratios))
+    won, lost = sum(r < -1e-9 for r in ratios), sum(r > 1e-9 for r in ratios)
+    return f"{np.mean(ratios):+.2f} ± {error:.2f}", f"{won}:{lost}"
+
+
+def box(args: argparse.Namespace) -> Table:
+    return pairs("log10 ratio of gaps to GLISp.paper in [0, 1]", list(VARIANTS)[1:3], args)
+
+
+def hypercube(args: argparse.Namespace) -> Table:
+    unit = KnobSpace([Knob(f"z{k}", 0, 1, step=0) for k in range(3)])
+    for name, make in (("plain", cube.latin_hypercube), ("maximin", maximin)):
+        apart = [smallest_distance(make(unit, 10, s)) for s in range(args.first, args.first + 200)]
+        print(f"{name}: smallest distance of 10 points in 3 dimensions {np.mean(apart):.3f}")
+    return pairs("log10 ratio of gaps to a plain hypercube", ["maximin hypercube"], args)
+
+
+def candidates(args: argparse.Namespace) -> Table:
+    return pairs("log10 ratio of gaps to ε from 0.1 to 10", ["ε from 0.01 to 100"], args)
+
+
+def resolution(args: argparse.Namespace) -> Table:
+    title = "log10 ratio of gaps to knobs with a step"
+    return pairs(title, ["knobs of any value"], args, problems=["cstr"])
+
+
+def glis(args: argparse.Namespace) -> Table:
+    few = ("camel", "branin", "hartman3", "hartman6", "cstr")  # seconds a study
+    variants = ["GLIS, α 0.8, δ 0.5"]
+    return pairs("log10 ratio of gaps to our GLIS", variants, args, ours="GLIS", problems=few)
+
+
+def swarm(args: argparse.Namespace) -> Table:
+    """a(θ) that the swarm found above the lowest of a broader search, in units of ΔĴ."""
+    shown = table(
+        "Acquisition above the lowest known [ΔĴ]", "function", "median", "95 %", "worst",
+        "proposals",
+    )  # fmt: skip
+    missed: dict[str, list[float]] = {}
+
+    def watched(objective: Any, domain: Any, rng: np.random.Generator) -> np.ndarray:
+        found = SWARM(objective, domain, rng)
+        more = multistart(objective, domain, rng, draws=20000, starts=12)
+        random = objective(rng.random((20000, len(domain.start))))
+        lowest = min(objective(more[:1])[0], random.min())
+        missed[name].append(max(float(objective(found[:1])[0] - lowest), 0.0))
+        return found
+
+    for name in bar(("camel", "hartman3", "hartman6"), "searching"):
+        missed[name] = []
+        with mock.patch.dict(MINIMISERS, {"particle_swarm": watched}):
+            for seed in range(args.first, args.first + max(args.seeds // 4, 1)):
+                gap.__wrapped__(name, "ours", seed)
+        cells = [f"{q:.5f}" for q in np.quantile(missed[name], (0.5, 0.95, 1.0))]
+        shown.add_row(name, *cells, str(len(missed[name])))
+    return shown

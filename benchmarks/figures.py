@@ -1,0 +1,324 @@
+"""Make the pictures of the README and of docs/, each by the command that its page names.
+
+    python benchmarks/figures.py                     # all that need no campaign: two minutes
+    python benchmarks/figures.py --only reactor window
+    python benchmarks/figures.py --campaigns FOLDER  # those of the benchmark, from its results
+    python benchmarks/figures.py --check             # draw all elsewhere, compare the stories: CI
+
+Seeds are those of the commands, so a picture changes only with prefcal. `docs/figures/made.json`
+keeps what the pages say of them (counts, indices); `--check` fails if that is no longer so, or if
+a page shows a figure that nothing here makes. `--list` prints every figure and what makes it.
+"""
+
+import argparse
+import csv
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gain import Calibration, gain
+from hole import hole, lowest, rows_of, theta
+from matplotlib.figure import Figure
+from PIL import Image
+from rich.console import Console
+
+from prefcal_scenarios import load
+from prefcal_scenarios.report.style import save, style
+
+ROOT = Path(__file__).parents[1]
+FIGURES, TABLE = ROOT / "docs" / "figures", Path(__file__).parent / "reactor_index.csv"
+MADE = "made.json"
+Pictures = Mapping[str, bytes]
+Story = Mapping[str, float]
+
+CAMPAIGNS = {
+    "benchmark_ranking.png": ("results", "ranking.png", "docs/benchmarks.md"),
+    "benchmark_gaps.png": ("results", "gaps.png", "docs/benchmarks.md"),
+    "benchmark_profiles.png": ("results", "profiles.png", "docs/benchmarks.md"),
+    "benchmark_duels.png": ("duels", "duels.png", "docs/benchmarks.md"),
+    "benchmark_questions.png": ("questions", "questions.png", "docs/research/questions.md"),
+}
+"""Folder of the campaign and file in it that each figure is, and the page that has its command."""
+OWN_COMMAND = {"sensitivity.png": "python benchmarks/sensitivity.py --seeds 10 --jobs 2"}
+"""Figures of many studies that have a command of their own."""
+
+REACTOR = ("best_trajectory.png", "best_so_far.png", "tried.png", "surrogate.png",
+           "final_performance.png")  # fmt: skip
+ANSWERED = 7
+"""Questions that are answered before the query window is pictured."""
+
+
+def prefcal(*words: str) -> str:
+    """Run the command; its standard output."""
+    code = "from prefcal_scenarios.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], check=True, text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    return done.stdout
+
+
+def study(scenario: str, folder: Path) -> Mapping[str, Any]:
+    """Calibrate `scenario` unattended with the default seed, as in the README; what came out.
+
+    The result is that of `--json`, with "initial" experiments, the "number" of the best one, and
+    every θ by experiment, with its cost. The report is in `folder`.
+    """
+    words = ["calibrate", scenario, "--calibrator", "synthetic", "--json", "--out", str(folder)]
+    result = json.loads(prefcal(*words, "--study", str(folder / "study.prefcal")))
+    tried: dict[int, tuple[list[float], float]] = {}
+    names = load(scenario).space.names
+    with (folder / "comparisons.csv").open(encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            for side in ("challenger", "incumbent"):
+                values = [float(v) for name in names for v in [_column(row, f"{side} {name}")]]
+                cost = float(row[f"{side} cost"] or "nan")
+                tried[int(row[f"{side} experiment"])] = (values, cost)
+    best = json.loads((folder / "best.json").read_text("utf-8"))
+    initial = best["study"]["initial experiments"]
+    return {**result, "tried": tried, "number": best["experiment"], "initial": int(initial)}
+
+
+def _column(row: Mapping[str, str], name: str) -> str:
+    """The value under `name`, with or without its unit."""
+    return next(v for k, v in row.items() if k == name or k.startswith(f"{name} ["))
+
+
+def reactor(folder: Path) -> tuple[Pictures, Story]:
+    """The README's second command: its report's figures, and before and after."""
+    found = study("cstr", folder)
+    scenario, tried = load("cstr"), found["tried"]
+    pictures = {name: (folder / name).read_bytes() for name in REACTOR}
+    first = [scenario.run(np.array(tried[n][0])) for n in range(1, found["initial"] + 1)]
+    calibration = Calibration(
+        scenario, first, scenario.run(np.array(tried[found["number"]][0])), found["number"],
+        [tried[n][1] for n in sorted(tried)],
+    )  # fmt: skip
+    story = {
+        "experiments": len(tried),
+        "initial": found["initial"],
+        "comparisons": found["questions"],
+        "index of the first": tried[1][1],
+        "index of the best": found["cost"],
+    }
+    return {**pictures, "before_after.png": drawn(lambda: gain(calibration))}, story
+
+
+def overtaking(folder: Path) -> tuple[Pictures, Story]:
+    """The README's overtaking: the best run beside the first one."""
+    found = study("overtake", folder)
+    story = {"experiments": found["experiments"], "comparisons": found["questions"]}
+    return {"overtaking.png": (folder / "comparison.png").read_bytes()}, story
+
+
+def reactor_index(folder: Path) -> tuple[Pictures, Story]:
+    """The hole of the reactor's index, from the table of best_known.py."""
+    scenario, rows = load("cstr"), rows_of(TABLE)
+    assert scenario.cost is not None
+    story = {
+        name: float(scenario.cost(scenario.run(theta(lowest(rows[kind])))))
+        for kind, name in (("calm", "broad basin"), ("all", "hole"))
+    }
+    return {"reactor_index.png": drawn(lambda: hole(scenario, TABLE))}, story
+
+
+def window(folder: Path) -> tuple[Pictures, Story]:
+    """The query window, answered as the synthetic calibrator of the same study does."""
+    sys.path.insert(0, str(ROOT / "tests"))
+    from prefcal_scenarios.interview.order import challenger_left
+    from support.browser import Watched, chromium, serve
+
+    path = folder / "answers.prefcal"
+    prefcal("calibrate", "cstr", "--calibrator", "synthetic", "--n-max", str(ANSWERED + 2),
+            "--n-init", "6", "--study", str(path), "--out", str(folder / "answers"))  # fmt: skip
+    shown = json.loads(prefcal("studies", "show", str(path), "--json"))
+    with chromium() as browser:
+        served, watched = serve(folder, "cstr"), Watched(browser)
+        try:
+            watched.open(served.link)
+            for asked in shown["questions"][:ANSWERED]:
+                won = asked["verdict"].startswith("new")
+                left = challenger_left(0, asked["challenger"] - 1) == won
+                watched.answer("ArrowLeft" if left else "ArrowRight")
+            watched.page.wait_for_timeout(500)
+            picture = watched.page.screenshot()
+        finally:
+            served.kill()
+    return {"query_window.png": picture}, {"answered": ANSWERED}
+
+
+PICTURED = {
+    "environment_cstr.png": ("CSTR-v0", {}),
+    "environment_cstr_tuning.png": ("CSTRTuning-v0", {}),
+    "environment_overtake.png": ("Overtake-v0", {"config": {
+        "oncoming_lanes_count": 1,
+        "traffic": [
+            {"type": "idm", "x": 30}, {"type": "cut-in", "x": 45, "moves_at": 4},
+            {"type": "oncoming", "x": 215, "y": 8},
+        ],
+    }}),
+    "environment_overtake_tuning.png": ("OvertakeTuning-v0", {}),
+}  # fmt: skip
+"""What docs/environments.md shows, and with which settings."""
+
+
+def environments(folder: Path) -> tuple[Pictures, Story]:
+    """What the environments draw: tuning the paper's θ, and a plant under its controller."""
+    pictures, story = {}, {}
+    for file, (name, settings) in PICTURED.items():
+        scenario = load(name.removesuffix("-v0").removesuffix("Tuning").lower())
+        theta = scenario.references["paper, preferences"]
+        env = gym.make(f"prefcal_env:prefcal/{name}", render_mode="rgb_array", **settings)
+        env.reset(seed=0, options=None if "Tuning" in name else {"T_s": theta[0]})
+        if "Tuning" in name:
+            story[name] = float(env.step(2 * scenario.space.encode(theta) - 1)[1])
+        else:
+            until = 6.5 if name == "Overtake-v0" else np.inf
+            story[name] = drive(env.unwrapped, scenario.controller(theta), until)
+        buffer = BytesIO()
+        Image.fromarray(env.render()).save(buffer, format="PNG", optimize=True)
+        pictures[file] = buffer.getvalue()
+        env.close()
+    return pictures, story
+
+
+def drive(loop: Any, controller: Any, until: float) -> float:
+    """Let `controller` drive until a time or the end; the time."""
+    while loop.end is None and loop.measurement().t < until:
+        loop.apply(controller.move(loop.measurement()).u)
+    return float(loop.measurement().t)
+
+
+Maker = Callable[[Path], tuple[Pictures, Story]]
+MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
+    "reactor": (reactor, (*REACTOR, "before_after.png")),
+    "overtaking": (overtaking, ("overtaking.png",)),
+    "environments": (environments, tuple(PICTURED)),
+    "index": (reactor_index, ("reactor_index.png",)),
+    "window": (window, ("query_window.png",)),
+}
+"""What makes which figures."""
+
+
+def drawn(draw: Callable[[], Figure]) -> bytes:
+    """A figure as PNG, in the look of all."""
+    with style():
+        buffer = BytesIO()
+        save(draw(), buffer)
+        return buffer.getvalue()
+
+
+def made_by() -> dict[str, str]:
+    """Every figure, and the command that makes it."""
+    here = "python benchmarks/figures.py"
+    makers = {f: f"{here} --only {name}" for name, (_, files) in MAKERS.items() for f in files}
+    campaigns = {f: f"{here} --campaigns FOLDER, made as {page} says"
+                 for f, (_, _, page) in CAMPAIGNS.items()}  # fmt: skip
+    return makers | campaigns | OWN_COMMAND
+
+
+def shown() -> dict[str, list[str]]:
+    """Every figure that a page shows, and the pages."""
+    found: dict[str, list[str]] = {}
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))):
+        for name in re.findall(r"\]\((?:[\w./]*/)?figures/([\w.-]+)\)", page.read_text("utf-8")):
+            found.setdefault(name, []).append(str(page.relative_to(ROOT)))
+    return found
+
+
+def complaints() -> Iterator[str]:
+    """What does not fit together between pages, files and makers."""
+    makers, files = made_by(), {path.name for path in FIGURES.glob("*.png")}
+    for name, pages in shown().items():
+        if name not in makers:
+            yield f"{', '.join(pages)} shows {name}, which nothing makes"
+        if name not in files:
+            yield f"{', '.join(pages)} shows {name}, which is not in docs/figures"
+    for name in sorted(files - set(shown())):
+        yield f"docs/figures/{name} is on no page"
+
+
+def differences(name: str, now: Story, before: Story) -> Iterator[str]:
+    """Where the story of a picture has changed: counts at all, indices by more than 0.02."""
+    for what, value in now.items():
+        kept = before.get(what)
+        if kept is None or abs(value - kept) > (0 if isinstance(value, int) else 0.02):
+            yield f"{name}: {what} is {value:.6g} now, the figures in docs say {kept}"
+
+
+def make(names: list[str], folder: Path, say: Callable[[str], None]) -> dict[str, Story]:
+    """Make the figures of `names` into `folder`; what each tells."""
+    stories = {}
+    for name in names:
+        maker, files = MAKERS[name]
+        with tempfile.TemporaryDirectory() as work:
+            pictures, stories[name] = maker(Path(work))
+        assert set(pictures) == set(files), (name, sorted(pictures))
+        for file, content in pictures.items():
+            (folder / file).write_bytes(content)
+        say(f"{name}: {', '.join(files)}")
+    return stories
+
+
+def check(names: list[str], say: Callable[[str], None]) -> int:
+    """Make everything elsewhere and hold it against what is in docs; the exit code."""
+    kept = json.loads((FIGURES / MADE).read_text("utf-8"))
+    with tempfile.TemporaryDirectory() as folder:
+        stories = make(names, Path(folder), say)
+    wrong = [*complaints()]
+    for name, story in stories.items():
+        wrong += differences(name, story, kept.get(name, {}))
+    for words in wrong:
+        say(f"[red]{words}[/]")
+    if wrong:
+        say("Make them anew: python benchmarks/figures.py")
+    return 1 if wrong else 0
+
+
+def from_campaigns(results: Path, say: Callable[[str], None]) -> None:
+    """Take the figures of campaigns out of their folders."""
+    for name, (campaign, file, page) in CAMPAIGNS.items():
+        source = results / campaign / file
+        if source.exists():
+            (FIGURES / name).write_bytes(source.read_bytes())
+            say(f"{name}: from {source}")
+        else:
+            say(f"{name}: left as it is, there is no {source} (see {page})")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", nargs="+", choices=list(MAKERS), default=list(MAKERS))
+    parser.add_argument("--check", action="store_true", help="change nothing; 1 if anything is off")
+    parser.add_argument("--list", action="store_true", help="every figure and its command")
+    parser.add_argument("--campaigns", type=Path, help="folder with results, duels, questions")
+    options = parser.parse_args()
+    console = Console(soft_wrap=True, highlight=False)
+    if options.list:
+        console.print_json(json.dumps({"made by": made_by(), "wrong": list(complaints())}))
+        return 0
+    if options.check:
+        return check(options.only, console.print)
+    if options.campaigns:
+        from_campaigns(options.campaigns, console.print)
+        return 0
+    path = FIGURES / MADE
+    stories = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    stories |= make(options.only, FIGURES, console.print)
+    path.write_text(json.dumps(stories, indent=2) + "\n", "utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,62 @@
+"""Drivers who see the others, moved by highway-env. Loads highway-env."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from highway_env.road.road import Road
+from jaxtyping import Float
+
+from prefcal_env.envs.overtake.options import OvertakeOptions
+from prefcal_env.envs.overtake.traffic import Driver, Mover, Obstacle, Track
+from prefcal_env.envs.overtake.vehicles import CourseVehicle, road_of
+
+
+class Simulation:
+    """A road with everybody on it, on which drivers decide several times a period.
+
+    In a period of T_s they decide and drive n times T_s/n, with n the smallest number that keeps
+    to the simulation frequency; so any T_s is driven to its end.
+
+    Args:
+        options: The scene.
+        vehicles: The others, in their order.
+        x: State of the own plant at the start, shape (n_x,).
+        rng: Of the episode.
+    """
+
+    def __init__(
+        self,
+        options: OvertakeOptions,
+        vehicles: Sequence[Obstacle | Driver],
+        x: Float[np.ndarray, " n_x"],
+        rng: np.random.Generator,
+    ) -> None:
+        self._frequency = options.simulation_frequency
+        self.road: Road = road_of(options, vehicles, x, rng)
+        self._tracks = {i: Track() for i, v in enumerate(vehicles) if isinstance(v, Driver)}
+        self.movers: tuple[Mover, ...] = tuple(
+            v if isinstance(v, Obstacle) else self._tracks[i] for i, v in enumerate(vehicles)
+        )
+        self._note(0.0)
+
+    def drive(
+        self, x: Float[np.ndarray, " n_x"], u: Float[np.ndarray, " 2"], start: float, end: float
+    ) -> None:
+        """Let everybody drive from `start` to `end` [s], ours from its state `x` with `u` held."""
+        own, *others = self.road.vehicles
+        own.put(x, u)
+        for other in others:
+            if isinstance(other, CourseVehicle):
+                other.put(start)  # no sum of steps
+        own.act({"speed": float(u[0]), "steering": -float(u[1]), "acceleration": 0.0})
+        n = max(1, int(np.ceil((end - start) * self._frequency - 1e-9)))
+        for i in range(n):
+            self.road.act()
+            self.road.step((end - start) / n)
+            self._note(end - (end - start) * (n - 1 - i) / n)
+
+    def _note(self, t: float) -> None:
+        self.t = t
+        for i, track in self._tracks.items():
+            driver = self.road.vehicles[1 + i]
+            track.add(t, driver.pose(), driver.velocity_along())

@@ -1,0 +1,39 @@
+"""Messages between prefcal and the process of own code: one letter, a length, and bytes."""
+
+import struct
+from enum import Enum
+from typing import IO
+
+_HEAD = struct.Struct("<cQ")
+
+
+class Kind(Enum):
+    """What a message is about."""
+
+    RUN = b"R"
+    """To the process: θ, seed and space, as JSON."""
+    READY = b"L"
+    """From it: the user's file is loaded."""
+    EXPERIMENT = b"E"
+    """From it: the bytes of an experiment."""
+    ERROR = b"X"
+    """From it: what the code raised, as JSON."""
+
+
+Message = tuple[Kind, bytes]
+
+
+def send(pipe: IO[bytes], kind: Kind, content: bytes = b"") -> None:
+    """Write one message. Raises OSError if nobody reads any more."""
+    pipe.write(_HEAD.pack(kind.value, len(content)) + content)
+    pipe.flush()
+
+
+def receive(pipe: IO[bytes]) -> Message | None:
+    """Read the next message; None if there is none, or half of one, because the writer is gone."""
+    head = pipe.read(_HEAD.size)
+    if len(head) < _HEAD.size:
+        return None
+    kind, size = _HEAD.unpack(head)
+    content = pipe.read(size)
+    return (Kind(kind), content) if len(content) == size else None

@@ -1,0 +1,82 @@
+"""Connections that keep the window waiting: each for a while, and only so many of one peer."""
+
+import asyncio
+from typing import Any
+
+import h11
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from .security import BODY_SECONDS
+
+HEAD_SECONDS = 10.0
+"""Seconds in which the address and the headers of a request have to be sent."""
+MOST_WAITING = 32
+"""Connections of one peer that may keep us waiting for their requests: browsers open six."""
+_AFTER = 5.0
+"""Seconds beyond `BODY_SECONDS`, in which the person is told."""
+
+_Waiting = dict[str, dict["Connection", None]]
+
+
+class Connection(H11Protocol):
+    """A connection of uvicorn's that is closed if its request does not come.
+
+    Where one peer has too many of them, the oldest goes: an honest request is there at once.
+    """
+
+    def __init__(self, *args: Any, waiting: _Waiting, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._waiting = waiting
+        self._timer: asyncio.TimerHandle | None = None
+        self._timed: Any = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Wait for the first request."""
+        super().connection_made(transport)
+        self._expect()
+
+    def data_received(self, data: bytes) -> None:
+        """Take what was sent, and see what is still missing."""
+        super().data_received(data)
+        self._expect()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget it."""
+        self._rest()
+        super().connection_lost(exc)
+
+    def _expect(self) -> None:
+        """Give the head or the body that is awaited now its time; the time it has goes on."""
+        awaited = self.conn.their_state
+        if awaited is self._timed:
+            return
+        self._rest()
+        if awaited not in (h11.IDLE, h11.SEND_BODY):
+            return  # all of the request is here
+        self._timed = awaited
+        seconds = HEAD_SECONDS if awaited is h11.IDLE else BODY_SECONDS + _AFTER
+        self._timer = self.loop.call_later(seconds, self.drop)
+        of_peer = self._waiting.setdefault(self._peer, {})
+        of_peer[self] = None
+        if len(of_peer) > MOST_WAITING:
+            next(iter(of_peer)).drop()
+
+    def drop(self) -> None:
+        """Close it at once."""
+        self._rest()
+        self.transport.abort()
+
+    def _rest(self) -> None:
+        """Nothing is awaited."""
+        self._timed = None
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        of_peer = self._waiting.get(self._peer, {})
+        of_peer.pop(self, None)
+        if not of_peer:
+            self._waiting.pop(self._peer, None)
+
+    @property
+    def _peer(self) -> str:
+        return self.client[0] if self.client else ""

@@ -1,0 +1,78 @@
+// The briefing: what the task is, what knobs and KPIs mean, and how long it takes.
+
+import { get } from "./api.js";
+import { $, el, fill, symbol } from "./dom.js";
+
+let known = null;
+let closed = false;
+
+async function brief() {
+  known ??= await get("/api/brief");
+  return known;
+}
+
+// All of it, as the dialog shows it and the page that waits for the first experiments.
+export async function briefing() {
+  let told;
+  try {
+    told = await brief();
+  } catch (error) {
+    return [el("p", { class: "problem" }, error.message)];
+  }
+  return [
+    told.text ? el("p", { class: "task" }, symbol(told.text)) : null,
+    el("p", {}, told.how),
+    told.panels.length ? el("p", {}, `Look at the curves first (${told.panels.join(", ")}), then at the numbers above them.`) : null,
+    table("The knobs, which the experiments differ in", told.knobs.map((knob) =>
+      [knob.name, knob.about, `${knob.range} ${knob.unit}`.trim()])),
+    table("What is measured", told.kpis.map((kpi) =>
+      [kpi.unit ? `${kpi.title} [${kpi.unit}]` : kpi.title, kpi.about, kpi.wanted])),
+  ].filter(Boolean);
+}
+
+function table(title, rows) {
+  if (!rows.length) return null;
+  return el("section", {}, el("h3", {}, title), el("div", { class: "scroll" }, el("table", { class: "words" },
+    el("tbody", {}, rows.map(([name, about, range]) => el("tr", {},
+      el("th", { scope: "row" }, symbol(name)), el("td", {}, symbol(about)), el("td", { class: "faint" }, range)))))));
+}
+
+// While nothing can be asked yet: how far it is and, before the first question, what it is about.
+export function waitFor({ pending, preparing, progress, stopping }, act) {
+  const first = progress.answered === 0;
+  const number = pending?.number;
+  const running = number ? `Running experiment ${number}` : "Choosing the next experiment";
+  $("wait-title").textContent = preparing ? "Getting ready" : running;
+  $("wait-text").textContent = preparing
+    ? `Compiling the solver, part ${preparing.part} of ${preparing.parts} (${preparing.title}): only this once on this machine.`
+    : first ? "The first question follows." : "Your answer is saved.";
+  const bar = $("wait-progress");
+  bar.hidden = !preparing;
+  if (preparing) [bar.max, bar.value] = [preparing.parts, preparing.part - 1];
+  const stops = number && stopping && !preparing;
+  $("stop").hidden = !stops;
+  $("stop-run").onclick = () => act("stop_run", { index: pending.index });
+  $("stop-text").textContent = stops ? stopping : "";
+  $("view-wait").classList.toggle("briefed", first);
+  $("wait-brief").hidden = !first;
+  if (first && !$("wait-brief").firstChild) briefing().then((nodes) => fill($("wait-brief"), nodes));
+}
+
+// Above the first question: the task in its own words, once.
+export async function intro(now) {
+  const place = $("intro");
+  const due = now.progress.answered === 0 && !now.question.repeat && !closed;
+  if (!due) place.hidden = true;
+  if (!due || place.firstChild) return;
+  const { text } = await brief();
+  if (!text || closed) return;
+  const button = (words, run, kind = "") => el("button", { type: "button", class: kind, on: { click: run } }, words);
+  fill(place, el("p", {}, symbol(text)), el("p", { class: "actions" },
+    button("Got it", () => {
+      [closed, place.hidden] = [true, true];
+      dispatchEvent(new Event("resize"));
+    }),
+    button(["Knobs, KPIs and keys ", el("kbd", {}, "?")], () => $("help").click())));
+  place.hidden = false;
+  dispatchEvent(new Event("resize")); // the curves take the room that is left
+}

@@ -1,0 +1,56 @@
+// One figure: its panels stacked over one time axis, as plotly takes it.
+
+import { LIMIT, TARGET, bounds, css } from "./bounds.js";
+
+export const MARGIN = { l: 46, r: 10, t: 4, b: 38 };
+export const HEAD = 20; // px above each panel, for its title
+
+const axisOf = (i) => (i ? `y${i + 1}` : "y");
+const sidesOf = (name) => (name === "both" ? ["left", "right"] : [name]);
+
+// Where panel i of n lies, in px from the top.
+export function place(i, n, height) {
+  const each = (height - MARGIN.t - MARGIN.b) / n;
+  return { top: MARGIN.t + i * each + HEAD, bottom: MARGIN.t + (i + 1) * each - 4 };
+}
+
+export function traces(question, name) {
+  return sidesOf(name).flatMap((side) => question.panels.flatMap((panel, i) =>
+    lines(question[side], panel, i, css(`--${side}`), name === "both" && side === "right" ? "6px,3px" : "solid")));
+}
+
+function lines({ curves, references, limits }, panel, i, color, dash) {
+  const common = { type: "scatter", mode: "lines", yaxis: axisOf(i), hoverinfo: "skip" };
+  const held = (curve, line) => ({ ...common, x: curve.t, y: curve.y, line: { ...line, shape: "hv" } });
+  const shape = panel.shape === "step" ? "hv" : "linear";
+  const line = { color, width: 2, shape, dash, simplify: false }; // plotly's shortcut shows kinks where the plant has none
+  return [
+    ...limits[i].filter(Boolean).map((limit) => held(limit, LIMIT())),
+    ...[references[i]].filter(Boolean).map((reference) => held(reference, TARGET())),
+    ...curves[i].map((curve, run) => ({ ...common, x: curve.t, y: curve.y,
+      line: run ? { ...line, width: 1 } : line, opacity: run ? 0.45 : 1 })),
+  ];
+}
+
+export function layout(question, name, view, unit, { width, height }) {
+  const { panels } = question;
+  const inner = height - MARGIN.t - MARGIN.b;
+  const font = { color: css("--muted"), size: 11 };
+  const grid = { gridcolor: css("--grid"), zeroline: false, linecolor: css("--grid"), tickfont: font, ticklen: 0, automargin: false };
+  const made = {
+    width, height, margin: { ...MARGIN, pad: 0 }, showlegend: false, hovermode: false,
+    paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", dragmode: "zoom",
+    font: { family: "system-ui, sans-serif" }, shapes: [],
+    xaxis: { ...grid, range: [...view.x], anchor: `y${panels.length > 1 ? panels.length : ""}`, nticks: width < 420 ? 6 : 10,
+      title: { text: unit ? `time [${unit.replace(/[<>&]/g, "")}]` : "time", font: { ...font, size: 12 }, standoff: 4 } },
+  };
+  panels.forEach((panel, i) => {
+    const { top, bottom } = place(i, panels.length, height);
+    const at = (px) => Math.min(Math.max(1 - (px - MARGIN.t) / inner, 0), 1);
+    made[i ? `yaxis${i + 1}` : "yaxis"] = { ...grid, range: [...view.y[i]],
+      domain: [at(bottom), at(top)], anchor: "x", nticks: 5 };
+    const held = [0, 1].map((k) => sidesOf(name).some((side) => question[side].limits[i][k]));
+    made.shapes.push(...bounds(panel, axisOf(i), held));
+  });
+  return made;
+}

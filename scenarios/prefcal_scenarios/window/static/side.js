@@ -1,0 +1,89 @@
+// One experiment in words: title, KPIs, θ, marks; and the places of its scene and curves.
+
+import { mark } from "./flow.js";
+import { $, el, fill, symbol, withUnit } from "./dom.js";
+import { toggle } from "./table.js";
+
+const MARKS = { unsafe: { left: "Q", right: "E", words: "Unsafe, very bad" },
+  "good enough": { left: "A", right: "D", words: "Good enough" } };
+const TITLES = { left: "Left", right: "Right" };
+
+// The card, made once: a question only changes what it holds, so that figures need not be made anew.
+function card(name, question) {
+  const part = (id) => el("div", { class: id, id: `${name}-${id}` });
+  const scene = question.has_scene ? el("canvas", { class: "scene", id: `${name}-scene`, role: "img",
+    "aria-label": `Road seen from above, ${name} experiment` }) : null;
+  fill($(name), el("header", {}, el("h2", { id: `${name}-title` }, TITLES[name]),
+    el("p", { class: "which", id: `${name}-which` }), part("marks")),
+  part("numbers"), part("thetas"), scene, part("empty"),
+  el("div", { class: "plot", id: `${name}-plot`, role: "img" }));
+}
+
+export function describe(name, question) {
+  if (!$(`${name}-plot`)) card(name, question);
+  const side = question[name];
+  const words = which(side);
+  $(`${name}-which`).textContent = words;
+  $(`${name}-which`).title = words;
+  numbers(name, side);
+  const theta = thetas(side);
+  fill($(`${name}-thetas`), theta ? [theta] : []);
+  $(`${name}-empty`).textContent = side.empty ? "This run failed and left no record." : "";
+  $(`${name}-plot`).setAttribute("aria-label", `${TITLES[name]}: ${side.stories.join(". ")}`);
+  marks(name, side);
+}
+
+function which(side) {
+  const words = [];
+  if (side.number) words.push(`experiment ${side.number}`);
+  if (side.role) words.push(side.role);
+  if (side.interrupted) words.push(side.ended);
+  if (side.runs > 1) words.push(`${side.runs} runs, the first bold`);
+  return words.join(" · ");
+}
+
+// The KPIs with an objective (else the first three), on two lines (four narrow ones) at most; all of
+// them are in the table of both sides.
+function numbers(name, side) {
+  const button = el("button", { type: "button", class: "link", on: { click: toggle } }, `all ${side.kpis.length}`);
+  fill($(`${name}-numbers`), el("dl", { class: "kpis" }, headline(side).map(item)),
+    side.kpis.length > headline(side).length ? button : null);
+}
+
+export function headline(side) {
+  const main = side.kpis.filter((kpi) => kpi.met !== null);
+  return main.length ? main : side.kpis.slice(0, 3);
+}
+
+export function item(kpi) {
+  const verdict = { true: "met", false: "missed" }[kpi.met] ?? "";
+  const sign = { met: " ✓", missed: " ✗" }[verdict] ?? "";
+  const told = [kpi.about, kpi.objective ? `objective: ${kpi.objective}` : ""].filter(Boolean).join(" · ");
+  return el("div", { class: verdict, title: told || null },
+    el("dt", {}, symbol(kpi.title)), el("dd", {}, withUnit(kpi.text, kpi.unit),
+      sign ? el("span", { "aria-hidden": "true" }, sign) : null,
+      verdict ? el("span", { class: "hidden" }, ` (objective ${verdict})`) : null));
+}
+
+export function thetas(side) {
+  if (!side.theta.length) return null;
+  return el("dl", { class: "theta" }, side.theta.map((knob) =>
+    el("div", { class: knob.differs ? "differs" : "", title: knob.about || null }, el("dt", {}, symbol(knob.name)),
+      el("dd", {}, withUnit(knob.text, knob.unit),
+        knob.differs ? el("span", { class: "hidden" }, " (differs)") : null))));
+}
+
+export function marks(name, side) {
+  const unsafe = side.marks.includes("unsafe");
+  $(name).classList.toggle("unsafe", unsafe || side.counts_as_unsafe);
+  const buttons = Object.entries(MARKS).map(([kind, { words, [name]: key }]) =>
+    el("button", { type: "button", class: `mark ${kind === "unsafe" ? "bad" : "good"}`,
+      id: `${name}-${kind.replace(" ", "-")}`, "aria-pressed": String(side.marks.includes(kind)), disabled: kind === "good enough" && side.counts_as_unsafe,
+      title: counted(side, kind) ? "It counts as unsafe because its run was interrupted, whether you mark it or not." : null,
+      on: { click: () => mark(name, kind) } }, `${counted(side, kind) ? "Unsafe: interrupted" : words} `, el("kbd", {}, key)));
+  const active = document.activeElement?.id;
+  fill($(`${name}-marks`), buttons);
+  if (active) buttons.find((button) => button.id === active)?.focus();
+}
+
+const counted = (side, kind) => kind === "unsafe" && side.counts_as_unsafe;

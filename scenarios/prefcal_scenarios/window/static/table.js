@@ -1,0 +1,70 @@
+// Both experiments KPI by KPI, those that differ most first: one table for both sides.
+
+import { $, el, fill, symbol, withUnit } from "./dom.js";
+
+let open = false;
+let shown = null;
+
+export function start() {
+  try {
+    open = localStorage.getItem("prefcal-compare") === "yes";
+  } catch {
+    // Closed then.
+  }
+  $("compare-toggle").addEventListener("click", toggle);
+}
+
+export function toggle() {
+  open = !open;
+  try {
+    localStorage.setItem("prefcal-compare", open ? "yes" : "no");
+  } catch {
+    // For this time only.
+  }
+  draw();
+}
+
+export function take(question) {
+  shown = question.comparison;
+  draw();
+}
+
+function draw() {
+  const some = Boolean(shown?.length);
+  $("compare-toggle").disabled = !some;
+  $("compare-toggle").setAttribute("aria-expanded", open && some);
+  $("compare").hidden = !(open && some);
+  if (!open || !some) return;
+  const differing = shown.filter((row) => row.size > 0);
+  const alike = shown.filter((row) => !(row.size > 0));
+  const half = differing.length > 6 ? Math.ceil(differing.length / 2) : differing.length;
+  fill($("compare"), differing.length ? el("div", { class: "tables" },
+    [differing.slice(0, half), differing.slice(half)].filter((rows) => rows.length).map(table)) : el("p", {}, "No KPI differs."),
+    alike.length && differing.length ? el("p", { class: "faint" }, "The same on both sides: ",
+      alike.flatMap((row, k) => [k ? ", " : "", ...symbol(row.title), ` ${withUnit(row.left.text, row.unit)}`])) : null);
+}
+
+function table(rows) {
+  const heads = [["KPI", ""], ["Left", "left"], ["Right", "right"], ["right − left", ""],
+    ["vs usual", "usual"]];
+  return el("table", {}, el("thead", {}, el("tr", {}, heads.map(([text, kind]) =>
+    el("th", { scope: "col", class: kind, title: kind === "usual" ? "The difference beside the spread of all experiments so far" : null }, text)))),
+  el("tbody", {}, rows.map(row)));
+}
+
+function row({ title, about, unit, objective, left, right, difference, better, size }) {
+  const bar = el("span", { class: "size" }, el("span", { class: better ?? "" }));
+  bar.firstChild.style.width = `${Math.max(100 * size, 2)}%`;
+  return el("tr", {}, el("th", { scope: "row", title: about || null }, symbol(title),
+    objective ? el("span", { class: "faint" }, ` ${objective}`) : null),
+  value(left, unit, better === "left"), value(right, unit, better === "right"),
+  el("td", { class: "number" }, difference || "–"),
+  el("td", { class: "usual" }, bar, el("span", { class: "hidden" }, `${Math.round(100 * size)} %`)));
+}
+
+function value({ text, met }, unit, better) {
+  const verdict = { true: "met", false: "missed" }[met] ?? "";
+  return el("td", { class: `number ${verdict}${better ? " better" : ""}` }, withUnit(text, unit),
+    verdict ? el("span", { "aria-hidden": "true" }, verdict === "met" ? " ✓" : " ✗") : null,
+    el("span", { class: "hidden" }, `${verdict ? ` (objective ${verdict})` : ""}${better ? " (better)" : ""}`));
+}

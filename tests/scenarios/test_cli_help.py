@@ -1,0 +1,39 @@
+"""Every help text: complete, with an example, and whole at 80 columns."""
+
+import pytest
+
+COMMANDS = [
+    ["calibrate"], ["report"], ["bench"],
+    ["processor", "measure"], ["processor", "from-cycles"],
+    *(["studies", word] for word in
+      ("list", "show", "rename", "rm", "export", "index", "import", "verify", "respace")),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_help_teaches_with_an_example(prefcal, monkeypatch, command):
+    monkeypatch.setenv("COLUMNS", "80")
+    code, out, _ = prefcal(*command, "--help")
+    assert code == 0
+    assert "Examples" in out
+    assert f"prefcal {' '.join(command)}" in out.partition("Examples")[2]
+    assert "…" not in out  # no option or default is cut off
+    assert "[/" not in out  # no markup that nobody has closed
+
+
+def test_the_extra_of_dask_is_not_swallowed(prefcal):
+    out = prefcal("bench", "--help")[1]
+    assert "pip install 'prefcal[dask]'" in " ".join(out.replace("│", " ").split())
+
+
+@pytest.mark.parametrize("command", [[], ["studies"], *COMMANDS], ids=" ".join)
+def test_no_help_has_words_that_stumble(prefcal, command):
+    out = " ".join(prefcal(*command, "--help")[1].replace("│", " ").split())
+    for word in (" dear", " his ", " her ", " hers", "taken up", "begun", "whoever", "foretold"):
+        assert word not in out.lower()
+
+
+def test_a_flag_takes_no_value_in_its_help(prefcal):
+    out = prefcal("calibrate", "--help")[1]
+    (line,) = (line for line in out.splitlines() if "--terminal " in line and "--" in line[:6])
+    assert "<bool>" not in line

@@ -1,0 +1,131 @@
+"""One number, one word: every place that counts experiments and comparisons says the same."""
+
+import io
+import json
+import re
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from prefcal_scenarios.cli.options import Options
+from prefcal_scenarios.cli.outcome import as_json
+from prefcal_scenarios.cli.recording import record_of
+from prefcal_scenarios.cli.shelf import summary
+from prefcal_scenarios.export import best_as_json
+from prefcal_scenarios.interview import Counts
+from prefcal_scenarios.interview.memory import incumbents
+from prefcal_scenarios.report.comparisons import comparisons_as_csv
+from prefcal_scenarios.report.html import page
+from prefcal_scenarios.terminal.looking import show_status
+from prefcal_scenarios.window.view import now_view, status_view
+from support.interviews import THREE, begin, judge, proceed, until_further
+from toy_study import TOY_FILE, toy_scenario
+
+
+@pytest.fixture(scope="module")
+def interview():
+    """A study with further comparisons, a retracted one, a repeat and an open question."""
+    made = begin(toy_scenario(), n_max=9, agent=THREE)
+    for _ in range(2):
+        question = until_further(made)
+        made.answer(question.id, judge(question, made.scenario.cost))
+    for _ in range(2):
+        question = proceed(made).question
+        made.answer(question.id, judge(question, made.scenario.cost))
+    made.retract(2)
+    proceed(made)
+    question = made.repeat().question
+    made.answer(question.id, judge(question, made.scenario.cost))
+    question = proceed(made).question
+    while question.further:  # until an experiment waits for its first comparison
+        made.answer(question.id, judge(question, made.scenario.cost))
+        question = proceed(made).question
+    return made
+
+
+@pytest.fixture(scope="module")
+def record(interview):
+    options = Options(f"{TOY_FILE}:toy", n_max=9, n_init=3)
+    return record_of(interview, options, {})
+
+
+def test_the_study_has_all_that_could_be_counted_differently(interview):
+    state = interview.now().state
+    assert state.further
+    assert state.repeats
+    assert any(c.retracted for c in state.closed)
+    assert len(state.finished) == len(state.closed) + 1
+
+
+def test_experiments_are_those_that_ran(interview, record, tmp_path):
+    ran = len(interview.now().state.finished)
+    options = Options(f"{TOY_FILE}:toy", n_max=9, n_init=3)
+    told = json.loads(as_json(record, options, tmp_path, "mine"))
+    assert interview.counts.experiments == len(record.trials) == told["experiments"] == ran
+    assert json.loads(best_as_json(record))["experiments"] == ran
+    assert now_view(interview)["progress"]["experiments"] == ran
+    assert len(status_view(interview)["tried"]["experiments"]) == ran
+    assert summary(interview.now().state)["experiments"] == ran
+    assert f"{ran} experiments" in page(record, [])
+    assert f"after {ran} of 9 experiments" in page(record, [])
+    assert f"{ran} of 9 experiments" in said(interview)
+
+
+def test_comparisons_are_the_answers_that_stand(interview, record, tmp_path):
+    state = interview.now().state
+    asked = [c for c in (*state.closed[1:], *state.further) if not c.retracted]
+    count = len(asked)
+    options = Options(f"{TOY_FILE}:toy", n_max=9, n_init=3)
+    told = json.loads(as_json(record, options, tmp_path, "mine"))
+    assert interview.counts.comparisons == record.questions == told["questions"] == count
+    assert sum(told["verdicts"].values()) == count
+    assert told["verdicts"] == record.verdict_counts() == status_view(interview)["verdicts"]
+    assert now_view(interview)["progress"]["given"] == count
+    assert summary(state)["answers"] == count
+    assert f"{count} comparisons" in page(record, [])
+    assert f"{count} comparisons" in said(interview)
+    rows = re.findall(r"^\d+,", comparisons_as_csv(record), re.MULTILINE)
+    assert len(rows) == count
+    assert interview.counts.retracted == 1
+
+
+def test_the_best_is_the_same_everywhere(interview, record, tmp_path):
+    best = interview.now().incumbent
+    options = Options(f"{TOY_FILE}:toy", n_max=9, n_init=3)
+    told = json.loads(as_json(record, options, tmp_path, "mine"))
+    theta = interview.scenario.space.named(interview.experiment(best).theta)
+    assert record.best.index == best
+    assert told["best"] == theta
+    assert json.loads(best_as_json(record))["experiment"] == best + 1
+    assert status_view(interview)["best"]["number"] == best + 1
+    assert f"best so far, experiment {best + 1}:" in said(interview)
+
+
+def test_the_report_never_says_which_is_best_by_itself(interview, record):
+    now = interview.now()
+    assert [t.index for t in record.incumbents[:-1]] == list(incumbents(now.state)[:-1])
+    other = replace(now, incumbent=0 if now.incumbent else 1)
+    assert record_of_now(interview, other).best.index == other.incumbent
+
+
+def record_of_now(interview, now):
+    class Fixed:
+        def __getattr__(self, name):
+            return getattr(interview, name)
+
+        def now(self):
+            return now
+
+    return record_of(Fixed(), Options(f"{TOY_FILE}:toy", n_max=9, n_init=3), {})
+
+
+def test_verdicts_add_up(interview):
+    counts = Counts.of(interview.now().state)
+    assert sum(counts.verdicts.values()) == counts.comparisons
+
+
+def said(interview):
+    console = Console(record=True, width=200, file=io.StringIO())
+    show_status(interview, console)
+    return console.export_text()
