@@ -21,8 +21,6 @@ FLOOR = 1e-9  # the optima are not known better
 VARIANTS: dict[str, GLISpSettings] = {
     "default": GLISpSettings(),
     "no process": GLISpSettings(process=False),
-    "random margins": GLISpSettings(process=False, perturb_every=2),
-    "process and margins": GLISpSettings(perturb_every=2),
     "paper": GLISpSettings.paper(),
 }
 DEVELOPED_ON = ("camel", "rosenbrock2", "hartman3", "styblinski3", "levy4", "ackley5", "hartman6")

@@ -102,13 +102,6 @@ class Belief:
             sites=sites,
         )
 
-    def draw(self, rng: np.random.Generator) -> Float[np.ndarray, " N"]:
-        """One β at random, shape (N,)."""
-        from scipy.linalg.lapack import dtrtrs
-
-        away, _ = dtrtrs(self.root, rng.standard_normal(len(self.mean)), lower=1, trans=1)
-        return np.asarray(self.mean + away)
-
     def deviations(self, rows: Float[np.ndarray, "R N"]) -> Float[np.ndarray, " R"]:
         """By how many standard deviations each of rows · β is above 0, shape (R,)."""
         from scipy.linalg.lapack import dtrtrs

@@ -178,7 +178,7 @@ class GLISp(PreferenceBased):
         """Ĵ/ΔĴ at physical `thetas`, shape (m, n), less its smallest value on the samples.
 
         So the best sample has 0 and the worst 1: shape (m,), without unit, for plotting. All
-        zeros while nothing is known. Learned without the random margins of a proposal.
+        zeros while nothing is known.
 
         Raises:
             KnobError: `thetas` has another shape or leaves the box.

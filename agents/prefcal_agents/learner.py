@@ -17,7 +17,7 @@ from .fitting import Constraints, fit, margins
 from .ledger import Ledger, Preferences
 from .memory import MOST, Memory
 from .outcomes import Judgement, Outcomes
-from .schedule import MANY, SELDOM, process_turns, turn_of
+from .schedule import MANY, SELDOM, is_process_turn, process_turns
 from .settings import EVERY_STEP, GLISpSettings
 from .surrogate import Composite, Shape, Surrogate
 
@@ -70,31 +70,22 @@ class Learner:
         """Return the answers in `ledger` that are learned from; see `Memory`."""
         return self.remembered(ledger).ledger.preferences()
 
-    def learned(
-        self,
-        ledger: Ledger,
-        rng: np.random.Generator | None = None,
-        *,
-        validated: Ledger | None = None,
-    ) -> Surrogate | Composite:
-        """Ĵ that the answers in `ledger` teach; with `rng` one at random of those they allow.
+    def learned(self, ledger: Ledger, *, validated: Ledger | None = None) -> Surrogate | Composite:
+        """Return Ĵ, trained on the answers in `ledger`.
 
-        Shape and doubt are those found for the ledger `validated`, an earlier one where time is
-        short.
+        Shape and noise test are those of the ledger `validated`, an earlier one if time is short.
 
-        Deviation: KPIs that explain the answers are part of it, as far as cross-validation finds
-        that they help to foretell answers; scale 0 among the `outcome_scales` is without them.
-        Where answers contradict each other none has to be kept; see `Belief`.
+        Deviation: KPIs that explain the answers are part of Ĵ if cross-validation finds that they
+        help to predict answers; scale 0 among the `outcome_scales` leaves them out. If answers
+        contradict each other, Ĵ need not reproduce all of them; see `Belief`.
         """
         validated = ledger if validated is None else validated
         doubt = self.doubt(validated)
         if doubt is not None and self.is_noisy(validated):
-            return self._believed(ledger, doubt.shape, validated, rng)
+            return self._believed(ledger, doubt.shape, validated)
         preferences, learning = self.preferences(ledger), self.settings.learning
         shape = self.shape(validated)
         margin = margins(preferences, self.settings.margin_power, self.settings.strong_margins)
-        if rng is not None:
-            margin = margin * rng.exponential(size=len(preferences))
         features = shape.basis(preferences.samples, preferences.samples)
         constraints = Constraints.of(preferences, features, margin)
         outcomes = self._outcomes(ledger)
@@ -104,15 +95,12 @@ class Learner:
         v = fit(constraints, learning, self.backend)
         return _assembled(preferences, shape, features, v, outcomes, scale)
 
-    def _believed(
-        self, ledger: Ledger, shape: Shape, validated: Ledger, rng: np.random.Generator | None
-    ) -> Surrogate | Composite:
-        """Ĵ where answers may be wrong."""
+    def _believed(self, ledger: Ledger, shape: Shape, validated: Ledger) -> Surrogate | Composite:
+        """Return Ĵ where answers may be wrong."""
         preferences, outcomes = self.preferences(ledger), self._outcomes(ledger)
         belief, scale = self._belief(ledger, shape, validated)
-        v = belief.mean if rng is None else belief.draw(rng)
         features = shape.basis(preferences.samples, preferences.samples)
-        return _assembled(preferences, shape, features, v, outcomes, scale)
+        return _assembled(preferences, shape, features, belief.mean, outcomes, scale)
 
     def _belief(self, ledger: Ledger, shape: Shape, validated: Ledger) -> tuple[Belief, float]:
         """What is believed of β, and by how much KPIs count in it."""
@@ -146,7 +134,7 @@ class Learner:
         features = np.zeros((ledger.answered, known.shape[1]))
         values = np.full(ledger.answered, np.inf)
         features[memory.kept] = known
-        values[memory.kept] = self._believed(ledger, doubt.shape, validated, None)(z)
+        values[memory.kept] = self._believed(ledger, doubt.shape, validated)(z)
         return to_appeal(ledger, values, features, belief, sure=0.0 if only_better else SURE)
 
     def is_noisy(self, ledger: Ledger) -> bool:
@@ -254,8 +242,7 @@ class Learner:
             return False
         if answered > MANY:
             return answered <= MOST and answered % SELDOM == _SHAPE_AT
-        takes_turns = self._takes_turns(ledger)
-        return not turn_of(answered, self.n_init, process=takes_turns, perturb_every=0).process
+        return not (self._takes_turns(ledger) and is_process_turn(answered, self.n_init))
 
     def _takes_turns(self, ledger: Ledger) -> bool:
         """Whether every second proposal is the process's, as far as can be told beforehand."""

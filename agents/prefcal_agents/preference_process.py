@@ -23,10 +23,10 @@ class PreferenceProcess:
 
     Source: W. Chu, Z. Ghahramani, "Preference learning with Gaussian processes", ICML 2005, with
     expectation propagation (`Belief`) in place of their Laplace approximation.
-    Deviation: in place of eq. QP-pref at some proposals (`turn_of`). Least weights make one Ĵ that
-    keeps the answers; this is the average of all functions that (nearly) keep them, each as likely
-    as it is smooth, and the lengths say which knobs matter. It knows the last 100 samples that were
-    compared. What it is worth: docs/research/process.md.
+    Deviation: in place of eq. QP-pref at some proposals (`is_process_turn`). Least weights make one
+    Ĵ that keeps the answers; this is the average of all functions that (nearly) keep them, each as
+    likely as it is smooth, and the lengths say which knobs matter. It knows the last 100 samples
+    that were compared. What it is worth: docs/research/process.md.
 
     Args:
         centres: The samples, unit cube, shape (N, n).

@@ -20,7 +20,7 @@ from .placing import to_place
 from .preference_process import PreferenceProcess
 from .region import random_points, search_domain
 from .rematch import final
-from .schedule import Turn, turn_of
+from .schedule import is_process_turn
 from .settings import MINIMISERS, GLISpSettings
 from .surrogate import Composite
 from .threads import one_thread
@@ -52,13 +52,13 @@ class Strategy:
     )
 
     def propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
-        """Cube point of the sample that follows `ledger`, shape (n,).
+        """Return the cube point of the sample that follows `ledger`, shape (n,).
+
+        The first `n_init` samples are a Latin hypercube; each later one minimizes an acquisition.
 
         Source: eq. xNp1.
-        Deviation: those of `turn_of`. A perturbed proposal learns from margins that are drawn
-        at random (each times an exponential variate), without the exploration term of
-        eq. acquisition. Equal margins are arbitrary: others reproduce the same answers with
-        another minimum, and one fixed choice keeps returning to the same place when it is wrong.
+        Deviation: those of `_acquisition` and `is_process_turn`; marks add to the acquisition,
+        see `steered`.
         """
         with one_thread():
             return self._proposed(ledger)
@@ -97,20 +97,20 @@ class Strategy:
         tried = Tried(self.space, ledger, self.decoded)
         if index < self.n_init:
             return tried.fresh(self._planned(ledger, rng), rng)
-        objective = steered(self._acquisition(ledger, rng), ledger, self.settings)
+        objective = steered(self._acquisition(ledger), ledger, self.settings)
         domain = self._domain(ledger)
         for z in MINIMISERS[self.settings.minimiser](objective, domain, rng):
             if tried.may_run(z):
                 return np.asarray(z)
         return tried.fresh(domain.start, rng)
 
-    def _acquisition(self, ledger: Ledger, rng: np.random.Generator) -> Objective:
-        """What is minimised.
+    def _acquisition(self, ledger: Ledger) -> Objective:
+        """Return the function that the next sample minimizes.
 
-        Deviation: where KPIs count, expected improvement. Its Gaussian process has a length for
-        each knob and knows where it is unsure, so it needs no random margins. From answers alone,
-        which leave values open, it is no better than eq. acquisition
-        (docs/research/improvement.md); there one of which only comparisons are known takes turns.
+        Deviation: expected improvement where KPIs count; its Gaussian process has a length for
+        each knob and knows where it is unsure. Without KPIs, where it is no better than
+        eq. acquisition (docs/research/improvement.md), the mean of a Gaussian process trained on
+        comparisons takes every second turn.
         """
         settings, preferences = self.settings, self.learner.preferences(ledger)
         told, doubted = bool(preferences.b.any()), self.learner.is_noisy(ledger)
@@ -119,16 +119,15 @@ class Strategy:
         surrogate = self.learner.learned(ledger) if with_kpis else None
         if isinstance(surrogate, Composite) and improves:
             return ExpectedImprovement.of(surrogate)
-        turn = self.turn(ledger.answered, process=told and not isinstance(surrogate, Composite))
-        if turn.process:
+        # The process knows no KPIs, so it has no turns where they count.
+        takes_turns = settings.process and told and not isinstance(surrogate, Composite)
+        if takes_turns and is_process_turn(ledger.answered, self.n_init):
             # One comparison for each sample cannot contradict the others, further ones can.
             trusted = ALMOST_SURE if ledger.further else 0.0
             error_rate = settings.error_rate if doubted else trusted
             learned = PreferenceProcess.of(preferences, error_rate)
             return Acquisition.of(learned, 0.0)
-        surrogate = self.learner.learned(ledger, rng if turn.perturbed else None)
-        delta = 0.0 if turn.perturbed else settings.delta
-        return Acquisition.of(surrogate, delta, ledger.cube())
+        return Acquisition.of(self.learner.learned(ledger), settings.delta, ledger.cube())
 
     def _planned(self, ledger: Ledger, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
         """Of the start, unless marks say that it is likely unsafe there."""
@@ -144,19 +143,6 @@ class Strategy:
 
     def _best(self, ledger: Ledger) -> int:
         return ledger.incumbent or 0
-
-    def turn(self, index: int, *, process: bool = True) -> Turn:
-        """What kind of proposal sample number `index` is; not of the initial ones.
-
-        The process, which knows no KPIs, has no turns where they count: `process` is False.
-        """
-        settings = self.settings
-        return turn_of(
-            index,
-            self.n_init,
-            process=settings.process and process,
-            perturb_every=settings.perturb_every,
-        )
 
 
 def _lately(ledger: Ledger, after: int | None) -> bool:

@@ -31,7 +31,7 @@ class GLISpSettings:
 
     Source: sections III and IV of the paper.
     Deviation: the paper validates ε after 10, 20, 30 and 40 experiments and has no `rescale`,
-    `margin_power`, `process` or `perturb_every`. `GLISpSettings.paper()` turns all of these off.
+    `margin_power` or `process`. `GLISpSettings.paper()` turns all of these off.
     Gaps with and without them: docs/benchmarks.md, rows GLISp and GLISp.paper.
 
     Args:
@@ -59,8 +59,6 @@ class GLISpSettings:
         process: Whether every second proposal, from 20 experiments on, minimises the mean of a
             Gaussian process that follows the answers, in place of eq. acquisition; see
             `PreferenceProcess`. Measured in docs/research/process.md.
-        perturb_every: Every how many of the other proposals the margins are drawn at random, and
-            nothing is explored; 0: never. No gain beside the process.
         outcome_scales: By how much the KPIs that come with the answers may count beside θ, 0 or
             more, increasing; cross-validation chooses. (0,) leaves them out.
         unsafe_weight: What a place costs that is surely unsafe by the marks so far, in units of
@@ -91,7 +89,6 @@ class GLISpSettings:
     margin_power: float = 1.0
     strong_margins: bool = True
     process: bool = True
-    perturb_every: int = 0
     outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
     unsafe_weight: float = 30.0
     least_safe: float = 0.9
@@ -113,7 +110,6 @@ class GLISpSettings:
         _flag("rescale", self.rescale)
         _flag("strong_margins", self.strong_margins)
         number("margin_power", self.margin_power)
-        integer("perturb_every", self.perturb_every, low=0)
         number("unsafe_weight", self.unsafe_weight)
         number("least_safe", self.least_safe, strict=True)
         if self.least_safe >= 1:
@@ -142,7 +138,6 @@ class GLISpSettings:
             margin_power=0.0,
             error_rate=0.0,
             strong_margins=False,
-            perturb_every=0,
             process=False,
             outcome_scales=(0.0,),
             unsafe_weight=0.0,

@@ -45,16 +45,6 @@ def test_the_samples_are_ordered_as_the_right_answers_say_and_mistakes_are_point
     assert len(suspects - flipped) <= 1
 
 
-def test_draws_scatter_round_the_mean_as_the_precision_says():
-    preferences, _ = compared(set(), count=20)
-    belief = Belief.of(rows_of(preferences, SHAPE), 0.1)
-    rng = np.random.default_rng(0)
-    draws = np.array([belief.draw(rng) for _ in range(4000)])
-    covariance = np.linalg.inv(belief.root @ belief.root.T)
-    assert draws.mean(axis=0) == pytest.approx(belief.mean, abs=0.08)
-    assert np.cov(draws.T) == pytest.approx(covariance, abs=0.12)
-
-
 def test_ties_teach_nothing_and_without_a_strict_preference_the_prior_stays():
     preferences, _ = compared(set(), count=5)
     ties = Preferences(

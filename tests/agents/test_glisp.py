@@ -41,7 +41,6 @@ def study(count=14, **options):
         {"validate_at": (0,)},
         {"validate_at": 10},
         {"margin_power": -1.0},
-        {"perturb_every": -1},
         {"rescale": 1},
         {"process": 1},
         {"minimiser": "newton"},
@@ -87,7 +86,7 @@ def test_the_paper_s_settings_are_those_of_section_iv():
     assert (paper.delta, paper.sigma, paper.epsilon, paper.folds) == (0.3, 1e-6, 1.0, 3)
     assert paper.validate_at == (10, 20, 30, 40)
     assert paper.rbf == "inverse_quadratic"
-    assert (paper.margin_power, paper.perturb_every, paper.rescale) == (0, 0, False)
+    assert (paper.margin_power, paper.rescale) == (0, False)
     assert (paper.process, paper.outcome_scales) == (False, (0.0,))
 
 
@@ -133,7 +132,7 @@ def test_looking_at_the_surrogate_changes_nothing():
     + [
         GLISpSettings(lam=0.0, validate_at=(10,)),
         GLISpSettings(minimiser="particle_swarm"),
-        GLISpSettings(delta=0.0, perturb_every=0),
+        GLISpSettings(delta=0.0),
         GLISpSettings(validate_at=()),
         GLISpSettings(epsilons=(1.0,)),
         GLISpSettings(process=False),
@@ -194,13 +193,9 @@ def test_the_default_comes_much_closer_to_a_smooth_minimum_than_the_reference_pa
 @pytest.mark.campaign
 @pytest.mark.parametrize(
     "without",
-    [
-        {"margin_power": 0.0},
-        {"perturb_every": 0},
-        {"margin_power": 0.0, "perturb_every": 0, "rescale": False},
-    ],
+    [{"margin_power": 0.0}, {"margin_power": 0.0, "rescale": False}],
 )
-def test_growing_and_random_margins_find_the_bottom_better(without):
+def test_growing_margins_find_the_bottom_better(without):
     assert gap("camel", range(20)) < gap("camel", range(20), **without) / 2
 
 
