@@ -1,4 +1,4 @@
-"""Choosing the shape of φ by K-fold cross-validation on the preferences themselves.
+"""Choose the shape of φ by K-fold cross-validation on the preferences themselves.
 
 Source: end of the section "Training a surrogate function from preferences" of the paper.
 """
@@ -15,6 +15,8 @@ from .fitting import Constraints, Learning, fit, margins
 from .ledger import Preferences
 from .surrogate import Shape
 
+FOLDS = 3
+"""K of the cross-validation, as in section IV of the paper."""
 GAIN = 2  # comparisons that a change of scale must win: one more is often chance
 
 
@@ -40,15 +42,14 @@ class Validation:
         preferences: Preferences,
         learning: Learning,
         backend: Backend,
-        folds: int,
         rng: np.random.Generator,
     ) -> "Validation":
-        """Deal at random, to `folds` slices that differ by at most one comparison."""
-        share = rng.permutation(len(preferences)) % folds
-        return cls(preferences, learning, backend, share == np.arange(folds)[:, None])
+        """Deal at random, to `FOLDS` slices that differ by at most one comparison."""
+        share = rng.permutation(len(preferences)) % FOLDS
+        return cls(preferences, learning, backend, share == np.arange(FOLDS)[:, None])
 
     def reproduced(self, shape: Shape, columns: Float[np.ndarray, "N p"] | None = None) -> int:
-        """How many left-out preferences are predicted right (eq. RBF-pref).
+        """Return how many left-out preferences are predicted right (eq. RBF-pref).
 
         `columns` are KPIs of the samples that may explain them too, shape (N, p).
         """
@@ -70,7 +71,7 @@ class Validation:
         return right
 
     def choose(self, shapes: Sequence[Shape]) -> tuple[Shape, int]:
-        """The shape that reproduces most, and how many that is.
+        """Return the shape that reproduces most preferences, and how many that is.
 
         Among equally good ones (a few dozen answers leave many) the middle one is taken.
         """
@@ -83,12 +84,12 @@ class Validation:
 def choose_epsilon(
     validation: Validation, shape: Shape, candidates: Sequence[float]
 ) -> tuple[Shape, int]:
-    """`shape` with the best ε of `candidates` (increasing), and how many it reproduces."""
+    """Return `shape` with the best ε of `candidates`, and how many preferences it reproduces."""
     return validation.choose([replace(shape, epsilon=epsilon) for epsilon in candidates])
 
 
 def nearest(candidates: Sequence[float], epsilon: float, reach: int) -> Sequence[float]:
-    """The candidate next to `epsilon`, and up to `reach` of them on either side."""
+    """Return the candidate next to `epsilon`, and up to `reach` of them on either side."""
     middle = int(np.argmin(np.abs(np.log(np.array(candidates) / epsilon))))
     return candidates[max(middle - reach, 0) : middle + reach + 1]
 
@@ -102,7 +103,7 @@ def rescale_knob(
     knob: int,
     widest: float = 16.0,
 ) -> Shape:
-    """`shape`, or one in which `knob` counts twice or half as much, if that is clearly better.
+    """Return `shape`, with `knob` counting twice or half as much if that is clearly better.
 
     Source: none.
     Deviation: the paper has one ε for all knobs.

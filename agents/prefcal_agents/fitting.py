@@ -1,7 +1,8 @@
-"""The weights β of the surrogate: the QP that reproduces the preferences.
+"""Learn the weights β of the surrogate: the QP that reproduces the preferences.
 
 Source: eq. RBF-pref and eq. QP-pref. Everything here is divided by σ: with β = σ β' and slacks
-in units of σ the margin is 1 and λ becomes λσ. The minimiser stays, and numbers near 1e-6 go.
+in units of σ the margin is 1 and λ becomes λσ. The solution stays the same, without numbers
+near 1e-6.
 """
 
 from dataclasses import dataclass
@@ -24,9 +25,13 @@ _RIDGE = 1e-11  # on a Gram matrix of unit rows: below any accuracy asked for, a
 class Learning:
     """How β is learned.
 
+    Source: section IV of the paper for σ. λσ = 1e-6 keeps all preferences that can be kept.
+    Deviation: λ is above 0; with λ = 0 eq. QP-pref would be a linear program.
+
     Args:
-        sigma: σ of eq. RBF-pref, above 0: how far apart two samples of different merit are.
-        lam: λ of eq. QP-pref, 0 or more; 0 makes it a linear program.
+        sigma: σ of eq. RBF-pref, above 0: smallest difference between a better and a worse
+            sample.
+        lam: λ of eq. QP-pref, above 0.
         margin_power: See `margins`; 0 is eq. RBF-pref.
         strong_margins: See `margins`; False is eq. RBF-pref.
     """
@@ -60,7 +65,7 @@ class Constraints:
         phi: Float[np.ndarray, "N P"],
         margin: Float[np.ndarray, " M"],
     ) -> "Constraints":
-        """Those of M comparisons, with a margin in units of σ each.
+        """Make the rows of M comparisons, each with its margin in units of σ.
 
         `phi` holds what Ĵ is made of, at all samples: N functions φ, or p KPIs.
         """
@@ -83,7 +88,7 @@ class Constraints:
     def with_outcomes(
         self, preferences: Preferences, columns: Float[np.ndarray, "N p"]
     ) -> "Constraints":
-        """The same with p KPIs beside the N samples as what Ĵ may be made of, weights 0 or more.
+        """Add p KPIs, with weights of 0 or more, to the N functions that Ĵ is made of.
 
         Source: none; β of eq. RBF-pref gets p more entries, for `columns`, shape (N, p).
         """
@@ -97,7 +102,7 @@ class Constraints:
         )
 
     def without(self, left_out: Bool[np.ndarray, " M"]) -> "Constraints":
-        """Those of the comparisons that are not left out."""
+        """Return the rows of the comparisons that are not left out."""
         kept = (self.owner == _NOBODY) | ~left_out[self.owner]
         return Constraints(
             self.rows[kept], self.margins[kept], self.weights[kept], self.owner[kept]
@@ -107,7 +112,7 @@ class Constraints:
 def margins(
     preferences: Preferences, power: float, strong: bool = False
 ) -> Float[np.ndarray, " M"]:
-    """Margin of each comparison in units of σ, in (0, 1] times its strength, shape (M,).
+    """Return the margin of each comparison in units of σ, times its strength, shape (M,).
 
     Source: eq. RBF-pref has the same margin σ everywhere, which `power` 0 gives; a larger one
     for a stronger preference (`strong`) is that of arXiv 2302.14630.
@@ -124,19 +129,17 @@ def margins(
 
 
 def fit(constraints: Constraints, learning: Learning, backend: Backend) -> Float[np.ndarray, " N"]:
-    """Weights β of eq. QP-pref, shape (N,); zero where nothing is known.
+    """Return the weights β of eq. QP-pref, shape (N,); zero where nothing is known.
 
-    For λ > 0 the dual is solved, in one multiplier α per row, 0 <= α <= c_h / (λσ). It has no
-    slacks, so fewer than half the variables of the primal, and β' = rowsᵀα. (The rows of a tie
-    share their slack; never are both at their bound, so each may have the full c_h.)
+    The dual is solved, in one multiplier α per row, 0 <= α <= c_h / (λσ). It has no slacks, so
+    fewer than half the variables of the primal, and β' = rowsᵀα. (The rows of a tie share their
+    slack; they are never both at their bound, so each may have the full c_h.)
 
     Source: eq. QP-pref.
     Deviation: none; see `margins` for what the margins may be.
     """
     if len(constraints.rows) == 0:
         return np.zeros(constraints.rows.shape[1])
-    if learning.lam == 0:
-        return learning.sigma * _linear_program(constraints)
     ceiling = constraints.weights / (learning.lam * learning.sigma)
     alpha = _dual(constraints.rows, constraints.margins, ceiling, backend)
     return np.asarray(learning.sigma * (alpha @ constraints.rows))
@@ -148,7 +151,7 @@ def _dual(
     ceiling: Float[np.ndarray, " R"],
     backend: Backend,
 ) -> Float[np.ndarray, " R"]:
-    """Multipliers: min ½|rowsᵀα|² - margin·α subject to 0 <= α <= ceiling, shape (R,)."""
+    """Return α of min ½|rowsᵀα|² - margin·α subject to 0 <= α <= ceiling, shape (R,)."""
     # Rows of close samples are short and their multipliers huge; unit rows even that out.
     length = np.maximum(np.sqrt(np.sum(rows * rows, axis=1)), _SHORTEST)
     unit = rows / length[:, None]
@@ -167,23 +170,3 @@ def _dual(
     if not np.isfinite(solution.z).all():
         return np.zeros(len(rows))
     return np.asarray(np.clip(solution.z * scale / length, 0.0, ceiling))
-
-
-def _linear_program(constraints: Constraints) -> Float[np.ndarray, " N"]:
-    """β' for λ = 0: min c·slack subject to rows · β' + slack >= margins, slack >= 0."""
-    from scipy.optimize import linprog  # heavy, and needed for λ = 0 only
-
-    comparisons, column = np.unique(constraints.owner, return_inverse=True)
-    slack = np.zeros((len(constraints.rows), len(comparisons)))
-    slack[np.arange(len(slack)), column] = 1.0  # the two rows of a tie share theirs
-    weights = np.zeros(len(comparisons))
-    weights[column] = constraints.weights
-    n = constraints.rows.shape[1]
-    result = linprog(
-        c=np.concatenate([np.zeros(n), weights]),
-        A_ub=-np.hstack([constraints.rows, slack]),
-        b_ub=-constraints.margins,
-        bounds=[(None, None)] * n + [(0, None)] * len(comparisons),
-        method="highs",
-    )
-    return np.zeros(n) if result.x is None else np.asarray(result.x[:n], dtype=float)

@@ -106,7 +106,7 @@ class GLIS(ValueBased):
             n_init=state.n_init,
             n_max=state.n_max,
             seed=state.seed,
-            settings=GLISSettings.of(state.settings),
+            settings=GLISSettings.of(dict(state.settings)),
         )
         agent._turns.load(state.ledger, state.start)
         return agent

@@ -1,5 +1,6 @@
-"""The settings of GLIS, checked at birth."""
+"""The settings of GLIS, checked when they are made."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -11,7 +12,7 @@ from .interpolation import POSITIVE_DEFINITE
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GLISSettings:
-    """What GLIS does between two scores.
+    """Configure how GLIS chooses the next experiment.
 
     Source: Bemporad 2020, sections 3 and 4.
     Deviation: α and δ are smaller than its 0.8 and 0.5, which waste experiments far from the best
@@ -25,7 +26,7 @@ class GLISSettings:
         alpha: α: how much a large IDW deviation attracts, 0 or more.
         delta: δ: how much a place far from all samples attracts, 0 or more.
         rbf: One of `POSITIVE_DEFINITE`.
-        epsilons: ε to choose from, above 0, for the box scaled to [-1, 1].
+        epsilons: Values of ε to choose from, above 0, for the box scaled to [-1, 1].
         ceiling: A score counts as at most this many times (median - best) above the median.
 
     Raises:
@@ -49,17 +50,17 @@ class GLISSettings:
             number("each of epsilons", epsilon, strict=True)
 
     def pairs(self) -> tuple[tuple[str, Any], ...]:
-        """Name and value of every setting, for an `AgentState`."""
+        """Return name and value of every setting, for an `AgentState`."""
         return tuple((f.name, getattr(self, f.name)) for f in fields(self))
 
     @classmethod
-    def of(cls, pairs: tuple[tuple[str, Any], ...]) -> "GLISSettings":
-        """Read what `pairs` gave; a setting that is missing has its default.
+    def of(cls, saved: Mapping[str, Any]) -> "GLISSettings":
+        """Make settings from saved ones; a setting that is missing has its default.
 
         Raises:
             SettingsError: an unknown setting or an impossible value.
         """
-        unknown = {name for name, _ in pairs} - {f.name for f in fields(cls)}
+        unknown = set(saved) - {f.name for f in fields(cls)}
         if unknown:
             raise SettingsError(f"GLIS has no settings called {sorted(unknown)}")
-        return cls(**dict(pairs))
+        return cls(**saved)

@@ -118,7 +118,7 @@ class GLISp(PreferenceBased):
             n_init=state.n_init,
             n_max=state.n_max,
             seed=state.seed,
-            settings=GLISpSettings.of(state.settings),
+            settings=GLISpSettings.of(dict(state.settings)),
         )
         agent._turns.load(state.ledger, state.start)
         return agent

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from .rbf import RADIAL_FUNCTIONS, squared_distances
 
-POSITIVE_DEFINITE = ("gaussian", "inverse_multiquadric", "inverse_quadratic")
+POSITIVE_DEFINITE = ("gaussian", "inverse_quadratic")
 """The radial functions whose matrix of all pairs of samples is positive definite."""
 
 _DECIDING = 100  # samples, at most, by which ε is chosen: with 400 it took 0.1 s

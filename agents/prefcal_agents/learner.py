@@ -11,7 +11,7 @@ from prefcal_env.qp import Backend
 
 from .appeal import SURE, to_appeal
 from .belief import Belief
-from .cross_validation import Validation, choose_epsilon, nearest, rescale_knob
+from .cross_validation import FOLDS, Validation, choose_epsilon, nearest, rescale_knob
 from .doubt import Doubt, Doubts, rows_of
 from .fitting import Constraints, fit, margins
 from .ledger import Ledger, Preferences
@@ -167,7 +167,7 @@ class Learner:
 
     def _outcome_scale(self, ledger: Ledger, shape: Shape, outcomes: Outcomes) -> float:
         """By how much KPIs count beside θ, so that left-out answers are foretold best."""
-        if not len(outcomes) or len(ledger.preferences()) < self.settings.folds:
+        if not len(outcomes) or len(ledger.preferences()) < FOLDS:
             return 0.0
         answered = ledger.answered
         if answered > MANY + SELDOM:
@@ -190,11 +190,9 @@ class Learner:
         return winners[len(winners) // 2]
 
     def _validation(self, ledger: Ledger) -> Validation:
-        settings = self.settings
         rng = np.random.default_rng([self.seed, ledger.answered, 1])
-        return Validation.deal(
-            self.preferences(ledger), settings.learning, self.backend, settings.folds, rng
-        )
+        learning = self.settings.learning
+        return Validation.deal(self.preferences(ledger), learning, self.backend, rng)
 
     def shape(self, ledger: Ledger) -> Shape:
         """Shape of φ in use after `ledger`: each cross-validation starts from the one before."""
@@ -217,7 +215,7 @@ class Learner:
     def _validated(self, ledger: Ledger, shape: Shape) -> Shape:
         """The better shape that cross-validation finds next to `shape`."""
         settings, preferences = self.settings, ledger.preferences()
-        if len(preferences) < settings.folds:
+        if len(preferences) < FOLDS:
             return shape
         validation = self._validation(ledger)
         candidates, many = settings.candidates, len(preferences) > MANY

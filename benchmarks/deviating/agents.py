@@ -13,6 +13,7 @@ from rich.table import Table
 from scipy.stats import qmc
 
 from prefcal_agents import GLIS, GLISp, GLISpSettings, acquisition, cube, proposal
+from prefcal_agents import settings as glisp_settings
 from prefcal_agents.glis_settings import GLISSettings
 from prefcal_agents.minimise import multistart
 from prefcal_agents.rbf import squared_distances
@@ -80,7 +81,9 @@ VARIANTS: dict[str, tuple[Settings, Patch]] = {
     "maximin hypercube": (
         PAPER, lambda: mock.patch.object(proposal, "latin_hypercube", maximin)
     ),
-    "ε from 0.01 to 100": (replace(PAPER, epsilons=MORE), ExitStack),
+    "ε from 0.01 to 100": (
+        PAPER, lambda: mock.patch.object(glisp_settings, "EPSILONS", MORE)
+    ),
     "knobs of any value": (PAPER, ExitStack),
     "GLIS": (GLISSettings(), ExitStack),
     "GLIS, α 0.8, δ 0.5": (GLISSettings(alpha=0.8, delta=0.5), ExitStack),

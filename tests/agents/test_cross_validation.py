@@ -31,13 +31,12 @@ def study(latent, n=2, count=40, seed=0):
     )
 
 
-def validation(preferences, folds=3, seed=0):
-    rng = np.random.default_rng(seed)
-    return Validation.deal(preferences, LEARNING, BACKEND, folds, rng)
+def validation(preferences, seed=0):
+    return Validation.deal(preferences, LEARNING, BACKEND, np.random.default_rng(seed))
 
 
 def test_every_comparison_is_left_out_exactly_once_in_slices_of_like_size():
-    slices = validation(study(lambda z: z[0], count=10), folds=3).slices
+    slices = validation(study(lambda z: z[0], count=10)).slices
     assert slices.sum(axis=0).tolist() == [1] * 20
     assert sorted(slices.sum(axis=1)) == [6, 7, 7]
 

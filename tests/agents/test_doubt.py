@@ -144,8 +144,3 @@ def test_a_restored_agent_doubts_the_same(questions):
 def test_an_impossible_error_rate_is_refused(rate):
     with pytest.raises(SettingsError, match="error_rate"):
         GLISpSettings(error_rate=rate)
-
-
-@pytest.mark.parametrize(("soften", "rate"), [(1e5, 0.1), (1.0, 0.0)])
-def test_a_study_of_before_goes_on_with_doubts_unless_they_were_off(soften, rate):
-    assert GLISpSettings.of((("soften", soften), ("delta", 0.4))).error_rate == rate

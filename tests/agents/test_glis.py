@@ -66,7 +66,7 @@ def test_what_it_has_learned_is_low_at_the_best_and_between_0_and_1_on_the_sampl
     [
         {"alpha": -1.0},
         {"delta": np.nan},
-        {"rbf": "linear"},
+        {"rbf": "thin_plate_spline"},
         {"epsilons": ()},
         {"epsilons": (0.0,)},
         {"epsilons": 1.0},

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
+from prefcal_agents.cross_validation import FOLDS
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_scenarios.functions import FUNCTIONS
@@ -24,19 +25,9 @@ def study(count=14, **options):
     [
         {"delta": -0.1},
         {"delta": np.nan},
-        {"sigma": 0.0},
-        {"sigma": -1e-6},
-        {"lam": -1.0},
-        {"lam": np.inf},
         {"rbf": "cubic"},
         {"rbf": None},
         {"epsilon": 0.0},
-        {"epsilons": ()},
-        {"epsilons": (1.0, -1.0)},
-        {"epsilons": (1.0, 0.5)},
-        {"epsilons": 1.0},
-        {"folds": 1},
-        {"folds": 2.5},
         {"validate_at": "sometimes"},
         {"validate_at": (0,)},
         {"validate_at": 10},
@@ -64,26 +55,14 @@ def test_delta_may_be_given_alone_and_is_checked_too():
 
 def test_settings_survive_as_pairs_and_unknown_ones_are_refused():
     settings = GLISpSettings(delta=1.5, validate_at=(7, 9), rbf="gaussian")
-    assert GLISpSettings.of(settings.pairs()) == settings
+    assert GLISpSettings.of(dict(settings.pairs())) == settings
     with pytest.raises(SettingsError, match="temperature"):
-        GLISpSettings.of((("temperature", 3),))
-
-
-def test_a_study_saved_before_a_setting_came_goes_on_without_it():
-    saved = GLISpSettings.of((("delta", 0.4),))
-    assert (saved.process, saved.expected_improvement, saved.outcome_scales) == (
-        False, False, (0.0,),
-    )  # fmt: skip
-    gone = (("kernel", False), ("kernel_epsilons", (1.0,)), ("trend", 1.0), ("trust_region", 0.0))
-    assert GLISpSettings.of((*gone, ("delta", 0.4))) == saved
-    for name, on in (("kernel", True), ("trust_region", 0.3)):
-        with pytest.raises(SettingsError, match=f"no {name} any more"):
-            GLISpSettings.of(((name, on),))
+        GLISpSettings.of({"temperature": 3})
 
 
 def test_the_paper_s_settings_are_those_of_section_iv():
     paper = GLISp.paper(SQUARE).settings
-    assert (paper.delta, paper.sigma, paper.epsilon, paper.folds) == (0.3, 1e-6, 1.0, 3)
+    assert (paper.delta, paper.learning.sigma, paper.epsilon, FOLDS) == (0.3, 1e-6, 1.0, 3)
     assert paper.validate_at == (10, 20, 30, 40)
     assert paper.rbf == "inverse_quadratic"
     assert (paper.margin_power, paper.rescale) == (0, False)
@@ -126,20 +105,15 @@ def test_looking_at_the_surrogate_changes_nothing():
 @pytest.mark.parametrize(
     "settings",
     [
-        GLISpSettings(rbf=rbf)
-        for rbf in ("gaussian", "thin_plate_spline", "multiquadric", "inverse_multiquadric")
-    ]
-    + [
-        GLISpSettings(lam=0.0, validate_at=(10,)),
+        GLISpSettings(rbf="gaussian"),
+        GLISpSettings(rbf="thin_plate_spline"),
+        GLISpSettings(validate_at=(10,)),
         GLISpSettings(minimiser="particle_swarm"),
         GLISpSettings(delta=0.0),
         GLISpSettings(validate_at=()),
-        GLISpSettings(epsilons=(1.0,)),
         GLISpSettings(process=False),
     ],
-    ids=lambda s: (
-        f"{s.rbf}-{s.lam}-{s.minimiser}-{s.delta}-{s.validate_at}-{len(s.epsilons)}-{s.process}"
-    ),
+    ids=lambda s: f"{s.rbf}-{s.minimiser}-{s.delta}-{s.validate_at}-{s.process}",
 )
 @pytest.mark.unchecked  # for speed: the contract suite checks the shapes
 def test_every_variant_finds_a_bowl(settings):
@@ -153,22 +127,6 @@ def test_every_variant_finds_a_bowl(settings):
         n_max=22,
     )
     assert bowl(found.best) < 0.05
-
-
-def test_the_weight_of_an_answer_decides_when_answers_contradict_each_other():
-    from prefcal_env.preference import Answer
-
-    def told(strength):
-        agent = GLISp(SQUARE, n_init=2, n_max=9, settings=GLISpSettings(lam=1e6))
-        agent.tell(agent.ask(), None)
-        agent.tell(agent.ask(), Answer(1, strength=strength))
-        agent.ask()
-        return agent
-
-    # λσ = 1: β grows with c_h until the margin is reached.
-    agents = [told(strength) for strength in (0.1, 0.2)]
-    raw = [agent._learner.learned(agent._turns.ledger).spread for agent in agents]
-    assert raw[1] == pytest.approx(2 * raw[0])
 
 
 # Each deviation from the paper earns its place: medians over fixed seeds, with and without it.

@@ -169,9 +169,8 @@ def test_kpis_that_explain_the_answers_help_to_foretell_others():
     first, second = np.arange(1, 41), np.arange(40)
     b = np.sign(wave[first] - wave[second]).astype(int)
     preferences = Preferences(samples, first, second, b, np.ones(40))
-    dealt = Validation.deal(
-        preferences, ALONE.learning, make_backend("piqp"), 3, np.random.default_rng(1)
-    )
+    backend, rng = make_backend("piqp"), np.random.default_rng(1)
+    dealt = Validation.deal(preferences, ALONE.learning, backend, rng)
     shape = Shape(1.0, (1.0, 1.0))
     assert dealt.reproduced(shape) < 32
     assert dealt.reproduced(shape, 10 * wave[:, None]) > 36
@@ -185,18 +184,6 @@ def test_an_agent_with_outcomes_is_saved_and_restored_with_the_identical_next_qu
     assert twin.state == agent.state
     assert twin.ask() == agent.ask()
     assert agent.copy().ask() == agent.ask()
-
-
-def test_a_state_from_before_kpis_goes_on_without_them():
-    data = study(None, 10).state.to_dict()
-    del data["settings"]["outcome_scales"]
-    old = restore(SQUARE, AgentState.from_dict(data))
-    alone = study(None, 10, options=ALONE)
-    assert old.settings == ALONE
-    for _ in range(6):
-        assert old.ask() == alone.ask()
-        tell(old, terms)
-        tell(alone, None)
 
 
 @pytest.mark.parametrize(

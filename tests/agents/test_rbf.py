@@ -12,9 +12,6 @@ from prefcal_agents.rbf import RADIAL_FUNCTIONS, squared_distances
         ("inverse_quadratic", 1 / (1 + 0.25)),
         ("gaussian", np.exp(-0.25)),
         ("thin_plate_spline", 0.25 * np.log(0.5)),
-        ("multiquadric", np.sqrt(1.25)),
-        ("inverse_multiquadric", 1 / np.sqrt(1.25)),
-        ("linear", 0.5),
     ],
 )
 def test_values_at_one_half_are_those_of_the_formulas_after_eq_rbf(name, value):

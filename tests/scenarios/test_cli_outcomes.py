@@ -78,10 +78,10 @@ def old_study(path, agent, answers):
     """A study as it was written before KPIs taught."""
     scenario = toy_scenario()
     given = {"scenario": TOY, "agent": agent, "calibrator": "synthetic", "n_init": 4, "n_max": 12}
-    opened = open_study({**given, "outcomes": None}, scenario, None)
+    off = False if agent == "glisp" else None
+    opened = open_study({**given, "outcomes": off}, scenario, None)
     configuration = json.loads(json.dumps(dict(opened.file.state.configuration)))
     opened.file.close()
-    configuration["agent"]["settings"].pop("outcome_scales", None)
     for option in ("outcomes", "cost"):
         del configuration["options"][option]
     file = StudyFile.create(path, configuration, clock=clock())

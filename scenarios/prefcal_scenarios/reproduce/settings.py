@@ -1,6 +1,7 @@
 """What the paper states and what the code uses: parameters, ranges, settings of the algorithm."""
 
 from prefcal_agents import GLISpSettings
+from prefcal_agents.cross_validation import FOLDS
 from prefcal_env.envs.cstr import START
 from prefcal_env.plants.cstr import CSTR, CSTRParams
 from prefcal_scenarios.report.wording import labelled, number
@@ -28,7 +29,8 @@ def algorithm() -> list[Row]:
     s = GLISpSettings.paper()
     assert not isinstance(s.validate_at, str)
     ours = (
-        N_MAX, N_INIT, s.delta, s.sigma, s.epsilon, s.folds, s.validate_at[0], s.validate_at[-1],
+        N_MAX, N_INIT, s.delta, s.learning.sigma, s.epsilon, FOLDS,
+        s.validate_at[0], s.validate_at[-1],
     )  # fmt: skip
     return [
         (name, _short(value), _short(float(own)))
