@@ -1,6 +1,6 @@
-"""GLIS: optimisation of a known score, with radial basis functions and IDW exploration."""
+"""GLIS: optimization of a known score, with radial basis functions and IDW exploration."""
 
-from typing import final
+from typing import Any, ClassVar, final
 
 import numpy as np
 from jaxtyping import Float
@@ -16,32 +16,29 @@ from .ledger import Ledger
 from .minimise import multistart
 from .region import random_points, search_domain
 from .start import Start
-from .state import AgentState
+from .stored import Stored
 from .threads import one_thread
 from .turn_taking import ValueBased
 from .turns import Turns
 from .value_acquisition import ValueAcquisition
 
-VERSION = 1
-"""Of the algorithm: raised when the same scores would lead to another next sample."""
-
 
 @final
-class GLIS(ValueBased):
-    """Sees the score of every experiment; the bar for those that see preferences only.
+class GLIS(Stored, ValueBased):
+    """Optimize a score that is known after every experiment, to compare preferences with.
 
     The first `n_init` samples are a Latin hypercube. Then the scores are interpolated, and the
-    acquisition of `ValueAcquisition` is minimised.
+    acquisition of `ValueAcquisition` is minimized.
 
     Source: Bemporad 2020 (see `inverse_distance`); section IV-A of the paper compares with it.
     Deviation: those of `GLISSettings`, and a multistart descent in place of particle swarm.
 
     Args:
         space: The knobs.
-        n_init: Samples of the start, 1 or more.
-        n_max: Experiments in all.
-        seed: Of all randomness, 0 or more.
-        settings: Everything else.
+        n_init: Number of samples of the start, 1 or more.
+        n_max: Number of experiments.
+        seed: Seed of all randomness, 0 or more.
+        settings: All other settings.
         start: Physical θ to begin with, the present tuning say, shape (n,), or several: they
             take the place of the first of the `n_init` samples.
 
@@ -49,6 +46,8 @@ class GLIS(ValueBased):
         SettingsError: an impossible value.
         KnobError: a θ of `start` is outside the space.
     """
+
+    version: ClassVar[int] = 1
 
     def __init__(
         self,
@@ -64,7 +63,7 @@ class GLIS(ValueBased):
         if not isinstance(settings, GLISSettings):
             raise SettingsError(f"settings must be GLISSettings, got {settings!r}")
         integer("seed", seed, low=0)
-        self._seed, self._settings = int(seed), settings
+        self._seed, self._options = int(seed), settings
         self._turns = Turns(space, n_init, n_max, self._propose, by_value=True, start=start)
 
     def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
@@ -84,53 +83,29 @@ class GLIS(ValueBased):
 
     def _acquisition(self, ledger: Ledger) -> ValueAcquisition:
         interpolant, values = self._interpolant(ledger)
-        return ValueAcquisition(interpolant, values, self._settings.alpha, self._settings.delta)
+        return ValueAcquisition(interpolant, values, self._options.alpha, self._options.delta)
 
     def _interpolant(self, ledger: Ledger) -> tuple[Interpolant, Float[np.ndarray, " K"]]:
         scored, values = ledger.scores()
-        values = normalised(values, self._settings.ceiling)
+        values = normalised(values, self._options.ceiling)
         x = 2 * ledger.cube()[scored] - 1
-        settings = self._settings
-        return best_interpolant(x, values, settings.epsilons, settings.rbf), values
+        options = self._options
+        return best_interpolant(x, values, options.epsilons, options.rbf), values
+
+    def _settings(self) -> dict[str, Any]:
+        return dict(self._options.pairs())
 
     @classmethod
-    def restore(cls, space: KnobSpace, state: AgentState) -> "GLIS":
-        """Carry on from `state`, with the identical next query.
-
-        Raises:
-            SettingsError: it is the state of another agent, or does not fit the space.
-        """
-        state.check("GLIS")
-        agent = cls(
-            space,
-            n_init=state.n_init,
-            n_max=state.n_max,
-            seed=state.seed,
-            settings=GLISSettings.of(dict(state.settings)),
-        )
-        agent._turns.load(state.ledger, state.start)
-        return agent
-
-    @property
-    def state(self) -> AgentState:
-        """Everything that has to be saved; the sample of the open query is among it."""
-        self._turns.settle()
-        return self._snapshot()
-
-    def _snapshot(self) -> AgentState:
-        return self._turns.state("GLIS", VERSION, self._seed, self._settings.pairs())
-
-    def copy(self) -> "GLIS":
-        """Return an independent twin."""
-        return self.restore(self.space, self._snapshot())
+    def _arguments(cls, saved: dict[str, Any]) -> dict[str, Any]:
+        return {"settings": GLISSettings.of(saved)}
 
     @property
     def settings(self) -> GLISSettings:
         """All settings."""
-        return self._settings
+        return self._options
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """The interpolated score at physical `thetas`, shape (m, n); shape (m,), without unit.
+        """Return the interpolated score at physical `thetas`, shape (m, n): shape (m,), no unit.
 
         The best sample has 0 and the worst 1 (all above the ceiling of `settings` count as the
         worst). All zeros while nothing is known.

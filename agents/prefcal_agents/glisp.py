@@ -1,7 +1,7 @@
-"""GLISp: preference-based optimisation with radial basis functions and IDW exploration."""
+"""GLISp: preference-based optimization with radial basis functions and IDW exploration."""
 
 from dataclasses import replace
-from typing import final
+from typing import Any, ClassVar, final
 
 import numpy as np
 from jaxtyping import Float
@@ -19,40 +19,41 @@ from .proposal import Strategy
 from .settings import GLISpSettings
 from .start import Start
 from .state import AgentState
+from .stored import Stored
 from .threads import one_thread
 from .turn_taking import PreferenceBased
 from .turns import Turns
 
-VERSION = 7
-"""Of the algorithm: raised when the same answers would lead to another next sample."""
-
 
 @final
-class GLISp(PreferenceBased):
-    """Active preference learning: asks for the experiment that promises or teaches most.
+class GLISp(Stored, PreferenceBased):
+    """Learn from preferences which experiment to run next.
 
-    The first `n_init` samples are a Latin hypercube. Then Ĵ is learned from all preferences
-    (eq. QP-pref), ε chosen by cross-validation, and an acquisition minimised (eq. xNp1).
+    The first `n_init` samples are a Latin hypercube. Then Ĵ is trained on all preferences
+    (eq. QP-pref), ε is chosen by cross-validation, and an acquisition is minimized (eq. xNp1).
 
     Source: section III of the paper.
-    Deviation: those of `GLISpSettings`. `GLISp.paper` learns without them, and keeps three, all
+    Deviation: those of `GLISpSettings`. `GLISp.paper` is without them, and has three, all
     measured in docs/deviations.md: the box (see `KnobSpace`), the plain Latin hypercube of the
     start, and a particle swarm without a pattern search.
 
     Args:
         space: The knobs.
-        n_init: Samples of the start, 1 or more.
-        n_max: Experiments in all, which take n_max - 1 comparisons.
-        seed: Of all randomness, 0 or more.
-        settings: Everything else.
+        n_init: Number of samples of the start, 1 or more.
+        n_max: Number of experiments, which take n_max - 1 comparisons.
+        seed: Seed of all randomness, 0 or more.
+        settings: All other settings.
         start: Physical θ to begin with, the present tuning say, shape (n,), or several: they
             take the place of the first of the `n_init` samples.
-        delta: δ of eq. acquisition, in place of the one in `settings`; that is minimised then.
+        delta: δ of eq. acquisition instead of the one in `settings`; turns expected improvement
+            off, so that eq. acquisition is minimized.
 
     Raises:
         SettingsError: an impossible value.
         KnobError: a θ of `start` is outside the space.
     """
+
+    version: ClassVar[int] = 7
 
     def __init__(
         self,
@@ -71,13 +72,13 @@ class GLISp(PreferenceBased):
         integer("seed", seed, low=0)
         if delta is not None:
             settings = replace(settings, delta=delta, expected_improvement=False)
-        self._settings = settings
+        self._options = settings
         self._seed = int(seed)
         # A backend of its own: twins may think ahead at the same time.
-        doubts = Doubts(space, self._settings.rbf, n_init, self._settings.error_rate)
+        doubts = Doubts(space, settings.rbf, n_init, settings.error_rate)
         backend = make_backend("piqp")
-        self._learner = Learner(space, self._settings, n_init, self._seed, backend, doubts)
-        self._strategy = Strategy(space, self._settings, n_init, self._seed, self._learner)
+        self._learner = Learner(space, settings, n_init, self._seed, backend, doubts)
+        self._strategy = Strategy(space, settings, n_init, self._seed, self._learner)
         self._turns = Turns(
             space,
             n_init,
@@ -98,54 +99,34 @@ class GLISp(PreferenceBased):
         seed: int = 0,
         start: Start | None = None,
     ) -> "GLISp":
-        """The algorithm and settings of the paper, section IV.
+        """Make an agent with the algorithm and settings of the paper, section IV.
 
         Deviation: the box is [0, 1]^n, and the start a plain Latin hypercube; see `GLISp`.
         """
         settings = GLISpSettings.paper()
         return cls(space, n_init=n_init, n_max=n_max, seed=seed, settings=settings, start=start)
 
+    def _settings(self) -> dict[str, Any]:
+        return dict(self._options.pairs())
+
     @classmethod
-    def restore(cls, space: KnobSpace, state: AgentState) -> "GLISp":
-        """Carry on from `state`, with the identical next query.
-
-        Raises:
-            SettingsError: it is the state of another agent, or does not fit the space.
-        """
-        state.check("GLISp")
-        agent = cls(
-            space,
-            n_init=state.n_init,
-            n_max=state.n_max,
-            seed=state.seed,
-            settings=GLISpSettings.of(dict(state.settings)),
-        )
-        agent._turns.load(state.ledger, state.start)
-        return agent
-
-    @property
-    def state(self) -> AgentState:
-        """Everything that has to be saved; the sample of the open query is among it."""
-        self._turns.settle()
-        return self._snapshot()
-
-    def _snapshot(self) -> AgentState:
-        return self._turns.state("GLISp", VERSION, self._seed, self._settings.pairs())
+    def _arguments(cls, saved: dict[str, Any]) -> dict[str, Any]:
+        return {"settings": GLISpSettings.of(saved)}
 
     def copy(self) -> "GLISp":
-        """Return an independent twin, for running ahead on each likely answer."""
+        """Return an independent twin that need not learn again, for running ahead on answers."""
         return self._twin(self._snapshot())
 
     def with_questions(self, most: int) -> "GLISp":
-        """A twin that asks at most so many comparisons for each experiment from now on, 1 or more.
+        """Return a twin that asks at most `most` comparisons for each experiment from now on.
 
-        Nothing that was answered is lost. An open query about a new experiment stays; an open
-        further one goes where it would be one too many.
+        No answer is lost. An open query about a new experiment stays open; an open further one
+        is dropped if it would be one too many.
 
         Raises:
-            SettingsError: `most` is no integer from 1 on.
+            SettingsError: `most` is not an integer of 1 or more.
         """
-        settings = replace(self._settings, questions_per_experiment=most)
+        settings = replace(self._options, questions_per_experiment=most)
         return self._twin(replace(self._snapshot(), settings=settings.pairs()))
 
     def _twin(self, state: AgentState) -> "GLISp":
@@ -158,7 +139,7 @@ class GLISp(PreferenceBased):
     @property
     def settings(self) -> GLISpSettings:
         """All settings."""
-        return self._settings
+        return self._options
 
     @property
     def epsilon(self) -> float:
@@ -167,17 +148,17 @@ class GLISp(PreferenceBased):
 
     @property
     def index(self) -> LearnedIndex | None:
-        """The weighted sum of KPIs that explains the answers so far best, to look at or export.
+        """Weighted sum of KPIs that explains the answers so far best, to look at or export.
 
-        None where no KPIs came with the answers, or nothing is learned from them.
+        None if no KPIs came with the answers, or nothing is learned from them.
         """
         with one_thread():
             return LearnedIndex.of(self._turns.ledger, self._seed, self._learner.backend)
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """Ĵ/ΔĴ at physical `thetas`, shape (m, n), less its smallest value on the samples.
+        """Return Ĵ/ΔĴ at physical `thetas`, shape (m, n), minus its smallest value on the samples.
 
-        So the best sample has 0 and the worst 1: shape (m,), without unit, for plotting. All
+        The best sample has 0 and the worst 1: shape (m,), without unit, for plotting. All
         zeros while nothing is known.
 
         Raises:

@@ -1,6 +1,6 @@
 """Random search: the agent that learns nothing, to compare the others with."""
 
-from typing import final
+from typing import ClassVar, final
 
 import numpy as np
 from jaxtyping import Float
@@ -11,29 +11,28 @@ from .checks import integer
 from .cube import Tried, scaled
 from .ledger import Ledger
 from .start import Start
-from .state import AgentState
+from .stored import Stored
 from .turn_taking import PreferenceBased
 from .turns import Turns
 
-VERSION = 1
-"""Of the algorithm: raised when the same answers would lead to another next sample."""
-
 
 @final
-class RandomSearch(PreferenceBased):
-    """Sample i is uniform in the cube and depends on `(seed, i)` alone.
+class RandomSearch(Stored, PreferenceBased):
+    """Draw each sample uniformly from the cube; sample i depends on `(seed, i)` alone.
 
     Args:
         space: The knobs.
-        n_init: Kept for the contract of all agents; 1 or more.
-        n_max: Experiments in all, which take n_max - 1 comparisons.
-        seed: Of all randomness, 0 or more.
+        n_init: Part of the contract of all agents, without effect here; 1 or more.
+        n_max: Number of experiments, which take n_max - 1 comparisons.
+        seed: Seed of all randomness, 0 or more.
         start: Physical θ to begin with, the present tuning say, shape (n,), or several.
 
     Raises:
         SettingsError: an impossible value.
         KnobError: a θ of `start` is outside the space.
     """
+
+    version: ClassVar[int] = 1
 
     def __init__(
         self,
@@ -53,28 +52,3 @@ class RandomSearch(PreferenceBased):
         return Tried(self.space, ledger).fresh(
             scaled(self.space, rng.random((1, len(self.space))))[0], rng
         )
-
-    @classmethod
-    def restore(cls, space: KnobSpace, state: AgentState) -> "RandomSearch":
-        """Carry on from `state`, with the identical next query.
-
-        Raises:
-            SettingsError: it is the state of another agent, or does not fit the space.
-        """
-        state.check("RandomSearch")
-        agent = cls(space, n_init=state.n_init, n_max=state.n_max, seed=state.seed)
-        agent._turns.load(state.ledger, state.start)
-        return agent
-
-    @property
-    def state(self) -> AgentState:
-        """Everything that has to be saved; the sample of the open query is among it."""
-        self._turns.settle()
-        return self._snapshot()
-
-    def _snapshot(self) -> AgentState:
-        return self._turns.state("RandomSearch", VERSION, self._seed)
-
-    def copy(self) -> "RandomSearch":
-        """Return an independent twin, for running ahead on each likely answer."""
-        return self.restore(self.space, self._snapshot())

@@ -1,4 +1,4 @@
-"""Waking any agent up from its saved state."""
+"""Restore any agent from its saved state."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -30,7 +30,7 @@ AGENTS: Mapping[str, type[GLIS | GLISp | LatinHypercube | RandomSearch]] = Mappi
 
 
 def restore(space: KnobSpace, state: AgentState) -> AnyAgent:
-    """Make the agent that `state` was taken from; its next query is identical.
+    """Return the agent that `state` was taken from; its next query is identical.
 
     An older algorithm's state is taken as it is: its samples stay, and the present algorithm
     carries on from them.

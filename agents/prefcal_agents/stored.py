@@ -1,4 +1,4 @@
-"""Saving, restoring and copying, for agents whose settings are arguments of their constructor."""
+"""Save, restore and copy any agent."""
 
 from typing import Any, ClassVar, Protocol, Self
 
@@ -10,36 +10,43 @@ from .turns import Turns
 
 
 class Stored(Protocol):
-    """Gives an agent `state`, `restore` and `copy`.
+    """Give an agent `state`, `restore` and `copy`.
 
     The agent is made as `Agent(space, n_init=..., n_max=..., seed=..., **settings)`, keeps its
     `_turns` and `_seed`, and names its further settings in `_settings`.
     """
 
     version: ClassVar[int]
-    """Of the algorithm: raised when the same answers would lead to another next sample."""
+    """Version of the algorithm, raised when the same answers would lead to another next sample."""
     _turns: Turns
     _seed: int
 
     def _settings(self) -> dict[str, Any]:
-        """Name and value of each further argument, plain data; none unless overridden."""
+        """Return name and value of each further setting, plain data; none unless overridden."""
         return {}
 
     @classmethod
+    def _arguments(cls, saved: dict[str, Any]) -> dict[str, Any]:
+        """Return the constructor's arguments for `saved` settings, themselves unless overridden."""
+        return saved
+
+    @classmethod
     def restore(cls, space: KnobSpace, state: AgentState) -> Self:
-        """Carry on from `state`, with the identical next query.
+        """Restore an agent from its saved `state`, with the identical next query.
 
         Raises:
-            SettingsError: it is the state of another agent, or does not fit the space.
+            SettingsError: it is the state of another agent, does not fit the space, or holds
+                settings that the agent does not have.
         """
         state.check(cls.__name__)
         make: Any = cls
         counts = {"n_init": state.n_init, "n_max": state.n_max, "seed": state.seed}
+        settings = cls._arguments(dict(state.settings))
         try:
-            agent: Self = make(space, **counts, **dict(state.settings))
+            agent: Self = make(space, **counts, **settings)
         except TypeError as error:  # an argument that the agent does not have
             raise SettingsError(f"a state does not fit {cls.__name__}: {error}") from error
-        agent._turns.load(state.ledger)
+        agent._turns.load(state.ledger, state.start)
         return agent
 
     @property
