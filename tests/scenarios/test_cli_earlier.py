@@ -1,12 +1,10 @@
 """`prefcal calibrate --from`: the best of an earlier study among the first experiments."""
 
 import json
-from dataclasses import replace
 
 import pytest
 
 from prefcal_env.studies import StudyFile, study_path
-from prefcal_scenarios.cli.earlier import Taken
 from prefcal_scenarios.interview.memory import incumbent
 from prefcal_scenarios.report.wording import earlier_text
 from toy_study import TOY_FILE
@@ -130,7 +128,7 @@ def test_a_new_knob_has_the_value_of_the_present_tuning(prefcal, mine):
     [
         ([TOY, "--from", "nobody"], "no study 'nobody'"),
         (["other.py:seconds", "--from", "mine"], "'T_s' was in 'h' in the earlier study"),
-        (["other.py:refused", "--from", "mine"], "constraints refuse every best θ"),
+        (["other.py:refused", "--from", "mine"], "constraints refuse the best θ"),
         ([TOY, "--from", "mine", "--n-max", "2", "--start", "T_s=0.5,N_p=30,gain=0.1",
           "--start", "T_s=0.5,N_p=31,gain=0.1"], "every experiment has its θ"),
     ],
@@ -157,10 +155,3 @@ def test_a_strange_record_of_it_is_refused(prefcal, mine, tmp_path, earlier):
     code, _, err = prefcal("studies", "show", "odd")
     assert code == 2
     assert "earlier study" in " ".join(err.split())
-
-
-def test_several_theta_read_as_such():
-    one = Taken("mine", "cstr", 50, ((0.5, 30.0),))
-    assert earlier_text(one.as_dict()) == "mine (cstr): its best θ of 50 experiments"
-    three = replace(one, thetas=((0.5, 30.0), (0.7, 20.0), (1.0, 4.0)))
-    assert earlier_text(three.as_dict()) == "mine (cstr): its 3 best θ of 50 experiments"

@@ -137,7 +137,7 @@ _Earlier = Annotated[
     typer.Option(
         "--from",
         metavar="STUDY",
-        help="An earlier study, of another person or a similar plant: its best θ are among the "
+        help="An earlier study, of another person or a similar plant: its best θ is one of the "
         "first experiments. A name or the path of a file.",
     ),
 ]

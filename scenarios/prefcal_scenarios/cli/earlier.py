@@ -1,6 +1,6 @@
-"""What a new study takes over from an earlier one: `prefcal calibrate SCENARIO --from STUDY`."""
+"""Start from the best of an earlier study: `prefcal calibrate SCENARIO --from STUDY`."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,48 +19,51 @@ _SAME = 1e-9  # distance along a knob, in the unit cube, of two θ that differ b
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """What was taken over, and from where; the new study records it, and needs no more.
+    """The best of an earlier study, and which one; the new study records it, and needs no more.
 
     Args:
         study: Name of the earlier study, as it was given.
-        scenario: What that one calibrates.
-        experiments: How many of its experiments are answered.
-        thetas: Physical θ of the new space, the best one first, each of length n.
+        scenario: Name of the scenario that it calibrates.
+        experiments: Number of its answered experiments.
+        theta: Its best θ as a physical θ of the new space, of length n.
     """
 
     study: str
     scenario: str
     experiments: int
-    thetas: tuple[tuple[float, ...], ...]
+    theta: tuple[float, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, for the configuration of the new study."""
-        return asdict(self)
+        """Return plain data, for the configuration of the new study."""
+        return {
+            "study": self.study,
+            "scenario": self.scenario,
+            "experiments": self.experiments,
+            "thetas": [list(self.theta)],
+        }
 
     def beside(self, mine: Thetas, space: KnobSpace) -> list[Float[np.ndarray, " n"]]:
-        """Its θ that are not among `mine`."""
-        begun = [space.encode(theta) for theta in mine]
-        return [
-            np.array(theta)
-            for theta in self.thetas
-            if not any(np.allclose(space.encode(np.array(theta)), z, 0, _SAME) for z in begun)
-        ]
+        """Return the θ, or nothing if it is among `mine`."""
+        theta = np.array(self.theta)
+        z = space.encode(theta)
+        known = any(np.allclose(z, space.encode(other), 0, _SAME) for other in mine)
+        return [] if known else [theta]
 
 
 def taken_from(options: Options, space: KnobSpace, mine: Thetas) -> Taken | None:
-    """What the options take over from an earlier study; None if nothing was asked for.
+    """Return what the options take from an earlier study; None without `--from`.
 
     A knob that the earlier study did not have takes the value of the first θ of `mine`.
 
     Args:
-        options: Of the new study.
-        space: Of the new study.
-        mine: θ that it begins with in any case, physical, each of shape (n,).
+        options: Options of the new study.
+        space: Knobs of the new study.
+        mine: Physical θ that it starts with in any case, each of shape (n,).
 
     Raises:
         StudyError: there is no such study, or it has no answered experiment.
         KnobError: a knob without a value, or in another unit.
-        SettingsError: the constraints refuse every θ, or there is no experiment left for one.
+        SettingsError: the constraints refuse its best θ, or there is no experiment left for one.
     """
     name = options.earlier
     if name is None:
@@ -79,7 +82,10 @@ def taken_from(options: Options, space: KnobSpace, mine: Thetas) -> Taken | None
         )
     if options.n_max <= len(mine):
         raise SettingsError("every experiment has its θ: leave --from out, or give more --n-max")
-    thetas = earlier.start(space, added=added)
-    if not thetas:
-        raise SettingsError(f"the constraints refuse every best θ of study {name!r}")
-    return Taken(name, str(state.configuration["name"]), len(state.closed), thetas)
+    theta = earlier.start(space, added=added)
+    if theta is None:
+        raise SettingsError(
+            f"the constraints refuse the best θ of study {name!r}: leave --from out, or give a θ "
+            "that they allow with --start"
+        )
+    return Taken(name, str(state.configuration["name"]), len(state.closed), theta)

@@ -54,7 +54,7 @@ class Options:
     """The options of `prefcal calibrate`; None stands for the default of the part that takes it.
 
     `outcomes` says whether glisp learns from KPIs too; `cost` is a function out of a file,
-    PATH:NAME, in place of the scenario's score. `earlier` is the study whose best θ are begun with.
+    PATH:NAME, in place of the scenario's score. `earlier` is the study whose best θ is tried first.
     `processor` is the file of the processor that computation times are judged on.
 
     Raises:

@@ -6,7 +6,7 @@ from typing import Any
 from prefcal_agents import AgentState, Earlier, restore
 from prefcal_agents.restore import AnyAgent
 from prefcal_env.champions import Verdict, best_of, representative, undominated, unsafe_indices
-from prefcal_env.errors import StudyError
+from prefcal_env.errors import SettingsError, StudyError
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.studies import Closed, State, space_of
 from prefcal_env.studies import knobs_as_dicts as knobs_as_dicts
@@ -134,16 +134,16 @@ def _record(state: State, count: int) -> tuple[list[Verdict], frozenset[int]]:
 
 
 def earlier_of(state: State) -> Earlier:
-    """What a study has found so far, for another one to begin with.
+    """Return the best that a study has found, for another one to start from.
 
     Raises:
         SettingsError: it has no answered experiment.
         StudyError: its knobs cannot be read.
     """
-    winners = dict.fromkeys(reversed(incumbents(state)))  # a later one is better
-    return Earlier(
-        space_of(state.configuration).knobs, tuple(state.samples[i].theta for i in winners)
-    )
+    best = incumbent(state)
+    if best is None:
+        raise SettingsError("the earlier study has no answered experiment yet")
+    return Earlier(space_of(state.configuration).knobs, state.samples[best].theta)
 
 
 def _told(closed: Closed) -> dict[str, Any]:

@@ -59,10 +59,9 @@ INTERRUPTED = "unsafe: run interrupted"
 
 
 def earlier_text(taken: Mapping[str, Any]) -> str:
-    """What a study has taken over from an earlier one, as its configuration says."""
-    count = len(taken["thetas"])
-    which = "its best θ" if count == 1 else f"its {count} best θ"
-    return f"{taken['study']} ({taken['scenario']}): {which} of {taken['experiments']} experiments"
+    """Return what a study has taken from an earlier one, as its configuration says."""
+    found = f"its best θ of {taken['experiments']} experiments"
+    return f"{taken['study']} ({taken['scenario']}): {found}"
 
 
 def mark_text(mark: Mark, *, automatic: bool = False) -> str:
