@@ -31,10 +31,9 @@ class Preference(IntEnum):
 
 
 class Strength(IntEnum):
-    """By how much one is better, as a person says it: the strength of an `Answer`.
+    """How much better one side is, as a person says it: the strength of an `Answer`.
 
-    Source: strong preferences as larger margins, arXiv 2302.14630. Their factor is measured:
-    docs/research/strength.md.
+    What it is worth: docs/research/strength.md.
     """
 
     BETTER = 1
@@ -56,9 +55,9 @@ class Answer:
 
     Args:
         preference: Which one is better; None is an abstention ("can't tell").
-        strength: By how much the preferred one is better, above 0: 1, an ordinary verdict, or a
-            `Strength`. It multiplies the margin σ of eq. RBF-pref, and is the weight c_h of eq.
-            QP-pref. A stronger tie or abstention means nothing: there it is ignored, and 1.
+        strength: How much better the preferred side is, above 0: 1, an ordinary verdict, or a
+            `Strength`. It is the weight c_h of eq. QP-pref, which counts where answers
+            contradict each other. A tie or an abstention has no strength: it is always 1.
         marks: Marks on either side.
         outcomes: What came of the challenger's and the incumbent's experiments, where known: KPIs
             by name, lower is better; infinite means never, NaN or no entry unknown.

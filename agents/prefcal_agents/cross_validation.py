@@ -55,7 +55,7 @@ class Validation:
         """
         known = self.preferences
         phi = shape.basis(known.samples, known.samples)
-        margin = margins(known, self.learning.margin_power, self.learning.strong_margins)
+        margin = margins(known, self.learning.margin_power)
         constraints = Constraints.of(known, phi, margin)
         if columns is not None:
             constraints = constraints.with_outcomes(known, columns)

@@ -33,13 +33,11 @@ class Learning:
             sample.
         lam: λ of eq. QP-pref, above 0.
         margin_power: See `margins`; 0 is eq. RBF-pref.
-        strong_margins: See `margins`; False is eq. RBF-pref.
     """
 
     sigma: float = 1e-6
     lam: float = 1.0
     margin_power: float = 0.0
-    strong_margins: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,23 +107,19 @@ class Constraints:
         )
 
 
-def margins(
-    preferences: Preferences, power: float, strong: bool = False
-) -> Float[np.ndarray, " M"]:
-    """Return the margin of each comparison in units of σ, times its strength, shape (M,).
+def margins(preferences: Preferences, power: float) -> Float[np.ndarray, " M"]:
+    """Return the margin of each comparison in units of σ, in (0, 1], shape (M,).
 
-    Source: eq. RBF-pref has the same margin σ everywhere, which `power` 0 gives; a larger one
-    for a stronger preference (`strong`) is that of arXiv 2302.14630.
+    Source: eq. RBF-pref has the same margin σ everywhere, which `power` 0 gives.
     Deviation: a continuous index differs little between close samples, yet one margin for
     all makes Ĵ as steep as their distance is small, and the following samples overshoot. So the
     margin grows with (distance / √n)^power, up to σ at a distance of 0.3 √n of the cube.
     """
-    strength = preferences.weights if strong else np.ones(len(preferences))
     if power == 0:
-        return strength
+        return np.ones(len(preferences))
     apart = preferences.samples[preferences.first] - preferences.samples[preferences.second]
     share = np.sqrt(np.mean(apart**2, axis=1)) / _FAR
-    return np.asarray(np.clip(share, _NEAR, 1.0) ** power * strength)
+    return np.asarray(np.clip(share, _NEAR, 1.0) ** power)
 
 
 def fit(constraints: Constraints, learning: Learning, backend: Backend) -> Float[np.ndarray, " N"]:

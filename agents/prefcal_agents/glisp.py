@@ -53,7 +53,7 @@ class GLISp(Stored, PreferenceBased):
         KnobError: a θ of `start` is outside the space.
     """
 
-    version: ClassVar[int] = 7
+    version: ClassVar[int] = 8
 
     def __init__(
         self,

@@ -85,7 +85,7 @@ class Learner:
             return self._believed(ledger, doubt.shape, validated)
         preferences, learning = self.preferences(ledger), self.settings.learning
         shape = self.shape(validated)
-        margin = margins(preferences, self.settings.margin_power, self.settings.strong_margins)
+        margin = margins(preferences, self.settings.margin_power)
         features = shape.basis(preferences.samples, preferences.samples)
         constraints = Constraints.of(preferences, features, margin)
         outcomes = self._outcomes(ledger)

@@ -49,8 +49,6 @@ class GLISpSettings:
             more or less in the distances.
         margin_power: How the margin of a strict preference grows with the distance of its two
             samples; 0 gives all of them σ, as in eq. RBF-pref.
-        strong_margins: Whether the strength of a preference multiplies its margin; if not, it is
-            only its weight c_h.
         process: Whether every second proposal, from 20 experiments on, minimizes the mean of a
             Gaussian process that follows the answers instead of eq. acquisition; see
             `PreferenceProcess`. Measured in docs/research/process.md.
@@ -78,7 +76,6 @@ class GLISpSettings:
     validate_at: tuple[int, ...] | Literal["every step"] = EVERY_STEP
     rescale: bool = True
     margin_power: float = 1.0
-    strong_margins: bool = True
     process: bool = True
     outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
     unsafe_weight: float = 30.0
@@ -88,7 +85,7 @@ class GLISpSettings:
     questions_per_experiment: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("expected_improvement", "rescale", "strong_margins", "process"):
+        for name in ("expected_improvement", "rescale", "process"):
             _flag(name, getattr(self, name))
         for name in ("delta", "error_rate", "margin_power", "unsafe_weight", "good_weight"):
             number(name, getattr(self, name))
@@ -118,7 +115,6 @@ class GLISpSettings:
             rescale=False,
             margin_power=0.0,
             error_rate=0.0,
-            strong_margins=False,
             process=False,
             outcome_scales=(0.0,),
             unsafe_weight=0.0,
@@ -129,7 +125,7 @@ class GLISpSettings:
     @property
     def learning(self) -> Learning:
         """How β is learned."""
-        return Learning(margin_power=self.margin_power, strong_margins=self.strong_margins)
+        return Learning(margin_power=self.margin_power)
 
     def shape(self, n: int) -> Shape:
         """Return the shape of φ for `n` knobs before the first cross-validation."""

@@ -158,26 +158,3 @@ def test_samples_that_phi_cannot_tell_apart_do_no_harm():
         samples, np.array([1, 2]), np.array([0, 0]), np.array([-1, 1]), np.ones(2)
     )
     assert np.isfinite(weights_of(preferences, Learning())).all()
-
-
-def test_a_stronger_preference_has_a_larger_margin_where_that_is_asked_for():
-    samples = np.array([[0.0, 0.0], [0.03, 0.03], [0.5, 0.5]])
-    first, strengths = np.array([1, 2]), np.array([3.0, 1.0])
-    preferences = Preferences(samples, first, np.zeros(2, int), np.ones(2, int), strengths)
-    assert margins(preferences, 0.0, True).tolist() == [3, 1]
-    assert margins(preferences, 1.0, True) == pytest.approx([0.3, 1])
-    assert margins(preferences, 1.0) == pytest.approx([0.1, 1])
-
-
-def test_what_was_much_better_is_that_much_better_in_the_surrogate():
-    samples = np.array([[0.1], [0.5], [0.9]])
-    first, second, b = np.array([1, 2]), np.array([0, 0]), np.array([1, 1])
-
-    def learned(strengths):
-        told = Preferences(samples, first, second, b, np.array(strengths))
-        phi = Shape(2.0, (1.0,)).basis(samples, samples)
-        beta = fit(Constraints.of(told, phi, margins(told, 0.0, True)), Learning(), BACKEND)
-        return (phi @ beta - (phi @ beta)[0]) / 1e-6
-
-    assert learned([1.0, 3.0])[2] == pytest.approx(3, rel=1e-3)
-    assert learned([1.0, 1.0])[2] < 2
