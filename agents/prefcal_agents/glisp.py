@@ -12,15 +12,18 @@ from prefcal_env.qp import make_backend
 
 from .checks import integer
 from .cube import encode_all
-from .doubt import Doubts
 from .learned_index import LearnedIndex
-from .learner import Learner
-from .proposal import Strategy
+from .ledger import Ledger
+from .proposal import Setup, propose, propose_start
+from .questions import follow_up
+from .rematch import final as final_question
+from .selection import ModelSelection
 from .settings import GLISpSettings
 from .start import Start
 from .state import AgentState
 from .stored import Stored
 from .threads import one_thread
+from .training import Fit, train
 from .turn_taking import PreferenceBased
 from .turns import Turns
 
@@ -74,20 +77,42 @@ class GLISp(Stored, PreferenceBased):
             settings = replace(settings, delta=delta, expected_improvement=False)
         self._options = settings
         self._seed = int(seed)
+        self._setup = Setup(space, n_init, self._seed, settings)
         # A backend of its own: twins may think ahead at the same time.
-        doubts = Doubts(space, settings.rbf, n_init, settings.error_rate)
-        backend = make_backend("piqp")
-        self._learner = Learner(space, settings, n_init, self._seed, backend, doubts)
-        self._strategy = Strategy(space, settings, n_init, self._seed, self._learner)
+        self._backend = make_backend("piqp")
+        self._models = ModelSelection(len(space), n_init, settings, self._seed, self._backend)
+        self._latest: Fit | None = None
         self._turns = Turns(
             space,
             n_init,
             n_max,
-            self._strategy.propose,
-            further=self._strategy.further,
-            last=self._strategy.last,
+            self._propose,
+            further=self._follow_up,
+            last=self._final,
             start=start,
         )
+
+    def _propose(self, history: Ledger) -> Float[np.ndarray, " n"]:
+        with one_thread():
+            if history.answered < self._setup.n_init:
+                return propose_start(self._setup, history)
+            return propose(self._setup, self._fit(history))
+
+    def _follow_up(self, history: Ledger) -> tuple[int, int] | None:
+        with one_thread():
+            return follow_up(history, self._models, self._options, self._backend)
+
+    def _final(self, history: Ledger) -> tuple[int, int] | None:
+        # Without an error rate every answer is taken for right, as in the paper.
+        return final_question(history) if self._options.error_rate else None
+
+    def _fit(self, history: Ledger) -> Fit:
+        """Return what is learned from `history`, once for each answer."""
+        if self._latest is None or self._latest.data.history != history:
+            selection = self._models.after(history)
+            data = self._models.dataset(history)
+            self._latest = train(data, selection, self._options, self._backend)
+        return self._latest
 
     @classmethod
     def paper(
@@ -132,9 +157,7 @@ class GLISp(Stored, PreferenceBased):
 
     def _twin(self, state: AgentState) -> "GLISp":
         twin = self.restore(self.space, state)
-        twin._learner.shapes.update(self._learner.shapes)
-        twin._learner.scales.update(self._learner.scales)
-        twin._learner.doubts.take_over(self._learner.doubts)
+        twin._models = self._models.copy(twin._options, twin._backend)
         return twin
 
     @property
@@ -145,7 +168,8 @@ class GLISp(Stored, PreferenceBased):
     @property
     def epsilon(self) -> float:
         """ε of eq. rbf in use, after the answers so far."""
-        return self._learner.shape(self._turns.ledger).epsilon
+        with one_thread():
+            return self._models.after(self._turns.ledger).shape.epsilon
 
     @property
     def index(self) -> LearnedIndex | None:
@@ -154,7 +178,7 @@ class GLISp(Stored, PreferenceBased):
         None if no KPIs came with the answers, or nothing is learned from them.
         """
         with one_thread():
-            return LearnedIndex.of(self._turns.ledger, self._seed, self._learner.backend)
+            return LearnedIndex.of(self._turns.ledger, self._seed, self._backend)
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return Ĵ/ΔĴ at physical `thetas`, shape (m, n), minus its smallest value on the samples.
@@ -169,7 +193,7 @@ class GLISp(Stored, PreferenceBased):
         if len(self._turns.ledger.preferences()) == 0:
             return np.zeros(len(z))
         with one_thread():
-            learned = self._learner.learned(self._turns.ledger)
+            learned = self._fit(self._turns.ledger).surrogate
         on_samples = learned(learned.centres)
         spread = float(np.ptp(on_samples))
         return np.asarray((learned(z) - on_samples.min()) / (spread if spread > 0 else 1.0))

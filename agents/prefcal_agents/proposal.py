@@ -1,149 +1,138 @@
-"""GLISp's next sample, as a function of seed, settings and ledger alone."""
+"""Propose GLISp's next sample: the table of what is minimized when, and the search."""
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.champions import contradictory
 from prefcal_env.knobs import KnobSpace
 
 from .acquisition import Acquisition
 from .cube import Tried, latin_hypercube
-from .doubt import ALMOST_SURE
 from .improvement import ExpectedImprovement
-from .learner import Learner
 from .ledger import Ledger
 from .marks import POOL, replaced, steered, unsafe_worry
-from .minimise import Domain, Objective, multistart
-from .placing import to_place
+from .minimise import Objective, multistart
+from .noise_test import ALMOST_SURE
 from .preference_process import PreferenceProcess
 from .region import random_points, search_domain
-from .rematch import final
 from .schedule import is_process_turn
 from .settings import GLISpSettings
 from .surrogate import Composite
-from .threads import one_thread
-
-_APART = 10
-"""Experiments between two questions on a suspicion."""
+from .training import Fit
 
 
 @dataclass(frozen=True, slots=True)
-class Strategy:
-    """Everything that stays the same during a study.
+class Setup:
+    """What stays the same during a study.
 
     Args:
         space: The knobs.
-        settings: Of GLISp.
-        n_init: Samples of the Latin hypercube.
-        seed: Of all randomness; sample i draws from `(seed, i)`.
-        learner: What is learned from a ledger.
-        decoded: Samples to their θ; a cache, which changes no result.
+        n_init: Number of samples of the Latin hypercube.
+        seed: Seed of all randomness; sample i draws from `(seed, i)`.
+        settings: Settings of GLISp.
     """
 
     space: KnobSpace
-    settings: GLISpSettings
     n_init: int
     seed: int
-    learner: Learner
-    decoded: dict[tuple[float, ...], Float[np.ndarray, " n"]] = field(
-        default_factory=dict, repr=False, compare=False
+    settings: GLISpSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One row of the strategy.
+
+    Args:
+        holds: Whether the row applies, in a study, to a fit.
+        objective: What the next sample minimizes then.
+    """
+
+    holds: Callable[[Setup, Fit], bool]
+    objective: Callable[[Setup, Fit], Objective]
+
+
+def _kpis_explain_trusted_answers(setup: Setup, fit: Fit) -> bool:
+    kpis_explain = isinstance(fit.surrogate, Composite) and fit.data.is_strict
+    return setup.settings.expected_improvement and kpis_explain and not fit.selection.is_noisy
+
+
+def _expected_improvement(setup: Setup, fit: Fit) -> Objective:
+    """Return -log of the expected improvement on a process through the values of Ĵ.
+
+    Its Gaussian process has a length for each knob and knows where it is unsure. Without KPIs it
+    is no better than eq. acquisition (docs/research/improvement.md).
+    """
+    return ExpectedImprovement.of(fit.surrogate)
+
+
+def _every_second_time_without_kpis(setup: Setup, fit: Fit) -> bool:
+    # The process knows no KPIs, so it has no turns if they count.
+    takes_turns = setup.settings.process and not isinstance(fit.surrogate, Composite)
+    return (
+        takes_turns
+        and fit.data.is_strict
+        and is_process_turn(fit.data.history.answered, setup.n_init)
     )
 
-    def propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
-        """Return the cube point of the sample that follows `ledger`, shape (n,).
 
-        The first `n_init` samples are a Latin hypercube; each later one minimizes an acquisition.
-
-        Source: eq. xNp1.
-        Deviation: those of `_acquisition` and `is_process_turn`; marks add to the acquisition,
-        see `steered`.
-        """
-        with one_thread():
-            return self._proposed(ledger)
-
-    def last(self, ledger: Ledger) -> tuple[int, int] | None:
-        """Two known samples to compare after the last experiment; see `final`.
-
-        Without an error rate every answer is taken for true, as in the paper.
-        """
-        return final(ledger) if self.settings.error_rate else None
-
-    def further(self, ledger: Ledger) -> tuple[int, int] | None:
-        """Two known samples to compare before the next is proposed: challenger and incumbent.
-
-        Where answers are doubted an appeal, once that is settled a bisection; see `to_appeal` and
-        `to_place`.
-        """
-        asked, most = len(ledger.latest), self.settings.questions_per_experiment
-        if asked >= max(most, 2) or ledger.answered < 3:
-            return None
-        # While nothing contradicts itself, a question more than agreed on comes seldom.
-        lately = any(_lately(ledger, c.after) for c in ledger.further)
-        if asked >= most and lately and not contradictory(ledger.verdicts()):
-            return None
-        with one_thread():
-            # Without a cross-validation of its own: the next question follows each answer.
-            earlier = ledger.until(ledger.answered - 1)
-            pair = self.learner.appeal(ledger, validated=earlier, only_better=asked >= most)
-            if pair is not None or asked >= most:
-                return pair
-            return to_place(ledger, self.learner.learned(ledger, validated=earlier)(ledger.cube()))
-
-    def _proposed(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
-        index = ledger.answered
-        rng = np.random.default_rng([self.seed, index])
-        tried = Tried(self.space, ledger, self.decoded)
-        if index < self.n_init:
-            return tried.fresh(self._planned(ledger, rng), rng)
-        objective = steered(self._acquisition(ledger), ledger, self.settings)
-        domain = self._domain(ledger)
-        for z in multistart(objective, domain, rng):
-            if tried.may_run(z):
-                return np.asarray(z)
-        return tried.fresh(domain.start, rng)
-
-    def _acquisition(self, ledger: Ledger) -> Objective:
-        """Return the function that the next sample minimizes.
-
-        Deviation: expected improvement where KPIs count; its Gaussian process has a length for
-        each knob and knows where it is unsure. Without KPIs, where it is no better than
-        eq. acquisition (docs/research/improvement.md), the mean of a Gaussian process trained on
-        comparisons takes every second turn.
-        """
-        settings, preferences = self.settings, self.learner.preferences(ledger)
-        told, doubted = bool(preferences.b.any()), self.learner.is_noisy(ledger)
-        improves = settings.expected_improvement and told and not doubted
-        with_kpis = any(settings.outcome_scales) and any(ledger.outcomes())
-        surrogate = self.learner.learned(ledger) if with_kpis else None
-        if isinstance(surrogate, Composite) and improves:
-            return ExpectedImprovement.of(surrogate)
-        # The process knows no KPIs, so it has no turns where they count.
-        takes_turns = settings.process and told and not isinstance(surrogate, Composite)
-        if takes_turns and is_process_turn(ledger.answered, self.n_init):
-            # One comparison for each sample cannot contradict the others, further ones can.
-            trusted = ALMOST_SURE if ledger.further else 0.0
-            error_rate = settings.error_rate if doubted else trusted
-            learned = PreferenceProcess.of(preferences, error_rate)
-            return Acquisition.of(learned, 0.0)
-        return Acquisition.of(self.learner.learned(ledger), settings.delta, ledger.cube())
-
-    def _planned(self, ledger: Ledger, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
-        """Of the start, unless marks say that it is likely unsafe there."""
-        plan, index = latin_hypercube(self.space, self.n_init, self.seed), ledger.answered
-        worry = unsafe_worry(ledger, self.settings)
-        if worry is None:
-            return np.asarray(plan[index])
-        others = np.vstack([ledger.cube(), plan[index + 1 :]])
-        return replaced(plan[index], others, random_points(self.space, POOL, rng), worry)
-
-    def _domain(self, ledger: Ledger) -> Domain:
-        return search_domain(self.space, ledger, best=self._best(ledger))
-
-    def _best(self, ledger: Ledger) -> int:
-        return ledger.incumbent or 0
+def _process_mean(setup: Setup, fit: Fit) -> Objective:
+    """Return the mean of a Gaussian process trained on comparisons only."""
+    # One comparison for each sample cannot contradict the others, further ones can.
+    trusted = ALMOST_SURE if fit.data.history.further else 0.0
+    error_rate = setup.settings.error_rate if fit.selection.is_noisy else trusted
+    return Acquisition.of(PreferenceProcess.of(fit.data.preferences, error_rate), 0.0)
 
 
-def _lately(ledger: Ledger, after: int | None) -> bool:
-    return after is not None and after > ledger.answered - _APART
+def _otherwise(setup: Setup, fit: Fit) -> bool:
+    return True
+
+
+def _acquisition(setup: Setup, fit: Fit) -> Objective:
+    """Return eq. acquisition on Ĵ."""
+    return Acquisition.of(fit.surrogate, setup.settings.delta, fit.data.history.cube())
+
+
+STRATEGY = (
+    Rule(_kpis_explain_trusted_answers, _expected_improvement),
+    Rule(_every_second_time_without_kpis, _process_mean),
+    Rule(_otherwise, _acquisition),
+)
+"""What the next sample minimizes: the first row that holds.
+
+Deviation: the paper has the last row only.
+"""
+
+
+def propose(setup: Setup, fit: Fit) -> Float[np.ndarray, " n"]:
+    """Return the cube point of the next sample, shape (n,): a minimum of an acquisition.
+
+    Source: eq. xNp1.
+    Deviation: `STRATEGY`; unsafe marks add to the acquisition, see `steered`.
+    """
+    history = fit.data.history
+    rng = np.random.default_rng([setup.seed, history.answered])
+    rule = next(rule for rule in STRATEGY if rule.holds(setup, fit))
+    objective = steered(rule.objective(setup, fit), history, setup.settings)
+    domain = search_domain(setup.space, history, best=history.incumbent or 0)
+    tried = Tried(setup.space, history)
+    for z in multistart(objective, domain, rng):
+        if tried.may_run(z):
+            return np.asarray(z)
+    return tried.fresh(domain.start, rng)
+
+
+def propose_start(setup: Setup, history: Ledger) -> Float[np.ndarray, " n"]:
+    """Return the cube point of a sample of the start, shape (n,): of a Latin hypercube.
+
+    Deviation: another point takes its place if marks say that it is likely unsafe there.
+    """
+    index = history.answered
+    rng = np.random.default_rng([setup.seed, index])
+    plan = latin_hypercube(setup.space, setup.n_init, setup.seed)
+    z, worry = np.asarray(plan[index]), unsafe_worry(history, setup.settings)
+    if worry is not None:
+        others = np.vstack([history.cube(), plan[index + 1 :]])
+        z = replaced(z, others, random_points(setup.space, POOL, rng), worry)
+    return Tried(setup.space, history).fresh(z, rng)
