@@ -3,12 +3,11 @@
     python benchmarks/marks.py                          # 15 problems, 20 seeds, some 40 minutes
     python benchmarks/marks.py --seeds 5 --functions camel hartman3
     python benchmarks/marks.py --scenarios              # automatic marks: 4 scenes, half an hour
-    python benchmarks/marks.py --good 0 0.1 0.3         # the weight of "good enough", 20 minutes
 
 Prints a Markdown table. The synthetic calibrator prefers a safe experiment to an unsafe one and
 compares two of a kind by the function; with marks it also says which side was unsafe. With
 --scenarios nobody marks anything: what differs is whether the agent learns from the marks of
-interrupted runs. With --good nothing is unsafe, and the best tenth of the box is good enough.
+interrupted runs.
 """
 
 import argparse
@@ -34,7 +33,6 @@ Level = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 DEFAULT = ("camel", "branin", "hartman3", "styblinski3", "hartman6")
 SHARE = 1 / 3  # of the box that is unsafe
-GOOD = 0.1  # of the box that is good enough
 REGIONS: Mapping[str, Level] = {
     "half space": lambda z, best: (z - best) @ (best - 0.5 + 1e-3),
     "ball": lambda z, best: -np.linalg.norm(z - (0.6 * best + 0.2), axis=1),
@@ -149,7 +147,7 @@ def scenes() -> Mapping[str, Scenario]:
 
 def unasked(scene: Scenario, seed: int, marks: bool) -> Found:
     """One calibration; without marks, the agent takes no notice of them."""
-    off = {} if marks else {"unsafe_weight": 0.0, "good_weight": 0.0}
+    off = {} if marks else {"unsafe_weight": 0.0}
     agent = GLISp(scene.space, n_max=50, seed=seed, settings=GLISpSettings(**off))
     judge: Any = scene.calibrators["synthetic"](seed)
     steps = list(calibrate(agent, scene.run, judge, partial(outcome, scene)))
@@ -181,59 +179,15 @@ def automatic(names: list[str], seeds: range) -> None:
         print(f"| {name} | {compared(scene, found)} |", flush=True)
 
 
-def satisfied(function: TestFunction, seed: int, weight: float) -> float:
-    """Gap of the θ returned, where every experiment in the best tenth of the box is marked."""
-    space, cube = function.space, np.random.default_rng(0).random((10_000, len(function.space)))
-    enough = np.quantile([function(space.decode(z)) for z in cube], GOOD)
-    agent = GLISp(space, n_max=50, seed=seed, settings=GLISpSettings(good_weight=weight))
-    while not agent.done:
-        query = agent.ask()
-        new, old = query.challenger, query.incumbent
-        sides = ((Mark.CHALLENGER_GOOD_ENOUGH, new), (Mark.INCUMBENT_GOOD_ENOUGH, old))
-        marks = tuple(m for m, side in sides if side and function(side.theta) <= enough)
-        verdict = None if old is None else function.prefer(new.theta, old.theta)
-        agent.tell(query, Answer(verdict, marks=marks))
-    return function(agent.best) - function.optimum
-
-
-def weighed(names: list[str], seeds: range, weights: list[float]) -> None:
-    """Measure weights of "good enough" against the first of them, and print."""
-    heads = [f"{w:g}: median gap, log10 ratio, wins" for w in weights[1:]]
-    print(f"| function | {weights[0]:g}: median gap | {' | '.join(heads)} |\n|"
-          + (len(weights) + 1) * " --- |")  # fmt: skip
-    every = []
-    for name in names:
-        gaps = np.array([[satisfied(FUNCTIONS[name], s, w) for w in weights] for s in seeds])
-        every.append(gaps)
-        print(ratios(name, gaps), flush=True)
-    print(ratios("all", np.concatenate(every)))
-
-
-def ratios(name: str, gaps: np.ndarray) -> str:
-    """A line of that table; gaps of each seed and weight, (seeds, weights)."""
-    ratio = np.log10(np.maximum(gaps, 1e-9) / np.maximum(gaps[:, :1], 1e-9))
-    cells = [f"{np.median(gaps[:, 0]):.2g}"]
-    for k in range(1, gaps.shape[1]):
-        r = ratio[:, k]
-        error = f"± {r.std() / np.sqrt(max(len(r) - 1, 1)):.2f}"
-        cells.append(f"{np.median(gaps[:, k]):.2g}, {r.mean():+.2f} {error}, "
-                     f"{np.sum(r < 0)} to {np.sum(r > 0)}")  # fmt: skip
-    return f"| {name} | {' | '.join(cells)} |"
-
-
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--functions", nargs="+", choices=sorted(FUNCTIONS), default=DEFAULT)
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0, help="with the next two: the first seed")
+    parser.add_argument("--first", type=int, default=0, help="with the next one: the first seed")
     parser.add_argument("--scenarios", nargs="*", help=f"any of {', '.join(scenes())}")
-    parser.add_argument("--good", nargs="+", type=float, help="weights of good enough")
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.seeds)
-    if options.good is not None:
-        weighed(list(options.functions), seeds, options.good)
-        return
     if options.scenarios is not None:
         automatic(options.scenarios, seeds)
         return

@@ -1,4 +1,7 @@
-"""Marks teach too: places that are likely unsafe repel, those that are likely good enough attract.
+"""Learn from the mark "unsafe": places that are likely unsafe repel the next sample.
+
+The mark "good enough" is recorded and reported, and changes no proposal: it gained nothing
+(docs/research/marks.md).
 
 Source: M. Zhu, D. Piga, A. Bemporad, "C-GLISp: Preference-based global optimization under unknown
 constraints with applications to controller calibration", IEEE Transactions on Control Systems
@@ -23,7 +26,6 @@ _VARIANCE = 25.0  # of the log odds: a mark alone is believed to some 90 %
 _STEPS = 30  # of Newton's method; it takes about 7
 _RECENT = 20  # samples looked at last, whose unsafe ones make careful
 _RELAXED = 0.5  # share of the risk that is still taken after each of them
-_GOOD = 0.5  # chance of being good enough above which more of it attracts no more
 POOL = 300  # random points among which a planned one that is likely unsafe is replaced
 
 
@@ -140,29 +142,29 @@ class Worry:
 
 @dataclass(frozen=True, slots=True)
 class Steered:
-    """An acquisition, and what marks add to it.
+    """An acquisition, and what unsafe marks add to it.
 
-    Source: the acquisition of C-GLISp, with terms for feasibility and satisfaction.
-    Deviation: each is squared beyond a threshold, not linear; see `Worry`.
+    Source: the acquisition of C-GLISp, with its term for feasibility.
+    Deviation: the term is squared beyond a threshold, not linear, see `Worry`; there is none for
+    satisfaction.
     """
 
     acquisition: Objective
-    worries: tuple[Worry, ...]
+    worry: Worry
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Values at the rows of `z`, shape (m,)."""
-        return np.asarray(self.acquisition(z) + np.sum([w(z) for w in self.worries], axis=0))
+        return np.asarray(self.acquisition(z) + self.worry(z))
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Gradient at one point, shape (n,)."""
-        slopes = [worry.gradient(z) for worry in self.worries]
-        return np.asarray(self.acquisition.gradient(z) + np.sum(slopes, axis=0))
+        return np.asarray(self.acquisition.gradient(z) + self.worry.gradient(z))
 
 
 def unsafe_worry(ledger: Ledger, settings: GLISpSettings) -> Worry | None:
-    """What unsafe samples in `ledger` give cause to; None where there are none.
+    """Return the cost of likely unsafe places after `ledger`; None without unsafe samples.
 
-    Each one among the last few makes more careful: half the risk is taken after it.
+    Each unsafe one among the last few makes more careful: half the risk is taken after it.
     """
     marks = ledger.marks()
     if not (settings.unsafe_weight and marks.unsafe.any()):
@@ -172,21 +174,13 @@ def unsafe_worry(ledger: Ledger, settings: GLISpSettings) -> Worry | None:
     return Worry(Chance.of(marks.samples, ~marks.unsafe), least, settings.unsafe_weight)
 
 
-def good_worry(ledger: Ledger, settings: GLISpSettings) -> Worry | None:
-    """What is missed where θ is unlikely good enough; None where no sample is."""
-    marks = ledger.marks()
-    if not (settings.good_weight and marks.good.any()):
-        return None
-    return Worry(Chance.of(marks.samples, marks.good), _GOOD, settings.good_weight)
-
-
 def replaced(
     planned: Float[np.ndarray, " n"],
     others: Float[np.ndarray, "m n"],
     pool: Float[np.ndarray, "k n"],
     worry: Worry,
 ) -> Float[np.ndarray, " n"]:
-    """`planned`, or if `worry` is more than little there, the best of `pool`, shape (n,).
+    """Return `planned`, or the best of `pool` if `planned` is likely unsafe, shape (n,).
 
     Far from all `others`, shape (m, n), is good, which is what the start of a study is for.
     """
@@ -197,7 +191,6 @@ def replaced(
 
 
 def steered(acquisition: Objective, ledger: Ledger, settings: GLISpSettings) -> Objective:
-    """`acquisition` with what the marks in `ledger` add; itself without marks."""
-    both = (unsafe_worry(ledger, settings), good_worry(ledger, settings))
-    worries = tuple(worry for worry in both if worry is not None)
-    return Steered(acquisition, worries) if worries else acquisition
+    """Return `acquisition` with what unsafe marks in `ledger` add; itself without such marks."""
+    worry = unsafe_worry(ledger, settings)
+    return acquisition if worry is None else Steered(acquisition, worry)

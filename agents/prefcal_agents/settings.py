@@ -58,7 +58,6 @@ class GLISpSettings:
             ΔĴ, 0 or more; 0 ignores that mark.
         least_safe: Chance of being safe, above 0 and below 1, from which on a place costs
             nothing; it is raised for a while after each unsafe experiment.
-        good_weight: Cost of a place that is surely not good enough, as `unsafe_weight`.
         minimiser: Search for the minimum of eq. xNp1, "multistart" or "particle_swarm".
         questions_per_experiment: Largest number of comparisons for each experiment, 1 or more.
             Those beyond the first find its place among the experiments so far, or ask whether
@@ -80,14 +79,13 @@ class GLISpSettings:
     outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
     unsafe_weight: float = 30.0
     least_safe: float = 0.9
-    good_weight: float = 0.1
     minimiser: str = "multistart"
     questions_per_experiment: int = 1
 
     def __post_init__(self) -> None:
         for name in ("expected_improvement", "rescale", "process"):
             _flag(name, getattr(self, name))
-        for name in ("delta", "error_rate", "margin_power", "unsafe_weight", "good_weight"):
+        for name in ("delta", "error_rate", "margin_power", "unsafe_weight"):
             number(name, getattr(self, name))
         for name in ("epsilon", "least_safe"):
             number(name, getattr(self, name), strict=True)
@@ -118,7 +116,6 @@ class GLISpSettings:
             process=False,
             outcome_scales=(0.0,),
             unsafe_weight=0.0,
-            good_weight=0.0,
             minimiser="particle_swarm",
         )
 

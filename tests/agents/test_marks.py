@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.ledger import Ledger
-from prefcal_agents.marks import Chance, Steered, Worry, good_worry, steered, unsafe_worry
+from prefcal_agents.marks import Chance, Steered, Worry, steered, unsafe_worry
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Answer, Mark
 from prefcal_scenarios.functions import FUNCTIONS
@@ -14,7 +14,7 @@ NEW, OLD = Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE
 NEW_GOOD, OLD_GOOD = Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH
 SQUARE = KnobSpace([Knob("a", -2.0, 2.0), Knob("b", -1.0, 1.0)])
 CAMEL = FUNCTIONS["camel"]
-OFF = GLISpSettings(unsafe_weight=0.0, good_weight=0.0)
+OFF = GLISpSettings(unsafe_weight=0.0)
 SAMPLES = np.random.default_rng(0).random((9, 3))
 points = st.tuples(*[st.floats(0, 1)] * 3).map(np.array)
 
@@ -109,7 +109,7 @@ class Bowl:
 @given(points, st.floats(0.1, 0.99), st.floats(0, 50))
 def test_the_gradient_of_a_steered_acquisition_agrees_with_differences(z, least, weight):
     chance = Chance.of(SAMPLES, SAMPLES[:, 0] > 0.6)
-    objective = Steered(Bowl(), (Worry(chance, least, weight), Worry(chance, 0.5, 0.1)))
+    objective = Steered(Bowl(), Worry(chance, least, weight))
     assert objective.gradient(z) == pytest.approx(differences(objective, z), rel=1e-3, abs=1e-5)
 
 
@@ -137,13 +137,12 @@ def test_without_marks_or_weights_there_is_nothing_to_steer_by():
     assert steered(bowl, ledger(None, 1), GLISpSettings()) is bowl
     assert steered(bowl, unsafe, OFF) is bowl
     assert steered(bowl, unsafe, GLISpSettings.paper()) is bowl
-    assert len(steered(bowl, unsafe, GLISpSettings()).worries) == 2
+    assert steered(bowl, unsafe, GLISpSettings()) is not bowl
 
 
-def test_a_place_beside_a_good_enough_sample_is_cheaper_than_one_beside_another():
-    book = ledger(None, 1, 1, Answer(-1, marks=(NEW_GOOD,)))
-    cost = good_worry(book, GLISpSettings())(np.array([[0.31, 0.5], [0.01, 0.5]]))
-    assert cost[0] < cost[1]
+def test_good_enough_alone_changes_no_proposal():
+    bowl, good = Bowl(), ledger(None, 1, 1, Answer(-1, marks=(NEW_GOOD,)))
+    assert steered(bowl, good, GLISpSettings()) is bowl
 
 
 @pytest.mark.parametrize(
@@ -154,7 +153,6 @@ def test_a_place_beside_a_good_enough_sample_is_cheaper_than_one_beside_another(
         {"least_safe": 0.0},
         {"least_safe": 1.0},
         {"least_safe": "high"},
-        {"good_weight": -0.1},
     ],
 )
 def test_impossible_settings_are_refused_by_name(options):
