@@ -8,7 +8,7 @@ on the same θ or the same seeds, and prints one table. Variations live in `devi
 
 box         GLISp.paper in [0, 1] and in [-1, 1], studies in pairs
 hypercube   a plain Latin hypercube as the start, and the best of five (maximin)
-swarm       how much of the acquisition the particle swarm leaves to be found
+search      how much of the acquisition the search for the next θ leaves to be found
 candidates  ε of cross-validation from 0.1 to 10, and from 0.01 to 100
 resolution  knobs with a step, and knobs of any value
 glis        α and δ of GLIS, ours and those of its author
@@ -43,7 +43,7 @@ Part = Callable[[argparse.Namespace], Table]
 PARTS: dict[str, Part] = {
     part.__name__: part
     for part in (
-        agents.box, agents.hypercube, agents.swarm, agents.candidates, agents.resolution,
+        agents.box, agents.hypercube, agents.search, agents.candidates, agents.resolution,
         agents.glis, control.outputs, control.moves, control.first, control.slack, cases.settling,
         cases.logarithm, cases.heat, cases.start, cases.scene, cases.thresholds, cases.ends,
     )

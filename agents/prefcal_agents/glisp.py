@@ -35,7 +35,7 @@ class GLISp(Stored, PreferenceBased):
     Source: section III of the paper.
     Deviation: those of `GLISpSettings`. `GLISp.paper` is without them, and has three, all
     measured in docs/deviations.md: the box (see `KnobSpace`), the plain Latin hypercube of the
-    start, and a particle swarm without a pattern search.
+    start, and a multistart descent instead of a particle swarm.
 
     Args:
         space: The knobs.
@@ -101,7 +101,8 @@ class GLISp(Stored, PreferenceBased):
     ) -> "GLISp":
         """Make an agent with the algorithm and settings of the paper, section IV.
 
-        Deviation: the box is [0, 1]^n, and the start a plain Latin hypercube; see `GLISp`.
+        Deviation: the box is [0, 1]^n, the start a plain Latin hypercube, and eq. xNp1 is solved
+        by the same multistart search as in the default, not by a particle swarm; see `GLISp`.
         """
         settings = GLISpSettings.paper()
         return cls(space, n_init=n_init, n_max=n_max, seed=seed, settings=settings, start=start)

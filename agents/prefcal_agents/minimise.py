@@ -1,8 +1,8 @@
-"""Minimising the acquisition: particle swarm (the paper's) and multistart.
+"""Minimize the acquisition by a search from several starts.
 
-Both search the unit cube or a box in it, respect integer knobs, take the incumbent as one of
-their starts, and return points in increasing order of the objective, so that a caller who cannot
-use the first takes the next.
+It searches the unit cube or a box in it, respects integer knobs, takes the incumbent as one of its
+starts, and returns points in increasing order of the objective, so that a caller who cannot use
+the first takes the next.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ _APART = 0.1  # two starts of a descent are at least this far from each other, i
 
 @runtime_checkable
 class Objective(Protocol):
-    """What is minimised: many values at once, and the gradient at one point."""
+    """A function to minimize: many values at once, and the gradient at one point."""
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Values at the rows of `z`."""
@@ -31,7 +31,7 @@ class Objective(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Domain:
-    """Where is searched: a box in the unit cube, which coordinates stay put, and how points snap.
+    """Region to search: a box in the unit cube, which coordinates stay put, and how points snap.
 
     Args:
         fixed: Coordinates that a descent must not move (integer knobs), shape (n,).
@@ -46,9 +46,6 @@ class Domain:
     corners: Box
 
 
-Minimiser = Callable[[Objective, Domain, np.random.Generator], Float[np.ndarray, "m n"]]
-
-
 def multistart(
     objective: Objective,
     domain: Domain,
@@ -60,8 +57,9 @@ def multistart(
 ) -> Float[np.ndarray, "m n"]:
     """Sample the cube and the surroundings of the incumbent, then descend from the best few.
 
-    Source: none; it solves eq. xNp1.
-    Deviation: L-BFGS-B with analytic gradients from sampled starts instead of particle swarm.
+    Source: none; it solves eq. xNp1, for every agent here.
+    Deviation: L-BFGS-B with analytic gradients from sampled starts instead of the paper's particle
+    swarm, also in `GLISp.paper`. Measured in docs/deviations.md.
     """
     points = _sampled(domain, rng, draws)
     values = objective(points)
@@ -124,40 +122,3 @@ def _descend(
     )
     point[free] = np.clip(result.x, low[free], high[free])
     return point
-
-
-def particle_swarm(
-    objective: Objective,
-    domain: Domain,
-    rng: np.random.Generator,
-    *,
-    particles: int = 40,
-    iterations: int = 80,
-) -> Float[np.ndarray, "m n"]:
-    """Particle swarm over the cube, shape (particles, n): the minimiser that the paper uses.
-
-    Source: eq. xNp1 and the paragraph after it. Inertia 0.7298 and pulls of 1.4962 are the
-    usual constricted coefficients.
-    Deviation: the paper's swarm is coupled with a pattern search; this one is not.
-    """
-    n = len(domain.start)
-    low, high = domain.corners
-    position = low + (high - low) * rng.random((particles, n))
-    position[0] = domain.start
-    velocity = (high - low) * rng.uniform(-0.5, 0.5, (particles, n))
-    own = domain.snap(position)
-    own_value = objective(own)
-    for _ in range(iterations):
-        leader = own[np.argmin(own_value)]
-        pull = rng.random((2, particles, n))
-        velocity = 0.7298 * velocity + 1.4962 * (
-            pull[0] * (own - position) + pull[1] * (leader - position)
-        )
-        moved = np.clip(position + velocity, low, high)
-        velocity = np.where(moved == position + velocity, velocity, 0.0)
-        position = moved
-        snapped = domain.snap(position)
-        value = objective(snapped)
-        better = value < own_value
-        own[better], own_value[better] = snapped[better], value[better]
-    return np.asarray(own[np.argsort(own_value, kind="stable")])

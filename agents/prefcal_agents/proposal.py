@@ -15,13 +15,13 @@ from .improvement import ExpectedImprovement
 from .learner import Learner
 from .ledger import Ledger
 from .marks import POOL, replaced, steered, unsafe_worry
-from .minimise import Domain, Objective
+from .minimise import Domain, Objective, multistart
 from .placing import to_place
 from .preference_process import PreferenceProcess
 from .region import random_points, search_domain
 from .rematch import final
 from .schedule import is_process_turn
-from .settings import MINIMISERS, GLISpSettings
+from .settings import GLISpSettings
 from .surrogate import Composite
 from .threads import one_thread
 
@@ -99,7 +99,7 @@ class Strategy:
             return tried.fresh(self._planned(ledger, rng), rng)
         objective = steered(self._acquisition(ledger), ledger, self.settings)
         domain = self._domain(ledger)
-        for z in MINIMISERS[self.settings.minimiser](objective, domain, rng):
+        for z in multistart(objective, domain, rng):
             if tried.may_run(z):
                 return np.asarray(z)
         return tried.fresh(domain.start, rng)

@@ -9,17 +9,12 @@ from prefcal_env.errors import SettingsError
 
 from .checks import choice, integer, number
 from .fitting import Learning
-from .minimise import Minimiser, multistart, particle_swarm
 from .rbf import RADIAL_FUNCTIONS
 from .surrogate import Shape
 
 EVERY_STEP: Literal["every step"] = "every step"
 EPSILONS = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2, 5.6, 10.0)
 """Multiples of `epsilon` that cross-validation chooses from, increasing."""
-MINIMISERS: dict[str, Minimiser] = {
-    "multistart": multistart,
-    "particle_swarm": particle_swarm,
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +53,6 @@ class GLISpSettings:
             ΔĴ, 0 or more; 0 ignores that mark.
         least_safe: Chance of being safe, above 0 and below 1, from which on a place costs
             nothing; it is raised for a while after each unsafe experiment.
-        minimiser: Search for the minimum of eq. xNp1, "multistart" or "particle_swarm".
         questions_per_experiment: Largest number of comparisons for each experiment, 1 or more.
             Those beyond the first find its place among the experiments so far, or ask whether
             the best is really the best if answers contradict each other.
@@ -79,7 +73,6 @@ class GLISpSettings:
     outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
     unsafe_weight: float = 30.0
     least_safe: float = 0.9
-    minimiser: str = "multistart"
     questions_per_experiment: int = 1
 
     def __post_init__(self) -> None:
@@ -93,7 +86,6 @@ class GLISpSettings:
             if getattr(self, name) >= limit:
                 raise SettingsError(f"{name} must be below {limit}, got {getattr(self, name)!r}")
         choice("rbf", self.rbf, RADIAL_FUNCTIONS)
-        choice("minimiser", self.minimiser, MINIMISERS)
         integer("questions_per_experiment", self.questions_per_experiment, low=1)
         _increasing("outcome_scales", self.outcome_scales)
         if self.validate_at != EVERY_STEP:
@@ -116,7 +108,6 @@ class GLISpSettings:
             process=False,
             outcome_scales=(0.0,),
             unsafe_weight=0.0,
-            minimiser="particle_swarm",
         )
 
     @property

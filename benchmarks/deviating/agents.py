@@ -17,7 +17,6 @@ from prefcal_agents import settings as glisp_settings
 from prefcal_agents.glis_settings import GLISSettings
 from prefcal_agents.minimise import multistart
 from prefcal_agents.rbf import squared_distances
-from prefcal_agents.settings import MINIMISERS
 from prefcal_env import Knob, KnobSpace
 from prefcal_scenarios.cstr.room import SPACE
 from prefcal_scenarios.functions import FUNCTIONS
@@ -69,7 +68,6 @@ def smallest_distance(points: np.ndarray) -> float:
 
 
 EXPLORATION = acquisition.exploration
-SWARM = MINIMISERS["particle_swarm"]
 PAPER = GLISpSettings.paper()
 # φ(εd) with d four times as large is φ(4ε d): the candidates of ε are multiples of it.
 WIDE = replace(PAPER, epsilon=4.0)
@@ -189,8 +187,8 @@ def glis(args: argparse.Namespace) -> Table:
     return pairs("log10 ratio of gaps to our GLIS", variants, args, ours="GLIS", problems=few)
 
 
-def swarm(args: argparse.Namespace) -> Table:
-    """a(θ) that the swarm found above the lowest of a broader search, in units of ΔĴ."""
+def search(args: argparse.Namespace) -> Table:
+    """How far a(θ) of each proposal is above the lowest of a broader search, in units of ΔĴ."""
     shown = table(
         "Acquisition above the lowest known [ΔĴ]", "function", "median", "95 %", "worst",
         "proposals",
@@ -198,7 +196,7 @@ def swarm(args: argparse.Namespace) -> Table:
     missed: dict[str, list[float]] = {}
 
     def watched(objective: Any, domain: Any, rng: np.random.Generator) -> np.ndarray:
-        found = SWARM(objective, domain, rng)
+        found = multistart(objective, domain, rng)
         more = multistart(objective, domain, rng, draws=20000, starts=12)
         random = objective(rng.random((20000, len(domain.start))))
         lowest = min(objective(more[:1])[0], random.min())
@@ -207,7 +205,7 @@ def swarm(args: argparse.Namespace) -> Table:
 
     for name in bar(("camel", "hartman3", "hartman6"), "searching"):
         missed[name] = []
-        with mock.patch.dict(MINIMISERS, {"particle_swarm": watched}):
+        with mock.patch.object(proposal, "multistart", watched):
             for seed in range(args.first, args.first + max(args.seeds // 4, 1)):
                 gap.__wrapped__(name, "ours", seed)
         cells = [f"{q:.5f}" for q in np.quantile(missed[name], (0.5, 0.95, 1.0))]

@@ -34,7 +34,6 @@ def study(count=14, **options):
         {"margin_power": -1.0},
         {"rescale": 1},
         {"process": 1},
-        {"minimiser": "newton"},
         {"delta": "0.3"},
         {"delta": True},
     ],
@@ -108,12 +107,11 @@ def test_looking_at_the_surrogate_changes_nothing():
         GLISpSettings(rbf="gaussian"),
         GLISpSettings(rbf="thin_plate_spline"),
         GLISpSettings(validate_at=(10,)),
-        GLISpSettings(minimiser="particle_swarm"),
         GLISpSettings(delta=0.0),
         GLISpSettings(validate_at=()),
         GLISpSettings(process=False),
     ],
-    ids=lambda s: f"{s.rbf}-{s.minimiser}-{s.delta}-{s.validate_at}-{s.process}",
+    ids=lambda s: f"{s.rbf}-{s.delta}-{s.validate_at}-{s.process}",
 )
 @pytest.mark.unchecked  # for speed: the contract suite checks the shapes
 def test_every_variant_finds_a_bowl(settings):

@@ -182,4 +182,3 @@ def test_the_papers_algorithm_is_an_agent_of_its_own(prefcal):
     assert (code, result["agent"], result["questions"]) == (0, "glisp-paper", 5)
     page = Path(result["report"]).read_text("utf-8")
     assert '<th scope="row">GLISp process</th><td class="words">False</td>' in page
-    assert '<th scope="row">GLISp minimiser</th><td class="words">particle_swarm</td>' in page
