@@ -5,6 +5,7 @@ from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_scenarios.functions import FUNCTIONS
+from support.studies import drive
 
 SQUARE = KnobSpace([Knob("a", -2.0, 2.0), Knob("b", -1.0, 1.0)])
 CAMEL = FUNCTIONS["camel"]
@@ -12,10 +13,7 @@ CAMEL = FUNCTIONS["camel"]
 
 def study(count=14, **options):
     agent = GLISp(SQUARE, n_init=6, n_max=20, seed=1, **options)
-    for _ in range(count):
-        query = agent.ask()
-        rival = query.incumbent
-        agent.tell(query, rival and CAMEL.prefer(query.challenger.theta, rival.theta))
+    drive(agent, CAMEL.prefer, count)
     return agent
 
 
