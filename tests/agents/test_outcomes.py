@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import check_grad
 
-from prefcal_agents import AgentState, GLISp, GLISpSettings, restore
+from prefcal_agents import AgentState, GLISp, GLISpSettings, RandomSearch, restore
 from prefcal_agents.cross_validation import Validation
 from prefcal_agents.ledger import Ledger, Preferences
 from prefcal_agents.outcomes import Judgement, Outcomes
@@ -113,7 +113,9 @@ def test_no_kpis_break_a_proposal(known):
 
 
 def test_slopes_are_those_of_the_values():
-    ledger = study(terms, 16).state.ledger
+    agent = RandomSearch(SQUARE, n_max=20)
+    drive(agent, by(cost), 16, kpis=terms)
+    ledger = agent.state.ledger.until(16)
     judgement = Judgement(Outcomes.of(ledger), np.array([0.4, 2.0]))
     z = ledger.cube()
     over_theta = Surrogate(z, np.sin(np.arange(float(len(z)))), Shape(1.0, (1.0, 2.0)))
