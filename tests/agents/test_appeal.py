@@ -14,6 +14,7 @@ from prefcal_agents.placing import to_place
 from prefcal_agents.surrogate import Shape
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Answer, Mark
+from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("x", -1.0, 1.0, step=0), Knob("y", -1.0, 1.0, step=0)])
 SHAPE = Shape(1.0, (1.0,))
@@ -128,17 +129,15 @@ def further_pairs(flips, questions, seed=0):
     settings = GLISpSettings(questions_per_experiment=questions)
     agent, asked = GLISp(SQUARE, n_init=6, n_max=24, settings=settings, seed=seed), []
     while not agent.done:
-        query = agent.ask()
-        rival = query.incumbent
-        if rival is None:
-            agent.tell(query, None)
-            continue
-        costs = [float(np.sum((s.theta - 0.2) ** 2)) for s in (query.challenger, rival)]
-        wrong = query.challenger.index in flips and not query.further
+        latest = len(agent.samples) - 1
+        (query,) = drive(
+            agent,
+            by(lambda theta: float(np.sum((theta - 0.2) ** 2))),
+            1,
+            wrong=lambda query: query.challenger.index in flips and not query.further,
+        )
         if query.further:
-            latest = agent.samples.shape[0] - 1
-            asked.append((query.challenger.index, rival.index, latest))
-        agent.tell(query, int(np.sign(costs[0] - costs[1])) * (-1 if wrong else 1))
+            asked.append((query.challenger.index, query.incumbent.index, latest))
     return asked
 
 

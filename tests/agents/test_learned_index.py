@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from prefcal_agents import GLISp, RandomSearch
 from prefcal_agents.learned_index import LearnedIndex, Term
 from prefcal_agents.ledger import Ledger
-from prefcal_env import Answer, Knob, KnobSpace
+from prefcal_env import Knob, KnobSpace
 from prefcal_env.qp import make_backend
+from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("a", 0.0, 1.0), Knob("b", 0.0, 1.0)])
 BACKEND = make_backend("piqp")
@@ -34,16 +35,11 @@ def cost(theta):
 
 
 def study(agent, prefer, count):
-    for _ in range(count):
-        query = agent.ask()
-        new, old = query.challenger.theta, query.incumbent and query.incumbent.theta
-        known = (kpis(new), None if old is None else kpis(old))
-        agent.tell(query, Answer(None if old is None else prefer(new, old), outcomes=known))
+    drive(agent, prefer, count, kpis=kpis)
     return agent
 
 
-def honest(new, old):
-    return int(np.sign(cost(new) - cost(old)))
+honest = by(cost)
 
 
 def index_of(agent, seed=0):

@@ -9,6 +9,7 @@ from prefcal_agents.marks import Chance, Steered, Worry, steered, unsafe_worry
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Answer, Mark
 from prefcal_scenarios.functions import FUNCTIONS
+from support.studies import drive
 
 NEW, OLD = Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE
 NEW_GOOD, OLD_GOOD = Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH
@@ -165,13 +166,11 @@ def test_impossible_settings_are_refused_by_name(options):
 def study(unsafe, *, settings=None, n_max=24, seed=0, told=True):
     """θ of a study of the camel; `unsafe` says of a θ whether it is marked, and then it loses."""
     agent = GLISp(SQUARE, n_init=6, n_max=n_max, seed=seed, settings=settings)
-    while not agent.done:
-        query = agent.ask()
-        new, old = query.challenger.theta, query.incumbent and query.incumbent.theta
-        bad = (unsafe(new), old is not None and unsafe(old))
-        marks = tuple(m for m, is_bad in zip((NEW, OLD), bad, strict=True) if is_bad)
-        verdict = None if old is None else int(bad[0]) - int(bad[1]) or CAMEL.prefer(new, old)
-        agent.tell(query, Answer(verdict, marks=marks if told else ()))
+    drive(
+        agent,
+        lambda new, old: int(unsafe(new)) - int(unsafe(old)) or CAMEL.prefer(new, old),
+        unsafe=unsafe if told else lambda theta: False,
+    )
     return agent
 
 

@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
 from scipy.linalg import lapack
 
-from prefcal_agents import GLISp, fitting
+from prefcal_agents import GLISp, GLISpSettings, fitting
 from prefcal_agents.acquisition import Acquisition
 from prefcal_agents.ledger import Comparison, Ledger
 from prefcal_agents.marks import Chance
@@ -121,16 +123,23 @@ def largest(monkeypatch):
     return sizes
 
 
+def of_ledger(ledger, settings):
+    fresh = GLISp(CUBE, n_init=1000, n_max=1010, settings=settings)
+    return GLISp.restore(CUBE, replace(fresh.state, ledger=ledger))
+
+
 @pytest.mark.parametrize(("kpis", "contradicts"), [(True, False), (False, True)])
 def test_no_proposal_of_a_long_study_solves_a_large_problem(kpis, contradicts, largest):
     ledger = long_ledger(1000, kpis=kpis, errs=0.1 if contradicts else 0.0)
-    agent = GLISp(CUBE, n_init=1000, n_max=1010)
-    agent._turns.load(contradicted(ledger) if contradicts else ledger)
+    told = contradicted(ledger) if contradicts else ledger
+    agent = of_ledger(told, GLISpSettings())
     while agent.ask().further:
         assert agent.best_index in {agent.ask().challenger.index, agent.ask().incumbent.index}
         agent.tell(agent.ask(), 1)
     assert agent.ask().challenger.index == 1000
-    assert agent._learner.is_noisy(agent._turns.ledger) == contradicts
+    sure = of_ledger(agent.state.ledger, GLISpSettings(error_rate=0.0))
+    thetas = agent.samples[:3]
+    assert np.array_equal(agent.surrogate(thetas), sure.surrogate(thetas)) != contradicts
     assert max(largest) <= LARGEST
 
 

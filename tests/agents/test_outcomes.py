@@ -8,14 +8,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import check_grad
 
-from prefcal_agents import AgentState, GLISp, GLISpSettings, restore
+from prefcal_agents import AgentState, GLISp, GLISpSettings, RandomSearch, restore
 from prefcal_agents.cross_validation import Validation
 from prefcal_agents.ledger import Ledger, Preferences
 from prefcal_agents.outcomes import Judgement, Outcomes
-from prefcal_agents.surrogate import Composite, Shape
+from prefcal_agents.surrogate import Composite, Shape, Surrogate
 from prefcal_env import Answer, Knob, KnobSpace
 from prefcal_env.errors import SettingsError
 from prefcal_env.qp import make_backend
+from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("a", -2.0, 2.0), Knob("b", -1.0, 1.0)])
 ALONE = GLISpSettings(outcome_scales=(0.0,))
@@ -34,17 +35,8 @@ def terms(theta):
 def study(kpis, count=11, *, n_init=6, seed=1, options=None):
     """An agent after `count` answers by `cost`, with the KPIs that `kpis` gives of θ."""
     agent = GLISp(SQUARE, n_init=n_init, n_max=count + 9, seed=seed, settings=options)
-    for _ in range(count):
-        tell(agent, kpis)
+    drive(agent, by(cost), count, kpis=kpis)
     return agent
-
-
-def tell(agent, kpis):
-    query = agent.ask()
-    new, old = query.challenger.theta, query.incumbent and query.incumbent.theta
-    preference = None if old is None else int(np.sign(cost(new) - cost(old)))
-    pair = None if kpis is None else (kpis(new), None if old is None else kpis(old))
-    agent.tell(query, Answer(preference, outcomes=pair))
 
 
 def ledger_of(columns):
@@ -121,10 +113,13 @@ def test_no_kpis_break_a_proposal(known):
 
 
 def test_slopes_are_those_of_the_values():
-    learned = study(terms, 16, options=GLISpSettings(outcome_scales=(3.0,)))
-    composite = learned._learner.learned(learned.state.ledger)
-    assert isinstance(composite, Composite)
-    assert composite.over_kpis.weights.max() > 0
+    agent = RandomSearch(SQUARE, n_max=20)
+    drive(agent, by(cost), 16, kpis=terms)
+    ledger = agent.state.ledger.until(16)
+    judgement = Judgement(Outcomes.of(ledger), np.array([0.4, 2.0]))
+    z = ledger.cube()
+    over_theta = Surrogate(z, np.sin(np.arange(float(len(z)))), Shape(1.0, (1.0, 2.0)))
+    composite = Composite(over_theta, judgement)
     for part in (composite, composite.over_kpis):
         for z in np.random.default_rng(3).random((6, 2)):
             size = max(np.abs(part.gradient(z)).max(), 1e-9)

@@ -12,7 +12,7 @@ from prefcal_agents.preference_process import PreferenceProcess
 from prefcal_agents.schedule import FEW
 from prefcal_agents.surrogate import Composite, Surrogate
 from prefcal_env.knobs import Knob, KnobSpace
-from prefcal_env.preference import Answer
+from support.studies import by, drive
 
 pytestmark = pytest.mark.unchecked  # for speed: the contract suite checks the shapes
 
@@ -24,32 +24,37 @@ def bowl(theta):
     return float(np.sum((theta - np.resize([0.3, 0.6], len(theta))) ** 2))
 
 
+def off(theta):
+    """A KPI that explains every answer."""
+    return {"off": bowl(theta)}
+
+
 def study(count, space=SQUARE, *, outcomes=None, agent=None, **settings):
     """An agent after `count` answers; `outcomes` maps θ to KPIs."""
     agent = agent or GLISp(space, n_init=4, n_max=40, seed=2, settings=GLISpSettings(**settings))
-    for _ in range(count):
-        query = agent.ask()
-        new, old = query.challenger, query.incumbent
-        verdict = None if old is None else int(np.sign(bowl(new.theta) - bowl(old.theta)))
-        if outcomes is None:
-            agent.tell(query, verdict)
-            continue
-        both = (outcomes(new.theta), {} if old is None else outcomes(old.theta))
-        agent.tell(query, Answer(verdict, outcomes=both))
+    drive(agent, by(bowl), count, kpis=outcomes)
     return agent
 
 
+def changed(*, kpis=None, **settings):
+    """Numbers of experiments after which cross-validation has chosen another ε."""
+    agent, epsilons = study(0, **settings), []
+    for _ in range(27):
+        drive(agent, by(bowl), 1, kpis=kpis)
+        epsilons.append(agent.epsilon)
+    return {k for k in range(2, 28) if epsilons[k - 1] != epsilons[k - 2]}
+
+
 def test_the_shape_is_validated_where_the_surrogate_has_a_turn():
-    agent = study(26)
-    agent.ask()
-    validated = {*range(4, FEW), *range(FEW, 27, 2)}
-    assert {ledger.answered for ledger in agent._learner.shapes} == validated
+    found = changed()
+    assert min(found) == 4  # the start is over
+    assert {k % 2 for k in found if k < FEW} == {0, 1}
+    assert {k % 2 for k in found if k >= FEW} == {0}
 
 
-def test_without_the_process_the_shape_is_validated_after_every_experiment():
-    agent = study(26, process=False)
-    agent.ask()
-    assert {ledger.answered for ledger in agent._learner.shapes} == set(range(4, 27))
+@pytest.mark.parametrize("options", [{"process": False}, {"kpis": off}], ids=["alone", "KPIs"])
+def test_without_the_process_or_with_kpis_the_shape_is_validated_after_every_experiment(options):
+    assert {k % 2 for k in changed(**options) if k >= FEW} == {0, 1}
 
 
 @pytest.mark.parametrize("process", [True, False])
@@ -67,17 +72,10 @@ def test_every_knob_has_its_turn_in_the_cross_validation(process, monkeypatch):
     assert seen == {0, 1, 2, 3}
 
 
-def test_where_kpis_count_the_shape_is_validated_after_every_experiment():
-    agent = study(24, outcomes=off)
-    agent.ask()
-    assert {ledger.answered for ledger in agent._learner.shapes} == set(range(4, 25))
-
-
 def test_during_a_long_start_nothing_is_validated():
     agent = GLISp(SQUARE, n_init=130, n_max=140, seed=2)
     study(118, agent=agent)
-    assert agent._learner.shape(agent._turns.ledger) == agent.settings.shape(2)
-    assert not agent._learner.shapes
+    assert agent.epsilon == agent.settings.epsilon
 
 
 def test_answers_to_further_questions_may_contradict_each_other(monkeypatch):
@@ -94,10 +92,7 @@ def test_answers_to_further_questions_may_contradict_each_other(monkeypatch):
     told.clear()
     agent = GLISp(SQUARE, n_init=4, settings=GLISpSettings(questions_per_experiment=3))
     while len(told) < 2:
-        query = agent.ask()
-        new, old = query.challenger, query.incumbent
-        verdict = None if old is None else int(np.sign(bowl(new.theta) - bowl(old.theta)))
-        agent.tell(query, verdict)
+        drive(agent, by(bowl), 1)
     assert set(told) == {0.003}
 
 
@@ -155,11 +150,6 @@ def minimised(agent, index):
     return agent._strategy._acquisition(ledger)
 
 
-def off(theta):
-    """A KPI that explains every answer."""
-    return {"off": bowl(theta)}
-
-
 @pytest.mark.parametrize("space", [SQUARE, CUBE])
 def test_where_kpis_count_the_expected_improvement_is_maximised(space):
     counting = {"outcomes": off, "outcome_scales": (1.0,)}
@@ -173,10 +163,7 @@ def test_where_kpis_count_the_expected_improvement_is_maximised(space):
 
 def test_where_all_are_ties_nothing_can_be_improved_on():
     agent = GLISp(SQUARE, n_init=2, n_max=9, seed=2)
-    for _ in range(8):
-        query = agent.ask()
-        rival, pair = query.incumbent, (off(query.challenger.theta), None)
-        agent.tell(query, Answer(None if rival is None else 0, outcomes=pair))
+    drive(agent, lambda new, old: 0, 8, kpis=off)
     assert isinstance(minimised(agent, 8), Acquisition)
     assert agent.ask().challenger.theta.tolist() not in agent.samples.tolist()[:8]
 
@@ -207,6 +194,5 @@ def test_linear_algebra_keeps_to_one_thread_in_proposals(monkeypatch):
     monkeypatch.setattr("prefcal_agents.proposal.one_thread", one_thread)
     monkeypatch.setattr(Learner, "learned", learned)
     agent = GLISp(KnobSpace([Knob("x", 0, 1)]), n_init=2, n_max=6)
-    while not agent.done:
-        agent.tell(agent.ask(), None if agent.best_index is None else 1)
+    drive(agent, lambda new, old: 1)
     assert limited.count(True) == limited.count(False) >= 4

@@ -1,6 +1,7 @@
 """What every preference-based agent must remember: undo, retraction, twins, saved states.
 
-Used like `agents`, which holds the rest of the suite.
+Used like `agents`, which holds the rest of the suite; what agents that are told scores must
+remember as well is in `memory`.
 """
 
 import json
@@ -8,28 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from contracts.agents import HALF, MIXED, SMALL, judge, run
+from contracts.agents import HALF, MIXED, SMALL, run
+from contracts.memory import *  # noqa: F403
 from prefcal_agents import AgentState
 from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.preference import Answer, Mark
-
-
-def test_undo_reopens_the_identical_query(make_agent):
-    agent = make_agent(MIXED, n_init=3, n_max=7)
-    states, queries = [], []
-    while not agent.done:
-        states.append(agent.state)
-        queries.append(agent.ask())
-        agent.tell(queries[-1], judge(queries[-1]))
-    for state, query in zip(reversed(states), reversed(queries), strict=True):
-        agent.undo()
-        assert agent.ask() == query
-        assert agent.state == state
-    with pytest.raises(ProtocolError, match="no answer to undo"):
-        agent.undo()
 
 
 def test_after_undo_another_answer_may_be_given(make_agent):
@@ -105,24 +90,6 @@ def test_a_copy_is_independent(make_agent):
     assert twins[-1].ask().incumbent != twins[1].ask().incumbent
 
 
-@pytest.mark.parametrize("answered", [0, 1, 3, 5, 8])
-def test_restoring_from_json_gives_the_identical_next_query(make_agent, answered):
-    agent = make_agent(MIXED, n_init=3, n_max=9, seed=5)
-    run(agent, [None, -1, Answer(1, strength=2.5), None, 0, -1, 1, 1][:answered])
-    if answered > 4:
-        agent.retract(2)
-    text = json.dumps(agent.state.to_dict())
-    twin = type(agent).restore(MIXED, AgentState.from_dict(json.loads(text)))
-    assert type(twin) is type(agent)
-    assert twin.state == agent.state
-    while not agent.done:
-        query = agent.ask()
-        assert twin.ask() == query
-        for a in (agent, twin):
-            a.tell(query, judge(query))
-    assert np.array_equal(twin.best, agent.best)
-
-
 def test_a_state_keeps_marks_strengths_and_outcomes(make_agent):
     agent = make_agent(MIXED, n_init=3, n_max=9)
     told = Answer(1, 0.5, (Mark.CHALLENGER_UNSAFE,), ({"t": np.inf}, {"t": 1.0}))
@@ -163,41 +130,6 @@ def test_a_state_that_does_not_fit_is_refused(make_agent):
     ):
         with pytest.raises(SettingsError):
             type(agent).restore(MIXED, AgentState.from_dict(bad))
-
-
-@settings(
-    max_examples=8,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-@given(
-    actions=st.lists(
-        st.sampled_from([-1, 0, 1, None, "undo", "retract", "copy", "save"]), max_size=25
-    ),
-    seed=st.integers(0, 2**40),
-)
-def test_any_order_of_calls_keeps_the_promises(make_agent, actions, seed):
-    agent = make_agent(MIXED, n_init=3, n_max=8, seed=seed)
-    for action in actions:
-        answered = agent.state.ledger.answered
-        if action == "undo":
-            if answered:
-                agent.undo()
-        elif action == "retract":
-            if answered and not agent.state.ledger.comparisons[-1].retracted:
-                agent.retract(answered - 1)
-        elif action == "copy":
-            agent = agent.copy()
-        elif action == "save":
-            agent = type(agent).restore(MIXED, AgentState.from_dict(agent.state.to_dict()))
-        elif not agent.done:
-            agent.tell(agent.ask(), action)
-        samples = agent.state.ledger.samples
-        assert len(set(samples)) == len(samples)
-        assert agent.state == agent.copy().state
-        if not agent.done:
-            query = agent.ask()
-            assert query.further or query.challenger.index == agent.state.ledger.answered
 
 
 def test_a_state_of_theta_that_are_not_allowed_is_refused(make_agent):

@@ -4,14 +4,11 @@ A test file that imports everything from here and has a fixture `make_agent(spac
 puts its agent through all of it.
 """
 
-import json
-
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from contracts.agents import HALF, MIXED, RARE, RING, SMALL, STAIRS, TINY, latent
+from contracts.memory import *  # noqa: F403
 from prefcal_agents import AgentState
 from prefcal_env.errors import PreferenceError, ProtocolError, SettingsError
 from prefcal_env.preference import Answer
@@ -120,21 +117,6 @@ def test_scores_that_are_all_equal_or_a_world_apart_stop_nothing(make_agent):
         assert agent.done
 
 
-def test_undo_reopens_the_identical_query(make_agent):
-    agent = make_agent(MIXED, n_init=3, n_max=7)
-    states, queries = [], []
-    while not agent.done:
-        states.append(agent.state)
-        queries.append(agent.ask())
-        agent.tell(queries[-1], score(queries[-1]))
-    for state, query in zip(reversed(states), reversed(queries), strict=True):
-        agent.undo()
-        assert agent.ask() == query
-        assert agent.state == state
-    with pytest.raises(ProtocolError, match="no answer to undo"):
-        agent.undo()
-
-
 def test_a_retraction_keeps_every_sample(make_agent):
     agent = make_agent(MIXED, n_init=3, n_max=9)
     run(agent, [score] * 6)
@@ -156,24 +138,6 @@ def test_a_copy_is_independent(make_agent):
     assert agent.state == state
 
 
-@pytest.mark.parametrize("answered", [0, 1, 4, 8])
-def test_restoring_from_json_gives_the_identical_next_query(make_agent, answered):
-    agent = make_agent(MIXED, n_init=3, n_max=9, seed=5)
-    run(agent, [score, None, 1000.25, score, score, score, None, score][:answered])
-    if answered > 4:
-        agent.retract(2)
-    plain = json.loads(json.dumps(agent.state.to_dict()))
-    twin = type(agent).restore(MIXED, AgentState.from_dict(plain))
-    assert type(twin) is type(agent)
-    assert twin.state == agent.state
-    while not agent.done:
-        query = agent.ask()
-        assert twin.ask() == query
-        for a in (agent, twin):
-            a.tell(query, score(query))
-    assert np.array_equal(twin.best, agent.best)
-
-
 def test_a_state_that_does_not_fit_is_refused(make_agent):
     agent = make_agent(MIXED, n_init=3, n_max=9)
     run(agent, [1.0, 2.0, 3.0])
@@ -192,34 +156,3 @@ def test_impossible_counts_and_seeds_are_refused(make_agent, options):
     with pytest.raises(SettingsError) as refusal:
         make_agent(MIXED, **options)
     assert next(iter(options)) in str(refusal.value)
-
-
-@settings(
-    max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-@given(
-    actions=st.lists(
-        st.one_of(st.floats(-1e6, 1e6), st.sampled_from([None, "undo", "retract", "copy", "save"])),
-        max_size=20,
-    ),
-    seed=st.integers(0, 2**40),
-)
-def test_any_order_of_calls_keeps_the_promises(make_agent, actions, seed):
-    agent = make_agent(MIXED, n_init=3, n_max=8, seed=seed)
-    for action in actions:
-        answered = agent.state.ledger.answered
-        if action == "undo":
-            if answered:
-                agent.undo()
-        elif action == "retract":
-            if answered and not agent.state.ledger.comparisons[-1].retracted:
-                agent.retract(answered - 1)
-        elif action == "copy":
-            agent = agent.copy()
-        elif action == "save":
-            agent = type(agent).restore(MIXED, AgentState.from_dict(agent.state.to_dict()))
-        elif not agent.done:
-            agent.tell(agent.ask(), action)
-        samples = agent.state.ledger.samples
-        assert len(set(samples)) == len(samples)
-        assert agent.state == agent.copy().state

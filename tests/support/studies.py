@@ -1,15 +1,19 @@
-"""Study files for tests."""
+"""Studies for tests: driven in memory by one loop, or kept in a file."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from prefcal_env.experiment import Channel, Channels, End, Experiment
-from prefcal_env.preference import Answer
+from prefcal_env.preference import Answer, Mark, Query
 from prefcal_env.studies import Answered, Finished, Shown, StudyFile, Suggested
 from support.interviews import clock
+
+Theta = np.ndarray
+Prefer = Callable[[Theta, Theta], Any]
 
 CONFIGURATION: dict[str, Any] = {
     "n_max": 9, "seed": 0, "name": "toy", "title": "Toy",
@@ -21,6 +25,44 @@ CHANNELS = Channels(
     x=(Channel("level", "m", high=3.0, target=2.0, band=0.1),), u=(Channel("valve", "%"),),
     y=(Channel("level", "m"),), time_unit="s",
 )  # fmt: skip
+
+
+def by(cost: Callable[[Theta], float]) -> Prefer:
+    """Return the answers of someone who compares two θ by `cost`, and never errs."""
+    return lambda new, old: int(np.sign(cost(new) - cost(old)))
+
+
+def drive(
+    agent: Any, prefer: Prefer, count: int | None = None, *,
+    kpis: Callable[[Theta], Mapping[str, float] | None] | None = None,
+    wrong: Callable[[Query], bool] = lambda query: False,
+    unsafe: Callable[[Theta], bool] = lambda theta: False,
+) -> list[Query]:  # fmt: skip
+    """Answer `count` queries of `agent`, or all that are left; return them.
+
+    Args:
+        agent: A preference-based agent; changed by this.
+        prefer: Answer about two θ, the challenger's first; not asked about the first experiment.
+        count: Number of answers; None: until the agent is done.
+        kpis: KPIs of a θ, told with every answer.
+        wrong: Whether the answer to a query is turned around.
+        unsafe: Whether a θ is marked unsafe.
+    """
+    asked: list[Query] = []
+    while not agent.done and (count is None or len(asked) < count):
+        query = agent.ask()
+        sides = [None if s is None else s.theta for s in (query.challenger, query.incumbent)]
+        given = None if sides[1] is None else prefer(*sides)
+        if given and wrong(query):
+            given = -given
+        answer = Answer.of(given)
+        found = (Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE)
+        marks = [m for m, s in zip(found, sides, strict=True) if s is not None and unsafe(s)]
+        if kpis is not None:
+            answer = replace(answer, outcomes=tuple(s if s is None else kpis(s) for s in sides))
+        agent.tell(query, replace(answer, marks=tuple(marks)))
+        asked.append(query)
+    return asked
 
 
 def experiment(theta: float, count: int = 4, **changes: Any) -> Experiment:
