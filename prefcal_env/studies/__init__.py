@@ -1,7 +1,7 @@
 """The study file: everything that happened in a study, appended and never changed.
 
-`StudyFile` is one SQLite file; its `State` is the fold of its events. docs/study_file.md
-describes the format.
+`StudyFile` is one SQLite file; its `State` follows from its events. docs/study_file.md describes
+the format.
 """
 
 from .archive import export_json as export_json

@@ -1,4 +1,4 @@
-"""The events of a study: everything that happens in it, as frozen data, to and from JSON.
+"""The events of a study as frozen data, to and from JSON.
 
 A new event needs its class here, and its rule in `fold.step`.
 """
@@ -27,15 +27,15 @@ class Event(
 
 
 class Created(Event, frozen=True):
-    """The study was begun; `configuration` is nested plain data that goes through JSON."""
+    """Start the study; `configuration` is nested plain data."""
 
     configuration: Mapping[str, Any]
 
 
 class Suggested(Event, frozen=True):
-    """Sample `index`, from 0, was proposed: `z` in the unit cube, `theta` physical, each (n,).
+    """Propose sample `index`, from 0: `z` in the unit cube, `theta` physical, each (n,).
 
-    After an undo, another one of the same index takes its place.
+    After an undo, another sample of the same index takes its place.
     """
 
     index: Int64
@@ -44,17 +44,17 @@ class Suggested(Event, frozen=True):
 
 
 class Finished(Event, frozen=True):
-    """The experiment of sample `index` is there: this event's payload, or that of `same_as`."""
+    """Add the experiment of sample `index`: the payload of this event, or of event `same_as`."""
 
     index: Int64
     same_as: Int64 | None = None
 
 
 class Dialed(Event, frozen=True):
-    """Sample `index`, the last and not yet answered, is run at another θ than was proposed.
+    """Run sample `index`, the last one and not yet answered, at another θ than was proposed.
 
-    `z` in the unit cube and `theta` physical, each (n,), are the sample from now on; what was
-    proposed stays in its `Suggested`.
+    `z` in the unit cube and `theta` physical, each (n,), are the sample from now on; the proposed
+    values stay in its `Suggested`.
     """
 
     index: Int64
@@ -63,7 +63,7 @@ class Dialed(Event, frozen=True):
 
 
 class Replaced(Event, frozen=True):
-    """The record of sample `index` was the wrong one; a Finished with the right one follows.
+    """Replace the record of sample `index`, the wrong one; a Finished with the right one follows.
 
     Answers that compared the wrong one teach nothing from now on. `outcome` is that of the right
     record, an empty one if nothing is known, and `unsafe` whether its run was interrupted so.
@@ -75,14 +75,14 @@ class Replaced(Event, frozen=True):
 
 
 class Failed(Event, frozen=True):
-    """The run of sample `index` raised; it stays open and may be tried again."""
+    """Note that the run of sample `index` raised an error; it may be tried again."""
 
     index: Int64
     error: str
 
 
 class Shown(Event, frozen=True):
-    """A question is on show; its id is the number of this event.
+    """Put a question on show; its id is the number of this event.
 
     `repeats` is the id of the earlier question that it asks again.
     """
@@ -94,9 +94,10 @@ class Shown(Event, frozen=True):
 
 
 class Answered(Event, frozen=True):
-    """The open question is closed; `question` and `incumbent` are None for the first experiment.
+    """Close the open question; `question` and `incumbent` are None for the first experiment.
 
-    Where a score was told instead, no question was on show: `question` alone is None.
+    If a score was given instead of a preference, no question was on show: `question` alone is
+    None.
     """
 
     question: Int64 | None
@@ -108,7 +109,7 @@ class Answered(Event, frozen=True):
 
 
 class Marked(Event, frozen=True):
-    """Experiment `index` bears `mark` from now on, or no longer."""
+    """Set `mark` on experiment `index`, or remove it."""
 
     index: Int64
     mark: str
@@ -116,42 +117,42 @@ class Marked(Event, frozen=True):
 
 
 class Retracted(Event, frozen=True):
-    """Closed query number `answer` teaches nothing from now on; all samples stay.
+    """Ignore closed query number `answer` from now on; all samples stay.
 
-    Below 0, further answer number -`answer`, from 1: about two experiments closed before.
+    A negative number -k is the k-th answer to a further question, about two earlier experiments.
     """
 
     answer: Int64
 
 
 class Undone(Event, frozen=True):
-    """The last answer is taken back: its query is open again, samples after it are dropped."""
+    """Take the last answer back: its query is open again, samples after it are dropped."""
 
 
 class Noted(Event, frozen=True):
-    """A remark on the study."""
+    """Add a remark on the study."""
 
     text: str
 
 
 class Extended(Event, frozen=True):
-    """So many experiments are wanted in all."""
+    """Change the total number of experiments to `n_max`."""
 
     n_max: Int64
 
 
 class Ended(Event, frozen=True):
-    """The study is over: all is compared, the best is good enough, or the person stopped."""
+    """End the study: all is compared, the best is good enough, or the person stopped."""
 
     reason: str
 
 
 class Reopened(Event, frozen=True):
-    """The study goes on after an end."""
+    """Continue the study after its end."""
 
 
 class Respaced(Event, frozen=True):
-    """Other knobs, or other ranges, from now on; all that was tried stays.
+    """Change the knobs or their ranges; all samples so far stay.
 
     `space` is plain data: "knobs" and "within" as `spaces.space_of` reads them, and
     "scenario_knobs", those that the scenario had. `added` has the value of each new knob in the
@@ -165,7 +166,7 @@ class Respaced(Event, frozen=True):
 
 
 class Adjusted(Event, frozen=True):
-    """Settings of the agent have other values from now on; those not in `settings` stay.
+    """Change settings of the agent; those not in `settings` stay.
 
     The agent decides which settings may change during a study, and what follows from it.
     """

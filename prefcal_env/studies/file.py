@@ -27,11 +27,10 @@ _DAMAGED = "It is damaged: nothing was changed; take a copy from before, or an e
 
 
 class StudyFile:
-    """An open study. Methods may be called from any thread.
+    """An open study, made by `create` or `open`. Methods may be called from any thread.
 
-    Made by `create` or `open`. Whatever `append` has returned from is on the disk. If another
-    process writes to the same file, the next `append` here is refused: nothing is ever recorded
-    twice.
+    An event is on the disk when `append` returns. If another process writes to the same file, the
+    next `append` here is refused, so nothing is recorded twice.
     """
 
     def __init__(self, connection: sqlite3.Connection, path: str, clock: Clock) -> None:
@@ -43,12 +42,12 @@ class StudyFile:
 
     @classmethod
     def create(cls, path: Path | str, configuration: Mapping[str, Any], *, clock: Clock) -> Self:
-        """Begin a study at `path`, or in memory at ":memory:".
+        """Start a study at `path`, or in memory at ":memory:".
 
         Args:
-            path: Where no file is yet, in a folder that is there.
+            path: New file in an existing folder.
             configuration: Nested plain data, with an integer `n_max`.
-            clock: Gives the time of an event, as text.
+            clock: Returns the time of an event as text.
 
         Raises:
             StudyError: there is a file already, or it cannot be written.
@@ -59,7 +58,7 @@ class StudyFile:
             file._begin(created)
             return file
         target = vacant(path)
-        # Beside, then linked: a file of this name is a whole study or is not there.
+        # Written beside it and then linked, so a file of this name is always a whole study.
         part = beside(target)
         with told(target, "begin", "Nothing was recorded"):
             try:
@@ -118,12 +117,12 @@ class StudyFile:
 
     @property
     def state(self) -> State:
-        """What all events amount to."""
+        """State of the study after all events."""
         assert self._state is not None
         return self._state
 
     def events(self) -> Iterator[Recorded]:
-        """All events in their order, without payloads."""
+        """Yield all events in order, without payloads."""
         with self._lock, told(self.path, "read"):
             rows = self._connection.execute("SELECT seq, at, body FROM event ORDER BY seq")
             found = rows.fetchall()
@@ -135,7 +134,7 @@ class StudyFile:
             yield Recorded(seq, at, event)
 
     def experiment(self, seq: int) -> Experiment:
-        """The experiment that event `seq` brought. Raises StudyError if it brought none."""
+        """Return the experiment of event `seq`. Raises StudyError if it has none."""
         with self._lock, told(self.path, "read"):
             found = self._connection.execute("SELECT payload FROM event WHERE seq = ?", (seq,))
             row = found.fetchone()
@@ -147,10 +146,10 @@ class StudyFile:
             raise StudyError(f"event {seq} of {self.path}: {error}") from error
 
     def end(self, seq: int) -> End:
-        """How the experiment that event `seq` brought ended, without reading its trajectory.
+        """Return how the experiment of event `seq` ended, without reading its trajectory.
 
         Raises:
-            StudyError: it brought none, or cannot be read.
+            StudyError: the event has none, or it cannot be read.
         """
         with self._lock, told(self.path, "read"):
             query = "SELECT substr(payload, 1, ?) FROM event WHERE seq = ?"
@@ -165,11 +164,11 @@ class StudyFile:
             return self._connection.execute(query).fetchall()
 
     def find_experiment(self, theta: Float[np.ndarray, " n"]) -> int | None:
-        """Number of an event that brought an experiment of θ, (n,), one taken back too."""
+        """Return the number of an event with an experiment of θ, (n,), even after an undo."""
         return self._experiments.get(_key(tuple(map(float, theta))))
 
     def append(self, *entries: Entry) -> tuple[int, ...]:
-        """Record events, all or none; durable when this returns.
+        """Record all events or none; they are durable when this returns.
 
         Args:
             entries: Events; a Finished with its experiment as a pair.
@@ -178,9 +177,9 @@ class StudyFile:
             Their numbers.
 
         Raises:
-            StudyError: an event that is impossible now, a full disk, a file that may not be
-                written, or another process has written to it. Nothing was recorded then, and
-                the study can be used on.
+            StudyError: an event is impossible now, the disk is full, the file may not be
+                written, or another process has written to it. Nothing is recorded then, and the
+                study can still be used.
         """
         pairs = [e if isinstance(e, tuple) else (e, None) for e in entries]
         with self._lock:
@@ -248,7 +247,7 @@ class StudyFile:
             raise StudyError(f"event {seq} is impossible: event {source} brought no experiment")
 
     def close(self) -> None:
-        """Close it; the file then stands alone, without its write-ahead log."""
+        """Close the file, which then needs no write-ahead log beside it."""
         with self._lock:
             self._connection.close()
 

@@ -1,4 +1,4 @@
-"""The state of a study: what its events amount to, one after the other. Pure."""
+"""The state of a study, computed from its events one by one. Pure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -72,7 +72,7 @@ class Closed:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What a study amounts to. Indices count samples from 0.
+    """State of a study after its events. Indices count samples from 0.
 
     Args:
         configuration: As it was created.
@@ -108,7 +108,7 @@ class State:
 
     @property
     def answers(self) -> tuple[Closed, ...]:
-        """Every answer, those to further and repeated questions too, in the order given."""
+        """All answers in the order given, with those to further and repeated questions."""
         every = (*self.closed[1:], *self.further, *self.repeats)
         return tuple(sorted(every, key=lambda c: c.seq))
 
@@ -122,7 +122,7 @@ def counted_unsafe(state: State) -> frozenset[int]:
 
 
 def begin(seq: int, at: str, event: Event) -> State:
-    """The state after the first event.
+    """Return the state after the first event.
 
     Raises:
         StudyError: it is no Created with an integer `n_max`.
@@ -134,7 +134,7 @@ def begin(seq: int, at: str, event: Event) -> State:
 
 
 def step(state: State, seq: int, at: str, event: Event) -> State:
-    """The state after one more event.
+    """Return the state after one more event.
 
     Raises:
         StudyError: the event is impossible in `state`; it names the number of the event.
@@ -164,7 +164,7 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
         case Marked(index, mark, on):
             _sample(state, seq, index)
             _require(mark in MARKS, seq, f"a mark must be one of {MARKS}, got {mark!r}")
-            # One excludes the other: the last that was said holds.
+            # One mark excludes the other: the last one holds.
             now = frozenset({mark}) if on else state.marks.get(index, frozenset()) - {mark}
             return replace(state, marks={**state.marks, index: now})
         case Retracted(answer):
