@@ -14,12 +14,17 @@ from jaxtyping import Float
 from prefcal_env.errors import PreferenceError
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.outcome import Outcome
+from prefcal_env.plain import from_plain, to_plain
 
 ExperimentT = TypeVar("ExperimentT", contravariant=True)
 
 
-Outcomes = tuple[Mapping[str, float] | None, Mapping[str, float] | None]
-"""KPIs of the challenger and of the incumbent."""
+Outcomes = tuple[Mapping[str, Any] | None, Mapping[str, Any] | None]
+"""KPIs of the challenger and of the incumbent: names and numbers.
+
+An `Answer` turns both into an `Outcome`. The values are not `float` here, since JSON has no
+infinity: stored outcomes say "inf" or "-inf" instead.
+"""
 
 
 class Preference(IntEnum):
@@ -130,51 +135,18 @@ class Answer:
         return answer
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON; `from_dict` reads it back."""
-        plain: dict[str, Any] = {
-            "preference": None if self.preference is None else int(self.preference),
-            "strength": float(self.strength),
-            "marks": [mark.value for mark in self.marks],
-            "outcomes": self._plain_outcomes(),
-        }
-        # Absent where there is none: so the studies of before are read and written unchanged.
-        if self.value is not None:
-            plain["value"] = self.value
-        if self.automatic:
-            plain["automatic"] = [mark.value for mark in self.automatic]
+        """Return plain data for JSON; `from_dict` reads it back."""
+        plain: dict[str, Any] = to_plain(self)
         return plain
-
-    def _plain_outcomes(self) -> list[dict[str, float | str] | None] | None:
-        if self.outcomes is None:
-            return None
-        return [o.to_dict() if isinstance(o, Outcome) else None for o in self.outcomes]
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Answer":
-        """Read what `to_dict` gave; other keys beside are left alone.
+        """Read what `to_dict` gave; other keys are ignored.
 
         Raises:
             PreferenceError: something is missing or malformed.
         """
-        try:
-            outcomes = data["outcomes"]
-            if outcomes is not None:
-                challenger, incumbent = outcomes
-                outcomes = (_outcome(challenger), _outcome(incumbent))
-            marks = tuple(Mark(value) for value in data["marks"])
-            automatic = tuple(Mark(value) for value in data.get("automatic", ()))
-            return cls(
-                data["preference"], data["strength"], marks, outcomes, data.get("value"), automatic
-            )
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise PreferenceError(
-                f"an answer cannot be read: {type(error).__name__} {error}"
-            ) from error
-
-
-def _outcome(plain: Any) -> Outcome | None:
-    """One outcome from plain data. Older answers may hold a word: how the run ended."""
-    return None if plain is None or isinstance(plain, str) else Outcome.from_dict(plain)
+        return from_plain(data, cls, PreferenceError, "an answer")
 
 
 def _outcomes(given: Any) -> tuple[Outcome | None, Outcome | None]:
@@ -186,7 +158,7 @@ def _outcomes(given: Any) -> tuple[Outcome | None, Outcome | None]:
             f"outcomes must be the challenger's and the incumbent's, got {given!r}"
         )
     challenger, incumbent = (
-        o if o is None or isinstance(o, Outcome) else Outcome(o) for o in given
+        o if o is None or isinstance(o, Outcome) else Outcome.from_dict(o) for o in given
     )
     return challenger, incumbent
 

@@ -27,6 +27,7 @@ LAYERS = (
         "outcome",
         "tracking",
         "parts",
+        "plain",
         "resolution",
         "knobs",
         "respace",

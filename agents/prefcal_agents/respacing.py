@@ -41,13 +41,22 @@ def respaced(
     if state.agent not in AGENTS:
         raise SettingsError(f"only the agents {sorted(AGENTS)} can change their space")
     space = respaced_space(agent.space, new, added)
-    samples = state.ledger.samples
     if not keep_open:
-        samples = samples[: state.ledger.answered]
-    ledger = replace(state.ledger, samples=_moved(samples, agent.space, space, added))
-    start = _moved(state.start, agent.space, space, added)
-    moved: AgentState = replace(state, ledger=ledger, start=start)
-    return AGENTS[state.agent].restore(space, moved)
+        kept = state.ledger.samples[: state.ledger.answered]
+        state = replace(state, ledger=replace(state.ledger, samples=kept))
+    return AGENTS[state.agent].restore(space, moved(state, agent.space, space, added))
+
+
+def moved(
+    state: AgentState, old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None = None
+) -> AgentState:
+    """Return `state`, of an agent in the space `old`, for the space `new`.
+
+    Raises:
+        KnobError: `new` does not hold every sample, or has a knob without a value.
+    """
+    ledger = replace(state.ledger, samples=_moved(state.ledger.samples, old, new, added))
+    return replace(state, ledger=ledger, start=_moved(state.start, old, new, added))
 
 
 def _moved(

@@ -1,14 +1,14 @@
 """The study file: everything that happened in a study, appended and never changed.
 
-`StudyFile` is one SQLite file; its `State` is the fold of its events. docs/study_file.md
-describes the format.
+`StudyFile` is one SQLite file; its `State` follows from its events. docs/study_file.md describes
+the format.
 """
 
 from .archive import export_json as export_json
 from .archive import import_json as import_json
 from .codec import decode as decode
 from .codec import encode as encode
-from .counted import counted_unsafe as counted_unsafe
+from .events import Adjusted as Adjusted
 from .events import Answered as Answered
 from .events import Created as Created
 from .events import Dialed as Dialed
@@ -19,7 +19,6 @@ from .events import Failed as Failed
 from .events import Finished as Finished
 from .events import Marked as Marked
 from .events import Noted as Noted
-from .events import Paced as Paced
 from .events import Recorded as Recorded
 from .events import Reopened as Reopened
 from .events import Replaced as Replaced
@@ -32,11 +31,11 @@ from .events import to_text as to_text
 from .file import StudyFile as StudyFile
 from .fold import Closed as Closed
 from .fold import State as State
+from .fold import counted_unsafe as counted_unsafe
 from .locations import data_folder as data_folder
 from .locations import make_data_folder as make_data_folder
 from .locations import studies_in_data_folder as studies_in_data_folder
 from .locations import study_path as study_path
-from .pacing import questions_of as questions_of
 from .shelving import remove_study as remove_study
 from .shelving import rename_study as rename_study
 from .spaces import knobs_as_dicts as knobs_as_dicts

@@ -1,46 +1,61 @@
-"""A study as one JSON text, and back: for other programs, other machines and the attic."""
+"""A study as one JSON text, and back: for other programs, other machines and safekeeping."""
 
-import json
-from base64 import b64decode, b64encode
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from prefcal_env.errors import StudyError
+from prefcal_env.plain import UNREADABLE, to_plain
 
 from . import schema
-from .chain import START
 from .codec import pack, unpack
 from .connection import beside, connect, publish, vacant
+from .events import AnyEvent, from_text, to_text
 from .file import StudyFile
 from .trouble import told
 from .verify import verify
 
-FORMAT = 1
-_KEYS = {"seq", "at", "kind", "body", "payload", "hash"}
+FORMAT = 2
+"""Number of the format of the text."""
+
+
+class _Row(msgspec.Struct, forbid_unknown_fields=True):
+    """One event; `payload` is its experiment, zlib-compressed, in the text as base64."""
+
+    seq: int
+    at: str
+    event: AnyEvent
+    payload: bytes | None
+
+
+class _Export(msgspec.Struct, forbid_unknown_fields=True):
+    """A whole study."""
+
+    events: list[_Row]
+    format: int = msgspec.field(name="prefcal study")
+
+
+class _Header(msgspec.Struct):
+    """The part of an export that tells whether the rest can be read."""
+
+    format: int = msgspec.field(name="prefcal study")
 
 
 def export_json(study: StudyFile) -> str:
-    """All events with their hashes; an experiment is base64 of its zlib-compressed bytes.
-
-    The body of an event is text, as it was hashed; docs/study_file.md describes both.
-    """
-    events = []
-    for seq, at, kind, body, payload, hash_ in study.rows():
-        encoded = None if payload is None else b64encode(payload).decode("ascii")
-        events.append(
-            {"seq": seq, "at": at, "kind": kind, "body": body, "payload": encoded, "hash": hash_}
-        )
-    content = {"prefcal study": FORMAT, "events": events}
-    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    """Return all events as JSON; docs/study_file.md describes it."""
+    rows = [_Row(seq, at, from_text(body), payload) for seq, at, body, payload in study.rows()]
+    text = msgspec.json.encode(to_plain(_Export(rows, FORMAT)))
+    return msgspec.json.format(text, indent=1).decode() + "\n"
 
 
 def import_json(text: str, path: Path | str) -> Path:
-    """Make a study file at `path` of what `export_json` gave. Only data: nothing is executed.
+    """Make a study file at `path` from what `export_json` gave. Only data: nothing is executed.
 
     Raises:
-        StudyError: there is a file at `path`, the text is no export, or its chain of hashes does
-            not hold. No file is left then.
+        StudyError: there is a file at `path`, the text is no export, or what it holds is no sound
+            study. No file is left then.
     """
     rows = _rows(text)
     target = vacant(path)
@@ -49,10 +64,8 @@ def import_json(text: str, path: Path | str) -> Path:
         part = beside(target)
         try:
             with closing(connect(part)) as connection:
-                schema.create(connection, START)
-                connection.executemany("INSERT INTO event VALUES (?, ?, ?, ?, ?, ?)", rows)
-                head = (len(rows), rows[-1][-1])
-                connection.execute("UPDATE head SET count = ?, hash = ?", head)
+                schema.create(connection)
+                connection.executemany("INSERT INTO event VALUES (?, ?, ?, ?)", rows)
                 connection.execute("COMMIT")
             findings = verify(part)
             if findings:
@@ -65,33 +78,22 @@ def import_json(text: str, path: Path | str) -> Path:
 
 def _rows(text: str) -> list[tuple[Any, ...]]:
     try:
-        content = json.loads(text)
-    except (ValueError, RecursionError) as error:
+        version = msgspec.json.decode(text, type=_Header).format
+        if version != FORMAT:
+            raise StudyError(
+                f"this is an exported study of format {version}, this prefcal reads format "
+                f"{FORMAT} only"
+            )
+        events = msgspec.json.decode(text, type=_Export).events
+    except UNREADABLE as error:
         raise StudyError(f"this is no exported study: {error}") from error
-    if not isinstance(content, dict) or content.get("prefcal study") != FORMAT:
-        raise StudyError(f'this is no exported study: expected "prefcal study": {FORMAT}')
-    events = content.get("events")
-    if not isinstance(events, list) or not events:
-        raise StudyError("this is no exported study: it holds no events")
     return [_row(number, event) for number, event in enumerate(events, start=1)]
 
 
-def _row(number: int, event: Any) -> tuple[Any, ...]:
-    texts = ("at", "kind", "body", "hash")
-    if not isinstance(event, dict) or set(event) != _KEYS or event["seq"] != number:
-        raise StudyError(f"event {number} of the export must have the fields {sorted(_KEYS)}")
-    if not all(isinstance(event[key], str) for key in texts):
-        raise StudyError(f"event {number} of the export: {texts} must be text")
-    payload = event["payload"]
-    try:
-        for key in texts:
-            event[key].encode()
-    except UnicodeEncodeError as error:
-        raise StudyError(f"event {number} of the export holds half a character") from error
-    try:
-        content = None if payload is None else b64decode(payload, validate=True)
-        # Compressed anew: what is stored is ours, whatever was sent.
-        packed = None if content is None else pack(unpack(content))
-    except (ValueError, TypeError) as error:
-        raise StudyError(f"event {number} of the export: payload is no base64") from error
-    return number, event["at"], event["kind"], event["body"], packed, event["hash"]
+def _row(number: int, row: _Row) -> tuple[Any, ...]:
+    """Return the row of the table for event `number` of an export."""
+    if row.seq != number:
+        raise StudyError(f"event {number} of the export has the number {row.seq}")
+    # Compressed again, so that nothing but an experiment is stored.
+    packed = None if row.payload is None else pack(unpack(row.payload))
+    return number, row.at, to_text(row.event), packed

@@ -1,4 +1,4 @@
-"""A study file: one SQLite database to which events are appended, durably, and never changed."""
+"""A study file: one SQLite database to which events are appended durably and never changed."""
 
 import sqlite3
 import threading
@@ -15,12 +15,10 @@ from prefcal_env.errors import StudyError
 from prefcal_env.experiment import End, Experiment
 
 from . import schema
-from .chain import START, link
 from .codec import LONGEST_HEADER, decode, encode, end_of, pack, unpack
 from .connection import beside, connect, existing, publish, vacant
 from .events import Created, Event, Finished, Recorded, from_text, to_text
 from .fold import State, begin, step
-from .sources import check_source
 from .trouble import told
 
 Entry = Event | tuple[Finished, Experiment]
@@ -29,28 +27,27 @@ _DAMAGED = "It is damaged: nothing was changed; take a copy from before, or an e
 
 
 class StudyFile:
-    """An open study. Methods may be called from any thread.
+    """An open study, made by `create` or `open`. Methods may be called from any thread.
 
-    Made by `create` or `open`. Whatever `append` has returned from is on the disk. If another
-    process writes to the same file, the next `append` here is refused: nothing is ever recorded
-    twice.
+    An event is on the disk when `append` returns. If another process writes to the same file, the
+    next `append` here is refused, so nothing is recorded twice.
     """
 
     def __init__(self, connection: sqlite3.Connection, path: str, clock: Clock) -> None:
         self._connection, self.path, self._clock = connection, path, clock
         self._lock = threading.RLock()
-        self._head: tuple[int, str] = (0, START)
+        self._last = 0  # number of the last event
         self._state: State | None = None
         self._experiments: dict[bytes, int] = {}
 
     @classmethod
     def create(cls, path: Path | str, configuration: Mapping[str, Any], *, clock: Clock) -> Self:
-        """Begin a study at `path`, or in memory at ":memory:".
+        """Start a study at `path`, or in memory at ":memory:".
 
         Args:
-            path: Where no file is yet, in a folder that is there.
+            path: New file in an existing folder.
             configuration: Nested plain data, with an integer `n_max`.
-            clock: Gives the time of an event, as text.
+            clock: Returns the time of an event as text.
 
         Raises:
             StudyError: there is a file already, or it cannot be written.
@@ -61,7 +58,7 @@ class StudyFile:
             file._begin(created)
             return file
         target = vacant(path)
-        # Beside, then linked: a file of this name is a whole study or is not there.
+        # Written beside it and then linked, so a file of this name is always a whole study.
         part = beside(target)
         with told(target, "begin", "Nothing was recorded"):
             try:
@@ -74,15 +71,15 @@ class StudyFile:
 
     @classmethod
     def open(cls, path: Path | str, *, clock: Clock) -> Self:
-        """Open the study at `path`; an older version of the file is upgraded.
+        """Open the study at `path`.
 
         Raises:
-            StudyError: there is none, it is damaged, something else, or a newer version's.
+            StudyError: there is none, or it is damaged, something else, or of another format.
         """
         with told(existing(path), "open"):
             connection = connect(path)
             try:
-                schema.upgrade(connection, schema.check(connection, str(path)))
+                schema.check(connection, str(path))
                 connection.execute("PRAGMA journal_mode = WAL")
                 connection.execute("PRAGMA synchronous = FULL")
                 file = cls(connection, str(path), clock)
@@ -93,22 +90,19 @@ class StudyFile:
         return file
 
     def _begin(self, created: Created) -> None:
-        schema.create(self._connection, START)
+        schema.create(self._connection)
         self._insert([(created, None)], [self._clock()])
         self._connection.execute("COMMIT")
 
     def _load(self) -> None:
         last = 0
-        self._connection.execute("BEGIN")  # one view of both, whoever appends meanwhile
         for last, recorded in enumerate(self.events(), start=1):
             if recorded.seq != last:
                 raise StudyError(f"event {last} of {self.path} is missing. {_DAMAGED}")
             self._take(recorded)
-        head = self._connection.execute("SELECT count, hash FROM head").fetchone()
-        self._connection.execute("COMMIT")
-        if head is None or head[0] != last or not last:
-            raise StudyError(f"events of {self.path} are missing at its end. {_DAMAGED}")
-        self._head = (int(head[0]), str(head[1]))
+        if not last:
+            raise StudyError(f"there are no events in {self.path}. {_DAMAGED}")
+        self._last = last
 
     def _take(self, recorded: Recorded) -> None:
         """Fold one event into the state."""
@@ -123,20 +117,24 @@ class StudyFile:
 
     @property
     def state(self) -> State:
-        """What all events amount to."""
+        """State of the study after all events."""
         assert self._state is not None
         return self._state
 
     def events(self) -> Iterator[Recorded]:
-        """All events in their order, without payloads."""
+        """Yield all events in order, without payloads."""
         with self._lock, told(self.path, "read"):
-            rows = self._connection.execute("SELECT seq, at, kind, body FROM event ORDER BY seq")
+            rows = self._connection.execute("SELECT seq, at, body FROM event ORDER BY seq")
             found = rows.fetchall()
-        for seq, at, kind, body in found:
-            yield Recorded(int(seq), str(at), from_text(str(kind), str(body)))
+        for seq, at, body in found:
+            try:
+                event = from_text(body)
+            except StudyError as error:
+                raise StudyError(f"event {seq} of {self.path}: {error}") from error
+            yield Recorded(seq, at, event)
 
     def experiment(self, seq: int) -> Experiment:
-        """The experiment that event `seq` brought. Raises StudyError if it brought none."""
+        """Return the experiment of event `seq`. Raises StudyError if it has none."""
         with self._lock, told(self.path, "read"):
             found = self._connection.execute("SELECT payload FROM event WHERE seq = ?", (seq,))
             row = found.fetchone()
@@ -148,10 +146,10 @@ class StudyFile:
             raise StudyError(f"event {seq} of {self.path}: {error}") from error
 
     def end(self, seq: int) -> End:
-        """How the experiment that event `seq` brought ended, without reading its trajectory.
+        """Return how the experiment of event `seq` ended, without reading its trajectory.
 
         Raises:
-            StudyError: it brought none, or cannot be read.
+            StudyError: the event has none, or it cannot be read.
         """
         with self._lock, told(self.path, "read"):
             query = "SELECT substr(payload, 1, ?) FROM event WHERE seq = ?"
@@ -160,17 +158,17 @@ class StudyFile:
         return self.experiment(seq).end if found is None else found
 
     def rows(self) -> list[tuple[Any, ...]]:
-        """Every event as it is stored: seq, at, kind, body, payload (compressed) and hash."""
-        query = "SELECT seq, at, kind, body, payload, hash FROM event ORDER BY seq"
+        """Return every event as it is stored: seq, at, body and payload (compressed)."""
+        query = "SELECT seq, at, body, payload FROM event ORDER BY seq"
         with self._lock, told(self.path, "read"):
             return self._connection.execute(query).fetchall()
 
     def find_experiment(self, theta: Float[np.ndarray, " n"]) -> int | None:
-        """Number of an event that brought an experiment of θ, (n,), one taken back too."""
+        """Return the number of an event with an experiment of θ, (n,), even after an undo."""
         return self._experiments.get(_key(tuple(map(float, theta))))
 
     def append(self, *entries: Entry) -> tuple[int, ...]:
-        """Record events, all or none; durable when this returns.
+        """Record all events or none; they are durable when this returns.
 
         Args:
             entries: Events; a Finished with its experiment as a pair.
@@ -179,14 +177,14 @@ class StudyFile:
             Their numbers.
 
         Raises:
-            StudyError: an event that is impossible now, a full disk, a file that may not be
-                written, or another process has written to it. Nothing was recorded then, and
-                the study can be used on.
+            StudyError: an event is impossible now, the disk is full, the file may not be
+                written, or another process has written to it. Nothing is recorded then, and the
+                study can still be used.
         """
         pairs = [e if isinstance(e, tuple) else (e, None) for e in entries]
         with self._lock:
             times = [self._clock() for _ in pairs]
-            first = self._head[0] + 1
+            first = self._last + 1
             recorded = [
                 Recorded(first + i, at, event)
                 for i, ((event, _), at) in enumerate(zip(pairs, times, strict=True))
@@ -201,11 +199,11 @@ class StudyFile:
         return tuple(r.seq for r in recorded)
 
     def _write(self, pairs: Sequence[Any], times: Sequence[str]) -> None:
-        connection, before = self._connection, self._head
+        connection, before = self._connection, self._last
         connection.execute("BEGIN IMMEDIATE")
         try:
-            head = connection.execute("SELECT count, hash FROM head").fetchone()
-            if tuple(head) != before:
+            (last,) = connection.execute("SELECT max(seq) FROM event").fetchone()
+            if last != before:
                 raise StudyError(
                     f"another process has written to {self.path}: nothing was recorded here. "
                     "Close one of the two, and open the study again"
@@ -213,29 +211,43 @@ class StudyFile:
             self._insert(pairs, times)
             connection.execute("COMMIT")
         except BaseException:
-            self._head = before
+            self._last = before
             if connection.in_transaction:
                 connection.execute("ROLLBACK")
             raise
 
     def _insert(self, pairs: Sequence[Any], times: Sequence[str]) -> None:
-        """Insert rows and move the head, inside a transaction."""
-        seq, before = self._head
+        """Insert rows, inside a transaction."""
         for (event, experiment), at in zip(pairs, times, strict=True):
-            seq += 1
-            check_source(self._connection, seq, event, experiment)
-            kind, body = to_text(event)
-            payload = None if experiment is None else encode(experiment)
-            before = link(before, seq, at, kind, body, payload)
-            row = (seq, at, kind, body, None if payload is None else pack(payload), before)
-            self._connection.execute("INSERT INTO event VALUES (?, ?, ?, ?, ?, ?)", row)
-        self._connection.execute("UPDATE head SET count = ?, hash = ?", (seq, before))
-        self._head = (seq, before)
+            seq = self._last + 1
+            self._check_experiment(seq, event, experiment)
+            payload = None if experiment is None else pack(encode(experiment))
+            row = (seq, at, to_text(event), payload)
+            self._connection.execute("INSERT INTO event VALUES (?, ?, ?, ?)", row)
+            self._last = seq
         if self._state is None:
             self._state = begin(1, times[0], pairs[0][0])
 
+    def _check_experiment(self, seq: int, event: Event, experiment: Experiment | None) -> None:
+        """Check that each Finished, and no other event, brings an experiment or names one.
+
+        Raises:
+            StudyError: it does not, or the event that it names brought none.
+        """
+        source = event.same_as if isinstance(event, Finished) else None
+        if isinstance(event, Finished) != ((experiment is None) != (source is None)):
+            raise StudyError(
+                f"event {seq} is impossible: a Finished brings an experiment or names the event "
+                "that brought it, and no other event does"
+            )
+        if source is None:
+            return
+        brought = "SELECT 1 FROM event WHERE seq = ? AND payload IS NOT NULL"
+        if self._connection.execute(brought, (source,)).fetchone() is None:
+            raise StudyError(f"event {seq} is impossible: event {source} brought no experiment")
+
     def close(self) -> None:
-        """Close it; the file then stands alone, without its write-ahead log."""
+        """Close the file, which then needs no write-ahead log beside it."""
         with self._lock:
             self._connection.close()
 

@@ -1,4 +1,4 @@
-"""The state of a study: what its events amount to, one after the other. Pure."""
+"""The state of a study, computed from its events one by one. Pure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from prefcal_env.champions import unsafe_indices
 from prefcal_env.errors import KnobError, StudyError
 from prefcal_env.preference import Answer
 from prefcal_env.respace import carried
 
 from .events import (
     MARKS,
+    Adjusted,
     Answered,
     Created,
     Dialed,
@@ -23,7 +25,6 @@ from .events import (
     Finished,
     Marked,
     Noted,
-    Paced,
     Reopened,
     Replaced,
     Respaced,
@@ -32,7 +33,6 @@ from .events import (
     Suggested,
     Undone,
 )
-from .pacing import paced
 from .replacing import corrected
 from .spaces import space_of
 
@@ -72,7 +72,7 @@ class Closed:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What a study amounts to. Indices count samples from 0.
+    """State of a study after its events. Indices count samples from 0.
 
     Args:
         configuration: As it was created.
@@ -108,13 +108,21 @@ class State:
 
     @property
     def answers(self) -> tuple[Closed, ...]:
-        """Every answer, those to further and repeated questions too, in the order given."""
+        """All answers in the order given, with those to further and repeated questions."""
         every = (*self.closed[1:], *self.further, *self.repeats)
         return tuple(sorted(every, key=lambda c: c.seq))
 
 
+def counted_unsafe(state: State) -> frozenset[int]:
+    """Return the experiments that count as unsafe because of how they ended, without a mark.
+
+    Only answers that still stand say so.
+    """
+    return unsafe_indices((*state.closed, *state.further), automatic=True)
+
+
 def begin(seq: int, at: str, event: Event) -> State:
-    """The state after the first event.
+    """Return the state after the first event.
 
     Raises:
         StudyError: it is no Created with an integer `n_max`.
@@ -126,7 +134,7 @@ def begin(seq: int, at: str, event: Event) -> State:
 
 
 def step(state: State, seq: int, at: str, event: Event) -> State:
-    """The state after one more event.
+    """Return the state after one more event.
 
     Raises:
         StudyError: the event is impossible in `state`; it names the number of the event.
@@ -156,7 +164,7 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
         case Marked(index, mark, on):
             _sample(state, seq, index)
             _require(mark in MARKS, seq, f"a mark must be one of {MARKS}, got {mark!r}")
-            # One excludes the other: the last that was said holds.
+            # One mark excludes the other: the last one holds.
             now = frozenset({mark}) if on else state.marks.get(index, frozenset()) - {mark}
             return replace(state, marks={**state.marks, index: now})
         case Retracted(answer):
@@ -174,10 +182,11 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
             return replace(state, ended=None)
         case Respaced():
             return _respaced(state, seq, event)
-        case Paced(questions):
-            return _paced(state, seq, questions)
+        case Adjusted(settings):
+            return _adjusted(state, seq, settings)
         case Created():
             raise StudyError(f"event {seq}: a study is created once")
+    raise StudyError(f"event {seq}: there is no rule for {type(event).__name__}")
 
 
 def _require(holds: bool, seq: int, otherwise: str) -> None:
@@ -193,7 +202,8 @@ def _suggested(state: State, seq: int, event: Suggested) -> State:
     due = len(state.closed)
     _require(event.index == due == len(state.samples), seq, f"sample {event.index} is not due")
     _require(len(event.z) == len(event.theta) > 0, seq, "z and theta differ in length")
-    return replace(state, samples=(*state.samples, event))
+    # No question is on show then, unless a change of the agent's settings has made it obsolete.
+    return replace(state, samples=(*state.samples, event), open=None)
 
 
 def _dialed(state: State, seq: int, event: Dialed) -> State:
@@ -293,16 +303,14 @@ def _undone(state: State, seq: int) -> State:
     )
 
 
-def _paced(state: State, seq: int, questions: int) -> State:
-    try:
-        configuration = paced(state.configuration, questions)
-    except StudyError as error:
-        raise StudyError(f"event {seq} is impossible: {error}") from error
-    due, shown = len(state.closed), None if state.open is None else state.open[1]
-    further = shown is not None and shown.repeats is None and shown.challenger < due
-    asked = 1 + sum(c.after == due for c in state.further)
-    put_away = further and asked >= questions
-    return replace(state, configuration=configuration, open=None if put_away else state.open)
+def _adjusted(state: State, seq: int, settings: Mapping[str, Any]) -> State:
+    agent: Any = state.configuration.get("agent")
+    before = agent.get("settings") if isinstance(agent, Mapping) else None
+    if not isinstance(before, Mapping):
+        raise StudyError(f"event {seq} is impossible: the agent of the study has no settings")
+    changed = {**agent, "settings": {**before, **settings}}
+    configuration = MappingProxyType({**state.configuration, "agent": changed})
+    return replace(state, configuration=configuration)
 
 
 def _respaced(state: State, seq: int, event: Respaced) -> State:
@@ -310,7 +318,11 @@ def _respaced(state: State, seq: int, event: Respaced) -> State:
     kept = due + 1 if due in state.finished else due
     expected = {"knobs", "within", "scenario_knobs"}
     _require(set(event.space) == expected, seq, f"its space must have {sorted(expected)}")
-    configuration = {**state.configuration, **event.space, "respaced": seq}
+    agent = state.configuration.get("agent", {})
+    _require(isinstance(agent, Mapping), seq, "the study has no agent")
+    configuration = {
+        **state.configuration, **event.space, "agent": {**agent, **event.agent}, "respaced": seq,
+    }  # fmt: skip
     old, new = space_of(state.configuration), space_of(configuration)
     space_of({"knobs": event.space["scenario_knobs"]})
 
@@ -322,15 +334,11 @@ def _respaced(state: State, seq: int, event: Respaced) -> State:
             Suggested(s.index, tuple(new.encode(moved(s.theta)).tolist()), tuple(moved(s.theta)))
             for s in state.samples[:kept]
         ]
-        agent = dict(state.configuration.get("agent", {}))
-        if agent.get("start"):
-            starts = (tuple(old.decode(np.array(z))) for z in agent["start"])
-            agent["start"] = [new.encode(moved(theta)).tolist() for theta in starts]
     except (KnobError, TypeError, ValueError) as error:
         raise StudyError(f"event {seq} is impossible: {error}") from error
     return replace(
         state,
-        configuration=MappingProxyType({**configuration, "agent": agent}),
+        configuration=MappingProxyType(configuration),
         samples=tuple(samples),
         failures={i: e for i, e in state.failures.items() if i < kept},
         marks={i: m for i, m in state.marks.items() if i < kept},

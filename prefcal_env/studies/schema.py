@@ -1,28 +1,21 @@
-"""The tables of a study file, their version, and the way up from every older one."""
+"""The tables of a study file and the number of their format."""
 
 import sqlite3
-from collections.abc import Iterator, Mapping
+from contextlib import closing
 
 from prefcal_env.errors import StudyError
 
 APPLICATION = 0x70726663
-"""Says that an SQLite file is a study: "prfc"."""
-VERSION = 1
-"""Of the tables."""
+"""Marks an SQLite file as a study: "prfc"."""
+VERSION = 2
+"""Number of the format."""
 
 TABLES = """
 CREATE TABLE event (
     seq INTEGER PRIMARY KEY,
     at TEXT NOT NULL,
-    kind TEXT NOT NULL,
     body TEXT NOT NULL,
-    payload BLOB,
-    hash TEXT NOT NULL
-) STRICT;
-CREATE TABLE head (
-    one INTEGER PRIMARY KEY CHECK (one = 1),
-    count INTEGER NOT NULL,
-    hash TEXT NOT NULL
+    payload BLOB
 ) STRICT;
 CREATE TRIGGER event_is_never_changed BEFORE UPDATE ON event
 BEGIN SELECT RAISE(ABORT, 'events of a study are only appended'); END;
@@ -30,74 +23,43 @@ CREATE TRIGGER event_is_never_removed BEFORE DELETE ON event
 BEGIN SELECT RAISE(ABORT, 'events of a study are only appended'); END;
 """
 
-MIGRATIONS: Mapping[int, str] = {}
-"""Version to the statements that lead from it to the next. Version 1 is the first."""
 
-
-def create(connection: sqlite3.Connection, start: str) -> None:
-    """Make the tables in an empty file; `start` is the hash that the chain begins with."""
+def create(connection: sqlite3.Connection) -> None:
+    """Create the tables in an empty file, in a transaction that stays open."""
     connection.executescript(f"BEGIN IMMEDIATE;{TABLES}")
-    connection.execute("INSERT INTO head VALUES (1, 0, ?)", (start,))
     connection.execute(f"PRAGMA application_id = {APPLICATION}")
     connection.execute(f"PRAGMA user_version = {VERSION}")
 
 
-def check(connection: sqlite3.Connection, path: str) -> int:
-    """The version of a study file.
+def check(connection: sqlite3.Connection, path: str) -> None:
+    """Check that a file is a study of the format that this version reads.
 
     Raises:
-        StudyError: the file is another program's, or a newer prefcal's.
+        StudyError: the file is another program's, or has another format.
     """
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     if application != APPLICATION:
         raise StudyError(f"{path} is an SQLite file, but not a study of prefcal")
-    if version > VERSION:
+    if version != VERSION:
+        advice = "install a newer prefcal" if version > VERSION else "start the study again"
         raise StudyError(
-            f"{path} has version {version} of the study file, this prefcal knows {VERSION}: "
-            "install a newer one. Nothing was changed"
+            f"{path} has format {version} of the study file, this prefcal reads format {VERSION} "
+            f"only: {advice}. Nothing was changed"
         )
-    return int(version)
 
 
-def upgrade(
-    connection: sqlite3.Connection,
-    version: int,
-    *,
-    to: int = VERSION,
-    migrations: Mapping[int, str] = MIGRATIONS,
-) -> None:
-    """Lead the tables from `version` to `to`, all steps in one transaction or none.
-
-    Raises:
-        StudyError: there is no way.
-    """
-    if version >= to:
-        return
-    missing = [v for v in range(version, to) if v not in migrations]
-    if missing:
-        raise StudyError(f"there is no way up from version {missing[0]} of the study file")
-    connection.execute("BEGIN IMMEDIATE")
-    try:
-        # Another process may have upgraded it since `version` was read.
-        (now,) = connection.execute("PRAGMA user_version").fetchone()
-        for step in range(max(version, int(now)), to):
-            for statement in _statements(migrations[step]):
-                connection.execute(statement)
-        connection.execute(f"PRAGMA user_version = {max(to, int(now))}")
-        connection.execute("COMMIT")
-    except BaseException:
-        connection.execute("ROLLBACK")
-        raise
+def differences(connection: sqlite3.Connection) -> list[str]:
+    """Return the names of the tables and triggers that are missing, changed or added."""
+    with closing(sqlite3.connect(":memory:", isolation_level=None)) as fresh:
+        create(fresh)
+        expected = _layout(fresh)
+    found = _layout(connection)
+    names = sorted({*expected, *found})
+    return [name for name in names if expected.get(name) != found.get(name)]
 
 
-def _statements(script: str) -> Iterator[str]:
-    """The statements of a script, one by one: `executescript` would commit before it runs them."""
-    statement = ""
-    for line in script.splitlines(keepends=True):
-        statement += line
-        if sqlite3.complete_statement(statement):  # not at a semicolon inside a trigger
-            yield statement
-            statement = ""
-    if statement.strip():
-        yield statement
+def _layout(connection: sqlite3.Connection) -> dict[str, str]:
+    """Return the SQL statement of each table and trigger by its name."""
+    query = "SELECT name, sql FROM sqlite_master WHERE sql IS NOT NULL"
+    return {str(name): str(sql) for name, sql in connection.execute(query)}

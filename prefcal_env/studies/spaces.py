@@ -3,12 +3,22 @@
 from collections.abc import Mapping
 from typing import Any
 
-from prefcal_env.errors import KnobError, StudyError
+import msgspec
+
+from prefcal_env.errors import StudyError
 from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.plain import UNREADABLE
+
+
+class _Stored(msgspec.Struct, frozen=True):
+    """Knobs, and the searched part of each knob by its name."""
+
+    knobs: tuple[Knob, ...]
+    within: dict[str, tuple[float, float]] = {}
 
 
 def knobs_as_dicts(space: KnobSpace) -> list[dict[str, Any]]:
-    """The knobs as plain data."""
+    """Return the knobs as plain data."""
     return [
         {
             "name": k.name, "low": float(k.low), "high": float(k.high), "unit": k.unit,
@@ -19,20 +29,21 @@ def knobs_as_dicts(space: KnobSpace) -> list[dict[str, Any]]:
 
 
 def within_as_dict(space: KnobSpace) -> dict[str, list[float]]:
-    """What is searched of each knob, as plain data."""
+    """Return the searched part of each knob as plain data."""
     return {name: list(part) for name, part in zip(space.names, space.within, strict=True)}
 
 
 def space_of(configuration: Mapping[str, Any]) -> KnobSpace:
-    """The space of a configuration, or of a `Respaced` event: its knobs, and what is searched.
+    """Return the space that a configuration or a `Respaced` event describes.
+
+    Args:
+        configuration: Plain data with "knobs", and perhaps "within"; other keys are ignored.
 
     Raises:
-        StudyError: that cannot be read.
+        StudyError: the knobs cannot be read.
     """
     try:
-        knobs = [Knob(**knob) for knob in configuration["knobs"]]
-        within = configuration.get("within", {})
-        parts = {name: (low, high) for name, (low, high) in within.items()}
-        return KnobSpace(knobs, within=parts)
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, KnobError) as error:
+        stored = msgspec.convert(dict(configuration), _Stored)
+        return KnobSpace(stored.knobs, within=stored.within)
+    except (*UNREADABLE, TypeError) as error:
         raise StudyError(f"the knobs of the study cannot be read: {error}") from error

@@ -9,9 +9,8 @@ from typing import Any
 from prefcal_env.errors import StudyError
 from prefcal_env.experiment import Channel, Experiment
 
-from .counted import counted_unsafe
 from .file import StudyFile
-from .fold import Closed, State
+from .fold import Closed, State, counted_unsafe
 from .trouble import told
 
 

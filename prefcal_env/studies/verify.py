@@ -1,89 +1,90 @@
-"""Finding what was changed in a study file after it was written."""
+"""Find damage in a study file."""
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 from prefcal_env.errors import StudyError
 
-from .chain import START, link
+from . import schema
 from .codec import decode, unpack
 from .connection import existing
-from .events import Finished, from_text
+from .events import Event, Finished, Shown, from_text
 from .fold import State, begin, step
-from .schema import check
 from .trouble import told
 
 
 def verify(path: Path | str) -> tuple[str, ...]:
-    """What is wrong with the study file at `path`, in words; nothing if it is sound.
+    """Return what is wrong with the study file at `path`, in words; nothing if it is sound.
 
-    An event that was changed, moved, added or removed breaks the chain of hashes. Whoever
-    computes the whole chain anew leaves no trace here: compare with an export kept elsewhere.
+    Checks the file itself (SQLite's integrity check), its tables, every experiment, and that all
+    events follow from each other: a missing, swapped or impossible event is found. A value that
+    was edited to another possible one is not: compare with an export kept elsewhere.
 
     Raises:
         StudyError: there is no such file, it is no study, or cannot be read at all.
     """
     with told(existing(path), "read"), closing(sqlite3.connect(path, timeout=5.0)) as connection:
-        check(connection, str(path))
+        schema.check(connection, str(path))
         try:
-            connection.execute("BEGIN")  # one view of both, whoever appends meanwhile
-            rows = connection.execute(
-                "SELECT seq, at, kind, body, payload, hash FROM event ORDER BY seq"
-            ).fetchall()
-            head = connection.execute("SELECT count, hash FROM head").fetchone()
+            connection.execute("BEGIN")  # one view of all, even if another process appends
+            found = connection.execute("PRAGMA integrity_check").fetchall()
+            damage = [f"the file is damaged: {words}" for (words,) in found if words != "ok"]
+            changed = schema.differences(connection)
+            damage += [f"{name!r} is not what prefcal has created" for name in changed]
+            query = "SELECT seq, at, body, payload FROM event ORDER BY seq"
+            rows = connection.execute(query).fetchall()
         except sqlite3.DatabaseError as error:
             return (f"the file is damaged: {error}",)
-    return tuple(_findings(rows, head))
+    return (*damage, *_payload_findings(rows), *_event_findings(rows))
 
 
-def _findings(rows: list[tuple[object, ...]], head: tuple[object, ...] | None) -> Iterator[str]:
-    before, expected = START, 0
+def _payload_findings(rows: Sequence[tuple[Any, ...]]) -> Iterator[str]:
+    for seq, _, _, payload in rows:
+        try:
+            if payload is not None:
+                decode(unpack(payload))
+        except StudyError as error:
+            yield f"event {seq}: {error}"
+
+
+def _event_findings(rows: Sequence[tuple[Any, ...]]) -> Iterator[str]:
+    """Replay the events up to the first one that cannot be: what follows it depends on it."""
     state: State | None = None
-    sources: set[int] = set()
-    sound = True
-    for seq, at, kind, body, stored, hash_ in rows:
-        expected += 1
+    experiments: set[int] = set()
+    questions: set[int] = set()
+    if not rows:
+        yield "there are no events"
+    for expected, (seq, at, body, payload) in enumerate(rows, start=1):
         if seq != expected:
-            yield f"event {expected} is missing: event {seq} stands in its place"
-            expected, sound = int(str(seq)), False
-        problem, payload = _payload(stored)
-        if problem:
-            yield f"event {seq}: {problem}"
-            sound = False
-        elif link(before, int(str(seq)), str(at), str(kind), str(body), payload) != hash_:
-            yield f"event {seq} was changed, or what stood before it"
-            sound = False
-        before = str(hash_)
-        if sound:
-            try:
-                event = from_text(str(kind), str(body))
-                if payload is not None:
-                    sources.add(expected)
-                brings = event.same_as or expected if isinstance(event, Finished) else None
-                if (payload is not None) != (brings == expected) or brings not in {None, *sources}:
-                    raise StudyError(f"event {seq} has not the experiment that it should have")
-                state = begin(1, str(at), event) if state is None else step(
-                    state, int(str(seq)), str(at), event
-                )  # fmt: skip
-            except StudyError as error:
-                yield str(error)
-                sound = False
-    if head is None or head[0] != expected:
-        count = "none" if head is None else head[0]
-        yield f"the last events are missing: {count} were recorded, {expected} are there"
-    elif head[1] != before:
-        yield "the last event was changed"
+            yield f"event {expected} is missing: event {seq} follows event {expected - 1}"
+            return
+        try:
+            event = from_text(body)
+            _check_ids(event, payload is not None, experiments, questions)
+            state = begin(seq, at, event) if state is None else step(state, seq, at, event)
+        except StudyError as error:
+            text = str(error)
+            yield text if text.startswith("event") else f"event {seq}: {text}"
+            return
+        if payload is not None:
+            experiments.add(seq)
+        if isinstance(event, Shown):
+            questions.add(seq)
 
 
-def _payload(stored: object) -> tuple[str, bytes | None]:
-    """What is wrong with a payload, and its uncompressed bytes."""
-    if stored is None:
-        return "", None
-    try:
-        content = unpack(stored if isinstance(stored, bytes) else b"")
-        decode(content)
-    except StudyError as error:
-        return str(error), None
-    return "", content
+def _check_ids(event: Event, has_payload: bool, experiments: set[int], questions: set[int]) -> None:
+    """Check the events that `event` refers to by their numbers.
+
+    Raises:
+        StudyError: an experiment or a question is not among the earlier events.
+    """
+    brings = isinstance(event, Finished) and event.same_as is None
+    if brings != has_payload:
+        raise StudyError("a finished event, and no other, brings an experiment or names another's")
+    if isinstance(event, Finished) and not brings and event.same_as not in experiments:
+        raise StudyError(f"event {event.same_as} brought no experiment")
+    if isinstance(event, Shown) and event.repeats not in {None, *questions}:
+        raise StudyError(f"event {event.repeats} showed no question")

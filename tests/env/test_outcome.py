@@ -72,8 +72,3 @@ def test_outcomes_other_than_a_pair_are_refused(outcomes):
 
 def test_an_outcome_alone_is_the_challenger_s():
     assert Answer(None, outcomes={"a": 1.0}).outcomes == ({"a": 1.0}, None)
-
-
-def test_a_word_in_an_older_answer_is_no_outcome():
-    data = {**Answer(1).to_dict(), "outcomes": ["time up", "unsafe"]}
-    assert Answer.from_dict(data).outcomes == (None, None)

@@ -97,7 +97,7 @@ def test_an_empty_study_that_is_open_elsewhere_is_left_alone(prefcal, monkeypatc
     def hold(*args):
         code = (
             "import sqlite3, sys\nc = sqlite3.connect(sys.argv[1])\n"
-            "c.execute('SELECT * FROM head')\nprint(1, flush=True)\nsys.stdin.read()"
+            "c.execute('SELECT * FROM event')\nprint(1, flush=True)\nsys.stdin.read()"
         )
         words = [sys.executable, "-c", code, str(study_path("toy-1"))]
         held.append(subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE))

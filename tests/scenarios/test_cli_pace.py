@@ -5,9 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from prefcal_env.studies import Paced, StudyFile, questions_of, study_path
+from prefcal_env.studies import Adjusted, StudyFile, study_path
+from prefcal_scenarios.interview.memory import questions_of
 from toy_study import TOY_FILE
 
+MOST = "questions_per_experiment"
 TOY = f"{TOY_FILE}:toy"
 
 
@@ -25,7 +27,7 @@ def calibrate(prefcal, *words, agent="glisp"):
 def state():
     with StudyFile.open(study_path("mine"), clock=lambda: "now") as file:
         events = [r.event for r in file.events()]
-        return file.state, [e for e in events if isinstance(e, Paced)]
+        return file.state, [e for e in events if isinstance(e, Adjusted)]
 
 
 def test_it_is_changed_recorded_and_goes_on(prefcal):
@@ -35,7 +37,7 @@ def test_it_is_changed_recorded_and_goes_on(prefcal):
     code, _, err = calibrate(prefcal, "--n-max", "9", "--questions-per-experiment", "3")
     assert code == 0, err
     now, changes = state()
-    assert changes == [Paced(3)]
+    assert changes == [Adjusted({MOST: 3})]
     assert questions_of(now.configuration) == 3
     assert now.further
     # Without the option, and with the same one, it stays as it is.
@@ -51,7 +53,7 @@ def test_it_can_be_set_back_to_what_the_study_was_begun_with(prefcal):
     calibrate(prefcal, "--n-max", "4", "--questions-per-experiment", "3")
     for most in (1, 3):
         assert calibrate(prefcal, "--questions-per-experiment", str(most))[0] == 0
-    assert state()[1] == [Paced(1), Paced(3)]
+    assert state()[1] == [Adjusted({MOST: 1}), Adjusted({MOST: 3})]
 
 
 def test_an_agent_that_asks_one_refuses_and_records_nothing(prefcal):

@@ -141,17 +141,17 @@ def test_an_export_that_cannot_be_written_names_its_folder(prefcal, study, tmp_p
     assert err.startswith("prefcal: cannot write the folder taken: ")
 
 
-def test_verify_finds_a_changed_answer(prefcal, study, tmp_path):
+def test_verify_finds_a_missing_event(prefcal, study, tmp_path):
     (path,) = (tmp_path / "data").rglob("mine.prefcal")
     with sqlite3.connect(path) as connection:
         query = "SELECT name FROM sqlite_master WHERE type = 'trigger'"
         for (trigger,) in connection.execute(query).fetchall():
             connection.execute(f"DROP TRIGGER {trigger}")
-        connection.execute("UPDATE event SET at = 'never' WHERE seq = 4")
+        connection.execute("DELETE FROM event WHERE seq = 4")
     connection.close()
     code, out, _ = prefcal("studies", "verify", "mine")
     assert code == 1
-    assert "4" in out
+    assert "event 4 is missing" in out
 
 
 def test_a_report_is_written_of_any_study(prefcal, study, tmp_path):

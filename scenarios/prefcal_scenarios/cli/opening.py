@@ -9,13 +9,12 @@ from typing import Any
 
 from prefcal_env.errors import StudyError
 from prefcal_env.studies import (
+    Adjusted,
     Extended,
-    Paced,
     Reopened,
     State,
     StudyFile,
     make_data_folder,
-    questions_of,
     study_path,
     to_text,
 )
@@ -27,7 +26,13 @@ from prefcal_scenarios.cli.options import Options
 from prefcal_scenarios.cli.start import start_of
 from prefcal_scenarios.cli.target import check_target, on_target, target_of
 from prefcal_scenarios.export import jsonable, versions
-from prefcal_scenarios.interview.memory import agent_as_dict, constraint_names, knobs_as_dicts
+from prefcal_scenarios.interview.memory import (
+    QUESTIONS,
+    agent_as_dict,
+    constraint_names,
+    knobs_as_dicts,
+    questions_of,
+)
 from prefcal_scenarios.scenario import Scenario
 
 IN_MEMORY = ":memory:"
@@ -80,7 +85,7 @@ def identity(file: StudyFile) -> str:
     """
     first = next(iter(file.events()))
     at = "" if file.path == IN_MEMORY else first.at
-    return sha256("\n".join((at, *to_text(first.event))).encode()).hexdigest()[:16]
+    return sha256(f"{at}\n{to_text(first.event)}".encode()).hexdigest()[:16]
 
 
 def default_folder(opened: Opened, scenario: str) -> Path:
@@ -149,7 +154,7 @@ def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario)
         options = Options.resumed(by_now(state), {**given, "processor": None})
         if options.questions_per_experiment != questions_of(state.configuration):
             check_questions(options)
-            file.append(Paced(options.questions_per_experiment))
+            file.append(Adjusted({QUESTIONS: options.questions_per_experiment}))
         if options.n_max > state.n_max:
             file.append(Extended(options.n_max), *([Reopened()] if state.ended else []))
     except BaseException:
@@ -163,7 +168,7 @@ def by_now(state: State) -> dict[str, Any]:
     return {
         **state.configuration["options"],
         "n_max": state.n_max,
-        "questions_per_experiment": questions_of(state.configuration),
+        QUESTIONS: questions_of(state.configuration),
     }
 
 

@@ -2,7 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from prefcal_agents.respacing import moved
+from prefcal_agents.restore import AGENTS
 from prefcal_env.errors import SettingsError, StudyError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.respace import respaced
@@ -11,7 +14,12 @@ from prefcal_env.studies.fold import step
 from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.cli.shelf import existing
 from prefcal_scenarios.cli.start import knob_called
-from prefcal_scenarios.interview.memory import agent_of, with_constraints
+from prefcal_scenarios.interview.memory import (
+    agent_configuration,
+    agent_of,
+    agent_state,
+    with_constraints,
+)
 from prefcal_scenarios.scenario import is_built_in, load
 
 Part = tuple[float, float]
@@ -41,16 +49,13 @@ def respace(name: str, source: str | None, changes: Changes) -> KnobSpace:
                 f"study {name!r} calibrates {named!r}, which is a program: "
                 f"if you trust it, add --scenario {named}"
             )
-        event, space = _event(file.state, load(source or named).space, changes)
-        if file.state.configuration["agent"]["agent"] not in _ABLE:
+        if file.state.configuration["agent"]["agent"] not in AGENTS:
             raise StudyError(f"the agent of study {name!r} cannot change its space")
+        event, space = _event(file.state, load(source or named).space, changes)
         # Whatever would not go on is refused before it is recorded.
         agent_of(step(file.state, 1 << 40, "", event), space)
         file.append(event)
     return space
-
-
-_ABLE = ("GLISp", "GLIS", "RandomSearch", "LatinHypercube")
 
 
 def _event(state: State, scenario: KnobSpace, changes: Changes) -> tuple[Respaced, KnobSpace]:
@@ -74,7 +79,17 @@ def _event(state: State, scenario: KnobSpace, changes: Changes) -> tuple[Respace
         "within": within_as_dict(space),
         "scenario_knobs": knobs_as_dicts(scenario),
     }
-    return Respaced(content, added), space
+    return Respaced(content, added, _changed_agent(state, old, space, added)), space
+
+
+def _changed_agent(
+    state: State, old: KnobSpace, space: KnobSpace, added: Mapping[str, float]
+) -> dict[str, Any]:
+    """Return what changes in the agent's configuration, apart from the samples."""
+    before = agent_state(state)
+    after = moved(before, old, space, added)
+    then, now = (agent_configuration(s) for s in (before, after))
+    return {name: value for name, value in now.items() if value != then.get(name)}
 
 
 def _parts(state: State, old: KnobSpace, scenario: KnobSpace) -> dict[str, Part]:

@@ -84,18 +84,21 @@ class Flow:
 
     def resume(self) -> None:
         """Take the interview up where the study file stands; an open question stays open."""
-        shown = self.state.open
-        if self.state.ended or shown is None or self._is_overtaken(shown[1]):
+        if self.state.ended or self.is_overtaken():
             self.proceed()
         else:
-            self._put(*shown)
+            self.refresh()
 
-    def _is_overtaken(self, shown: Shown) -> bool:
-        """Whether a retraction, or a newer algorithm, has changed what is asked since.
+    def is_overtaken(self) -> bool:
+        """Return whether the agent asks something else than the question on show, if any.
 
-        A crash between a retraction and the question that follows it leaves the old question on
-        show: an answer would be about another pair than the one that the agent asks about.
+        A retraction, a changed setting or a newer algorithm may have changed that, and a crash
+        leaves the old question on show: an answer to it would be about another pair than the one
+        that the agent asks about.
         """
+        if self.state.open is None:
+            return True
+        _, shown = self.state.open
         if shown.repeats is not None:
             return False
         if shown.challenger < len(self.state.closed):

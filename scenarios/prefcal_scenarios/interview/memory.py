@@ -19,9 +19,31 @@ def constraint_names(space: KnobSpace) -> list[str]:
 
 
 def agent_as_dict(agent: AnyAgent) -> dict[str, Any]:
-    """An agent's settings as plain data, without what it has learned."""
-    state = agent.state.to_dict()
-    return {name: value for name, value in state.items() if name not in ("samples", "answers")}
+    """Return an agent's settings as plain data, without what it has learned."""
+    return agent_configuration(agent.state)
+
+
+def agent_configuration(state: AgentState) -> dict[str, Any]:
+    """Return `state` as plain data, without samples and answers."""
+    learned = ("samples", "answers", "further")
+    return {name: value for name, value in state.to_dict().items() if name not in learned}
+
+
+QUESTIONS = "questions_per_experiment"
+"""Name of the agent's setting."""
+
+
+def questions_of(configuration: Mapping[str, Any]) -> int:
+    """Return the most comparisons per experiment that the agent of a study asks.
+
+    Raises:
+        StudyError: it is no whole number.
+    """
+    settings = configuration["agent"].get("settings")
+    most = settings.get(QUESTIONS, 1) if isinstance(settings, Mapping) else 1
+    if type(most) is not int:
+        raise StudyError(f"{QUESTIONS} of a study must be a whole number, got {most!r}")
+    return most
 
 
 def check_space(configuration: Mapping[str, Any], space: KnobSpace) -> None:

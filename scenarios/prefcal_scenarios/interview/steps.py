@@ -3,9 +3,10 @@
 from prefcal_agents import GLISp
 from prefcal_env.errors import PreferenceError, SettingsError, StaleError, StudyError
 from prefcal_env.preference import Answer
-from prefcal_env.studies import Answered, Closed, Marked, Paced, Retracted, Shown, Undone
+from prefcal_env.studies import Adjusted, Answered, Closed, Marked, Retracted, Shown, Undone
 
 from .flow import Flow
+from .memory import QUESTIONS
 from .moment import GOOD_ENOUGH, MARKS, Phase, Question
 from .order import to_repeat
 
@@ -117,7 +118,7 @@ def retract(flow: Flow, answer: int) -> None:
 
 
 def pace(flow: Flow, questions: int) -> None:
-    """Ask at most so many comparisons for each experiment from now on."""
+    """Ask at most `questions` comparisons per experiment from now on."""
     agent = flow.agent
     if not isinstance(agent, GLISp):
         raise SettingsError("only the agent glisp asks more questions per experiment")
@@ -127,11 +128,11 @@ def pace(flow: Flow, questions: int) -> None:
     changed = agent.with_questions(questions)
     if questions == agent.settings.questions_per_experiment:
         return
-    flow.study.append(Paced(questions))
+    flow.study.append(Adjusted({QUESTIONS: questions}))
     flow.agent = changed
     if flow.phase is not Phase.QUESTION:
         flow.version += 1
-    elif flow.state.open is None:
+    elif flow.is_overtaken():
         flow.proceed()
     else:
         flow.refresh()  # what was foreseen for this question is no longer what follows

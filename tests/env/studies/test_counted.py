@@ -4,7 +4,7 @@ import pytest
 
 from prefcal_env.preference import Answer, Mark
 from prefcal_env.studies import Answered, Finished, Retracted, Shown, Suggested, Undone
-from prefcal_env.studies.counted import counted_unsafe
+from prefcal_env.studies.fold import counted_unsafe
 from support.studies import experiment, small_study
 
 NEW, OLD = Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE

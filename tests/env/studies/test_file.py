@@ -7,7 +7,6 @@ import sqlite3
 import subprocess
 import sys
 import threading
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,10 +27,9 @@ from prefcal_env.studies import (
     verify,
 )
 from support.interviews import clock
-from support.studies import CONFIGURATION, compared, experiment, small_study
+from support.studies import CONFIGURATION, experiment, small_study
 
 THIRD = 0.05 + 0.1 * 3
-OLD = sorted(Path(__file__).parent.glob("version-*.prefcal"))
 
 
 def reopen(path):
@@ -218,50 +216,21 @@ def test_another_programs_database_is_refused(tmp_path):
         reopen(path)
 
 
-def test_a_newer_version_is_refused_and_left_alone(tmp_path):
+@pytest.mark.parametrize(
+    ("version", "advice"),
+    [(schema.VERSION + 1, "install a newer prefcal"), (1, "start the study again")],
+)
+def test_another_format_is_refused_and_left_alone(tmp_path, version, advice):
     path = tmp_path / "a.prefcal"
     small_study(path).close()
     connection = sqlite3.connect(path)
-    connection.execute(f"PRAGMA user_version = {schema.VERSION + 1}")
+    connection.execute(f"PRAGMA user_version = {version}")
     connection.close()
     before = path.read_bytes()
-    with pytest.raises(StudyError, match="install a newer one"):
-        reopen(path)
+    for read in (reopen, verify):
+        with pytest.raises(StudyError, match=f"has format {version} .*{advice}"):
+            read(path)
     assert path.read_bytes() == before
-
-
-@pytest.mark.parametrize("old", OLD, ids=lambda p: p.stem)
-def test_every_older_version_is_opened(tmp_path, old):
-    path = tmp_path / old.name
-    path.write_bytes(old.read_bytes())
-    assert verify(path) == ()
-    with reopen(path) as file:
-        assert len(file.state.closed) == 5
-        assert file.state.closed[1].retracted
-        assert file.state.notes[0][1] == "an old remark"
-        assert file.experiment(file.state.finished[4]) == experiment(0.05 + 0.1 * 4)
-        compared(file, 5)
-    assert verify(path) == ()
-
-
-def test_there_is_an_old_file_for_every_version():
-    assert [p.stem for p in OLD] == [f"version-{v}" for v in range(1, schema.VERSION + 1)]
-
-
-def test_an_upgrade_is_one_transaction():
-    connection = sqlite3.connect(":memory:", isolation_level=None)
-    schema.create(connection, "0")
-    connection.execute("COMMIT")
-    steps = {1: "CREATE TABLE further (a TEXT)", 2: "CREATE TABLE broken (;\nnonsense"}
-    with pytest.raises(sqlite3.Error):
-        schema.upgrade(connection, 1, to=3, migrations=steps)
-    assert connection.execute("PRAGMA user_version").fetchone() == (1,)
-    names = connection.execute("SELECT name FROM sqlite_master WHERE name = 'further'").fetchall()
-    assert names == []
-    schema.upgrade(connection, 1, to=2, migrations=steps)
-    assert connection.execute("PRAGMA user_version").fetchone() == (2,)
-    with pytest.raises(StudyError, match="no way up from version 3"):
-        schema.upgrade(connection, 2, to=5, migrations={2: "SELECT 1"})
 
 
 def test_ended_studies_say_so(tmp_path):

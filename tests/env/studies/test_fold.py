@@ -9,15 +9,16 @@ from hypothesis import strategies as st
 from prefcal_env.errors import StudyError
 from prefcal_env.preference import Answer, Preference
 from prefcal_env.studies import (
+    Adjusted,
     Answered,
     Created,
     Ended,
+    Event,
     Extended,
     Failed,
     Finished,
     Marked,
     Noted,
-    Paced,
     Reopened,
     Retracted,
     Shown,
@@ -30,7 +31,7 @@ from support.interviews import clock
 from support.studies import CONFIGURATION, experiment, small_study
 
 CANDIDATES = (
-    "answer", "undo", "retract", "mark", "note", "end", "reopen", "extend", "repeat", "pace",
+    "answer", "undo", "retract", "mark", "note", "end", "reopen", "extend", "repeat", "adjust",
 )  # fmt: skip
 
 
@@ -54,7 +55,7 @@ def possible(state, dice):
     return {
         "undo": Undone(), "retract": Retracted(index), "note": Noted("so"), "end": Ended("stopped"),
         "mark": Marked(index, dice.choice(("unsafe", "good enough")), dice.random() < 0.7),
-        "pace": Paced(dice.randrange(4)), "reopen": Reopened(),
+        "adjust": Adjusted({"questions": dice.randrange(4)}), "reopen": Reopened(),
         "extend": Extended(dice.randrange(5, 40)),
         "repeat": Shown(max(due - 1, 0), 0, True, dice.randrange(30)),
     }[kind]  # fmt: skip
@@ -65,8 +66,8 @@ def possible(state, dice):
 def test_the_kept_state_is_the_fold_of_all_events(tmp_path_factory, seed):
     path = tmp_path_factory.mktemp("fold") / "a.prefcal"
     dice = random.Random(seed)
-    paced = {**CONFIGURATION, "agent": {"settings": {}}}
-    with StudyFile.create(path, paced, clock=clock()) as file:
+    adjustable = {**CONFIGURATION, "agent": {"settings": {}}}
+    with StudyFile.create(path, adjustable, clock=clock()) as file:
         for _ in range(60):
             event = possible(file.state, dice)
             before = file.state
@@ -134,7 +135,7 @@ def test_a_failed_run_is_forgotten_once_it_has_run():
         Retracted(2),
         Retracted(-1),
         Extended(1),
-        Paced(2),
+        Adjusted({}),
     ],
     ids=repr,
 )
@@ -149,3 +150,11 @@ def test_an_impossible_event_is_refused_by_its_number(event):
 def test_a_study_begins_with_its_configuration_or_is_refused(event):
     with pytest.raises(StudyError, match="begins with its configuration"):
         begin(1, "now", event)
+
+
+def test_an_event_without_a_rule_is_refused():
+    class Surprised(Event, frozen=True):
+        pass
+
+    with small_study(":memory:", answers=1) as file, pytest.raises(StudyError, match="no rule for"):
+        file.append(Surprised())

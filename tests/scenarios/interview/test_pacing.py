@@ -3,9 +3,9 @@
 import pytest
 
 from prefcal_agents import GLIS, RandomSearch
-from prefcal_env.errors import SettingsError, StaleError
+from prefcal_env.errors import SettingsError, StaleError, StudyError
 from prefcal_scenarios.interview import Phase
-from prefcal_scenarios.interview.memory import agent_of
+from prefcal_scenarios.interview.memory import agent_of, questions_of
 from support.interviews import THREE, begin, judge, proceed, reopened, until_further
 from toy_study import toy_scenario
 
@@ -78,12 +78,12 @@ def test_a_study_resumes_identically_after_each_change(toy, tmp_path, most):
 
 def test_a_change_before_a_crash_leaves_no_question_that_is_not_asked(toy, tmp_path):
     """The question that follows was not written yet."""
-    from prefcal_env.studies import Paced
+    from prefcal_env.studies import Adjusted
 
     path = tmp_path / "crash.prefcal"
     interview = begin(toy, n_max=8, agent=THREE, path=path)
     until_further(interview)
-    interview.study.append(Paced(1))
+    interview.study.append(Adjusted({"questions_per_experiment": 1}))
     interview.study.close()
     resumed = reopened(toy, path)
     assert not proceed(resumed).question.further
@@ -154,3 +154,16 @@ def test_while_something_has_failed_it_has_to_wait(toy):
     assert proceed(interview).phase is Phase.FAILED
     with pytest.raises(StaleError, match="try that again first"):
         interview.pace(1)
+
+
+@pytest.mark.parametrize(
+    ("settings", "most"), [({}, 1), ({"questions_per_experiment": 4}, 4), (None, 1)]
+)
+def test_a_study_says_how_many_it_asks(settings, most):
+    assert questions_of({"agent": {"settings": settings}}) == most
+
+
+@pytest.mark.parametrize("most", ["3", 2.5, True, None])
+def test_a_strange_number_in_a_study_is_refused(most):
+    with pytest.raises(StudyError, match="whole number"):
+        questions_of({"agent": {"settings": {"questions_per_experiment": most}}})

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from prefcal_env.studies import StudyFile, questions_of, verify
+from prefcal_env.studies import StudyFile, verify
+from prefcal_scenarios.interview.memory import questions_of
 from support.browser import CHROMIUM, Watched
 from support.interviews import clock
 from support.windows import TOY_STUDY as TOY
