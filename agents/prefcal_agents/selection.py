@@ -110,7 +110,7 @@ class ModelSelection:
         del self._shapes[count + 1 :], self._noise_shapes[count + 1 :]
         for made in (self._evidence, self._scales, self._made):
             for later in [k for k in made if k > count]:
-                del made[later]  # type: ignore[attr-defined]
+                del made[later]
         self._history = history
 
     def _prefix(self, count: int, *, with_kpis: bool = False) -> Dataset:
@@ -214,7 +214,8 @@ class ModelSelection:
             return None
         if not self._prefix(count).is_strict:
             return None
-        tests, at = [], count
+        tests: list[float] = []
+        at = count
         while len(tests) < WINDOW and at >= self._n_init:
             tests.append(self._evidence_after(at))
             at -= 1 if at <= MANY else SELDOM

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from prefcal_agents.appeal import to_appeal
+from prefcal_agents.doubt import rows_of
+from prefcal_agents.placing import to_place
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_agents.appeal import to_appeal
 from prefcal_agents.belief import Belief
-from prefcal_agents.doubt import rows_of
 from prefcal_agents.ledger import Ledger
-from prefcal_agents.placing import to_place
 from prefcal_agents.surrogate import Shape
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Answer, Mark

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from prefcal_agents.doubt import rows_of
 
 from prefcal_agents.belief import Belief
-from prefcal_agents.doubt import rows_of
 from prefcal_agents.fitting import Constraints
 from prefcal_agents.ledger import Preferences
 from prefcal_agents.surrogate import Shape

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from prefcal_agents.doubt import Doubts, contenders
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_agents.doubt import Doubts, contenders
 from prefcal_agents.ledger import Ledger
 from prefcal_env.champions import contradictory
 from prefcal_env.errors import SettingsError

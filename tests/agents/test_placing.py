@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from prefcal_agents.placing import to_place
 
 from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
 from prefcal_agents.ledger import Ledger
-from prefcal_agents.placing import to_place
 from prefcal_agents.state import AgentState
 from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace

@@ -2,12 +2,12 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from prefcal_agents.doubt import Doubt, Doubts
+from prefcal_agents.learner import Learner
 
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.acquisition import Acquisition
-from prefcal_agents.doubt import Doubt, Doubts
 from prefcal_agents.improvement import ExpectedImprovement
-from prefcal_agents.learner import Learner
 from prefcal_agents.preference_process import PreferenceProcess
 from prefcal_agents.schedule import FEW
 from prefcal_agents.surrogate import Composite, Surrogate
