@@ -9,8 +9,7 @@ from typing import Protocol
 from .cell import Cell
 from .digest import digest
 from .duels import Duel, Round, play, rounds
-from .engine import Lost, each
-from .executors import Workers
+from .engine import Lost, Workers, each
 from .result import Result
 from .run import run_cell
 from .store import Store

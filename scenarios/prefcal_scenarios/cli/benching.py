@@ -11,7 +11,8 @@ from rich.text import Text
 
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench import DaskCluster, Finished, Processes, Store, Suite, run_suite
-from prefcal_scenarios.bench.executors import Workers, usable_cores
+from prefcal_scenarios.bench.engine import Workers
+from prefcal_scenarios.bench.executors import usable_cores
 from prefcal_scenarios.bench.results import as_csv, duel_table, print_table, table, write
 from prefcal_scenarios.cli.bench_display import BenchDisplay
 from prefcal_scenarios.cli.interrupt import INTERRUPTED, interruption
