@@ -7,7 +7,7 @@ from typing import Any, final
 
 from prefcal_env.errors import BenchmarkError, MissingExtraError
 
-from .entry import is_installed
+from .roster import is_installed
 
 _PATIENCE = 60.0
 """Seconds without any worker after which nothing more is expected of a cluster."""

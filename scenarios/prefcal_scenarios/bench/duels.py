@@ -10,7 +10,7 @@ import numpy as np
 from prefcal_env.errors import SettingsError
 
 from .cell import FORMAT, canonical
-from .problems import problem
+from .problems import prefer, problem
 from .result import Result, Theta
 from .run import alone
 
@@ -95,7 +95,7 @@ def play(round_: Round) -> tuple[Duel, ...]:
     return tuple(
         Duel(
             round_.problem, round_.calibrator, agent, rival, round_.seed,
-            int(where.referee.prefer(outcomes[agent], outcomes[rival])),
+            int(prefer(where.referee, outcomes[agent], outcomes[rival])),
         )
         for agent, rival in combinations(outcomes, 2)
     )  # fmt: skip

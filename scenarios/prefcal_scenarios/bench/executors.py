@@ -130,8 +130,8 @@ class _Place:
     def succeeded(self) -> bool:
         """Whether the task has a result."""
         future = self._future
-        return future is not None and future.done() and not (
-            future.cancelled() or future.exception()
+        return (
+            future is not None and future.done() and not (future.cancelled() or future.exception())
         )
 
     def look(self, *, gone: bool) -> None:

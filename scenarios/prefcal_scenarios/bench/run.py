@@ -15,8 +15,7 @@ from prefcal_env.errors import BenchmarkError, MissingExtraError, ProtocolError,
 from prefcal_env.preference import Answer, Query, Suggestion
 
 from .cell import Cell
-from .judges import Judge, Outcome
-from .problems import Problem, problem
+from .problems import Judge, Outcome, Problem, prefer, problem
 from .result import Result
 from .roster import entry
 
@@ -100,7 +99,7 @@ class _Study:
             old = None if query.incumbent is None else self._tried(query.incumbent)
             if old is not None:
                 asked += 1
-                preference = self._judge.prefer(new, old)
+                preference = prefer(self._judge, new, old)
             kpis = None if new.kpis is None else (new.kpis, None if old is None else old.kpis)
             self._agent.tell(
                 query, preference if kpis is None else Answer(preference, outcomes=kpis)

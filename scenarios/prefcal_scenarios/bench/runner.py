@@ -7,10 +7,9 @@ from functools import partial
 from typing import Protocol
 
 from .cell import Cell
-from .digest import digest
 from .duels import Duel, Round, play, rounds
 from .engine import Lost, Workers, each
-from .result import Result
+from .result import Result, digest
 from .run import run_cell
 from .store import Store
 from .suite import Suite

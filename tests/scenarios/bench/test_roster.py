@@ -5,8 +5,7 @@ import pytest
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Agent
-from prefcal_scenarios.bench.entry import Entry, is_installed
-from prefcal_scenarios.bench.roster import AGENTS, entry
+from prefcal_scenarios.bench.roster import AGENTS, Entry, entry, is_installed
 
 SPACE = KnobSpace([Knob("a", 0, 1), Knob("b", -1, 1)])
 OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
