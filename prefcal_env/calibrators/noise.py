@@ -87,15 +87,12 @@ class Flipping:
         """Say which is better, or worse."""
         verdict = self.calibrator.prefer(challenger, incumbent)
         dice = generator_of_pair(self.seed, challenger.theta, incumbent.theta)
-        return _opposite(verdict) if dice.random() < self.share else verdict
-
-
-def _opposite(verdict: Answer | Preference | int | None) -> Answer | Preference | None:
-    if verdict is None:
-        return None
-    if isinstance(verdict, Answer):
-        return replace(verdict, preference=_opposite(verdict.preference))
-    return Preference(-verdict)
+        if verdict is None or dice.random() >= self.share:
+            return verdict
+        if not isinstance(verdict, Answer):
+            return Preference(-verdict)
+        preference = verdict.preference
+        return replace(verdict, preference=None if preference is None else Preference(-preference))
 
 
 def generator_of_pair(

@@ -96,7 +96,8 @@ class Processes:
 
     def close(self, *, at_once: bool) -> None:
         """Kill the processes; what an agent has left running, a thread say, would keep them."""
-        pool, self._pool = self._pool, None
+        pool: Any = self._pool  # its methods are not typed
+        self._pool = None
         if pool is None:
             return
         pool.stop()

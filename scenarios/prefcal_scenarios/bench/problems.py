@@ -12,7 +12,7 @@ from prefcal_env.calibrators import Flipping, LatentCost
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiment import Experiment
 from prefcal_env.knobs import KnobSpace
-from prefcal_env.preference import Calibrator, Preference
+from prefcal_env.preference import Answer, Calibrator, Preference
 from prefcal_scenarios.functions import FUNCTIONS, TestFunction
 from prefcal_scenarios.scenario import Scenario
 
@@ -127,8 +127,11 @@ def problem(name: str) -> Problem:
 
 
 def prefer(judge: Judge, challenger: Outcome, incumbent: Outcome) -> Preference:
-    """Return the verdict of `judge` on two outcomes."""
-    return Preference(judge.prefer(challenger.judged, incumbent.judged))
+    """Return the verdict of `judge` on two outcomes. Raises SettingsError if it abstains."""
+    verdict = Answer.of(judge.prefer(challenger.judged, incumbent.judged)).preference
+    if verdict is None:
+        raise SettingsError("calibrators of the benchmark must decide, got an abstention")
+    return verdict
 
 
 def judges(referee: Judge, name: str) -> dict[str, JudgeFactory]:
@@ -142,10 +145,11 @@ def _sure(judge: Judge, seed: int) -> Judge:
     return judge
 
 
-def _cost(outcome: Outcome) -> float:
+def _cost(outcome: Any) -> float:
+    """Return the cost of an outcome, which a test function has in place of an experiment."""
     if outcome.cost is None:
         raise SettingsError("outcomes without a cost cannot be compared by it")
-    return outcome.cost
+    return float(outcome.cost)
 
 
 def _of_function(function: TestFunction) -> Problem:

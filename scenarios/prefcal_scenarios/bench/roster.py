@@ -2,7 +2,7 @@
 
 import hashlib
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from importlib import import_module
@@ -33,6 +33,7 @@ class Entry:
         algorithm: Returns the version of its algorithm, settings included.
         needs: Modules that have to be installed.
         extra: The extra that installs them: `pip install prefcal[extra]`.
+        learns: Whether it uses what it is told for more than keeping the winner.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Entry:
     algorithm: Callable[[], str]
     needs: tuple[str, ...] = ()
     extra: str = ""
+    learns: bool = True
 
     def make(self, space: KnobSpace, n_init: int, n_max: int, seed: int) -> Any:
         """Return the agent, which has `ask`, `tell`, `done` and `best`.
@@ -132,10 +134,11 @@ def _state_version(place: str) -> str:
     return f"{state.version} {state.settings!r}"
 
 
-def _ours(name: str, kind: Kind = "preference") -> Entry:
+def _ours(name: str, kind: Kind = "preference", *, learns: bool = True) -> Entry:
     """Return the entry of an agent of prefcal_agents that has a state."""
     place = f"prefcal_agents:{name}"
-    return Entry(name, kind, partial(_make_at, place), partial(_state_version, place))
+    make, version = partial(_make_at, place), partial(_state_version, place)
+    return Entry(name, kind, make, version, learns=learns)
 
 
 def _optional(name: str, kind: Kind, extra: str, class_: str, packages: Mapping[str, str]) -> Entry:
@@ -208,16 +211,28 @@ def _make_roster() -> Mapping[str, Entry]:
         _glisp("GLISp.3-questions", questions_per_experiment=3),
         _glisp("GLISp.12-questions", questions_per_experiment=12),
         _ours("GLIS", "value"),
-        _ours("RandomSearch"),
-        _ours("LatinHypercube"),
         _optional("PPO", "value", "rl", "PPOBandit", _SB3),
         _optional("SAC", "value", "rl", "SACBandit", _SB3),
         _optional("ReferenceGLISp", "preference", "peers", "ReferenceGLISp", _GLIS),
         _optional("ReferenceGLIS", "value", "peers", "ReferenceGLIS", _GLIS),
         _optional("OptunaPreferential", "preference", "peers", "OptunaPreferential", _OPTUNA),
+        _ours("LatinHypercube", learns=False),
+        _ours("RandomSearch", learns=False),
     )
     return MappingProxyType({one.name: one for one in entries})
 
 
 AGENTS = _make_roster()
 """The agents by name, in the order of the tables."""
+
+
+def in_order(agents: Iterable[str]) -> tuple[str, ...]:
+    """Return agents in the order of the tables; a user's own come before blind searches."""
+    names = list(AGENTS)
+
+    def key(agent: str) -> tuple[int, int, str]:
+        if agent not in AGENTS:
+            return (1, 0, agent)
+        return (0 if AGENTS[agent].learns else 2, names.index(agent), agent)
+
+    return tuple(sorted(set(agents), key=key))

@@ -6,8 +6,8 @@ from typing import Any
 
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench.duels import PAPER, Duel
-from prefcal_scenarios.bench.results.order import in_order
 from prefcal_scenarios.bench.results.statistics import CONFIDENCE
+from prefcal_scenarios.bench.roster import in_order
 
 
 @dataclass(frozen=True, slots=True)

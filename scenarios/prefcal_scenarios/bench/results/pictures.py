@@ -1,4 +1,4 @@
-"""Which figures a campaign has, and how they read to those who cannot see."""
+"""Which figures a campaign has, with their captions."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -7,15 +7,15 @@ from functools import partial
 from io import BytesIO
 from itertools import groupby
 
+import pandas as pd
 from matplotlib.figure import Figure
 
 from prefcal_scenarios.bench.results import captions, figures
 from prefcal_scenarios.bench.results.campaign import Campaign, Regime
 from prefcal_scenarios.bench.results.duelling import Tally
-from prefcal_scenarios.bench.results.figures.looks import Look, looks
+from prefcal_scenarios.bench.results.figures import Look, looks
 from prefcal_scenarios.bench.results.profiles import Profiles, profiles
 from prefcal_scenarios.bench.results.ranking import Ranking, rank
-from prefcal_scenarios.bench.results.rows import Row
 from prefcal_scenarios.bench.results.words import regime_name
 from prefcal_scenarios.report.style import save, style
 
@@ -35,28 +35,29 @@ class Shown:
 
 @dataclass(frozen=True)
 class Material:
-    """What the figures are made of.
+    """The results that figures and page are made of.
 
     Args:
         campaign: All results.
-        rows: Their table.
-        tallies: What the duels say.
-        floor: Gaps below are equal.
+        rows: The table of them.
+        tallies: The counted duels.
+        floor: Gaps below this are equal.
     """
 
     campaign: Campaign
-    rows: Sequence[Row]
+    rows: pd.DataFrame
     tallies: Sequence[Tally]
     floor: float
 
     @property
     def looks(self) -> Mapping[str, Look]:
-        """One look for each agent, in every figure."""
+        """The look of each agent, the same in every figure."""
         return looks({*self.campaign.agents, *(t.agent for t in self.tallies)})
 
-    def rows_of(self, regime: Regime) -> list[Row]:
-        """The rows of a regime that have a gap."""
-        return [row for row in self.rows if row.regime == regime and row.gap is not None]
+    def rows_of(self, regime: Regime) -> pd.DataFrame:
+        """Return the rows of a regime that have a gap."""
+        rows = self.rows
+        return rows[(rows["regime"] == regime) & rows["gap_median"].notna()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +84,7 @@ def draw(material: Material) -> list[Shown]:
 def standings(
     material: Material,
 ) -> Iterator[tuple[Regime, Ranking | str, Profiles | str]]:
-    """Ranking and data profiles of every regime that has gaps."""
+    """Yield ranking and data profiles of every regime that has gaps."""
     campaign, floor = material.campaign, material.floor
     for regime in campaign.regimes:
         if campaign.problems(regime, cost=True):
@@ -95,7 +96,7 @@ def standings(
 
 
 def file_names(names: Sequence[str]) -> list[str]:
-    """A different end of a file name for each of `names`; none if there is only one."""
+    """Return a different end of a file name for each of `names`; empty if there is only one."""
     if len(names) < 2:
         return [""] * len(names)
     slugs = [re.sub(r"[^\w.]+", "-", name).strip("-") for name in names]
@@ -157,10 +158,9 @@ def _duels(material: Material) -> Iterator[_Planned]:
 
 
 def _seconds(material: Material) -> Iterator[_Planned]:
-    measured: dict[str, list[float]] = {}
-    for row in material.rows:
-        if row.seconds is not None:
-            measured.setdefault(row.agent, []).append(row.seconds)
+    timed = material.rows.dropna(subset="seconds_per_proposal")
+    groups = timed.groupby("agent", sort=False)["seconds_per_proposal"]
+    measured: dict[str, list[float]] = {agent: list(values) for agent, values in groups}
     if measured:
         yield _Planned(
             "seconds.png", "Seconds per proposal", captions.SECONDS,
