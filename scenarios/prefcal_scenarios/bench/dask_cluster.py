@@ -1,4 +1,4 @@
-"""An existing Dask cluster as workers, for those who outgrow one machine."""
+"""An existing Dask cluster as workers, for benchmarks too large for one machine."""
 
 import time
 from collections.abc import Callable
@@ -18,10 +18,10 @@ class DaskCluster:
     """The workers of a Dask scheduler, which must have this prefcal installed (and own.py).
 
     One cell runs at a time in each worker process, so processes of one thread are best. A worker
-    that dies is the scheduler's matter at first: it tries the task elsewhere, a few times.
+    that dies is up to the scheduler at first: it tries the task elsewhere, a few times.
 
     Args:
-        address: As in tcp://host:8786.
+        address: Address of the scheduler, as in tcp://host:8786.
         patience: Seconds to wait for the first worker, or for another when all are gone.
 
     Raises:

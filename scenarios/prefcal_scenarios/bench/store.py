@@ -1,7 +1,7 @@
 """The folder of results: one file each, written as it lands, found by the key of its cell.
 
-Results of several suites may share a folder, and several processes may write into it: two that
-compute the same cell write the same.
+Results of several suites may share a folder, and several processes may write into it: if two
+compute the same cell, both write the same. A file is whole or absent, and damage is noticed.
 """
 
 import hashlib

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from prefcal_scenarios.bench.results.campaign import Campaign, Regime
 from prefcal_scenarios.bench.results.missing import beaten, failures, in_holes, missing, not_run
-from prefcal_scenarios.bench.results.pictures import Material, Shown, standings
+from prefcal_scenarios.bench.results.pictures import Material, Shown
 from prefcal_scenarios.bench.results.rows import Choices
 from prefcal_scenarios.bench.results.tables import duels, failed, numbers, overview
 from prefcal_scenarios.bench.results.words import regime_name, short
@@ -111,12 +111,13 @@ def _absent(material: Material, choices: Choices, origin: Origin) -> Iterator[st
     yield from in_holes(campaign)
     if len(material.rows) and choices.baseline not in campaign.agents:
         yield f"No differences are shown: there are no results of {choices.baseline}"
-    for regime, ranked, profiled in standings(material):
+    for standing in material.standings:
         where: dict[str, list[str]] = {}
-        for what, outcome in (("the ranking", ranked), ("the data profiles", profiled)):
+        both = (("the ranking", standing.ranking), ("the data profiles", standing.profiles))
+        for what, outcome in both:
             for words in (outcome,) if isinstance(outcome, str) else outcome.left_out:
                 where.setdefault(words, []).append(what)
-        name = regime_name(regime, campaign.regimes)
+        name = regime_name(standing.regime, campaign.regimes)
         for words, parts in where.items():
             yield f"Not in {' and '.join(parts)} ({name}): {words}"
     if len(campaign.finished) and material.rows["seconds_per_proposal"].isna().all():

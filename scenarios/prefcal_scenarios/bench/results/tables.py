@@ -11,14 +11,12 @@ from prefcal_scenarios.bench.results.duelling import Tally
 from prefcal_scenarios.bench.results.ranking import SIGNIFICANCE
 from prefcal_scenarios.bench.results.rows import Choices
 from prefcal_scenarios.bench.results.words import (
-    finished,
     percent,
     probability,
-    ratio,
     regime_name,
+    row_texts,
     score,
     short,
-    spread,
 )
 
 
@@ -104,13 +102,13 @@ def _mark(row: Any, choices: Choices) -> Mark | None:
 
 def numbers(rows: pd.DataFrame, choices: Choices, label: str) -> Table:
     """Return all numbers of the rows of one regime."""
-    timed = rows["seconds_per_proposal"].notna().any()
+    columns = [
+        "seeds", "median gap", "quartiles", "best visited", "questions", "ratio",
+        "won–tied–lost", "p",
+    ]  # fmt: skip
     holed = rows["seeds_in_hole"].notna().any()
-    columns = (
-        "problem", "agent", "seeds", "median gap", "quartiles", "best visited", "questions",
-        f"× {choices.baseline} (95 %)", "won–tied–lost", "p", *(("in the hole",) if holed else ()),
-        *(("s/proposal",) if timed else ()),
-    )  # fmt: skip
+    columns += ["in the hole"] if holed else []
+    columns += ["s/proposal"] if rows["seconds_per_proposal"].notna().any() else []
     caption = (
         f"× {choices.baseline}: {choices.average} over the seeds of the ratio of both gaps, each "
         f"counted as at least {short(choices.floor)}, with a 95 % bootstrap interval; below 1 the "
@@ -121,19 +119,12 @@ def numbers(rows: pd.DataFrame, choices: Choices, label: str) -> Table:
         caption += " In the hole: seeds that ended where the cost is lower than it should be."
     lines = []
     for row in rows.itertuples():
-        texts = [
-            finished(row.seeds, row.failed), short(row.gap_median),
-            spread(row.gap_lower_quartile, row.gap_upper_quartile), short(row.visited_median),
-            short(row.questions_median),
-            ratio(row.log10_ratio, row.log10_ratio_low, row.log10_ratio_high),
-            score(row.wins, row.ties, row.losses), probability(row.p_holm),
-        ]  # fmt: skip
-        if holed:
-            texts.append("–" if row.seeds_in_hole is None else str(row.seeds_in_hole))
-        if timed:
-            texts.append(short(row.seconds_per_proposal))
-        lines.append([Cell(row.problem), Cell(row.agent, "words"), *map(Cell, texts)])
-    return Table(label, caption, columns, lines, words=("agent",))
+        texts = row_texts(row)
+        cells = [Cell(texts[column]) for column in columns]
+        lines.append([Cell(row.problem), Cell(row.agent, "words"), *cells])
+    titles = {"ratio": f"× {choices.baseline} (95 %)"}
+    names = ("problem", "agent", *(titles.get(column, column) for column in columns))
+    return Table(label, caption, names, lines, words=("agent",))
 
 
 def duels(tallies: Sequence[Tally]) -> Table:

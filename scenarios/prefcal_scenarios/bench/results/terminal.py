@@ -18,14 +18,11 @@ from prefcal_scenarios.bench.results.missing import failures, in_holes, missing
 from prefcal_scenarios.bench.results.ranking import SIGNIFICANCE
 from prefcal_scenarios.bench.results.rows import BASELINE, Choices, rows_of
 from prefcal_scenarios.bench.results.words import (
-    finished,
     percent,
     probability,
-    ratio,
     regime_name,
-    score,
+    row_texts,
     short,
-    spread,
 )
 from prefcal_scenarios.report.wording import printable
 
@@ -99,15 +96,15 @@ def _gaps(
 
 
 def _cells(row: Any, lowest: str, wide: bool) -> Iterator[str]:
-    median = short(row.gap_median)
-    p = probability(row.p_holm)
+    texts = row_texts(row)
+    median, p = texts["median gap"], texts["p"]
     yield _safe(row.agent)
-    yield finished(row.seeds, row.failed)
+    yield texts["seeds"]
     yield f"[bold green]{median}[/]" if median == lowest else median
     if wide:
-        yield spread(row.gap_lower_quartile, row.gap_upper_quartile)
-    yield ratio(row.log10_ratio, row.log10_ratio_low, row.log10_ratio_high)
-    yield score(row.wins, row.ties, row.losses)
+        yield texts["quartiles"]
+    yield texts["ratio"]
+    yield texts["won–tied–lost"]
     if wide:
         yield f"[bold]{p}[/]" if row.p_holm is not None and row.p_holm < SIGNIFICANCE else p
 

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from itertools import groupby
+from typing import Any
 
 from prefcal_scenarios.bench.results.campaign import HUGE, Campaign, Regime
 
@@ -77,6 +78,22 @@ def seeds_text(seeds: Sequence[int]) -> str:
     ]
     texts = [f"{r[0]} to {r[-1]}" if len(r) > 2 else ", ".join(map(str, r)) for r in runs]
     return f"seed{'s' * (len(seeds) != 1)} {', '.join(texts)}"
+
+
+def row_texts(row: Any) -> dict[str, str]:
+    """Return the cells of a row of the table as text, by column."""
+    return {
+        "seeds": finished(row.seeds, row.failed),
+        "median gap": short(row.gap_median),
+        "quartiles": spread(row.gap_lower_quartile, row.gap_upper_quartile),
+        "best visited": short(row.visited_median),
+        "questions": short(row.questions_median),
+        "ratio": ratio(row.log10_ratio, row.log10_ratio_low, row.log10_ratio_high),
+        "won–tied–lost": score(row.wins, row.ties, row.losses),
+        "p": probability(row.p_holm),
+        "in the hole": "–" if row.seeds_in_hole is None else str(row.seeds_in_hole),
+        "s/proposal": short(row.seconds_per_proposal),
+    }
 
 
 def finished(seeds: int, failed: int) -> str:
