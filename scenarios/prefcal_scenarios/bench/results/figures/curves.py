@@ -74,7 +74,7 @@ def against_questions(
                 bands[agent] = _quartiles(_by_questions(group))
             else:
                 ends[agent] = np.array([np.median(group["gap"])])
-        bottom = _lines(axes, bands, 0, present, floor, tuple(ends.values()))
+        bottom = _lines(axes, bands, 0, present, floor, others=tuple(ends.values()))
         for agent, end in ends.items():
             axes.axhline(
                 max(float(end[0]), bottom), color=present[agent].color, linewidth=1.2,
@@ -117,6 +117,7 @@ def _lines(
     start: int,
     looks: Mapping[str, Look],
     floor: float,
+    *,
     others: tuple[Float[np.ndarray, " 1"], ...] = (),
 ) -> float:
     """Draw the bands over start, start + 1, ...; return what the floor was drawn as."""
