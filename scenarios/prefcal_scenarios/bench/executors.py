@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Future
 from contextlib import contextmanager, suppress
@@ -20,8 +21,8 @@ from .engine import running
 
 _ATTEMPTS = 3
 """Pools in a row that may break without a result."""
-_PATIENCE = 4
-"""Looks at a task whose process is gone until it is given up; its result may be on the way."""
+_PATIENCE = 2.0
+"""Seconds until a task is given up whose process is gone; its result may be on the way."""
 
 
 @final
@@ -120,7 +121,7 @@ class _Place:
     """Where one task runs. The pool itself does not notice a process that exits with code 0."""
 
     def __init__(self, future: Future[Any] | None = None) -> None:
-        self._future, self._looks = future, 0
+        self._future, self._seen = future, time.monotonic()
 
     @property
     def free(self) -> bool:
@@ -137,14 +138,17 @@ class _Place:
 
     def look(self, *, gone: bool) -> None:
         """Give the task up if its process has been gone for some time."""
-        self._looks = self._looks + 1 if gone else 0
-        if self._future is not None and self._looks > _PATIENCE:
-            self._future.cancel()  # nothing happens if it is done
+        now = time.monotonic()
+        if not gone:
+            self._seen = now
+        elif now - self._seen > _PATIENCE:
+            self.give_up()
 
     def give_up(self) -> None:
-        """Cancel a task that no pool is left for."""
+        """Cancel the task, unless it is done."""
         if self._future is not None and self._future.cancel():
-            self._future.set_running_or_notify_cancel()
+            with suppress(RuntimeError):  # the pool was faster
+                self._future.set_running_or_notify_cancel()
 
 
 @contextmanager
