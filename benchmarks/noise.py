@@ -22,8 +22,7 @@ from rich.table import Table
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.threads import one_thread
 from prefcal_env.preference import Preference
-from prefcal_scenarios.bench.judges import Judge, Outcome
-from prefcal_scenarios.bench.problems import NOISES, PROBLEMS, problem
+from prefcal_scenarios.bench.problems import NOISES, PROBLEMS, Judge, Outcome, problem
 
 N_INIT, N_MAX = 10, 50
 CALIBRATORS = ("perfect", *NOISES)

@@ -1,13 +1,14 @@
-"""How unsure a synthetic calibrator is: noise on the difference of two latent costs."""
+"""Errors of judgement: noise on the difference of two latent costs, or a share of wrong answers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
+from prefcal_env.preference import Answer, Calibrator, Preference
 
 
 @runtime_checkable
@@ -56,6 +57,42 @@ class BradleyTerry:
     def draw(self, generator: np.random.Generator) -> float:
         """One error of a difference of costs, in the unit of the cost."""
         return float(generator.logistic(scale=self.scale))
+
+
+@dataclass(frozen=True, slots=True)
+class Flipping:
+    """Gives the opposite of another calibrator's answer in a share of the cases.
+
+    Which answers are wrong depends on `seed` and the two θ alone: asked again, or the other way
+    round, it makes the same mistake. A tie stays a tie, and an abstention an abstention.
+
+    Args:
+        calibrator: Whose answers are flipped; what it compares must have a `theta`.
+        share: Share of wrong answers, from 0 to 1.
+        seed: Decides which answers are wrong, 0 or more.
+
+    Raises:
+        SettingsError: a share outside [0, 1].
+    """
+
+    calibrator: Calibrator[Any]
+    share: float
+    seed: int
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.share <= 1:
+            raise SettingsError(f"share must be in [0, 1], got {self.share!r}")
+
+    def prefer(self, challenger: Any, incumbent: Any) -> Answer | Preference | int | None:
+        """Say which is better, or worse."""
+        verdict = self.calibrator.prefer(challenger, incumbent)
+        dice = generator_of_pair(self.seed, challenger.theta, incumbent.theta)
+        if verdict is None or dice.random() >= self.share:
+            return verdict
+        if not isinstance(verdict, Answer):
+            return Preference(-verdict)
+        preference = verdict.preference
+        return replace(verdict, preference=None if preference is None else Preference(-preference))
 
 
 def generator_of_pair(

@@ -50,3 +50,30 @@ def stutter():
 
 def shout():
     os.write(1, b"from a worker\n")
+
+
+def vanish():
+    """End the process with exit code 0, as a STOP in Fortran does."""
+    os._exit(0)
+
+
+def count_runs(log):
+    with Path(log).open("a") as file:
+        file.write("run\n")
+    time.sleep(2)
+    return "counted"
+
+
+class OddError(Exception):
+    """Cannot be made from its message alone, so that unpickling it fails."""
+
+    def __init__(self, what, bar):
+        super().__init__(f"{what}, {bar} bar")
+
+
+def fail_oddly():
+    raise OddError("the pump", 3)
+
+
+def refuse(*_):
+    os._exit(1)

@@ -6,10 +6,10 @@
 
 from .cell import Cell as Cell
 from .dask_cluster import DaskCluster as DaskCluster
-from .digest import digest as digest
 from .duels import Duel as Duel
 from .executors import Processes as Processes
 from .result import Result as Result
+from .result import digest as digest
 from .run import run_cell as run_cell
 from .runner import Finished as Finished
 from .runner import run_suite as run_suite

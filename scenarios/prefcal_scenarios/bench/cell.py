@@ -4,7 +4,9 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from typing import Any, TypeVar
+
+import msgspec
 
 from prefcal_env.errors import SettingsError
 
@@ -12,20 +14,21 @@ from .problems import problem
 from .roster import entry
 
 FORMAT = 1
-"""Of keys and results; raised when an older result is not to be taken for a new one."""
+"""Format of keys and results; raised when older results must not be taken for new ones."""
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Cell:
-    """What decides a result, and all of it.
+    """Everything that a result depends on.
 
     Args:
         agent: Name in the roster, or path/to/own.py:Agent.
         problem: Name of a problem.
-        calibrator: One of the problem's calibrators.
-        seed: Of the agent and of the calibrator, 0 or more.
-        n_init: Experiments before the agent learns.
-        n_max: Experiments in all.
+        calibrator: Name of one of the problem's calibrators.
+        seed: Seed of the agent and of the calibrator, 0 or more.
+        n_init: Number of experiments before the agent learns.
+        n_max: Number of experiments in all.
 
     Raises:
         SettingsError: an impossible value.
@@ -54,7 +57,7 @@ class Cell:
 
     @property
     def key(self) -> str:
-        """Sha256 in hex of the cell and of the versions of its agent and its problem.
+        """Return the sha256 in hex of the cell and of the versions of its agent and problem.
 
         A new version of either has other keys, so that its results are computed anew.
 
@@ -69,7 +72,7 @@ class Cell:
         return hashlib.sha256(canonical(content).encode()).hexdigest()
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
+        """Return plain data for JSON."""
         return asdict(self)
 
     @classmethod
@@ -79,15 +82,28 @@ class Cell:
         Raises:
             SettingsError: something is missing, malformed or unknown.
         """
-        names = {f.name for f in fields(cls)}
-        if not isinstance(data, Mapping) or set(data) != names:
-            raise SettingsError(f"a cell must have {sorted(names)}, got {data!r}")
-        return cls(**data)
+        return read_as(cls, data)
 
     def __str__(self) -> str:
         return f"{self.agent} on {self.problem}, {self.calibrator}, seed {self.seed}"
 
 
 def canonical(content: Any) -> str:
-    """The one JSON text of `content`: sorted, without spaces, floats by their shortest repr."""
+    """Return the one JSON text of `content`: sorted, without spaces, floats by their repr."""
     return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def read_as(kind: type[T], data: Any) -> T:
+    """Make a dataclass of plain data that came from JSON, where "inf" is a number.
+
+    Raises:
+        SettingsError: something is missing, malformed or unknown.
+    """
+    what = f"a {kind.__name__.lower()}"
+    names = {f.name for f in fields(kind)}  # type: ignore[arg-type]
+    if not isinstance(data, Mapping) or set(data) != names:
+        raise SettingsError(f"{what} must have {sorted(names)}, got {data!r}")
+    try:
+        return msgspec.convert(data, kind, strict=False)
+    except msgspec.ValidationError as error:
+        raise SettingsError(f"{what} cannot be read: {error}") from error

@@ -1,12 +1,13 @@
-"""An existing Dask cluster as workers, for those who outgrow one machine."""
+"""An existing Dask cluster as workers, for benchmarks too large for one machine."""
 
 import time
-from concurrent.futures import CancelledError, Executor
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Future
 from typing import Any, final
 
 from prefcal_env.errors import BenchmarkError, MissingExtraError
 
-from .entry import is_installed
+from .roster import is_installed
 
 _PATIENCE = 60.0
 """Seconds without any worker after which nothing more is expected of a cluster."""
@@ -17,10 +18,10 @@ class DaskCluster:
     """The workers of a Dask scheduler, which must have this prefcal installed (and own.py).
 
     One cell runs at a time in each worker process, so processes of one thread are best. A worker
-    that dies is the scheduler's matter at first: it tries the task elsewhere, a few times.
+    that dies is up to the scheduler at first: it tries the task elsewhere, a few times.
 
     Args:
-        address: As in tcp://host:8786.
+        address: Address of the scheduler, as in tcp://host:8786.
         patience: Seconds to wait for the first worker, or for another when all are gone.
 
     Raises:
@@ -36,16 +37,11 @@ class DaskCluster:
 
     @property
     def serial(self) -> bool:
-        """Never: other machines may be slower, or busy."""
+        """Whether times are comparable: never, other machines may be slower, or busy."""
         return False
 
-    @property
-    def limit(self) -> float:
-        """None: what a worker of a cluster runs cannot be killed from here."""
-        return float("inf")
-
     def width(self) -> int:
-        """How many worker processes, now; waits if there is none."""
+        """Return the number of worker processes, now; wait if there is none."""
         until = time.monotonic() + self._patience
         while not (count := self._count()):
             if time.monotonic() > until:
@@ -57,8 +53,6 @@ class DaskCluster:
         return count
 
     def _count(self) -> int:
-        if self._client is None:
-            return 1  # not yet asked
         try:
             if self._client.status == "running":
                 return len(self._client.nthreads())
@@ -66,7 +60,7 @@ class DaskCluster:
             pass
         raise BenchmarkError(f"the Dask scheduler at {self._address} is gone")
 
-    def open(self) -> Executor:
+    def open(self, tasks: int) -> None:
         """Connect to the scheduler."""
         import distributed
 
@@ -78,8 +72,11 @@ class DaskCluster:
                 f"there is no Dask scheduler at {self._address!r}: {error}"
             ) from error
         self._executor = self._client.get_executor(pure=False)
-        executor: Executor = self._executor
-        return executor
+
+    def submit(self, task: Callable[[], Any]) -> Future[Any]:
+        """Start `task` on the cluster."""
+        future: Future[Any] = self._executor.submit(task)
+        return future
 
     def close(self, *, at_once: bool) -> None:
         """Disconnect; `at_once` cancels what has not begun. The cluster itself stays."""
@@ -88,8 +85,9 @@ class DaskCluster:
             self._executor.shutdown(wait=not at_once)
             client.close()
 
-    def died(self, error: BaseException) -> bool:
-        """Whether the scheduler has given a task up because workers died of it."""
+    def why(self, error: BaseException) -> str:
+        """Return why a task has no result; empty if workers died of it, time and again."""
         from distributed import KilledWorker
 
-        return isinstance(error, (KilledWorker, CancelledError))
+        died = isinstance(error, (KilledWorker, CancelledError))
+        return "" if died else f"{type(error).__name__}: {error}"

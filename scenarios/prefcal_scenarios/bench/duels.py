@@ -1,4 +1,4 @@
-"""Duels: what two agents returned, held against each other where there is no cost."""
+"""Duels: compare what two agents returned where there is no cost."""
 
 import hashlib
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ import numpy as np
 from prefcal_env.errors import SettingsError
 
 from .cell import FORMAT, canonical
-from .problems import problem
+from .problems import prefer, problem
 from .result import Result, Theta
 from .run import alone
 
@@ -23,11 +23,11 @@ class Duel:
     """The noise-free verdict on what `agent` and `rival` returned with the same seed.
 
     Args:
-        problem: One without a cost.
-        calibrator: The one that the studies were answered by.
-        agent: Its name.
-        rival: Another agent's name, or `PAPER`.
-        seed: Of both studies.
+        problem: Problem without a cost.
+        calibrator: Calibrator that answered in the studies.
+        agent: Name of the agent.
+        rival: Name of another agent, or `PAPER`.
+        seed: Seed of both studies.
         outcome: -1 the agent's is preferred, 0 a tie, 1 the rival's.
     """
 
@@ -45,12 +45,12 @@ class Duel:
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """All who returned a θ in one study: each of them meets each other, and the paper's optimum.
+    """All θ that agents returned with one seed: each meets each other, and the paper's optimum.
 
     Args:
-        problem: One without a cost.
-        calibrator: Who answered.
-        seed: Of the studies.
+        problem: Problem without a cost.
+        calibrator: Calibrator that answered.
+        seed: Seed of the studies.
         thetas: θ that each agent returned, physical.
     """
 
@@ -61,13 +61,13 @@ class Round:
 
     @property
     def key(self) -> str:
-        """Sha256 in hex of the round and of the version of its problem."""
+        """Return the sha256 in hex of the round and of the version of its problem."""
         content = [FORMAT, problem(self.problem).version, asdict(self)]
         return hashlib.sha256(canonical(content).encode()).hexdigest()
 
 
 def rounds(results: Sequence[Result]) -> tuple[Round, ...]:
-    """The rounds to be played, in canonical order: of results that have no cost and not failed.
+    """Return the rounds to play, in canonical order: of results without a cost that did not fail.
 
     Raises:
         SettingsError: results of one study with different numbers of experiments.
@@ -85,7 +85,7 @@ def rounds(results: Sequence[Result]) -> tuple[Round, ...]:
 
 
 def play(round_: Round) -> tuple[Duel, ...]:
-    """Let each meet each before the referee, who is never wrong: deterministic."""
+    """Compare each with each by the referee, who is never wrong."""
     where = problem(round_.problem)
     thetas = {name: np.array(theta) for name, theta in round_.thetas}
     if where.paper is not None:
@@ -95,7 +95,7 @@ def play(round_: Round) -> tuple[Duel, ...]:
     return tuple(
         Duel(
             round_.problem, round_.calibrator, agent, rival, round_.seed,
-            int(where.referee.prefer(outcomes[agent], outcomes[rival])),
+            int(prefer(where.referee, outcomes[agent], outcomes[rival])),
         )
         for agent, rival in combinations(outcomes, 2)
     )  # fmt: skip

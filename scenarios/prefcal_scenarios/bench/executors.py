@@ -1,4 +1,4 @@
-"""Where tasks run: factories of `concurrent.futures.Executor`, and what the engine must know."""
+"""Workers on this machine: processes of a pool that names the task whose process died."""
 
 import multiprocessing
 import os
@@ -6,70 +6,33 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import (
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-)
+from concurrent.futures import BrokenExecutor, CancelledError, Future
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.process import BaseProcess
-from typing import Any, ParamSpec, Protocol, TypeVar, final
+from typing import Any, final
 
 import numpy as np
+from pebble import ProcessExpired, ProcessPool
 
-from prefcal_env.errors import SettingsError
+from prefcal_env.errors import BenchmarkError, SettingsError
 
-_GRACE = 2.0
-"""Seconds that processes without a task may take to end."""
-_RUNNING: list[str] = []
-"""In a worker: what the task is about that it runs."""
-P = ParamSpec("P")
-T = TypeVar("T")
+from .engine import running
 
-
-class Workers(Protocol):
-    """Makes executors; one is open at a time.
-
-    A worker that dies takes its task with it, which then ends in an exception that `died`
-    recognises; the engine opens another executor if the old one is `broken`.
-    """
-
-    @property
-    def serial(self) -> bool:
-        """Whether there is one worker on this machine: only then are times worth anything."""
-
-    @property
-    def limit(self) -> float:
-        """Most seconds of a task: the worker of a longer one can be, and is, killed."""
-
-    def width(self) -> int:
-        """How many tasks can run at the same time, now.
-
-        Raises:
-            BenchmarkError: nobody is left to run any.
-        """
-
-    def open(self) -> Executor:
-        """Return a new executor. Raises BenchmarkError if there is none to be had."""
-
-    def close(self, *, at_once: bool) -> None:
-        """Give the executor up; `at_once` drops what is running."""
-
-    def died(self, error: BaseException) -> bool:
-        """Whether a task ended in `error` because its worker did."""
+_ATTEMPTS = 3
+"""Pools in a row that may break without a result."""
+_PATIENCE = 2.0
+"""Seconds until a task is given up whose process is gone; its result may be on the way."""
 
 
 @final
 class Processes:
-    """Processes on this machine, started afresh (spawned): nothing is inherited.
+    """Processes on this machine, spawned: they inherit nothing.
 
     Args:
-        jobs: How many, 1 or more.
-        limit: Most seconds of a task.
-        last_words: What one of them says on standard error if this process is killed.
+        jobs: Number of processes, 1 or more.
+        limit: Seconds that a task may take.
+        last_words: What one of them prints on standard error if this process is killed.
 
     Raises:
         SettingsError: `jobs` below 1, or a `limit` that is not above 0.
@@ -81,79 +44,117 @@ class Processes:
         if not limit > 0:
             raise SettingsError(f"the time limit of a cell must be above 0 s, got {limit:g}")
         self._jobs, self._limit, self._last_words = jobs, limit, last_words
-        self._pool: ProcessPoolExecutor | None = None
+        self._pool: ProcessPool | None = None
         self._others: set[BaseProcess] = set()
+        self._places: list[_Place] = []
+        self._pids: Any = ()
+        self._broken = 0
 
     @property
     def serial(self) -> bool:
         """Whether there is one process."""
         return self._jobs == 1
 
-    @property
-    def limit(self) -> float:
-        """Most seconds of a task."""
-        return self._limit
-
-    def width(self) -> int:
-        """How many processes."""
-        return self._jobs
-
-    def open(self) -> Executor:
-        """Return a new pool."""
+    def open(self, tasks: int) -> None:
+        """Start the processes, no more than there are tasks."""
+        count = min(self._jobs, tasks)
         self._others = set(multiprocessing.active_children())
         context = multiprocessing.get_context("spawn")
-        told = (self._last_words, context.Lock())
-        self._pool = _Pool(self._jobs, mp_context=context, initializer=_begin, initargs=told)
-        return self._pool
+        self._places = [_Place() for _ in range(count)]
+        self._pids = context.RawArray("q", count)
+        told = (self._last_words, context.Lock(), self._pids)
+        with _postponed():  # also in the pool's threads, which replace processes that died
+            self._pool = ProcessPool(count, initializer=_begin, initargs=told, context=context)
+            _ = self._pool.active  # starts it
+
+    def width(self) -> int:
+        """Return the number of processes, after giving up tasks whose process is gone."""
+        alive = {process.pid for process in multiprocessing.active_children()}
+        for place, pid in zip(self._places, self._pids, strict=True):
+            place.look(gone=pid > 0 and pid not in alive)
+            if place.succeeded:
+                self._broken = 0
+        return len(self._places)
+
+    def submit(self, task: Callable[[], Any]) -> Future[Any]:
+        """Start `task` in one of the processes; in new ones if the pool has broken down."""
+        if self._pool is None or not self._pool.active:
+            self._broken += 1
+            if self._broken > _ATTEMPTS:
+                raise BenchmarkError("workers die as soon as they are started")
+            before = self._places
+            self.close(at_once=True)
+            self.open(len(before))
+            for place in before:
+                place.give_up()
+        assert self._pool is not None
+        number = next(n for n, place in enumerate(self._places) if place.free)
+        self._pids[number] = 0
+        limit = self._limit if np.isfinite(self._limit) else None
+        future: Future[Any] = self._pool.schedule(_run, (number, task), timeout=limit)
+        self._places[number] = _Place(future)
+        return future
 
     def close(self, *, at_once: bool) -> None:
-        """End the processes; `at_once` kills them.
-
-        They are killed a little later else: what an agent has left running, a thread say, would
-        keep them.
-        """
-        pool, self._pool = self._pool, None
+        """Kill the processes; what an agent has left running, a thread say, would keep them."""
+        pool: Any = self._pool  # its methods are not typed
+        self._pool = None
         if pool is None:
             return
-        processes = set(multiprocessing.active_children()) - self._others
-        if not at_once:
-            pool.shutdown(wait=False, cancel_futures=True)
-            until = time.monotonic() + _GRACE
-            for process in processes:
-                process.join(max(until - time.monotonic(), 0.0))
-        for process in processes:
+        pool.stop()
+        for process in set(multiprocessing.active_children()) - self._others:
             process.kill()
-        pool.shutdown(wait=True, cancel_futures=True)
-        for process in processes:  # if shutdown was asked for before, it has not waited
-            process.join(_GRACE)
+        pool.join()
+        for process in set(multiprocessing.active_children()) - self._others:
+            process.join()
 
-    def died(self, error: BaseException) -> bool:
-        """Whether a process of the pool is gone; all its tasks end so."""
-        return isinstance(error, (BrokenExecutor, CancelledError))
-
-
-@final
-class _Pool(ProcessPoolExecutor):
-    """Whose processes take no notice of Ctrl-C, not even before `_begin`.
-
-    Any of its submissions may start one; none is left half done.
-    """
-
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        with _postponed():
-            return super().submit(_called, fn, *args, **kwargs)
+    def why(self, error: BaseException) -> str:
+        """Return why a task has no result, in words; empty if its process died."""
+        if isinstance(error, (ProcessExpired, BrokenExecutor, CancelledError)):
+            return ""
+        if isinstance(error, TimeoutError):
+            return f"it took longer than {self._limit:g} s and was ended (--cell-timeout)"
+        return f"{type(error).__name__}: {error}"
 
 
-def _called(fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
-    """In a worker: call `fn`, and remember what it is about, for the last words."""
-    _RUNNING[:] = [str(about) for about in getattr(fn, "args", ())[:1]]
-    return fn(*args, **kwargs)
+class _Place:
+    """Where one task runs. The pool itself does not notice a process that exits with code 0."""
+
+    def __init__(self, future: Future[Any] | None = None) -> None:
+        self._future, self._seen = future, time.monotonic()
+
+    @property
+    def free(self) -> bool:
+        """Whether no task runs here."""
+        return self._future is None or self._future.done()
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the task has a result."""
+        future = self._future
+        return (
+            future is not None and future.done() and not (future.cancelled() or future.exception())
+        )
+
+    def look(self, *, gone: bool) -> None:
+        """Give the task up if its process has been gone for some time."""
+        now = time.monotonic()
+        if not gone:
+            self._seen = now
+        elif now - self._seen > _PATIENCE:
+            self.give_up()
+
+    def give_up(self) -> None:
+        """Cancel the task, unless it is done."""
+        if self._future is not None and self._future.cancel():
+            with suppress(RuntimeError):  # the pool was faster
+                self._future.set_running_or_notify_cancel()
 
 
 @contextmanager
 def _postponed() -> Iterator[None]:
-    """Ctrl-C comes after it; processes and threads started inside begin with it blocked."""
-    resource_tracker.ensure_running()  # starting it would unblock the signal
+    """Hold Ctrl-C back; processes and threads that start inside begin with it blocked."""
+    resource_tracker.ensure_running()  # starting it later would unblock the signal
     pressed: list[int] = []
     # Blocked in this thread, the signal goes to another one, and then its handler runs in the
     # main thread all the same.
@@ -173,32 +174,44 @@ def _postponed() -> Iterator[None]:
 
 
 def usable_cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
-def _begin(last_words: str, speaker: Any) -> None:
-    """In a new worker: Ctrl-C is the parent's matter, its death is ours, stdout is its own.
+_PIDS: Any = None
+"""In a worker: the array of `Processes` that says which process runs what."""
 
-    If the parent is killed, the worker that gets the lock `speaker` says the last words, and each
-    what it was running: an agent may have done it.
+
+def _begin(last_words: str, speaker: Any, pids: Any) -> None:
+    """Prepare a worker: it ignores Ctrl-C, dies with its parent and has no standard output.
+
+    If the parent is killed, the worker that gets the lock `speaker` prints the last words, and
+    each prints what it was running: an agent may have killed the parent.
     """
+    global _PIDS
+    _PIDS = pids
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.dup2(2, 1)
     threading.Thread(target=_end_with_parent, args=(last_words, speaker), daemon=True).start()
 
 
+def _run(number: int, task: Callable[[], Any]) -> Any:
+    """In a worker: run `task`, whose place has this number."""
+    _PIDS[number] = os.getpid()
+    return task()
+
+
 def _end_with_parent(last_words: str, speaker: Any) -> None:
-    """Without it, the workers of a parent that was killed would wait for tasks for ever."""
+    """End this worker with its parent, so that none waits for tasks for ever."""
     parent = multiprocessing.parent_process()
     if parent is None:
         return
     parent.join()
-    if last_words and _RUNNING:
-        running = f"prefcal: {_RUNNING[0]} was running then\n"
+    if last_words and running():
+        words = f"prefcal: {running()} was running then\n"
         first = f"\nprefcal: {last_words}\n" if speaker.acquire(block=False) else ""
         with suppress(OSError):
-            os.write(2, (first + running).encode(errors="backslashreplace"))
+            os.write(2, (first + words).encode(errors="backslashreplace"))
     os._exit(1)

@@ -1,18 +1,20 @@
-"""What the agents are tried on: test functions, the reactor, the overtaking."""
+"""The problems that agents are compared on: test functions, the reactor, the overtaking."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.calibrators import Flipping, LatentCost
 from prefcal_env.errors import SettingsError
+from prefcal_env.experiment import Experiment
 from prefcal_env.knobs import KnobSpace
+from prefcal_env.preference import Answer, Calibrator, Preference
 from prefcal_scenarios.functions import FUNCTIONS, TestFunction
 from prefcal_scenarios.scenario import Scenario
-
-from .judges import ByCost, ByCriteria, Flipping, Judge, Outcome
 
 CSTR_BROAD = 0.69066
 """Smallest eq. perf_index known of a run of the CSTR that does not undershoot the accepted band.
@@ -35,7 +37,30 @@ GUIDELINES = "cstr-guidelines"
 NOISES: Mapping[str, float] = {"noisy10": 0.1, "noisy20": 0.2}
 """Share of the answers that are flipped, by the name of the calibrator."""
 
+Judge = Calibrator[Any]
 JudgeFactory = Callable[[int], Judge]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The result of running a θ.
+
+    Args:
+        theta: Physical, shape (n,).
+        cost: Latent, lower is better; None where the problem has none.
+        experiment: None for a test function.
+        kpis: What an agent may learn from beside the answers; None for a test function.
+    """
+
+    theta: Float[np.ndarray, " n"]
+    cost: float | None
+    experiment: Experiment | None = None
+    kpis: Mapping[str, float] | None = None
+
+    @property
+    def judged(self) -> "Experiment | Outcome":
+        """What calibrators compare: the experiment, or this outcome of a test function."""
+        return self if self.experiment is None else self.experiment
 
 
 @dataclass(frozen=True)
@@ -43,11 +68,11 @@ class Problem:
     """A problem of the benchmark.
 
     Args:
-        name: In tables and on the command line.
+        name: Name in tables and on the command line.
         space: The knobs.
-        run: What comes of a θ, physical, shape (n,), inside the box.
+        run: Runs a θ, physical, shape (n,), inside the box.
         calibrators: Who compares, by name; each is made from a seed.
-        referee: The one who decides between results: never wrong, the same for every calibrator.
+        referee: Decides between results: never wrong, the same for every calibrator.
         best_known: The cost that gaps are measured from: the smallest known, holes (see `HOLES`)
             left out; None where there is no cost.
         paper: The paper's optimum, physical, shape (n,), to compare with where there is no cost.
@@ -77,7 +102,7 @@ class Problem:
         return self.run(self.space.check(theta))
 
     def gap(self, outcome: Outcome) -> float:
-        """How far the cost lies above the best known one, free of noise; below 0 in a hole.
+        """Return how far the cost lies above the best known one, free of noise; below 0 in a hole.
 
         Raises:
             SettingsError: the problem has no cost.
@@ -89,7 +114,7 @@ class Problem:
 
 @cache
 def problem(name: str) -> Problem:
-    """The problem called `name`, one of `PROBLEMS`.
+    """Return the problem called `name`, one of `PROBLEMS`.
 
     Raises:
         SettingsError: there is none.
@@ -101,39 +126,58 @@ def problem(name: str) -> Problem:
     return {"cstr": _reactor, GUIDELINES: _guidelines, "overtake": _overtaking}[name]()
 
 
+def prefer(judge: Judge, challenger: Outcome, incumbent: Outcome) -> Preference:
+    """Return the verdict of `judge` on two outcomes. Raises SettingsError if it abstains."""
+    verdict = Answer.of(judge.prefer(challenger.judged, incumbent.judged)).preference
+    if verdict is None:
+        raise SettingsError("calibrators of the benchmark must decide, got an abstention")
+    return verdict
+
+
 def judges(referee: Judge, name: str) -> dict[str, JudgeFactory]:
-    """The `referee` under `name`, and those who err now and then."""
+    """Return the `referee` under `name`, and calibrators that err now and then."""
     noisy = {noise: partial(Flipping, referee, share) for noise, share in NOISES.items()}
     return {name: partial(_sure, referee), **noisy}
 
 
 def _sure(judge: Judge, seed: int) -> Judge:
-    """The same judge, whatever the seed."""
+    """Return the same judge, whatever the seed."""
     return judge
+
+
+def _cost(outcome: Any) -> float:
+    """Return the cost of an outcome, which a test function has in place of an experiment."""
+    if outcome.cost is None:
+        raise SettingsError("outcomes without a cost cannot be compared by it")
+    return float(outcome.cost)
 
 
 def _of_function(function: TestFunction) -> Problem:
     def run(theta: Float[np.ndarray, " n"]) -> Outcome:
         return Outcome(theta, function(theta))
 
+    referee = LatentCost(_cost)
     return Problem(
         name=function.name,
         space=function.space,
         run=run,
-        calibrators=judges(ByCost(), "perfect"),
-        referee=ByCost(),
+        calibrators=judges(referee, "perfect"),
+        referee=referee,
         best_known=function.optimum,
     )
 
 
 def _reactor() -> Problem:
     """The paper's reactor, judged by its index."""
+    from prefcal_scenarios.cstr.room import synthetic
+
+    referee = synthetic()
     return Problem(
         name="cstr",
         space=_cstr().space,
         run=_run_reactor,
-        calibrators=judges(ByCost(), "perfect"),
-        referee=ByCost(),
+        calibrators=judges(referee, "perfect"),
+        referee=referee,
         best_known=CSTR_BROAD,
         version=2,
     )
@@ -142,12 +186,12 @@ def _reactor() -> Problem:
 def _guidelines() -> Problem:
     """The same reactor, judged by the paper's guidelines in their order, not by its index.
 
-    Whoever answers by the guidelines never follows the index, so that it is no score for what
-    comes of such answers: returned θ meet each other before the guidelines, as in the overtaking.
+    Answers by the guidelines do not follow the index, so the index cannot score their result:
+    the returned θ are compared with each other by the guidelines, as in the overtaking.
     """
     from prefcal_scenarios.cstr.room import lexicographic
 
-    referee = ByCriteria(lexicographic())
+    referee = lexicographic()
     scenario = _cstr()
 
     def run(theta: Float[np.ndarray, " 3"]) -> Outcome:
@@ -170,7 +214,7 @@ def _cstr() -> Scenario:
 
 
 def _run_reactor(theta: Float[np.ndarray, " 3"]) -> Outcome:
-    """One experiment of the reactor, with its index and its KPIs."""
+    """Run one experiment of the reactor, with its index and its KPIs."""
     from prefcal_scenarios.outcomes import outcome
 
     scenario = _cstr()
@@ -190,7 +234,7 @@ def _overtaking() -> Problem:
         experiment = scenario.run(theta)
         return Outcome(theta, None, experiment, outcome(scenario, experiment))
 
-    referee = ByCriteria(synthetic())
+    referee = synthetic()
     return Problem(
         name="overtake",
         space=scenario.space,

@@ -1,33 +1,34 @@
-"""What came out of a cell."""
+"""The result of a cell, and one number for many results."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
 from math import isfinite, isnan
 from typing import Any
 
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.own_line import whole
 
-from .cell import Cell
+from .cell import Cell, canonical, read_as
 
 Theta = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What an agent did in a cell, experiment by experiment; N experiments.
+    """The course of a study of N experiments.
 
     A gap is the latent cost, free of noise, minus the best known one: 0 is the optimum. Where a
     best known value is only measured, a better one would show as a gap just below 0; a gap far
     below 0 lies in a hole of the cost that gaps leave out (`problems.HOLES`).
 
     Args:
-        cell: Which cell.
+        cell: The cell that was run.
         thetas: θ tried, physical, in their order; N tuples.
-        gaps: Gap of the θ that the agent would return after each experiment, N of them; None
+        gaps: Gap of the θ that the agent would return after each experiment, N values; None
             where the problem has no cost.
-        visited: Smallest gap of all θ tried until then, N of them; None as `gaps`.
-        questions: Questions that had been answered when each experiment was settled, N of them.
+        visited: Smallest gap of all θ tried until then, N values; None as `gaps`.
+        questions: Number of questions answered up to each experiment, N values.
         best: θ that the agent returned.
         failure: Why the cell failed; then everything else is empty.
         seconds: Time of a proposal at the end (median of the last five); measured in serial
@@ -60,11 +61,11 @@ class Result:
 
     @classmethod
     def failed(cls, cell: Cell, why: str) -> "Result":
-        """The result of a cell that failed."""
+        """Return the result of a cell that failed."""
         return cls(cell, (), (), (), (), (), failure=whole(why) or "for no stated reason")
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON; floats survive exactly, an infinite one as a word."""
+        """Return plain data for JSON; floats survive exactly, an infinite one as a word."""
         plain: dict[str, Any] = _plain(asdict(self))
         return plain
 
@@ -75,22 +76,20 @@ class Result:
         Raises:
             SettingsError: something is missing, malformed or unknown.
         """
-        names = {f.name for f in fields(cls)}
-        if not isinstance(data, Mapping) or set(data) != names:
-            raise SettingsError(f"a result must have {sorted(names)}, got {data!r}")
-        try:
-            return cls(
-                cell=Cell.from_dict(data["cell"]),
-                thetas=tuple(_floats(theta) for theta in data["thetas"]),
-                gaps=None if data["gaps"] is None else _floats(data["gaps"]),
-                visited=None if data["visited"] is None else _floats(data["visited"]),
-                questions=tuple(int(count) for count in data["questions"]),
-                best=_floats(data["best"]),
-                failure=str(data["failure"]),
-                seconds=None if data["seconds"] is None else float(data["seconds"]),
-            )
-        except (TypeError, ValueError) as error:
-            raise SettingsError(f"a result cannot be read: {error}") from error
+        return read_as(cls, data)
+
+
+def digest(results: Iterable[Result]) -> str:
+    """Return the sha256 in hex of all results in the order of their cells, in whatever order given.
+
+    Times are left out, and so is the text of a failure, which may name a process or an address.
+    That a cell failed counts.
+    """
+    total = hashlib.sha256()
+    for result in sorted(results, key=lambda result: result.cell):
+        content = result.to_dict() | {"seconds": None, "failure": bool(result.failure)}
+        total.update(canonical(content).encode() + b"\n")
+    return total.hexdigest()
 
 
 def _plain(value: Any) -> Any:
@@ -99,7 +98,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (tuple, list)):
         return [_plain(one) for one in value]
     return str(value) if isinstance(value, float) and not isfinite(value) else value
-
-
-def _floats(values: Any) -> Theta:
-    return tuple(float(value) for value in values)

@@ -2,23 +2,75 @@
 
 import hashlib
 import inspect
-from collections.abc import Callable, Mapping
-from functools import cache, partial
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed
+from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
-from prefcal_env.errors import ScenarioError, SettingsError
+from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_scenarios.nearest import did_you_mean
 from prefcal_scenarios.own_file import module_at
 
-from .entry import Entry, Kind, package_version
+Kind = Literal["preference", "value"]
+Make = Callable[[KnobSpace, int, int, int], Any]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An agent by name; nothing is imported before it is made.
+
+    Args:
+        name: Name in tables and on the command line.
+        kind: Whether it is told preferences, or the value of each experiment.
+        build: Makes it from space, n_init, n_max and seed.
+        algorithm: Returns the version of its algorithm, settings included.
+        needs: Modules that have to be installed.
+        extra: The extra that installs them: `pip install prefcal[extra]`.
+        learns: Whether it uses what it is told for more than keeping the winner.
+    """
+
+    name: str
+    kind: Kind
+    build: Make
+    algorithm: Callable[[], str]
+    needs: tuple[str, ...] = ()
+    extra: str = ""
+    learns: bool = True
+
+    def make(self, space: KnobSpace, n_init: int, n_max: int, seed: int) -> Any:
+        """Return the agent, which has `ask`, `tell`, `done` and `best`.
+
+        Raises:
+            MissingExtraError: something is not installed.
+            SettingsError: an impossible value.
+        """
+        if self.missing:
+            raise MissingExtraError(self.missing)
+        return self.build(space, n_init, n_max, seed)
+
+    @property
+    def missing(self) -> str:
+        """Return what is not installed, in words; empty if nothing is missing."""
+        absent = [name for name in self.needs if not is_installed(name)]
+        if not absent:
+            return ""
+        return f"{self.name} needs {', '.join(absent)}: pip install 'prefcal[{self.extra}]'"
+
+    @cached_property
+    def version(self) -> str:
+        """Return the version of the algorithm: with another one, results are computed anew."""
+        return "" if self.missing else self.algorithm()
 
 
 def entry(name: str) -> Entry:
-    """The agent called `name`: one of `AGENTS`, or "path/to/own.py:Agent".
+    """Return the agent called `name`: one of `AGENTS`, or "path/to/own.py:Agent".
 
     Raises:
         SettingsError: no agent has that name, or what does is no agent.
@@ -43,7 +95,7 @@ def entry(name: str) -> Entry:
 
 @cache
 def _own(name: str, version: str) -> Entry:
-    """A user's agent; `version` is the hash of its file, so that a changed one is loaded anew."""
+    """Return a user's agent; `version` is the hash of its file: a changed one is loaded anew."""
     path, _, attribute = name.rpartition(":")
     found = getattr(module_at(Path(path)), attribute, None)
     if not callable(found):
@@ -52,7 +104,7 @@ def _own(name: str, version: str) -> Entry:
 
 
 def _kind(name: str, agent: Any) -> Kind:
-    """Agents differ in what they are told: `tell(query, answer)` or `tell(query, value)`."""
+    """Return what an agent is told, from its `tell(query, answer)` or `tell(query, value)`."""
     tell = getattr(agent, "tell", None)
     if tell is None:
         raise SettingsError(f"{name!r} must have a method tell(query, answer) or (query, value)")
@@ -64,7 +116,7 @@ def _make(agent: Callable[..., Any], space: KnobSpace, n_init: int, n_max: int, 
 
 
 def _import(place: str) -> Any:
-    """The object at "module:attribute" or "module:attribute.attribute"."""
+    """Return the object at "module:attribute" or "module:attribute.attribute"."""
     module, _, path = place.partition(":")
     found = import_module(module)
     for part in path.split("."):
@@ -77,25 +129,26 @@ def _make_at(place: str, space: KnobSpace, n_init: int, n_max: int, seed: int) -
 
 
 def _state_version(place: str) -> str:
-    """Version and settings, as a state of the agent bears them."""
+    """Return version and settings from the state of a new agent."""
     state = _make_at(place, KnobSpace([Knob("x", 0, 1)]), 1, 2, 0).state
     return f"{state.version} {state.settings!r}"
 
 
-def _ours(name: str, kind: Kind = "preference") -> Entry:
-    """An agent of prefcal_agents that has a state."""
+def _ours(name: str, kind: Kind = "preference", *, learns: bool = True) -> Entry:
+    """Return the entry of an agent of prefcal_agents that has a state."""
     place = f"prefcal_agents:{name}"
-    return Entry(name, kind, partial(_make_at, place), partial(_state_version, place))
+    make, version = partial(_make_at, place), partial(_state_version, place)
+    return Entry(name, kind, make, version, learns=learns)
 
 
 def _optional(name: str, kind: Kind, extra: str, class_: str, packages: Mapping[str, str]) -> Entry:
-    """An agent of prefcal_agents that needs an extra; the packages' versions are part of its own.
+    """Return the entry of an agent that needs an extra; its version names those of the packages.
 
     Args:
-        name: Of the entry.
+        name: Name of the entry.
         kind: What it is told.
-        extra: Of this project; also the module of prefcal_agents that it is in.
-        class_: In that module.
+        extra: Extra of this project; also the module of prefcal_agents that holds the agent.
+        class_: Class in that module.
         packages: Module to distribution, of what it needs.
     """
     home = f"prefcal_agents.{extra}"
@@ -110,7 +163,7 @@ def _optional(name: str, kind: Kind, extra: str, class_: str, packages: Mapping[
 
 
 def _glisp(name: str, **settings: Any) -> Entry:
-    """GLISp with these settings in place of its own."""
+    """Return the entry of GLISp with these settings in place of its own."""
     make = partial(_make_glisp, tuple(settings.items()))
     return Entry(name, "preference", make, partial(_glisp_version, make))
 
@@ -134,6 +187,22 @@ _OPTUNA = {"optuna": "optuna", "optuna_dashboard": "optuna-dashboard", "botorch"
 _SB3 = {"stable_baselines3": "stable-baselines3", "torch": "torch"}
 
 
+def is_installed(module: str) -> bool:
+    """Return whether `module` could be imported; its parents are imported, it is not."""
+    try:
+        return find_spec(module) is not None
+    except ModuleNotFoundError:
+        return False
+
+
+def package_version(name: str) -> str:
+    """Return the version of an installed package."""
+    try:
+        return installed(name)
+    except PackageNotFoundError:
+        return "not installed"
+
+
 def _make_roster() -> Mapping[str, Entry]:
     entries = (
         _ours("GLISp"),
@@ -142,16 +211,28 @@ def _make_roster() -> Mapping[str, Entry]:
         _glisp("GLISp.3-questions", questions_per_experiment=3),
         _glisp("GLISp.12-questions", questions_per_experiment=12),
         _ours("GLIS", "value"),
-        _ours("RandomSearch"),
-        _ours("LatinHypercube"),
         _optional("PPO", "value", "rl", "PPOBandit", _SB3),
         _optional("SAC", "value", "rl", "SACBandit", _SB3),
         _optional("ReferenceGLISp", "preference", "peers", "ReferenceGLISp", _GLIS),
         _optional("ReferenceGLIS", "value", "peers", "ReferenceGLIS", _GLIS),
         _optional("OptunaPreferential", "preference", "peers", "OptunaPreferential", _OPTUNA),
+        _ours("LatinHypercube", learns=False),
+        _ours("RandomSearch", learns=False),
     )
     return MappingProxyType({one.name: one for one in entries})
 
 
 AGENTS = _make_roster()
 """The agents by name, in the order of the tables."""
+
+
+def in_order(agents: Iterable[str]) -> tuple[str, ...]:
+    """Return agents in the order of the tables; a user's own come before blind searches."""
+    names = list(AGENTS)
+
+    def key(agent: str) -> tuple[int, int, str]:
+        if agent not in AGENTS:
+            return (1, 0, agent)
+        return (0 if AGENTS[agent].learns else 2, names.index(agent), agent)
+
+    return tuple(sorted(set(agents), key=key))

@@ -1,4 +1,4 @@
-"""Running one cell: the agent asks, the problem is tried, the calibrator or the value answers."""
+"""Run one cell: the agent proposes, the problem runs, the calibrator or the value answers."""
 
 import sys
 import threading
@@ -15,14 +15,13 @@ from prefcal_env.errors import BenchmarkError, MissingExtraError, ProtocolError,
 from prefcal_env.preference import Answer, Query, Suggestion
 
 from .cell import Cell
-from .judges import Judge, Outcome
-from .problems import Problem, problem
+from .problems import Judge, Outcome, Problem, prefer, problem
 from .result import Result
 from .roster import entry
 
 Clock = Callable[[], float]
 _LAST = 5
-"""Proposals at the end whose time is measured."""
+"""Number of proposals at the end whose time is measured."""
 _ALONE = threading.Lock()
 """Agents from elsewhere use numpy's global generator: one cell at a time in a process."""
 
@@ -34,9 +33,9 @@ def run_cell(cell: Cell, clock: Clock | None = None, key: str = "") -> Result:
     standard error.
 
     Args:
-        cell: Which one.
-        clock: Seconds; only given where nothing else runs, since it times the proposals.
-        key: The cell's key where the result is kept; a worker whose agent or problem is of
+        cell: The cell to run.
+        clock: Returns seconds; only given where nothing else runs, since it times the proposals.
+        key: Key of the cell where the result is kept; a worker whose agent or problem is of
             another version refuses.
     """
     with alone():
@@ -48,7 +47,7 @@ def run_cell(cell: Cell, clock: Clock | None = None, key: str = "") -> Result:
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Inside, nothing else of the benchmark runs in this process, on one thread, and silently."""
+    """Keep everything else of the benchmark in this process out, on one thread and silently."""
     with _ALONE, redirect_stdout(sys.stderr), one_thread():
         yield
 
@@ -100,7 +99,7 @@ class _Study:
             old = None if query.incumbent is None else self._tried(query.incumbent)
             if old is not None:
                 asked += 1
-                preference = self._judge.prefer(new, old)
+                preference = prefer(self._judge, new, old)
             kpis = None if new.kpis is None else (new.kpis, None if old is None else old.kpis)
             self._agent.tell(
                 query, preference if kpis is None else Answer(preference, outcomes=kpis)
@@ -145,14 +144,14 @@ class _Study:
         return self._known[key]
 
     def _note(self, asked: int) -> None:
-        """Where the agent stands after its latest answer, in the row of its latest experiment."""
+        """Write down the state after the latest answer, in the row of the latest experiment."""
         row = len(self._thetas) - 1
         self._questions[row:] = [asked]
         if self._where.has_cost:
             self._gaps[row:] = [self._where.gap(self._outcome(self._agent.best))]
 
     def result(self, cell: Cell) -> Result:
-        """What came out of it."""
+        """Return the result of the study."""
         gaps, visited = None, None
         if self._where.has_cost:
             gaps = tuple(self._gaps)

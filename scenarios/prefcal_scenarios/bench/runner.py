@@ -1,4 +1,4 @@
-"""Runs a suite: what is missing of it, whatever happens to the workers."""
+"""Run what is missing of a suite, whatever happens to the workers."""
 
 import time
 from contextlib import closing
@@ -7,36 +7,34 @@ from functools import partial
 from typing import Protocol
 
 from .cell import Cell
-from .digest import digest
 from .duels import Duel, Round, play, rounds
-from .engine import Lost, each
-from .executors import Workers
-from .result import Result
+from .engine import Lost, Workers, each
+from .result import Result, digest
 from .run import run_cell
 from .store import Store
 from .suite import Suite
 
 
 class Watcher(Protocol):
-    """Sees what goes on."""
+    """Shows progress."""
 
     def begin(self, what: str, total: int, done: int) -> None:
-        """There are `total` of something to do, `done` of them before."""
+        """Start on `total` of something, `done` of which are there already."""
 
     def landed(self, what: str) -> None:
-        """One more is done."""
+        """Note that one more is done."""
 
     def say(self, words: str) -> None:
-        """Something that a user should know."""
+        """Tell something that a user should know."""
 
 
 @dataclass(frozen=True)
 class Finished:
-    """A suite that has run.
+    """The outcome of a suite.
 
     Args:
-        results: Of all its cells, in canonical order.
-        duels: Of the problems without a cost, in canonical order.
+        results: Results of all its cells, in canonical order.
+        duels: Duels of the problems without a cost, in canonical order.
         trouble: Duels that could not be played, in words.
     """
 
@@ -46,20 +44,19 @@ class Finished:
 
     @property
     def failures(self) -> tuple[Result, ...]:
-        """Of the cells that failed."""
+        """Return the results of the cells that failed."""
         return tuple(result for result in self.results if result.failure)
 
     @property
     def digest(self) -> str:
-        """Of all results: the same for the same suite, wherever it ran."""
+        """Return the digest of all results: the same for the same suite, wherever it ran."""
         return digest(self.results)
 
 
 def run_suite(suite: Suite, store: Store, workers: Workers, watcher: Watcher) -> Finished:
-    """Run all cells of `suite` that `store` has no result of; failed ones run again.
+    """Run all cells of `suite` without a result in `store`; failed ones run again.
 
-    Every result is stored as it lands, so that nothing but what is running is lost, whatever
-    ends this.
+    Every result is stored as it lands, so that at most what is running is lost.
 
     Raises:
         BenchmarkError: the folder or the workers cannot be used any more.

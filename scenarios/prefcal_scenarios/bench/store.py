@@ -1,20 +1,24 @@
 """The folder of results: one file each, written as it lands, found by the key of its cell.
 
-Results of several suites may share a folder, and several processes may write into it: two that
-compute the same cell write the same.
+Results of several suites may share a folder, and several processes may write into it: if two
+compute the same cell, both write the same. A file is whole or absent, and damage is noticed.
 """
 
+import hashlib
+import os
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, final
+from uuid import uuid4
 
-from prefcal_env.errors import PrefcalError
+import msgspec
+
+from prefcal_env.errors import BenchmarkError, PrefcalError
 from prefcal_scenarios.report.folder import folder_for
 
-from .cell import Cell
+from .cell import FORMAT, Cell, canonical, read_as
 from .duels import Duel, Round
-from .records import DamagedError, read_record, write_record
 from .result import Result
 
 Trouble = str
@@ -38,7 +42,7 @@ class Store:
         self._duels = folder_for(self.folder / "duels")
 
     def find(self, cell: Cell) -> tuple[Result | None, Trouble]:
-        """The result of `cell`, if there is one.
+        """Return the result of `cell`, if there is one.
 
         Raises:
             BenchmarkError: another version of prefcal has written it, or it cannot be read.
@@ -60,11 +64,11 @@ class Store:
         write_record(self.path(result.cell), result.to_dict())
 
     def path(self, cell: Cell) -> Path:
-        """Where the result of `cell` is kept."""
+        """Return where the result of `cell` is kept."""
         return self._results / f"{cell.key}.json"
 
     def duels(self, round_: Round) -> tuple[tuple[Duel, ...] | None, Trouble]:
-        """The duels of `round_`, if they have been played.
+        """Return the duels of `round_`, if they have been played.
 
         Raises:
             BenchmarkError: as `find`.
@@ -74,7 +78,7 @@ class Store:
         if content is None:
             return None, trouble
         try:
-            return tuple(Duel(**duel) for duel in content), ""
+            return tuple(read_as(Duel, duel) for duel in content), ""
         except (TypeError, PrefcalError) as error:
             return None, f"{path}: {error}"
 
@@ -90,3 +94,81 @@ def _content(path: Path) -> tuple[Any, Trouble]:
         return None, ""
     except DamagedError as error:
         return None, str(error)
+
+
+class DamagedError(ValueError):
+    """A file holds no record, or only half of one."""
+
+
+class _Record(msgspec.Struct, forbid_unknown_fields=True):
+    """A file: its content with a checksum. Of another format, nothing else is known."""
+
+    format: Any
+    sha256: str
+    content: Any
+
+
+def write_record(path: Path, content: Any) -> None:
+    """Keep `content` at `path`: when this returns, it survives a crash of the machine.
+
+    A reader at the same time finds the old file or the new one; of two writers at the same
+    time, the later one wins.
+
+    Raises:
+        BenchmarkError: it cannot be written; no part of it is left then.
+    """
+    record = {"format": FORMAT, "sha256": _checksum(content), "content": content}
+    half = path.with_name(f".{uuid4().hex}.half")
+    try:
+        with half.open("x", encoding="utf-8") as file:
+            file.write(canonical(record) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        half.replace(path)
+        _sync(path.parent)
+    except OSError as error:
+        raise BenchmarkError(f"cannot write {path}: {error.strerror}") from error
+    finally:
+        half.unlink(missing_ok=True)
+
+
+def read_record(path: Path) -> Any:
+    """Return the content that `write_record` has kept.
+
+    Raises:
+        FileNotFoundError: there is no file.
+        DamagedError: the file holds something else, or is incomplete.
+        BenchmarkError: it was written by a newer prefcal, or cannot be read.
+    """
+    try:
+        record = msgspec.json.decode(path.read_bytes(), type=_Record)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise BenchmarkError(f"cannot read {path}: {error.strerror}") from error
+    except msgspec.ValidationError as error:
+        raise DamagedError(f"{path} is no record of the benchmark: {error}") from error
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise DamagedError(f"{path} is cut off or no record: {error}") from error
+    if record.format != FORMAT:
+        raise BenchmarkError(
+            f"{path} has format {record.format!r}, this prefcal reads {FORMAT}: use the one "
+            "that has written it, or another folder"
+        )
+    if record.sha256 != _checksum(record.content):
+        raise DamagedError(f"{path} was changed: its checksum does not fit")
+    return record.content
+
+
+def _checksum(content: Any) -> str:
+    return hashlib.sha256(canonical(content).encode()).hexdigest()
+
+
+def _sync(folder: Path) -> None:
+    """Make a file's new name durable, where the system can."""
+    if os.name == "posix":
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

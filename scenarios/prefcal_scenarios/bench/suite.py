@@ -1,4 +1,4 @@
-"""A suite: which cells a benchmark consists of, and which combinations there cannot be."""
+"""A suite: which cells a benchmark consists of, and which combinations are impossible."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -29,9 +29,9 @@ class Suite:
         agents: Names in the roster, or path/to/own.py:Agent.
         problems: Names of problems.
         calibrators: Names of calibrators; a problem takes those that it has.
-        seeds: How many: 0, 1, ...
-        n_init: Experiments before an agent learns.
-        n_max: Experiments in all.
+        seeds: Number of seeds: 0, 1, ...
+        n_init: Number of experiments before an agent learns.
+        n_max: Number of experiments in all.
 
     Raises:
         SettingsError: an unknown name, one that is there twice, or an impossible number.
@@ -65,17 +65,17 @@ class Suite:
 
     @classmethod
     def quick(cls) -> "Suite":
-        """Our own agents on a few problems: two and a half minutes of processor time."""
+        """Return our own agents on a few problems: two and a half minutes of processor time."""
         return cls(QUICK_AGENTS, QUICK_PROBLEMS, QUICK_CALIBRATORS, QUICK_SEEDS)
 
     @classmethod
     def full(cls) -> "Suite":
-        """Everything."""
+        """Return everything."""
         return cls(tuple(AGENTS), PROBLEMS, CALIBRATORS)
 
     @cached_property
     def cells(self) -> tuple[Cell, ...]:
-        """All cells; seed by seed, so that whatever is there early is of all agents."""
+        """Return all cells; seed by seed, so that early results are of all agents."""
         studies = [
             (agent, where, calibrator)
             for where in self.problems
@@ -91,13 +91,13 @@ class Suite:
 
     @cached_property
     def baseline(self) -> str:
-        """The agent that all others are compared with: the first one named that runs."""
+        """Return the agent that all others are compared with: the first one named that runs."""
         running = {cell.agent for cell in self.cells}
         return next((agent for agent in self.agents if agent in running), self.agents[0])
 
     @cached_property
     def left_out(self) -> tuple[str, ...]:
-        """What is not among the cells although it was named, and why, in words."""
+        """Return what is not among the cells although it was named, and why, in words."""
         return tuple(dict.fromkeys(self._reasons()))
 
     def _reasons(self) -> Iterator[str]:
@@ -112,7 +112,7 @@ class Suite:
                     yield f"{agent} on {where}: {'; '.join(sorted(reasons))}"
 
     def _obstacle(self, agent: str, where: str, calibrator: str) -> str:
-        """Why there is no such cell, in words; empty where there is."""
+        """Return why there is no such cell, in words; empty where there is."""
         one, place = entry(agent), problem(where)
         if one.missing:
             return one.missing

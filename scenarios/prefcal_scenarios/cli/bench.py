@@ -153,9 +153,9 @@ def bench(
     """
     one_thread()
     # Here, not above: --help must not wait for it, and numpy reads the environment once.
-    from prefcal_scenarios.cli.benching import Wishes, run
+    from prefcal_scenarios.cli.benching import BenchOptions, run
 
-    wishes = Wishes(
+    options = BenchOptions(
         quick, agents, problems, calibrators, seeds, n_init, n_max, jobs, dask, cell_timeout
     )
-    raise typer.Exit(run(wishes, out, json=json, csv=csv))
+    raise typer.Exit(run(options, out, json=json, csv=csv))

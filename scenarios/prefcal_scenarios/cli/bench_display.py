@@ -1,4 +1,4 @@
-"""What a user sees on standard error while the benchmark runs."""
+"""Progress of a benchmark on standard error."""
 
 from types import TracebackType
 from typing import Self
@@ -18,7 +18,7 @@ from rich.text import Text
 from prefcal_scenarios.report.wording import printable
 
 _PERIOD = 900.0
-"""Seconds over which the remaining time is judged: cells of slow agents take half a minute."""
+"""Seconds over which the remaining time is estimated: slow agents take half a minute a cell."""
 
 
 class BenchDisplay:
@@ -50,7 +50,7 @@ class BenchDisplay:
             self._console.print()  # there, rich leaves the last line open
 
     def begin(self, what: str, total: int, done: int) -> None:
-        """Start the bar anew: there are `total`, `done` of them before."""
+        """Start the bar anew, with `done` of `total` there already."""
         self._bar.remove_task(self._task)
         self._task = self._bar.add_task("", total=total, completed=done, what=escape(what))
         if what == "cells":
@@ -59,7 +59,7 @@ class BenchDisplay:
                 self.say(f"{done} of {total} results are there already.")
 
     def landed(self, what: str) -> None:
-        """One more is done."""
+        """Move the bar by one."""
         self.done += 1
         self._bar.update(self._task, advance=1, description=escape(printable(what)))
 

@@ -1,4 +1,4 @@
-"""What `prefcal bench` does."""
+"""Run `prefcal bench`."""
 
 import json as json_
 import shlex
@@ -11,7 +11,8 @@ from rich.text import Text
 
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench import DaskCluster, Finished, Processes, Store, Suite, run_suite
-from prefcal_scenarios.bench.executors import Workers, usable_cores
+from prefcal_scenarios.bench.engine import Workers
+from prefcal_scenarios.bench.executors import usable_cores
 from prefcal_scenarios.bench.results import as_csv, duel_table, print_table, table, write
 from prefcal_scenarios.cli.bench_display import BenchDisplay
 from prefcal_scenarios.cli.interrupt import INTERRUPTED, interruption
@@ -21,11 +22,11 @@ from prefcal_scenarios.report.wording import printable
 _TIMEOUT = 3600.0
 """Seconds of a cell: the slowest agents take some minutes for 50 experiments."""
 _WIDTH = 110
-"""Characters a line in files and pipes."""
+"""Characters in a line of files and pipes."""
 
 
 @dataclass(frozen=True, slots=True)
-class Wishes:
+class BenchOptions:
     """The options of `prefcal bench`; None where the suite's own value holds."""
 
     quick: bool = False
@@ -40,7 +41,7 @@ class Wishes:
     cell_timeout: float | None = None
 
     def command(self, out: Path) -> str:
-        """The command line that repeats it, wherever it ran."""
+        """Return the command line that repeats it, wherever it ran."""
         words = ["prefcal", "bench", *(["--quick"] if self.quick else [])]
         for name in ("agents", "problems", "calibrators", "seeds", "n_init", "n_max"):
             if (value := getattr(self, name)) is not None:
@@ -48,7 +49,7 @@ class Wishes:
         return shlex.join([*words, "--out", str(out)])
 
     def suite(self) -> Suite:
-        """The cells that are wanted.
+        """Return the suite that the options ask for.
 
         Raises:
             SettingsError: an unknown name or an impossible number, or nothing is left to run.
@@ -77,7 +78,7 @@ class Wishes:
         return suite
 
     def workers(self, out: Path) -> Workers:
-        """Where they run; `out` is the folder of the results.
+        """Return the workers to run it on; `out` is the folder of the results.
 
         Raises:
             SettingsError: both a cluster and processes here, an impossible number of them, or an
@@ -98,15 +99,15 @@ class Wishes:
         return DaskCluster(self.dask)
 
 
-def run(wishes: Wishes, out: Path, *, json: bool, csv: bool) -> int:
+def run(options: BenchOptions, out: Path, *, json: bool, csv: bool) -> int:
     """Run what is missing of the suite, write the page, print the result; return the exit code.
 
     Raises:
-        PrefcalError: impossible wishes, or a folder or a cluster that cannot be used.
+        PrefcalError: impossible options, or a folder or a cluster that cannot be used.
     """
     if json and csv:
         raise SettingsError("--json and --csv both want standard output: give one")
-    suite, workers = wishes.suite(), wishes.workers(out)
+    suite, workers = options.suite(), options.workers(out)
     messages = Console(stderr=True)
     for words in suite.left_out:
         _say(messages, f"Left out: {words}")
@@ -122,7 +123,7 @@ def run(wishes: Wishes, out: Path, *, json: bool, csv: bool) -> int:
                 )
                 return INTERRUPTED
     page = write(
-        finished.results, finished.duels, store.folder, command=wishes.command(out),
+        finished.results, finished.duels, store.folder, command=options.command(out),
         digest=finished.digest, notes=(*suite.left_out, *finished.trouble), baseline=suite.baseline,
     )  # fmt: skip
     if json:
@@ -144,7 +145,7 @@ def _show(finished: Finished, page: Path, console: Console, baseline: str) -> No
 
 
 def _as_json(finished: Finished, suite: Suite, page: Path) -> str:
-    """One JSON object; strict, so null where there is no number."""
+    """Return one JSON object; strict, so null where there is no number."""
     content: dict[str, Any] = {
         "digest": finished.digest,
         "cells": len(finished.results),
@@ -161,7 +162,7 @@ def _as_json(finished: Finished, suite: Suite, page: Path) -> str:
 
 
 def _paper() -> Console:
-    """Standard output; where it is no terminal, wide enough for the names of the agents."""
+    """Return standard output; wide enough for the names of the agents if it is no terminal."""
     console = Console()
     return console if console.is_terminal else Console(width=_WIDTH)
 

@@ -8,6 +8,7 @@ from contracts.calibrators import calibrator_contract
 from prefcal_env.calibrators import (
     BradleyTerry,
     Criterion,
+    Flipping,
     HumanCalibrator,
     LatentCost,
     Lexicographic,
@@ -21,6 +22,7 @@ SUBJECTS: dict[str, Any] = {
     "latent cost with a tie band": lambda: LatentCost(final_level, tie_band=0.1),
     "latent cost, Thurstone": lambda: LatentCost(final_level, noise=Thurstone(0.5), seed=3),
     "latent cost, Bradley-Terry": lambda: LatentCost(final_level, noise=BradleyTerry(0.5)),
+    "wrong in a fifth of the cases": lambda: Flipping(LatentCost(final_level), 0.2, seed=3),
     "a person": lambda: HumanCalibrator(LatentCost(final_level).prefer),
     "a person, sides shuffled": lambda: HumanCalibrator(LatentCost(final_level).prefer, shuffle=1),
     "lexicographic": lambda: Lexicographic([Criterion("level", final_level)]),

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from prefcal_env.errors import SettingsError
+from prefcal_env.errors import BenchmarkError, SettingsError
 from prefcal_scenarios.bench.engine import Lost, each
 from prefcal_scenarios.bench.executors import Processes, usable_cores
 from support import bench_tasks as tasks
@@ -54,6 +54,34 @@ def test_a_task_that_takes_too_long_is_lost_and_what_ran_beside_it_is_not():
     assert not isinstance(results[2], Lost)
 
 
+def test_a_process_that_ends_as_if_all_were_well_is_noticed():
+    todo = [partial(tasks.double, 1), tasks.vanish, partial(tasks.double, 2)]
+    two, gone, four = run(todo)
+    assert (two, four) == (2, 4)
+    assert isinstance(gone, Lost)
+    assert "its worker died" in gone.why
+
+
+def test_a_death_does_not_disturb_what_runs_beside_it(tmp_path):
+    log = tmp_path / "runs"
+    todo = [partial(tasks.count_runs, str(log)), tasks.die]
+    found = run(todo)
+    assert found[0] == "counted"
+    assert log.read_text() == "run\n"
+
+
+def test_an_error_that_cannot_be_unpickled_is_lost_with_its_words():
+    odd, two = run([tasks.fail_oddly, partial(tasks.double, 1)])
+    assert odd == Lost("OddError: the pump, 3 bar")
+    assert two == 2
+
+
+def test_workers_that_die_at_once_end_the_run(monkeypatch):
+    monkeypatch.setattr("prefcal_scenarios.bench.executors._begin", tasks.refuse)
+    with pytest.raises(BenchmarkError, match="workers die as soon as they are started"):
+        run([partial(tasks.double, k) for k in range(9)], jobs=1)
+
+
 def test_a_thread_that_a_task_leaves_behind_keeps_nobody():
     begun = time.monotonic()
     assert run([tasks.leave_a_thread, partial(tasks.double, 1)], jobs=1) == [None, 2]
@@ -91,8 +119,8 @@ def test_standard_output_of_a_worker_is_not_ours(capfd):
 
 def test_no_worker_takes_notice_of_ctrl_c_however_young():
     workers = Processes(2)
-    pool = workers.open()
-    futures = [pool.submit(tasks.double, k) for k in range(2)]
+    workers.open(2)
+    futures = [workers.submit(partial(tasks.double, k)) for k in range(2)]
     young = multiprocessing.active_children()
     assert len(young) == 2
     for process in young:
@@ -112,7 +140,6 @@ def _ctrl_c_raises():
 @pytest.mark.usefixtures("_ctrl_c_raises")
 def test_ctrl_c_while_a_worker_is_started_comes_after_it(monkeypatch):
     workers = Processes(1)
-    pool = workers.open()
     start = multiprocessing.process.BaseProcess.start
 
     def pressed(process):
@@ -121,7 +148,7 @@ def test_ctrl_c_while_a_worker_is_started_comes_after_it(monkeypatch):
 
     monkeypatch.setattr(multiprocessing.process.BaseProcess, "start", pressed)
     with pytest.raises(KeyboardInterrupt):
-        pool.submit(tasks.double, 1)
+        workers.open(1)
     assert len(multiprocessing.active_children()) == 1
     workers.close(at_once=True)
     assert not multiprocessing.active_children()

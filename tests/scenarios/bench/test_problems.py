@@ -14,6 +14,8 @@ from prefcal_scenarios.bench.problems import (
     GUIDELINES,
     HOLES,
     PROBLEMS,
+    Outcome,
+    prefer,
     problem,
 )
 from prefcal_scenarios.functions import FUNCTIONS
@@ -35,8 +37,25 @@ def test_calibrators_answer_from_outcomes(name):
     rng = np.random.default_rng(0)
     a, b = (where.outcome(where.space.decode(rng.random(len(where.space)))) for _ in "ab")
     for make in where.calibrators.values():
-        assert isinstance(make(0).prefer(a, b), Preference)
-        assert make(0).prefer(a, a) is Preference.TIE
+        assert isinstance(prefer(make(0), a, b), Preference)
+        assert prefer(make(0), a, a) is Preference.TIE
+
+
+def test_the_calibrator_of_a_cost_prefers_the_lower_and_needs_one():
+    referee = problem("camel").referee
+    low, high, equal, none = (Outcome(np.zeros(2), cost) for cost in (1.0, 2.0, 1.0, None))
+    assert prefer(referee, low, high) is Preference.CHALLENGER
+    assert prefer(referee, high, low) is Preference.INCUMBENT
+    assert prefer(referee, low, equal) is Preference.TIE
+    with pytest.raises(SettingsError, match="without a cost"):
+        prefer(referee, none, low)
+
+
+@pytest.mark.parametrize("name", ["cstr", "overtake"])
+def test_an_experiment_carries_the_theta_that_was_run(name):
+    where = problem(name)
+    outcome = where.outcome(where.space.decode(np.full(len(where.space), 0.3)))
+    assert np.array_equal(outcome.theta, outcome.experiment.theta)  # errors depend on it
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -86,8 +105,8 @@ def test_the_reactor_s_guidelines_are_judged_by_the_guidelines_not_by_the_index(
     sooner, lower = (where.outcome(np.array(t)) for t in ([0.31, 26, -1.79], [0.25, 25, -1.0]))
     index = problem("cstr").referee
     by_index = [problem("cstr").outcome(o.theta) for o in (sooner, lower)]
-    assert index.prefer(*by_index) is Preference.INCUMBENT
-    assert where.referee.prefer(sooner, lower) is Preference.CHALLENGER
+    assert prefer(index, *by_index) is Preference.INCUMBENT
+    assert prefer(where.referee, sooner, lower) is Preference.CHALLENGER
     assert where.calibrators["lexicographic"](3) == where.referee
     assert "lexicographic" not in problem("cstr").calibrators
 
@@ -98,7 +117,7 @@ def test_the_overtaking_has_no_cost_and_its_referee_is_the_paper_s_calibrator():
     assert where.paper is not None
     optimum = where.outcome(where.paper)
     slow = where.outcome(np.array([0.4, 1.0, 30, 2.0, 2.0]))
-    assert where.referee.prefer(optimum, slow) is Preference.CHALLENGER
+    assert prefer(where.referee, optimum, slow) is Preference.CHALLENGER
     assert where.calibrators["lexicographic"](5) == where.referee
     with pytest.raises(SettingsError, match="no cost"):
         where.gap(optimum)
@@ -122,7 +141,7 @@ def test_flipped_answers_are_those_of_this_version():
     where = problem("camel")
     judge = where.calibrators["noisy20"](0)
     points = [where.outcome(where.space.decode(np.array([0.1 * i, 0.5]))) for i in range(11)]
-    answers = [int(judge.prefer(a, b)) for a, b in pairwise(points)]
+    answers = [int(prefer(judge, a, b)) for a, b in pairwise(points)]
     assert answers == [1, -1, 1, 1, 1, -1, -1, -1, 1, 1]  # the last one is wrong
 
 

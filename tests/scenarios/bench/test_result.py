@@ -47,9 +47,9 @@ def test_a_failure_goes_through_json():
         ({"best": [np.nan, 1.0]}, "NaN"),
         ({"failure": "but it has experiments"}, "say why"),
         ({"thetas": [], "gaps": [], "visited": [], "questions": []}, "say why"),
-        ({"thetas": 7}, "cannot be read"),
+        ({"thetas": 7}, r"cannot be read: Expected `array`, got `int` - at `\$.thetas`"),
         ({"gaps": ["low", "high"]}, "cannot be read"),
-        ({"cell": {}}, "a cell must have"),
+        ({"cell": {}}, "missing required field `agent`"),
         ({"more": 1}, "a result must have"),
     ],
 )

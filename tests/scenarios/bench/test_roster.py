@@ -5,8 +5,7 @@ import pytest
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.preference import Agent
-from prefcal_scenarios.bench.entry import Entry, is_installed
-from prefcal_scenarios.bench.roster import AGENTS, entry
+from prefcal_scenarios.bench.roster import AGENTS, Entry, entry, in_order, is_installed
 
 SPACE = KnobSpace([Knob("a", 0, 1), Knob("b", -1, 1)])
 OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
@@ -77,3 +76,9 @@ def test_a_changed_file_is_loaded_anew(tmp_path):
             "    def __init__(self, space, **k): ...\n"
         )
         assert entry(f"{own}:Mine").make(SPACE, 1, 2, 0).number == number
+
+
+def test_tables_name_learning_agents_first_then_own_ones_then_blind_searches():
+    names = ["RandomSearch", "own.py:B", "LatinHypercube", "GLIS", "own.py:A", "GLISp"]
+    expected = ("GLISp", "GLIS", "own.py:A", "own.py:B", "LatinHypercube", "RandomSearch")
+    assert in_order(names) == in_order(reversed(names)) == expected

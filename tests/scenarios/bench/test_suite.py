@@ -5,9 +5,8 @@ import pytest
 
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench import Suite
-from prefcal_scenarios.bench.entry import Entry
 from prefcal_scenarios.bench.problems import PROBLEMS
-from prefcal_scenarios.bench.roster import AGENTS
+from prefcal_scenarios.bench.roster import AGENTS, Entry
 
 OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
 BOTH = Suite(

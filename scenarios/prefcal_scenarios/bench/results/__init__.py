@@ -1,4 +1,4 @@
-"""What came out of a campaign: tables, figures, and one page that holds both."""
+"""The results of a campaign: tables, figures, and one page that holds both."""
 
 from prefcal_scenarios.bench.results.duelling import duel_table as duel_table
 from prefcal_scenarios.bench.results.rows import as_csv as as_csv

@@ -1,20 +1,26 @@
-"""Results in order: who ran what, before whom, with which budget, and what is missing."""
+"""Results as one table: a row for each study, in an order that does not depend on theirs."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench.cell import Cell
 from prefcal_scenarios.bench.result import Result
-from prefcal_scenarios.bench.results.order import in_order
+from prefcal_scenarios.bench.roster import in_order
 
 HUGE = 1e300
 """Stands for an infinite gap, so that quantiles remain numbers."""
 _FIRST_CALIBRATORS = ("perfect", "lexicographic")
+_NUMBERS = ("knobs", "gap", "visited", "questions", "seconds")
+_COLUMNS = (
+    "regime", "problem", "agent", "seed", "failure", "cost", "knobs", "gap", "visited",
+    "questions", "seconds", "curve", "asked",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -26,78 +32,62 @@ class Regime:
     n_max: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Campaign:
-    """Results of any subset of cells, in an order that does not depend on theirs.
-
-    Made by `campaign_of`. The same agents, problems and seeds need not be there everywhere.
+    """Results of any subset of cells. Made by `campaign_of`.
 
     Args:
-        finished: The results with numbers, by regime, problem and agent, then by seed.
-        failed: The others, in order.
+        studies: One row for each cell: regime, problem, agent (categories in the order of the
+            tables), seed, failure (text, empty if finished), cost (whether gaps are known), knobs,
+            gap (of the returned θ at the end), visited (smallest gap), questions (at the end),
+            seconds, curve (gap after each experiment), asked (questions by then); NaN or None
+            where there is no number.
     """
 
-    finished: Mapping[tuple[Regime, str, str], Mapping[int, Result]]
-    failed: tuple[Result, ...]
+    studies: pd.DataFrame
 
     @cached_property
     def agents(self) -> tuple[str, ...]:
-        """All of them, those that failed everywhere too."""
-        names = {agent for _, _, agent in self.finished} | {r.cell.agent for r in self.failed}
-        return in_order(names)
+        """All agents, those that failed everywhere too."""
+        return tuple(self.studies["agent"].cat.categories)
 
     @cached_property
     def regimes(self) -> tuple[Regime, ...]:
-        """All of them; calibrators that are sure of themselves first."""
-        found = {regime for regime, _, _ in self.finished} | {_regime(r.cell) for r in self.failed}
-        return tuple(sorted(found, key=lambda r: (*_calibrator_key(r.calibrator), r)))
+        """All regimes; those with a calibrator that never errs first."""
+        return tuple(self.studies["regime"].cat.categories)
 
-    def problems(self, regime: Regime, *, cost: bool | None = None) -> tuple[str, ...]:
-        """Names of the problems of a regime, fewer knobs first.
+    @cached_property
+    def finished(self) -> pd.DataFrame:
+        """The studies that have not failed."""
+        return self.studies[self.studies["failure"] == ""]
+
+    @cached_property
+    def failed(self) -> pd.DataFrame:
+        """The studies that have failed."""
+        return self.studies[self.studies["failure"] != ""]
+
+    def problems(self, regime: Regime, *, cost: bool = False) -> tuple[str, ...]:
+        """Return the problems of a regime, fewer knobs first.
 
         Args:
-            regime: Which.
-            cost: Only those with a cost (True) or without (False).
+            regime: The regime.
+            cost: Whether to return only those with known gaps.
         """
-        found = {p for r, p, _ in self.finished if r == regime}
-        if cost is None:
-            found |= {r.cell.problem for r in self.failed if _regime(r.cell) == regime}
-        else:
-            found = {p for p in found if self.has_cost(p) == cost}
-        return tuple(sorted(found, key=lambda p: (self.knobs(p) or 0, p.lower(), p)))
+        found = self.costly(regime) if cost else self.studies[self.studies["regime"] == regime]
+        return tuple(found["problem"].cat.remove_unused_categories().cat.categories)
 
-    def runs(self, regime: Regime, problem: str, agent: str) -> Mapping[int, Result]:
-        """The finished results by seed, in order; none if there are none."""
-        return self.finished.get((regime, problem, agent), {})
-
-    def failures(self, regime: Regime, problem: str, agent: str) -> tuple[int, ...]:
-        """Seeds whose cells failed."""
-        wanted = (regime, problem, agent)
-        return tuple(
-            r.cell.seed
-            for r in self.failed
-            if (_regime(r.cell), r.cell.problem, r.cell.agent) == wanted
-        )
+    def costly(self, regime: Regime) -> pd.DataFrame:
+        """Return the finished studies of a regime whose gaps are known."""
+        return self.finished[(self.finished["regime"] == regime) & self.finished["cost"]]
 
     def knobs(self, problem: str) -> int | None:
-        """How many knobs a problem has, if any result tells."""
+        """Return how many knobs a problem has, if any result tells."""
         return self._knobs.get(problem)
 
-    def has_cost(self, problem: str) -> bool:
-        """Whether gaps are known."""
-        return problem in self._costs
-
     @cached_property
-    def _knobs(self) -> Mapping[str, int]:
-        return {r.cell.problem: len(r.best) for r in self}
-
-    @cached_property
-    def _costs(self) -> frozenset[str]:
-        return frozenset(r.cell.problem for r in self if r.gaps is not None)
-
-    def __iter__(self) -> Iterator[Result]:
-        for runs in self.finished.values():
-            yield from runs.values()
+    def _knobs(self) -> dict[str, int]:
+        first = self.finished.groupby("problem", observed=True)["knobs"].first()
+        return {problem: int(count) for problem, count in first.items()}
 
 
 def campaign_of(results: Iterable[Result]) -> Campaign:
@@ -110,37 +100,43 @@ def campaign_of(results: Iterable[Result]) -> Campaign:
     by_cell: dict[Cell, Result] = {}
     for result in results:
         _check(result)
-        known = by_cell.setdefault(result.cell, result)
-        if known != result:
+        if by_cell.setdefault(result.cell, result) != result:
             raise SettingsError(f"two different results of one cell: {result.cell}")
     ordered = sorted(by_cell.values(), key=_key)
-    finished: dict[tuple[Regime, str, str], dict[int, Result]] = {}
+    frame = pd.DataFrame([_row(result) for result in ordered], columns=_COLUMNS)
+    frame = frame.astype({"cost": bool, **dict.fromkeys(_NUMBERS, float)})
+    costly = set(frame.loc[frame["cost"], "problem"])
     for r in ordered:
-        if not r.failure:
-            place = (_regime(r.cell), r.cell.problem, r.cell.agent)
-            finished.setdefault(place, {})[r.cell.seed] = r
-    campaign = Campaign(finished, tuple(r for r in ordered if r.failure))
-    for r in campaign:
-        if r.gaps is None and campaign.has_cost(r.cell.problem):
+        if not r.failure and r.gaps is None and r.cell.problem in costly:
             raise SettingsError(f"other results of {r.cell.problem!r} have gaps, not so {r.cell}")
-    return campaign
+    knobs = frame.groupby("problem")["knobs"].max().fillna(0)
+    orders = {
+        "regime": sorted(frame["regime"].unique(), key=_regime_key),
+        "problem": sorted(knobs.index, key=lambda p: (knobs[p], p.lower(), p)),
+        "agent": in_order(frame["agent"]),
+    }
+    for name, order in orders.items():
+        frame[name] = pd.Categorical(frame[name], categories=list(order), ordered=True)
+    return Campaign(frame)
 
 
-def curve(result: Result, *, returned: bool = True) -> Float[np.ndarray, " n_max"]:
-    """Gap after each of n_max experiments; a study that ended before keeps its last one.
+def _row(result: Result) -> tuple[object, ...]:
+    cell, failed = result.cell, bool(result.failure)
+    regime = Regime(cell.calibrator, cell.n_init, cell.n_max)
+    curve = None if failed or result.gaps is None else _curve(result.gaps, cell.n_max)
+    seen = None if failed or result.visited is None else _curve(result.visited, cell.n_max)
+    return (
+        regime, cell.problem, cell.agent, cell.seed, result.failure, curve is not None,
+        None if failed else len(result.best), np.nan if curve is None else curve[-1],
+        np.nan if seen is None else seen[-1], np.nan if failed else result.questions[-1],
+        np.nan if result.seconds is None else result.seconds, curve, result.questions,
+    )  # fmt: skip
 
-    Args:
-        result: A finished one of a problem with a cost.
-        returned: Of what the agent would return; else of the best point visited.
-    """
-    gaps = result.gaps if returned else result.visited
-    assert gaps is not None
-    known = np.minimum(np.array(gaps, dtype=float), HUGE)[: result.cell.n_max]
-    return np.pad(known, (0, result.cell.n_max - len(known)), mode="edge")
 
-
-def _regime(cell: Cell) -> Regime:
-    return Regime(cell.calibrator, cell.n_init, cell.n_max)
+def _curve(gaps: tuple[float, ...], n_max: int) -> Float[np.ndarray, " n_max"]:
+    """Return the gap after each of n_max experiments; a study that ended early keeps its last."""
+    known = np.minimum(np.array(gaps, dtype=float), HUGE)[:n_max]
+    return np.pad(known, (0, n_max - len(known)), mode="edge")
 
 
 def _key(result: Result) -> tuple[object, ...]:
@@ -148,9 +144,10 @@ def _key(result: Result) -> tuple[object, ...]:
     return (c.calibrator, c.n_init, c.n_max, c.problem, c.agent, c.seed)
 
 
-def _calibrator_key(name: str) -> tuple[int, str]:
-    known = _FIRST_CALIBRATORS
-    return (known.index(name) if name in known else len(known), name)
+def _regime_key(regime: Regime) -> tuple[int, Regime]:
+    first = _FIRST_CALIBRATORS
+    name = regime.calibrator
+    return (first.index(name) if name in first else len(first), regime)
 
 
 def _check(result: Result) -> None:

@@ -1,15 +1,14 @@
-"""What stands below each figure, and what each says to those who cannot see it."""
+"""Caption of each figure, and its text for people who cannot see it."""
 
 from collections.abc import Mapping, Sequence
-from itertools import groupby
 
 import numpy as np
+import pandas as pd
 
 from prefcal_scenarios.bench.duels import PAPER
 from prefcal_scenarios.bench.results.duelling import Tally
 from prefcal_scenarios.bench.results.profiles import Profiles
 from prefcal_scenarios.bench.results.ranking import Ranking
-from prefcal_scenarios.bench.results.rows import Row
 from prefcal_scenarios.bench.results.words import percent, probability, short
 
 RANKING = (
@@ -39,7 +38,7 @@ SECONDS = (
 
 
 def profiles_caption(found: Profiles) -> str:
-    """What data profiles show."""
+    """Return what data profiles show."""
     return (
         f"Share of the {found.instances} pairs of problem and seed "
         f"(problems: {found.problems}) in which the gap of what the agent would return has fallen "
@@ -49,7 +48,7 @@ def profiles_caption(found: Profiles) -> str:
 
 
 def profiles_alt(found: Profiles) -> str:
-    """The shares at the end."""
+    """Return the shares at the end."""
     ends = [
         f"to {100 * tolerance:g} % of the initial gap: "
         + ", ".join(f"{a} {percent(s[-1])}" for a, s in shares.items())
@@ -59,7 +58,7 @@ def profiles_alt(found: Profiles) -> str:
 
 
 def ranking_alt(found: Ranking) -> str:
-    """The average ranks."""
+    """Return the average ranks."""
     pairs = zip(found.agents, found.average, strict=True)
     ranks = ", ".join(f"{agent} {average:.2f}" for agent, average in pairs)
     test = "" if found.p is None else f"; Friedman's test p {probability(found.p)}"
@@ -69,23 +68,23 @@ def ranking_alt(found: Ranking) -> str:
     )
 
 
-def gaps_alt(rows: Sequence[Row], what: str) -> str:
-    """Which agent has the lowest median at the end, for each problem."""
-    texts = []
-    for problem, group in groupby(rows, lambda row: row.problem):
-        best = min(group, key=lambda row: row.gap.median if row.gap else np.inf)
-        texts.append(f"{problem} {best.agent} ({short(best.gap.median if best.gap else None)})")
+def gaps_alt(rows: pd.DataFrame, what: str) -> str:
+    """Name the agent with the lowest median at the end, for each problem."""
+    lowest = rows.loc[
+        rows["gap_median"].astype(float).groupby(rows["problem"], sort=False).idxmin()
+    ]
+    texts = [f"{r.problem} {r.agent} ({short(r.gap_median)})" for r in lowest.itertuples()]
     return f"Plots of the gap against {what}. Lowest median gap at the end: {', '.join(texts)}."
 
 
 def duels_alt(tallies: Sequence[Tally]) -> str:
-    """How often each agent is preferred to the paper's optimum, or else to each other."""
+    """Return how often each agent is preferred to the paper's optimum, or else to each other."""
     against = [t for t in tallies if t.rival == PAPER] or list(tallies)
     shares = ", ".join(f"{t.agent} to {t.rival} {percent(t.share)}" for t in against)
     return f"Heat map of who is preferred on {tallies[0].problem}. Share of seeds: {shares}."
 
 
 def seconds_alt(measured: Mapping[str, Sequence[float]]) -> str:
-    """The medians."""
+    """Return the medians."""
     medians = ", ".join(f"{a} {short(float(np.median(v)))} s" for a, v in measured.items())
     return f"Median time of a proposal: {medians}."

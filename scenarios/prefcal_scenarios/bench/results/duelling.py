@@ -1,13 +1,17 @@
-"""What duels say: how often one agent's θ is preferred to another's, and how sure that is."""
+"""Count duels: how often one agent's θ is preferred to another's, and how sure that is."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import pandas as pd
+
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench.duels import PAPER, Duel
-from prefcal_scenarios.bench.results.order import in_order
 from prefcal_scenarios.bench.results.statistics import CONFIDENCE
+from prefcal_scenarios.bench.roster import in_order
+
+_PAIR = ["problem", "calibrator", "agent", "rival"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,18 +19,18 @@ class Tally:
     """All duels of an agent with a rival on one problem.
 
     Args:
-        problem: One without a cost.
-        calibrator: The one that the studies were answered by.
-        agent: Whose θ is judged.
+        problem: Problem without a cost.
+        calibrator: Calibrator that answered in the studies.
+        agent: Agent whose θ is judged.
         rival: Another agent, or `PAPER`.
-        seeds: Duels.
-        wins: Of these, the agent's θ is preferred.
-        ties: Neither is.
-        losses: The rival's is.
+        seeds: Number of duels.
+        wins: Number of duels in which the agent's θ is preferred.
+        ties: Number of duels in which neither is.
+        losses: Number of duels in which the rival's is.
         share: wins / seeds.
         low: Lower end of the exact (Clopper-Pearson) 95 % interval of that share.
         high: Upper end.
-        p: Of an exact sign test on wins and losses, two-sided; 1 if all are ties.
+        p: p value of an exact sign test on wins and losses, two-sided; 1 if all are ties.
     """
 
     problem: str
@@ -44,7 +48,7 @@ class Tally:
 
     @property
     def net(self) -> float:
-        """Share of wins minus share of losses, from -1 to 1."""
+        """Return the share of wins minus the share of losses, from -1 to 1."""
         return (self.wins - self.losses) / self.seeds
 
 
@@ -55,26 +59,25 @@ def tallies(duels: Iterable[Duel]) -> list[Tally]:
         SettingsError: no `Duel`, an impossible outcome, an agent against itself, or two outcomes
             of one duel.
     """
-    outcomes: dict[tuple[str, str, str, str, int], int] = {}
-    for duel in duels:
-        _check(duel)
-        sides = [(duel.agent, duel.rival, duel.outcome)]
-        if duel.rival != PAPER:
-            sides.append((duel.rival, duel.agent, -duel.outcome))
-        for agent, rival, outcome in sides:
-            key = (duel.problem, duel.calibrator, agent, rival, duel.seed)
-            if outcomes.setdefault(key, outcome) != outcome:
-                raise SettingsError(f"two different outcomes of one duel: {duel}")
-    groups: dict[tuple[str, str, str, str], list[int]] = {}
-    for (problem, calibrator, agent, rival, _), outcome in outcomes.items():
-        groups.setdefault((problem, calibrator, agent, rival), []).append(outcome)
-    places = {name: i for i, name in enumerate((PAPER, *in_order({k[2] for k in groups})))}
-    ordered = sorted(groups, key=lambda k: (k[0], k[1], places[k[2]], places[k[3]]))
-    return [_tally(key, groups[key]) for key in ordered]
+    sides = []
+    for d in duels:
+        _check(d)
+        sides.append((d.problem, d.calibrator, d.agent, d.rival, d.seed, d.outcome))
+        if d.rival != PAPER:
+            sides.append((d.problem, d.calibrator, d.rival, d.agent, d.seed, -d.outcome))
+    frame = pd.DataFrame(sides, columns=[*_PAIR, "seed", "outcome"]).drop_duplicates()
+    twice = frame[frame.duplicated([*_PAIR, "seed"])]
+    if len(twice):
+        raise SettingsError(f"two different outcomes of one duel: {twice.iloc[0].to_dict()}")
+    names = [PAPER, *in_order(frame["agent"])]
+    for column in ("agent", "rival"):
+        frame[column] = pd.Categorical(frame[column], categories=names, ordered=True)
+    groups = frame.groupby(_PAIR, observed=True)["outcome"]
+    return [_tally(pair, list(outcomes)) for pair, outcomes in groups]
 
 
 def duel_table(duels: Iterable[Duel]) -> list[dict[str, Any]]:
-    """The tallies as plain data, for JSON and CSV.
+    """Return the tallies as plain data, for JSON and CSV.
 
     Raises:
         SettingsError: see `tallies`.

@@ -2,8 +2,11 @@
 
 from collections.abc import Iterator
 
+import numpy as np
+import pandas as pd
+
 from prefcal_scenarios.bench.problems import HOLES
-from prefcal_scenarios.bench.results.campaign import Campaign, Regime, curve
+from prefcal_scenarios.bench.results.campaign import Campaign, Regime
 from prefcal_scenarios.bench.results.words import problem_name, regime_name, seeds_text, short
 
 HOLE_SLACK = 1e-3
@@ -11,7 +14,7 @@ HOLE_SLACK = 1e-3
 
 
 def missing(campaign: Campaign) -> list[str]:
-    """Seeds that an agent lacks, neither finished nor failed, though another agent has them."""
+    """Return seeds that an agent lacks, neither finished nor failed, though another has them."""
     found = []
     for regime, problem, there in _tried(campaign):
         lacking: dict[tuple[int, ...], list[str]] = {}
@@ -25,7 +28,7 @@ def missing(campaign: Campaign) -> list[str]:
 
 
 def not_run(campaign: Campaign) -> list[str]:
-    """Where agents were not run at all; often there is a reason, such as that they need a cost."""
+    """Return where agents were not run at all, often for a reason: they need a cost, say."""
     absent: dict[tuple[Regime, str], list[str]] = {}
     for regime, problem, there in _tried(campaign):
         for agent, seeds in there.items():
@@ -44,79 +47,56 @@ def not_run(campaign: Campaign) -> list[str]:
 
 
 def failures(campaign: Campaign) -> list[tuple[str, str]]:
-    """Failed cells and why they failed."""
-    found = []
-    for r in campaign.failed:
-        c = r.cell
-        found.append((f"{c.agent} on {c.problem}, {c.calibrator}, seed {c.seed}", r.failure))
-    return found
+    """Return failed cells and why they failed."""
+    return [
+        (f"{r.agent} on {r.problem}, {r.regime.calibrator}, seed {r.seed}", r.failure)
+        for r in campaign.failed.itertuples()
+    ]
 
 
 def beaten(campaign: Campaign, slack: float) -> list[str]:
-    """Problems on which something better than the best known was found, by more than `slack`.
+    """Return problems on which the best known value was beaten by more than `slack`.
 
     Holes that are known are no news; see `in_holes`.
     """
-    lowest: dict[str, float] = {}
-    for r in campaign:
-        if r.gaps is not None:
-            gap = min(*r.gaps, *(r.visited or r.gaps))
-            if _in_hole(r.cell.problem, gap):
-                continue
-            lowest[r.cell.problem] = min(gap, lowest.get(r.cell.problem, gap))
+    costly = campaign.finished[campaign.finished["cost"]]
+    lowest = costly.assign(gap=np.fmin(costly["curve"].map(np.min), costly["visited"]))
+    news = lowest[~in_hole(lowest) & (lowest["gap"] < -slack)]
+    least = news.astype({"problem": str}).groupby("problem")["gap"].min()
     return [
         f"{problem_name(campaign, p)}: {-gap:.2g} below the best known value, which is not the "
         "optimum then; such gaps count as the floor"
-        for p, gap in sorted(lowest.items())
-        if gap < -slack
+        for p, gap in least.items()
     ]
 
 
 def in_holes(campaign: Campaign) -> list[str]:
-    """Who ended in a hole of a cost, where nobody would want to be, and how often."""
+    """Return which agents ended in a hole of a cost, where nobody wants to be, and how often."""
+    costly = campaign.finished[campaign.finished["cost"]]
+    studies = costly.assign(hole=in_hole(costly))
     found = []
-    for regime in campaign.regimes:
-        for problem in campaign.problems(regime, cost=True):
-            who = [
-                f"{a} in {len(seeds)} of {len(campaign.runs(regime, problem, a))} seeds"
-                for a in campaign.agents
-                if (seeds := hole_seeds(campaign, regime, problem, a))
-            ]
-            if who:
-                found.append(
-                    f"{problem}, {regime_name(regime, campaign.regimes)}: found the hole of the "
-                    f"cost, up to {short(HOLES[problem])} below the basin that gaps are measured "
-                    f"from: {', '.join(who)}; such gaps count as the floor"
-                )
+    for (regime, problem), group in studies.groupby(["regime", "problem"], observed=True):
+        counts = group.groupby("agent", observed=True)["hole"].agg(["sum", "count"])
+        who = [f"{a} in {n} of {of} seeds" for a, n, of in counts.itertuples() if n]
+        if who:
+            found.append(
+                f"{problem}, {regime_name(regime, campaign.regimes)}: found the hole of the "
+                f"cost, up to {short(HOLES[problem])} below the basin that gaps are measured "
+                f"from: {', '.join(who)}; such gaps count as the floor"
+            )
     return found
 
 
-def hole_seeds(
-    campaign: Campaign, regime: Regime, problem: str, agent: str
-) -> tuple[int, ...] | None:
-    """Seeds whose returned θ lies in the hole of the cost; None where no hole is known."""
-    if problem not in HOLES:
-        return None
-    runs = campaign.runs(regime, problem, agent)
-    return tuple(seed for seed, r in runs.items() if _in_hole(problem, float(curve(r)[-1])))
-
-
-def _in_hole(problem: str, gap: float) -> bool:
-    return problem in HOLES and -HOLES[problem] - HOLE_SLACK <= gap < -HOLE_SLACK
+def in_hole(studies: pd.DataFrame) -> pd.Series:
+    """Return for each study whether its gap lies in a known hole of the cost."""
+    depth = studies["problem"].astype(str).map(HOLES).astype(float)
+    gap = studies["gap"]
+    return (gap < -HOLE_SLACK) & (gap >= -depth - HOLE_SLACK)
 
 
 def _tried(campaign: Campaign) -> Iterator[tuple[Regime, str, dict[str, set[int]]]]:
-    """The seeds of every agent of the campaign, for each regime and problem."""
-    for regime in campaign.regimes:
-        for problem in campaign.problems(regime):
-            yield (
-                regime,
-                problem,
-                {
-                    agent: {
-                        *campaign.runs(regime, problem, agent),
-                        *campaign.failures(regime, problem, agent),
-                    }
-                    for agent in campaign.agents
-                },
-            )
+    """Yield the seeds of every agent of the campaign, for each regime and problem."""
+    where = campaign.studies.groupby(["regime", "problem"], observed=True)
+    for (regime, problem), studies in where:
+        seeds = studies.groupby("agent", observed=True)["seed"].agg(set)
+        yield regime, problem, {agent: seeds.get(agent, set()) for agent in campaign.agents}

@@ -1,4 +1,4 @@
-"""Data profiles: which share of all studies has come how near, after how many experiments."""
+"""Data profiles: the share of studies that came near enough, by number of experiments."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_scenarios.bench.results.campaign import Campaign, Regime, curve
-from prefcal_scenarios.bench.results.common import common
+from prefcal_scenarios.bench.results.campaign import Campaign, Regime
+from prefcal_scenarios.bench.results.ranking import common
 from prefcal_scenarios.bench.results.statistics import FLOOR
 
 TOLERANCES = (1e-1, 1e-2, 1e-3)
@@ -25,12 +25,12 @@ class Profiles:
         may fall again, because the agent's incumbent can.
 
     Args:
-        regime: Of all its results.
-        shares: By tolerance and agent, shape (n_max,), each from 0 to 1. A failed cell is never
-            solved.
-        problems: How many.
-        instances: How many (problem, seed).
-        left_out: In words, which agents and problems are not in it, and why.
+        regime: Regime of all its results.
+        shares: Share by tolerance and agent, shape (n_max,), each from 0 to 1. A failed cell is
+            never solved.
+        problems: Number of problems.
+        instances: Number of (problem, seed).
+        left_out: Which agents and problems are not in it, and why, in words.
     """
 
     regime: Regime
@@ -53,27 +53,27 @@ def profiles(
     shared = common(campaign, regime, failed_too=True)
     if not shared.seeds:
         return "a data profile needs a problem with a cost that the agents have in common"
-    relative: dict[str, list[Float[np.ndarray, " n"]]] = {a: [] for a in shared.agents}
-    for problem, seeds in shared.seeds.items():
-        runs = {a: campaign.runs(regime, problem, a) for a in shared.agents}
-        initial = _initial(campaign, regime, problem)
-        for agent, found in runs.items():
-            for seed in seeds:
-                gaps = curve(found[seed]) if seed in found else np.full(regime.n_max, np.inf)
-                relative[agent].append(np.where(gaps <= floor, 0.0, gaps / max(initial, floor)))
+    studies = campaign.costly(regime)
+    initial = studies.assign(first=studies["curve"].str[0]).groupby("problem", observed=True)
+    scale = np.maximum(initial["first"].median(), floor)  # one for all: no agent gains by luck
+    curves = studies.set_index(["agent", "problem", "seed"])["curve"].to_dict()
+    unsolved = np.full(regime.n_max, np.inf)
+    places = [(problem, seed) for problem, seeds in shared.seeds.items() for seed in seeds]
+    relative = {
+        agent: np.array([
+            np.where(gaps <= floor, 0.0, gaps / scale[problem])
+            for problem, seed in places
+            for gaps in [curves.get((agent, problem, seed), unsolved)]
+        ])
+        for agent in shared.agents
+    }  # fmt: skip
     return Profiles(
         regime=regime,
         shares={
-            t: {a: np.mean(np.array(gaps) <= t, axis=0) for a, gaps in relative.items()}
+            t: {agent: np.mean(gaps <= t, axis=0) for agent, gaps in relative.items()}
             for t in tolerances
         },
         problems=len(shared.seeds),
-        instances=sum(map(len, shared.seeds.values())),
+        instances=len(places),
         left_out=shared.left_out,
     )
-
-
-def _initial(campaign: Campaign, regime: Regime, problem: str) -> float:
-    """The gap that a first θ has, one number for all, so that nobody is judged by his luck."""
-    found = [campaign.runs(regime, problem, agent) for agent in campaign.agents]
-    return float(np.median([curve(run)[0] for runs in found for run in runs.values()]))

@@ -1,15 +1,30 @@
-"""A ranking of agents over all problems, with how far apart ranks must be to mean something."""
+"""A ranking of agents over all problems, by the studies that all of them have."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_scenarios.bench.results.campaign import Campaign, Regime, curve
-from prefcal_scenarios.bench.results.common import common
+from prefcal_scenarios.bench.results.campaign import Campaign, Regime
 from prefcal_scenarios.bench.results.statistics import FLOOR
 
 SIGNIFICANCE = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Common:
+    """Agents, problems with a cost, and the seeds that all these agents have there.
+
+    Args:
+        agents: Agents with results on at least half of the problems.
+        seeds: Seeds by problem; only problems where all those agents have a seed in common.
+        left_out: What is not among them and why, in words.
+    """
+
+    agents: tuple[str, ...]
+    seeds: Mapping[str, tuple[int, ...]]
+    left_out: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -17,13 +32,13 @@ class Ranking:
     """Ranks of the agents' median final gaps, 1 the nearest; equal medians share their ranks.
 
     Args:
-        regime: Of all its results.
-        agents: Best average rank first.
-        problems: By which they were ranked.
-        ranks: Of each problem and agent.
+        regime: Regime of all its results.
+        agents: Agents, best average rank first.
+        problems: Problems that they were ranked by.
+        ranks: Rank on each problem of each agent.
         critical: Two agents whose average ranks differ by less are not told apart (5 %).
-        p: Of Friedman's test that all agents are alike; None with fewer than three of them.
-        left_out: In words, which agents and problems are not in it, and why.
+        p: p value of Friedman's test that all agents are alike; None with fewer than three of them.
+        left_out: Which agents and problems are not in it, and why, in words.
     """
 
     regime: Regime
@@ -36,12 +51,12 @@ class Ranking:
 
     @property
     def average(self) -> Float[np.ndarray, " A"]:
-        """Average rank of each agent."""
+        """Return the average rank of each agent."""
         return np.asarray(self.ranks.mean(axis=0))
 
 
 def critical_difference(agents: int, problems: int) -> float:
-    """Nemenyi's critical difference of average ranks at 5 %, for 2 agents or more.
+    """Return Nemenyi's critical difference of average ranks at 5 %, for 2 agents or more.
 
     Source: Demšar (2006), Statistical comparisons of classifiers over multiple data sets.
     """
@@ -65,15 +80,11 @@ def rank(campaign: Campaign, regime: Regime, floor: float = FLOOR) -> Ranking | 
             "a ranking needs two agents and two problems in common, "
             f"there are {len(agents)} and {len(problems)}"
         )
-    medians = np.array(
-        [
-            [
-                np.median([curve(campaign.runs(regime, p, a)[s])[-1] for s in shared.seeds[p]])
-                for a in agents
-            ]
-            for p in problems
-        ]
+    gaps = campaign.costly(regime).pivot_table(
+        index=["problem", "seed"], columns="agent", values="gap", observed=True
     )
+    paired = gaps[list(agents)].dropna()  # seeds that all agents have
+    medians = paired.groupby(level="problem", observed=True).median().loc[list(problems)].to_numpy()
     ranks = rankdata(np.maximum(medians, floor), axis=1)
     p = None
     if len(agents) > 2:  # all alike on every problem: nothing to test
@@ -89,3 +100,36 @@ def rank(campaign: Campaign, regime: Regime, floor: float = FLOOR) -> Ranking | 
         p=p,
         left_out=shared.left_out,
     )
+
+
+def common(campaign: Campaign, regime: Regime, *, failed_too: bool = False) -> Common:
+    """Find the studies by which all agents can be compared fairly.
+
+    Args:
+        campaign: All results.
+        regime: The regime to look at.
+        failed_too: Whether a seed counts that some agent failed in.
+    """
+    problems = campaign.problems(regime, cost=True)
+    studies = campaign.studies if failed_too else campaign.finished
+    studies = studies[(studies["regime"] == regime) & studies["problem"].isin(problems)]
+    counts = studies.groupby("agent", observed=True)["problem"].nunique()
+    agents = [a for a, count in counts.items() if 2 * count >= len(problems)]
+    left_out = [
+        f"{agent}: it has results on {count} of {len(problems)} problems only"
+        for agent, count in counts.items()
+        if agent not in agents
+    ]
+    seeds = {}
+    for problem in problems if agents else ():
+        there = studies[studies["problem"] == problem].groupby("agent", observed=True)["seed"]
+        tried = there.agg(frozenset)
+        lacking = [agent for agent in agents if agent not in tried]
+        shared = frozenset.intersection(*(tried.get(agent, frozenset()) for agent in agents))
+        if shared:
+            seeds[problem] = tuple(sorted(shared))
+        elif lacking:
+            left_out.append(f"{problem}: no results of {', '.join(lacking)}")
+        else:
+            left_out.append(f"{problem}: no seed that all agents have")
+    return Common(tuple(agents), seeds, tuple(left_out))

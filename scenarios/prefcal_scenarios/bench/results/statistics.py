@@ -1,4 +1,4 @@
-"""What a set of gaps says: quartiles, and paired differences with how sure they are."""
+"""Statistics of gaps: quartiles, and paired differences with their uncertainty."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from jaxtyping import Float
 from prefcal_env.errors import SettingsError
 
 FLOOR = 1e-9
-"""Gaps below are counted as this: the optima of the test functions are known to about as much."""
+"""Smaller gaps count as this: the optima of the test functions are known to about as much."""
 CONFIDENCE = 0.95
 _RESAMPLES = 9999
 
@@ -19,7 +19,7 @@ Average = Literal["median", "mean"]
 
 @dataclass(frozen=True, slots=True)
 class Quartiles:
-    """Of some values, in their unit."""
+    """Quartiles of some values, in their unit."""
 
     low: float
     median: float
@@ -28,17 +28,17 @@ class Quartiles:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """An agent against a baseline on one problem, seed by seed.
+    """An agent compared with a baseline on one problem, seed by seed.
 
     Args:
-        pairs: Seeds that both have.
+        pairs: Number of seeds that both have.
         log10_ratio: Average over them of log10(gap / baseline's gap): below 0, the agent is nearer.
         low: Lower end of its 95 % bootstrap interval; None with fewer than two pairs.
         high: Upper end.
-        wins: Seeds in which the agent's gap is the smaller one.
-        ties: Seeds in which both are equal.
-        losses: Seeds in which the baseline's is the smaller one.
-        p: Of the Wilcoxon signed-rank test, two-sided; 1 if all are ties.
+        wins: Number of seeds in which the agent's gap is the smaller one.
+        ties: Number of seeds in which both are equal.
+        losses: Number of seeds in which the baseline's is the smaller one.
+        p: p value of the Wilcoxon signed-rank test, two-sided; 1 if all are ties.
     """
 
     pairs: int
@@ -52,13 +52,13 @@ class Difference:
 
 
 def quartiles(values: Sequence[float] | Float[np.ndarray, " N"]) -> Quartiles:
-    """Quartiles, interpolated linearly, of one value or more."""
+    """Return the quartiles, interpolated linearly, of one value or more."""
     low, median, high = np.quantile(np.asarray(values, dtype=float), [0.25, 0.5, 0.75])
     return Quartiles(float(low), float(median), float(high))
 
 
 def logarithm(gaps: Float[np.ndarray, "..."], floor: float = FLOOR) -> Float[np.ndarray, "..."]:
-    """log10 of gaps, each at least `floor`."""
+    """Return log10 of gaps, each at least `floor`."""
     return np.asarray(np.log10(np.maximum(gaps, floor)))
 
 
@@ -73,11 +73,11 @@ def difference(
     """Compare two agents' final gaps, paired by seed.
 
     Args:
-        gaps: The agent's, shape (S,), one or more.
-        baseline: The other's, of the same seeds.
+        gaps: Gaps of the agent, shape (S,), one or more.
+        baseline: Gaps of the other agent, of the same seeds.
         rng: Draws the resamples of the bootstrap (percentile method).
         floor: Smaller gaps count as this.
-        average: Of the logarithms of the ratios.
+        average: Average of the logarithms of the ratios.
 
     Raises:
         SettingsError: no pairs, or numbers of gaps that differ.
@@ -106,7 +106,7 @@ def difference(
 def _interval(
     d: Float[np.ndarray, " S"], middle: Callable[..., Any], rng: np.random.Generator
 ) -> tuple[float, float] | tuple[None, None]:
-    """Bootstrap interval of the average of `d`; none of a single value."""
+    """Return the bootstrap interval of the average of `d`; none of a single value."""
     from scipy.stats import bootstrap
 
     if len(d) < 2:
@@ -119,7 +119,7 @@ def _interval(
 
 
 def holm(p: Sequence[float]) -> list[float]:
-    """p values corrected for as many tests as there are.
+    """Return p values corrected for as many tests as there are.
 
     Source: Holm (1979), the step-down method, as adjusted p values.
     """

@@ -1,83 +1,114 @@
-"""The benchmark's tables in HTML."""
+"""The tables of the page, ready for its template: text and the kind of each cell."""
 
-from collections.abc import Iterator, Sequence
-from html import escape
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
 
 from prefcal_scenarios.bench.results.campaign import Campaign, Regime
 from prefcal_scenarios.bench.results.duelling import Tally
 from prefcal_scenarios.bench.results.ranking import SIGNIFICANCE
-from prefcal_scenarios.bench.results.rows import Choices, Row
+from prefcal_scenarios.bench.results.rows import Choices
 from prefcal_scenarios.bench.results.words import (
-    finished,
     percent,
     probability,
-    ratio,
     regime_name,
+    row_texts,
     score,
     short,
-    spread,
 )
 
 
-def overview(campaign: Campaign, rows: Sequence[Row], regime: Regime, choices: Choices) -> str:
-    """Median gaps of a regime: problems down, agents across, the lowest tinted."""
-    shown = [r for r in rows if r.regime == regime and r.gap is not None]
-    agents = [a for a in campaign.agents if any(r.agent == a for r in shown)]
-    problems = list(dict.fromkeys(r.problem for r in shown))
-    found = {(r.problem, r.agent): r for r in shown}
-    lowest = {p: short(min(r.gap.median for r in shown if r.problem == p and r.gap))
-              for p in problems}  # fmt: skip
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A sign behind a number: its class in the style sheet, and what it means."""
+
+    kind: str
+    sign: str
+    title: str
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell of a table: plain text, its class in the style sheet, and perhaps a sign."""
+
+    text: str
+    kind: str = ""
+    mark: Mark | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of the page.
+
+    Args:
+        label: Its name for people who cannot see it.
+        caption: What it shows.
+        columns: Names of the columns.
+        rows: Cells of each row; the first one is its heading.
+        words: Columns that hold text, not numbers.
+        tall: Whether it may need to scroll down.
+    """
+
+    label: str
+    caption: str
+    columns: tuple[str, ...]
+    rows: list[list[Cell]]
+    words: tuple[str, ...] = ()
+    tall: bool = True
+
+
+def overview(campaign: Campaign, rows: pd.DataFrame, regime: Regime, choices: Choices) -> Table:
+    """Return the median gaps of a regime: problems down, agents across, the lowest tinted."""
+    agents = [agent for agent in campaign.agents if agent in set(rows["agent"])]
     counts = dict.fromkeys(agents, 0)
     lines = []
-    for p in problems:
-        cells = []
-        for a in agents:
-            row = found.get((p, a))
-            gap = row.gap if row else None
-            best = gap is not None and short(gap.median) == lowest[p]
-            counts[a] += best
-            tint = ' class="best"' if best else ""
-            cells.append(f"<td{tint}>{short(gap.median) if gap else '–'}{_mark(row, choices)}</td>")
-        knobs = f'<td class="note">{campaign.knobs(p) or "–"}</td>'
-        lines.append(f'<tr><th scope="row">{escape(p)}</th>{knobs}{"".join(cells)}</tr>')
-    ends = "".join(f"<td>{counts[a]} of {len(problems)}</td>" for a in agents)
-    lines.append(f'<tr><th scope="row">lowest on</th><td></td>{ends}</tr>')
-    head = "".join(f'<th scope="col">{escape(a)}</th>' for a in ("problem", "knobs", *agents))
+    for problem, group in rows.groupby("problem", sort=False):
+        lowest = short(group["gap_median"].min())
+        found = {row.agent: row for row in group.itertuples()}
+        cells = [Cell(problem), Cell(str(campaign.knobs(problem) or "–"), "note")]
+        for agent in agents:
+            row = found.get(agent)
+            text = "–" if row is None else short(row.gap_median)
+            best = row is not None and text == lowest
+            counts[agent] += best
+            mark = None if row is None else _mark(row, choices)
+            cells.append(Cell(text, "best" if best else "", mark))
+        lines.append(cells)
+    ends = [Cell(f"{counts[agent]} of {len(lines)}") for agent in agents]
     caption = (
         f"Median gap after {regime.n_max} experiments, {regime_name(regime, campaign.regimes)}; "
         "the lowest is tinted. ▲ significantly nearer, ▼ significantly farther than "
         f"{choices.baseline} (Wilcoxon, 5 % after Holm's correction for the agents "
         "on that problem)."
     )
-    return _table(
-        f"Median gaps, {regime.calibrator} {regime.n_max}", caption, head, lines, tall=False
-    )
-
-
-def _mark(row: Row | None, choices: Choices) -> str:
-    """Whether a row differs significantly from the baseline."""
-    if row is None or row.against is None or row.p_holm is None or row.p_holm >= SIGNIFICANCE:
-        return ""
-    nearer = row.against.log10_ratio < 0
-    if row.against.log10_ratio == 0:  # ties at the median
-        nearer = row.against.wins > row.against.losses
-    kind, sign, word = ("yes", "▲", "nearer") if nearer else ("no", "▼", "farther")
-    title = f"significantly {word} than {choices.baseline}"
-    return f' <span class="{kind}" title="{escape(title)}">{sign}</span>'
-
-
-def numbers(rows: Sequence[Row], choices: Choices, label: str) -> str:
-    """All that is known of the rows of one regime."""
-    timed = any(row.seconds is not None for row in rows)
-    holed = any(row.in_hole is not None for row in rows)
-    names = (
-        "problem", "agent", "seeds", "median gap", "quartiles", "best visited", "questions",
-        f"× {choices.baseline} (95 %)", "won–tied–lost", "p", *(("in the hole",) if holed else ()),
-        *(("s/proposal",) if timed else ()),
+    return Table(
+        f"Median gaps, {regime.calibrator} {regime.n_max}", caption,
+        ("problem", "knobs", *agents), [*lines, [Cell("lowest on"), Cell(""), *ends]], tall=False,
     )  # fmt: skip
-    head = "".join(
-        f'<th{_words(name == "agent")} scope="col">{escape(name)}</th>' for name in names
-    )
+
+
+def _mark(row: Any, choices: Choices) -> Mark | None:
+    """Return whether a row differs significantly from the baseline."""
+    if row.p_holm is None or row.p_holm >= SIGNIFICANCE:
+        return None
+    nearer = row.log10_ratio < 0
+    if row.log10_ratio == 0:  # ties at the median
+        nearer = row.wins > row.losses
+    kind, sign, word = ("yes", "▲", "nearer") if nearer else ("no", "▼", "farther")
+    return Mark(kind, sign, f"significantly {word} than {choices.baseline}")
+
+
+def numbers(rows: pd.DataFrame, choices: Choices, label: str) -> Table:
+    """Return all numbers of the rows of one regime."""
+    columns = [
+        "seeds", "median gap", "quartiles", "best visited", "questions", "ratio",
+        "won–tied–lost", "p",
+    ]  # fmt: skip
+    holed = rows["seeds_in_hole"].notna().any()
+    columns += ["in the hole"] if holed else []
+    columns += ["s/proposal"] if rows["seconds_per_proposal"].notna().any() else []
     caption = (
         f"× {choices.baseline}: {choices.average} over the seeds of the ratio of both gaps, each "
         f"counted as at least {short(choices.floor)}, with a 95 % bootstrap interval; below 1 the "
@@ -86,65 +117,36 @@ def numbers(rows: Sequence[Row], choices: Choices, label: str) -> str:
     )
     if holed:
         caption += " In the hole: seeds that ended where the cost is lower than it should be."
-    lines = ["".join(_number_cells(row, holed, timed)) for row in rows]
-    return _table(label, caption, head, lines)
+    lines = []
+    for row in rows.itertuples():
+        texts = row_texts(row)
+        cells = [Cell(texts[column]) for column in columns]
+        lines.append([Cell(row.problem), Cell(row.agent, "words"), *cells])
+    titles = {"ratio": f"× {choices.baseline} (95 %)"}
+    names = ("problem", "agent", *(titles.get(column, column) for column in columns))
+    return Table(label, caption, names, lines, words=("agent",))
 
 
-def _number_cells(row: Row, holed: bool, timed: bool) -> Iterator[str]:
-    yield f'<tr><th scope="row">{escape(row.problem)}</th>'
-    yield f'<td class="words">{escape(row.agent)}</td>'
-    for text in (
-        finished(row.seeds, len(row.failed)), short(row.gap.median if row.gap else None),
-        spread(row.gap), short(row.visited), short(row.questions), ratio(row.against),
-        score(row.against), probability(row.p_holm),
-    ):  # fmt: skip
-        yield f"<td>{text}</td>"
-    if holed:
-        yield f"<td>{'–' if row.in_hole is None else row.in_hole}</td>"
-    if timed:
-        yield f"<td>{short(row.seconds)}</td>"
-    yield "</tr>"
-
-
-def duels(tallies: Sequence[Tally]) -> str:
-    """Every tally of one problem and calibrator."""
-    names = ("agent", "against", "seeds", "preferred", "95 % interval", "won–tied–lost", "p")
-    head = "".join(
-        f'<th{_words(name == "against")} scope="col">{escape(name)}</th>' for name in names
-    )
+def duels(tallies: Sequence[Tally]) -> Table:
+    """Return every tally of one problem and calibrator."""
     caption = (
         "Share of seeds in which the agent's θ is preferred, with its exact binomial interval; "
         "p of the exact sign test on wins and losses, not corrected."
     )
-    lines = [
-        f'<tr><th scope="row">{escape(t.agent)}</th><td class="words">{escape(t.rival)}</td>'
-        f"<td>{t.seeds}</td><td>{percent(t.share)}</td>"
-        f"<td>{percent(t.low)} to {percent(t.high)}</td>"
-        f"<td>{t.wins}–{t.ties}–{t.losses}</td><td>{probability(t.p)}</td></tr>"
-        for t in tallies
-    ]
-    return _table(f"Duels: {tallies[0].problem}, {tallies[0].calibrator}", caption, head, lines)
+    lines = []
+    for t in tallies:
+        texts = (
+            str(t.seeds), percent(t.share), f"{percent(t.low)} to {percent(t.high)}",
+            score(t.wins, t.ties, t.losses), probability(t.p),
+        )  # fmt: skip
+        lines.append([Cell(t.agent), Cell(t.rival, "words"), *map(Cell, texts)])
+    columns = ("agent", "against", "seeds", "preferred", "95 % interval", "won–tied–lost", "p")
+    label = f"Duels: {tallies[0].problem}, {tallies[0].calibrator}"
+    return Table(label, caption, columns, lines, words=("against",))
 
 
-def failed(cells: Sequence[tuple[str, str]]) -> str:
-    """Failed cells with their words."""
-    head = '<th scope="col">cell</th><th class="words" scope="col">what happened</th>'
-    lines = [
-        f'<tr><th scope="row">{escape(cell)}</th><td class="words">{escape(words)}</td></tr>'
-        for cell, words in cells
-    ]
-    return _table("Failed cells", "They have no numbers in any table or figure.", head, lines)
-
-
-def _words(there: bool) -> str:
-    return ' class="words"' if there else ""
-
-
-def _table(label: str, caption: str, head: str, lines: Sequence[str], tall: bool = True) -> str:
-    kind = "scroll tall" if tall else "scroll"
-    body = "\n".join(lines)
-    return (
-        f'<div class="{kind}" tabindex="0" role="region" aria-label="{escape(label)}">\n'
-        f'<table class="tight">\n<caption>{escape(caption)}</caption>\n'
-        f"<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table>\n</div>"
-    )
+def failed(cells: Sequence[tuple[str, str]]) -> Table:
+    """Return failed cells with the reason of each."""
+    lines = [[Cell(cell), Cell(words, "words")] for cell, words in cells]
+    caption = "They have no numbers in any table or figure."
+    return Table("Failed cells", caption, ("cell", "what happened"), lines, ("what happened",))

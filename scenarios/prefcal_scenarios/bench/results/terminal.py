@@ -2,7 +2,9 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
+from typing import Any
 
+import pandas as pd
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
@@ -14,16 +16,13 @@ from prefcal_scenarios.bench.results.campaign import Campaign, Regime, campaign_
 from prefcal_scenarios.bench.results.duelling import Tally, tallies
 from prefcal_scenarios.bench.results.missing import failures, in_holes, missing
 from prefcal_scenarios.bench.results.ranking import SIGNIFICANCE
-from prefcal_scenarios.bench.results.rows import BASELINE, Choices, Row, rows_of
+from prefcal_scenarios.bench.results.rows import BASELINE, Choices, rows_of
 from prefcal_scenarios.bench.results.words import (
-    finished,
     percent,
     probability,
-    ratio,
     regime_name,
-    score,
+    row_texts,
     short,
-    spread,
 )
 from prefcal_scenarios.report.wording import printable
 
@@ -51,12 +50,12 @@ def print_table(
     campaign = campaign_of(results)
     rows = rows_of(campaign, choices)
     for regime in campaign.regimes:
-        shown = [row for row in rows if row.regime == regime and row.gap is not None]
-        if shown:
+        shown = rows[(rows["regime"] == regime) & rows["gap_median"].notna()]
+        if len(shown):
             console.print(_gaps(campaign, regime, shown, choices, console.width >= _WIDE))
     for _, group in groupby(tallies(duels), lambda t: (t.problem, t.calibrator)):
         console.print(_duels([t for t in group if t.rival in (PAPER, baseline)]))
-    if not rows:
+    if not len(rows):
         console.print("No results yet.")
     _tell(console, "failed", [f"{cell}: {words}" for cell, words in failures(campaign)])
     _tell(console, "missing", missing(campaign))
@@ -76,7 +75,7 @@ def _table(title: str, caption: str, words: Sequence[str], numbers: Sequence[str
 
 
 def _gaps(
-    campaign: Campaign, regime: Regime, rows: Sequence[Row], choices: Choices, wide: bool
+    campaign: Campaign, regime: Regime, rows: pd.DataFrame, choices: Choices, wide: bool
 ) -> Table:
     name = regime_name(regime, campaign.regimes)
     table = _table(
@@ -88,26 +87,24 @@ def _gaps(
         ("seeds", "median gap", *(("quartiles",) if wide else ()), f"× {choices.baseline}",
          "w–t–l", *(("p",) if wide else ())),
     )  # fmt: skip
-    for problem, group in groupby(rows, lambda row: row.problem):
-        members, name = list(group), problem
-        lowest = short(min(row.gap.median for row in members if row.gap))
-        for row in members:
-            table.add_row(_safe(name), *_cells(row, lowest, wide))
-            name = ""
+    for problem, group in rows.groupby("problem", sort=False):
+        lowest = short(group["gap_median"].min())
+        for number, row in enumerate(group.itertuples()):
+            table.add_row("" if number else _safe(problem), *_cells(row, lowest, wide))
         table.add_section()
     return table
 
 
-def _cells(row: Row, lowest: str, wide: bool) -> Iterator[str]:
-    median = short(row.gap.median if row.gap else None)
-    p = probability(row.p_holm)
+def _cells(row: Any, lowest: str, wide: bool) -> Iterator[str]:
+    texts = row_texts(row)
+    median, p = texts["median gap"], texts["p"]
     yield _safe(row.agent)
-    yield finished(row.seeds, len(row.failed))
+    yield texts["seeds"]
     yield f"[bold green]{median}[/]" if median == lowest else median
     if wide:
-        yield spread(row.gap)
-    yield ratio(row.against)
-    yield score(row.against)
+        yield texts["quartiles"]
+    yield texts["ratio"]
+    yield texts["won–tied–lost"]
     if wide:
         yield f"[bold]{p}[/]" if row.p_holm is not None and row.p_holm < SIGNIFICANCE else p
 
@@ -145,5 +142,5 @@ def _tell(console: Console, what: str, lines: Sequence[str]) -> None:
 
 
 def _safe(text: str) -> str:
-    """Neither markup nor anything that steers the terminal: names may be somebody else's."""
+    """Return text without markup or control characters: names may be somebody else's."""
     return escape(printable(text))

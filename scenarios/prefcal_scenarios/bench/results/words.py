@@ -1,15 +1,15 @@
-"""How gaps, ratios, regimes and seeds read in the table, the page and the figures."""
+"""Numbers, regimes and seeds as text, for the table, the page and the figures."""
 
 import re
 from collections.abc import Sequence
 from itertools import groupby
+from typing import Any
 
 from prefcal_scenarios.bench.results.campaign import HUGE, Campaign, Regime
-from prefcal_scenarios.bench.results.statistics import Difference, Quartiles
 
 
 def short(value: float | None) -> str:
-    """Two significant digits; a dash where there is no number."""
+    """Return two significant digits; a dash where there is no number."""
     if value is None or value != value:
         return "–"
     if abs(value) >= HUGE:
@@ -20,44 +20,44 @@ def short(value: float | None) -> str:
     return re.sub(r"e([-+])0*(\d+)", lambda m: f"e{m[1].replace('+', '')}{m[2]}", text)
 
 
-def spread(q: Quartiles | None) -> str:
-    """The quartiles around a median."""
-    return "–" if q is None else f"{short(q.low)} to {short(q.high)}"
+def spread(low: float | None, high: float | None) -> str:
+    """Return the quartiles around a median."""
+    return "–" if low is None else f"{short(low)} to {short(high)}"
 
 
 def factor(log10: float) -> str:
-    """10 to the power of a logarithm, with its sign of multiplication."""
+    """Return 10 to the power of a logarithm, with its sign of multiplication."""
     return f"×{short(10.0**log10)}"
 
 
-def ratio(d: Difference | None) -> str:
-    """How many times the baseline's gap an agent's is, with the interval."""
-    if d is None:
+def ratio(log10: float | None, low: float | None = None, high: float | None = None) -> str:
+    """Return how many times the baseline's gap an agent's is, with the interval."""
+    if log10 is None:
         return "–"
-    if d.low is None or d.high is None:
-        return factor(d.log10_ratio)
-    return f"{factor(d.log10_ratio)} ({short(10.0**d.low)} to {short(10.0**d.high)})"
+    if low is None or high is None:
+        return factor(log10)
+    return f"{factor(log10)} ({short(10.0**low)} to {short(10.0**high)})"
 
 
-def score(d: Difference | None) -> str:
-    """Wins, ties and losses."""
-    return "–" if d is None else f"{d.wins}–{d.ties}–{d.losses}"
+def score(wins: int | None, ties: int | None, losses: int | None) -> str:
+    """Return wins, ties and losses."""
+    return "–" if wins is None else f"{wins}–{ties}–{losses}"
 
 
 def probability(p: float | None) -> str:
-    """A p value; small ones as a bound."""
+    """Return a p value; small ones as a bound."""
     if p is None:
         return "–"
     return "<0.001" if p < 0.001 else f"{p:.2g}" if p < 0.1 else f"{p:.2f}"
 
 
 def percent(share: float) -> str:
-    """A share of one as whole percent."""
+    """Return a share of one as whole percent."""
     return f"{100 * share:.0f} %"
 
 
 def regime_name(regime: Regime, regimes: Sequence[Regime]) -> str:
-    """What tells a regime from the others, in words."""
+    """Return what tells a regime from the others, in words."""
     name = f"{regime.calibrator} calibrator"
     if len({(r.n_init, r.n_max) for r in regimes}) > 1:
         name += f", {regime.n_max} experiments ({regime.n_init} initial)"
@@ -65,13 +65,13 @@ def regime_name(regime: Regime, regimes: Sequence[Regime]) -> str:
 
 
 def problem_name(campaign: Campaign, problem: str) -> str:
-    """A problem with its number of knobs."""
+    """Return a problem with its number of knobs."""
     knobs = campaign.knobs(problem)
     return problem if knobs is None else f"{problem}, {knobs} knob{'s' * (knobs != 1)}"
 
 
 def seeds_text(seeds: Sequence[int]) -> str:
-    """Seeds, with runs of consecutive ones as ranges: 0 to 3, 7."""
+    """Return seeds, with runs of consecutive ones as ranges: 0 to 3, 7."""
     runs = [
         [seed for _, seed in group]
         for _, group in groupby(enumerate(sorted(seeds)), lambda pair: pair[1] - pair[0])
@@ -80,6 +80,22 @@ def seeds_text(seeds: Sequence[int]) -> str:
     return f"seed{'s' * (len(seeds) != 1)} {', '.join(texts)}"
 
 
+def row_texts(row: Any) -> dict[str, str]:
+    """Return the cells of a row of the table as text, by column."""
+    return {
+        "seeds": finished(row.seeds, row.failed),
+        "median gap": short(row.gap_median),
+        "quartiles": spread(row.gap_lower_quartile, row.gap_upper_quartile),
+        "best visited": short(row.visited_median),
+        "questions": short(row.questions_median),
+        "ratio": ratio(row.log10_ratio, row.log10_ratio_low, row.log10_ratio_high),
+        "won–tied–lost": score(row.wins, row.ties, row.losses),
+        "p": probability(row.p_holm),
+        "in the hole": "–" if row.seeds_in_hole is None else str(row.seeds_in_hole),
+        "s/proposal": short(row.seconds_per_proposal),
+    }
+
+
 def finished(seeds: int, failed: int) -> str:
-    """How many seeds have finished, and of how many if some failed."""
+    """Return how many seeds have finished, and of how many if some failed."""
     return f"{seeds} of {seeds + failed}" if failed else str(seeds)

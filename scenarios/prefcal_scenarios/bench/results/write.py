@@ -26,44 +26,52 @@ def write(
 ) -> Path:
     """Write index.html, its figures as PNG, table.csv and duels.csv; return the page's path.
 
-    Equal results write equal bytes, in whatever order they come. Figures of an earlier campaign
-    in `folder` that this one does not have are removed.
+    Equal results write equal bytes, in whatever order they come. Figures that only an earlier
+    campaign in `folder` had are removed.
 
     Args:
-        results: Cells may be missing or failed; the page says which.
+        results: Results; cells may be missing or failed, and the page says which.
         duels: Verdicts on problems without a cost; may be empty.
-        folder: Where to; made if it is not there.
-        command: What was typed, for the page.
-        digest: Of the results, for the page.
+        folder: Folder to write to; made if it is not there.
+        command: Command line that was typed, for the page.
+        digest: Digest of the results, for the page.
         notes: Combinations that were left out on purpose, and why; anything worth knowing.
-        baseline: The agent that all are compared with.
+        baseline: Agent that all others are compared with.
 
     Raises:
         SettingsError: results or duels that contradict each other, or a folder that cannot be
             written to.
     """
-    # Here, not above: who only wants the table does not wait for the plots.
+    origin = (command, digest, tuple(notes))
+    return _write(list(results), list(duels), Path(folder), Choices(baseline), origin)
+
+
+def _write(
+    results: list[Result],
+    duels: list[Duel],
+    folder: Path,
+    choices: Choices,
+    origin: tuple[str, str, tuple[str, ...]],
+) -> Path:
+    # Imported here: a table alone does not have to wait for the plots.
     from prefcal_scenarios.bench.results.html import Origin, page
     from prefcal_scenarios.bench.results.pictures import Material, draw
 
-    results, duels = list(results), list(duels)
-    choices = Choices(baseline)
     campaign = campaign_of(results)
     material = Material(campaign, rows_of(campaign, choices), tallies(duels), choices.floor)
-    target = folder_for(folder)
-    shown = draw(material)
+    target, shown = folder_for(folder), draw(material)
     _remove_others(target, {s.file for s in shown})
     for picture in shown:
         put(target / picture.file, picture.content)
-    put(target / "table.csv", as_csv(plain(material.rows, choices)).encode())
+    put(target / "table.csv", as_csv(plain(material.rows)).encode())
     put(target / "duels.csv", as_csv(duel_table(duels)).encode())
     index = target / "index.html"
-    put(index, page(material, shown, choices, Origin(command, digest, tuple(notes))).encode())
+    put(index, page(material, shown, choices, Origin(*origin)).encode())
     return index
 
 
 def _remove_others(folder: Path, kept: set[str]) -> None:
-    """Remove figures of an earlier campaign; nothing that does not bear one of our names."""
+    """Remove figures of an earlier campaign; only files that bear one of our names."""
     for path in folder.glob("*.png"):
         if _OURS.fullmatch(path.name) and path.name not in kept:
             path.unlink()

@@ -5,8 +5,7 @@ import pytest
 from scipy.stats import friedmanchisquare
 
 from prefcal_scenarios.bench.results.campaign import campaign_of
-from prefcal_scenarios.bench.results.common import common
-from prefcal_scenarios.bench.results.ranking import Ranking, critical_difference, rank
+from prefcal_scenarios.bench.results.ranking import Ranking, common, critical_difference, rank
 from support.campaigns import ends, failed, grid, result
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench.problems import HOLES
 from prefcal_scenarios.bench.results import as_csv, table
-from prefcal_scenarios.bench.results.campaign import campaign_of, curve
+from prefcal_scenarios.bench.results.campaign import campaign_of
 from prefcal_scenarios.bench.results.missing import beaten, failures, in_holes, missing, not_run
 from prefcal_scenarios.bench.results.statistics import FLOOR
 from support.campaigns import ends, failed, grid, result
@@ -165,7 +165,8 @@ def test_infinite_gaps_are_no_crash_and_null():
 
 def test_a_study_that_ended_early_keeps_its_last_gap():
     early = result("A", "p", 0, (1.0, 0.5), n_max=4)
-    assert curve(early).tolist() == [1.0, 0.5, 0.5, 0.5]
+    (curve,) = campaign_of([early]).studies["curve"]
+    assert curve.tolist() == [1.0, 0.5, 0.5, 0.5]
 
 
 def test_what_was_visited_and_what_is_returned_are_two_things():

@@ -1,8 +1,10 @@
 """The figures of the benchmark."""
 
-from .duels import heat_map as heat_map
-from .gaps import against_experiments as against_experiments
-from .gaps import against_questions as against_questions
-from .profiles import data_profiles as data_profiles
-from .ranking import ranking as ranking
-from .seconds import seconds as seconds
+from .curves import against_experiments as against_experiments
+from .curves import against_questions as against_questions
+from .curves import data_profiles as data_profiles
+from .drawing import Look as Look
+from .drawing import looks as looks
+from .summaries import heat_map as heat_map
+from .summaries import ranking as ranking
+from .summaries import seconds as seconds

@@ -11,7 +11,7 @@ from prefcal_scenarios.bench.duels import PAPER
 from prefcal_scenarios.bench.results import figures
 from prefcal_scenarios.bench.results.campaign import campaign_of
 from prefcal_scenarios.bench.results.duelling import tallies
-from prefcal_scenarios.bench.results.figures.looks import drawn, looks
+from prefcal_scenarios.bench.results.figures.drawing import drawn, looks
 from prefcal_scenarios.bench.results.profiles import profiles
 from prefcal_scenarios.bench.results.ranking import rank
 from prefcal_scenarios.report.style import save, style

@@ -1,6 +1,7 @@
-"""What the figures share: gap axes, panels, and lines that can be told apart."""
+"""What the figures share: the look of each agent, gap axes, panels and legends."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,65 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from prefcal_scenarios.bench.results.campaign import HUGE
-from prefcal_scenarios.bench.results.figures.looks import Look, drawn
-from prefcal_scenarios.report.style import canvas
+from prefcal_scenarios.bench.roster import in_order
+from prefcal_scenarios.report.style import BEST, FIRST, GOOD, OTHERS, canvas
+from prefcal_scenarios.report.wording import printable
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """Color, marker and dashes of an agent; the marker tells it without color too."""
+
+    color: str
+    marker: str
+    dashes: tuple[int, tuple[int, ...]] | str = "-"
+
+
+_DOTTED, _DASHED = (0, (1, 1)), (0, (4, 2))
+_KNOWN: Mapping[str, Look] = {
+    "GLISp": Look(BEST, "o"),
+    "GLISp.paper": Look("#56b4e9", "s"),
+    "GLIS": Look(OTHERS[0], "D"),
+    "PPO": Look(GOOD, "P"),
+    "SAC": Look("#c0609a", "X"),
+    "ReferenceGLISp": Look("#8a4fb0", "<"),
+    "ReferenceGLIS": Look("#7a2e04", "p"),
+    "OptunaPreferential": Look("#b88a00", ">"),
+    "LatinHypercube": Look("#4b5563", "^", _DASHED),
+    "RandomSearch": Look(FIRST, "v", _DOTTED),
+}
+"""Agents that come with the project; dashed or dotted: they do not learn."""
+_SPARE = (Look("#00a3a3", "*"), Look("#e58fb5", "h"), Look("#94b000", "d"))
+
+
+def drawn(name: str) -> str:
+    """Return a name that matplotlib draws as it stands: no formula, and not hidden from a legend.
+
+    Of the path of a user's own file, the last part.
+    """
+    text = printable(name.rpartition("/")[2] or name).replace("$", r"\$")
+    return f" {text}" if text.startswith("_") else text
+
+
+def looks(agents: Iterable[str]) -> dict[str, Look]:
+    """Return a look for each agent; a user's own gets a free one, of an absent agent if need be."""
+    names = in_order(agents)
+    absent = [look for name, look in _KNOWN.items() if name not in names and look.dashes == "-"]
+    free = [*_SPARE, *absent]
+    found: dict[str, Look] = {}
+    others = 0
+    for name in names:
+        if name in _KNOWN:
+            found[name] = _KNOWN[name]
+            continue
+        turn, i = divmod(others, len(free))
+        found[name] = replace(free[i], dashes=_DASHED) if turn else free[i]
+        others += 1
+    return found
 
 
 def panels(count: int, height: float = 1.75) -> tuple[Figure, list[Axes]]:
-    """A figure with `count` panels of `height` inches, up to three in a row."""
+    """Make a figure with `count` panels of `height` inches, up to three in a row."""
     columns = 2 if count == 4 else min(count, 3)
     rows = -(-count // columns)
     figure = canvas((height if rows > 1 else 1.55 * height) * rows + 0.6)
@@ -27,7 +81,7 @@ def panels(count: int, height: float = 1.75) -> tuple[Figure, list[Axes]]:
 
 
 def line_options(look: Look) -> dict[str, Any]:
-    """How a line of an agent looks."""
+    """Return the options of an agent's line."""
     return {
         "color": look.color, "linestyle": look.dashes, "marker": look.marker, "markersize": 4,
         "markeredgewidth": 0, "linewidth": 1.6,
@@ -35,13 +89,13 @@ def line_options(look: Look) -> dict[str, Any]:
 
 
 def markers(count: int, agent: int, agents: int) -> tuple[int, int]:
-    """Where markers of a line with `count` points are, so that lines on each other show theirs."""
+    """Return where the markers of a line are, so that lines on each other show theirs."""
     every = max(count // 5, 1)
     return (agent * every // max(agents, 1), every)
 
 
 def name_agents(figure: Figure, looks: Mapping[str, Look], extra: tuple[Line2D, ...] = ()) -> None:
-    """One legend above the whole figure."""
+    """Draw one legend above the whole figure."""
     handles = [Line2D([], [], label=drawn(a), **line_options(look)) for a, look in looks.items()]
     longest = max((len(str(handle.get_label())) for handle in (*handles, *extra)), default=0)
     columns = max(1, min(len(handles) + len(extra), int(100 / (longest + 7))))
@@ -79,7 +133,7 @@ def gap_axis(axes: Axes, drawn: list[Float[np.ndarray, "..."]], floor: float) ->
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """Powers of ten; where there are fewer than two, 2 and 5 times them too, or else any."""
+    """Return powers of ten; where there are fewer than two, 2 and 5 times them too, or else any."""
     locators = (LogLocator(numticks=6), LogLocator(subs=(1, 2, 5), numticks=6), MaxNLocator(4))
     for locator in locators:
         ticks = [float(v) for v in locator.tick_values(low, high) if low <= v <= high]

@@ -1,30 +1,32 @@
-"""Figure: gap to the best known value against experiments, or against questions."""
+"""Figures of curves: the gap against experiments or questions, and data profiles."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from prefcal_scenarios.bench.result import Result
-from prefcal_scenarios.bench.results.campaign import HUGE, Campaign, Regime, curve
-from prefcal_scenarios.bench.results.figures.axes import (
+from prefcal_scenarios.bench.results.campaign import HUGE, Campaign, Regime
+from prefcal_scenarios.bench.results.figures.drawing import (
+    Look,
+    drawn,
     gap_axis,
     line_options,
     markers,
     name_agents,
     panels,
 )
-from prefcal_scenarios.bench.results.figures.looks import Look, drawn
+from prefcal_scenarios.bench.results.profiles import Profiles
 from prefcal_scenarios.bench.results.statistics import FLOOR
 from prefcal_scenarios.bench.results.words import problem_name
 from prefcal_scenarios.report.style import GRID
 
 _FEW = 3
-"""Agents whose bands can lie on each other and be seen."""
+"""Most agents whose bands can overlap and still be seen."""
 _Bands = dict[str, Float[np.ndarray, "3 K"]]
 _SEES_VALUES = Line2D([], [], color="#5d6874", linewidth=1.2, linestyle=(0, (6, 2, 1, 2)),
                       label="sees values: median at the end")  # fmt: skip
@@ -33,20 +35,19 @@ _SEES_VALUES = Line2D([], [], color="#5d6874", linewidth=1.2, linestyle=(0, (6, 
 def against_experiments(
     campaign: Campaign, regime: Regime, looks: Mapping[str, Look], floor: float = FLOOR
 ) -> Figure:
-    """One panel for each problem: median over the seeds as a line, quartiles as a band.
+    """Draw a panel for each problem: median over the seeds as a line, quartiles as a band.
 
     To the right of each panel, the quartiles at the end beside each other.
     """
-    shown = _problems(campaign, regime)
+    shown = campaign.problems(regime, cost=True)
     figure, grid = panels(len(shown))
     start = Line2D([], [], color="#e1e6eb", linewidth=7, label="initial samples")
-    present = _present(campaign, regime, shown, looks)
+    present = _present(campaign, regime, looks)
     name_agents(figure, present, (start,))
     for axes, problem in zip(grid, shown, strict=True):
         bands = {
-            a: _quartiles([curve(r) for r in found.values()])
-            for a in present
-            if (found := campaign.runs(regime, problem, a))
+            agent: _quartiles(list(group["curve"]))
+            for agent, group in _by_agent(campaign, regime, problem)
         }
         axes.axvspan(0, regime.n_init + 0.5, color="#eef1f4", linewidth=0, zorder=0)
         _lines(axes, bands, 1, present, floor)
@@ -58,23 +59,22 @@ def against_experiments(
 def against_questions(
     campaign: Campaign, regime: Regime, looks: Mapping[str, Look], floor: float = FLOOR
 ) -> Figure:
-    """The same against the number of questions that were asked by then.
+    """Draw the same against the number of questions that were asked by then.
 
     An agent that never asks, because it sees values, is a line at its median gap of the end.
     """
-    shown = _problems(campaign, regime)
+    shown = campaign.problems(regime, cost=True)
     figure, grid = panels(len(shown))
-    present = _present(campaign, regime, shown, looks)
+    present = _present(campaign, regime, looks)
     silent = False
     for axes, problem in zip(grid, shown, strict=True):
         bands, ends = {}, {}
-        for agent in present:
-            runs = list(campaign.runs(regime, problem, agent).values())
-            if max((r.questions[-1] for r in runs), default=0):
-                bands[agent] = _quartiles(_by_questions(runs))
-            elif runs:
-                ends[agent] = np.array([np.median([curve(r)[-1] for r in runs])])
-        bottom = _lines(axes, bands, 0, present, floor, tuple(ends.values()))
+        for agent, group in _by_agent(campaign, regime, problem):
+            if group["questions"].any():
+                bands[agent] = _quartiles(_by_questions(group))
+            else:
+                ends[agent] = np.array([np.median(group["gap"])])
+        bottom = _lines(axes, bands, 0, present, floor, others=tuple(ends.values()))
         for agent, end in ends.items():
             axes.axhline(
                 max(float(end[0]), bottom), color=present[agent].color, linewidth=1.2,
@@ -87,29 +87,27 @@ def against_questions(
     return figure
 
 
-def _problems(campaign: Campaign, regime: Regime) -> tuple[str, ...]:
-    return campaign.problems(regime, cost=True)
+def _by_agent(campaign: Campaign, regime: Regime, problem: str) -> list[tuple[str, pd.DataFrame]]:
+    studies = campaign.costly(regime)
+    return list(studies[studies["problem"] == problem].groupby("agent", observed=True))
 
 
-def _present(
-    campaign: Campaign, regime: Regime, problems: Sequence[str], looks: Mapping[str, Look]
-) -> dict[str, Look]:
-    return {
-        a: look for a, look in looks.items() if any(campaign.runs(regime, p, a) for p in problems)
-    }
+def _present(campaign: Campaign, regime: Regime, looks: Mapping[str, Look]) -> dict[str, Look]:
+    there = set(campaign.costly(regime)["agent"])
+    return {agent: look for agent, look in looks.items() if agent in there}
 
 
 def _quartiles(curves: Sequence[Float[np.ndarray, " K"]]) -> Float[np.ndarray, "3 K"]:
     return np.asarray(np.quantile(np.array(curves), [0.25, 0.5, 0.75], axis=0))
 
 
-def _by_questions(runs: Sequence[Result]) -> list[Float[np.ndarray, " K"]]:
-    """Gap of each run after 0, 1, ... questions: that of the last experiment by then."""
-    asked = np.arange(max(r.questions[-1] for r in runs) + 1)
+def _by_questions(studies: pd.DataFrame) -> list[Float[np.ndarray, " K"]]:
+    """Return the gap of each study after 0, 1, ... questions: that of the last experiment then."""
+    questions = np.arange(int(studies["questions"].max()) + 1)
     curves = []
-    for run in runs:
-        place = np.searchsorted(run.questions, asked, side="right") - 1
-        curves.append(np.where(place < 0, HUGE, curve(run)[place]))
+    for asked, curve in zip(studies["asked"], studies["curve"], strict=True):
+        place = np.searchsorted(asked, questions, side="right") - 1
+        curves.append(np.where(place < 0, HUGE, curve[place]))
     return curves
 
 
@@ -119,9 +117,10 @@ def _lines(
     start: int,
     looks: Mapping[str, Look],
     floor: float,
+    *,
     others: tuple[Float[np.ndarray, " 1"], ...] = (),
 ) -> float:
-    """Draw the bands over start, start + 1, ...; give what the floor was drawn as."""
+    """Draw the bands over start, start + 1, ...; return what the floor was drawn as."""
     bottom = gap_axis(axes, [*bands.values(), *others], floor)
     last = start + max((band.shape[1] for band in bands.values()), default=1) - 1
     step = 0.028 * (last - start + 1)
@@ -153,3 +152,29 @@ def _label(figure: Figure, grid: Sequence[Axes], what: str) -> None:
         axes.grid(False, axis="x")
     figure.supxlabel(what, fontsize=9.5)
     figure.supylabel("gap of the returned θ", fontsize=9.5)
+
+
+def data_profiles(found: Profiles, looks: Mapping[str, Look]) -> Figure:
+    """Draw a panel for each tolerance: share of (problem, seed) solved, against experiments."""
+    figure, grid = panels(len(found.shares))
+    present = {a: looks[a] for a in looks if a in next(iter(found.shares.values()))}
+    for axes, (tolerance, shares) in zip(grid, found.shares.items(), strict=True):
+        for i, agent in reversed(list(enumerate(present))):
+            x = np.arange(1, len(shares[agent]) + 1)
+            axes.plot(
+                x, 100 * shares[agent], label=agent, drawstyle="steps-post",
+                markevery=markers(len(x), i, len(present)), clip_on=False,
+                **line_options(present[agent]),
+            )  # fmt: skip
+        axes.set_ylim(0, 100)
+        axes.set_xlim(0.5, found.regime.n_max + 0.5)
+        axes.set_title(f"to {100 * tolerance:g} % of the initial gap")
+        axes.yaxis.set_major_formatter(PercentFormatter(decimals=0))
+        axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+        axes.grid(False, axis="x")
+    for axes in grid[1:]:
+        axes.tick_params(labelleft=False)
+    figure.supxlabel("experiments", fontsize=9.5)
+    grid[0].set_ylabel("solved (problem, seed)")
+    name_agents(figure, present)
+    return figure

@@ -1,0 +1,68 @@
+"""A calibrator whose answers are wrong in a share of the cases."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from prefcal_env.calibrators import Flipping, LatentCost
+from prefcal_env.errors import SettingsError
+from prefcal_env.preference import Answer, Preference, Strength
+
+SURE = LatentCost(lambda one: one.cost)
+
+
+@dataclass(frozen=True)
+class Tried:
+    theta: np.ndarray
+    cost: float
+
+
+def tried(x, cost=None):
+    return Tried(np.array([x, 0.0]), float(x if cost is None else cost))
+
+
+class Says:
+    def __init__(self, verdict):
+        self.verdict = verdict
+
+    def prefer(self, challenger, incumbent):
+        return self.verdict
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2])
+def test_that_share_of_the_answers_is_wrong(share):
+    rng = np.random.default_rng(0)
+    pairs = [(tried(a), tried(b)) for a, b in rng.random((4000, 2))]
+    judge = Flipping(SURE, share, seed=3)
+    wrong = np.mean([judge.prefer(*pair) != SURE.prefer(*pair) for pair in pairs])
+    assert wrong == pytest.approx(share, abs=0.02)  # 3 standard deviations: 0.014, 0.019
+
+
+def test_the_same_mistake_is_made_when_asked_again_or_the_other_way_round():
+    rng = np.random.default_rng(1)
+    judge, other = (Flipping(SURE, 0.5, seed) for seed in (3, 4))
+    pairs = [(tried(a), tried(b)) for a, b in rng.random((60, 2))]
+    answers = [judge.prefer(a, b) for a, b in pairs]
+    assert [judge.prefer(a, b) for a, b in pairs] == answers
+    assert [-judge.prefer(b, a) for a, b in pairs] == answers
+    assert [other.prefer(a, b) for a, b in pairs] != answers
+
+
+@pytest.mark.parametrize(
+    ("verdict", "flipped"),
+    [
+        (-1, Preference.INCUMBENT),
+        (Preference.TIE, Preference.TIE),
+        (None, None),
+        (Answer(1, strength=Strength.MUCH_BETTER), Answer(-1, strength=Strength.MUCH_BETTER)),
+    ],
+)
+def test_whatever_the_answer_its_opposite_is_given(verdict, flipped):
+    assert Flipping(Says(verdict), 1.0, seed=0).prefer(tried(1), tried(2)) == flipped
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1, np.nan])
+def test_an_impossible_share_says_so(share):
+    with pytest.raises(SettingsError, match="share"):
+        Flipping(SURE, share, seed=0)
