@@ -24,7 +24,7 @@ from prefcal_scenarios.report.pictures import PICTURES, Drawn, Picture
 from prefcal_scenarios.report.slices import slices
 from prefcal_scenarios.report.style import canvas
 from prefcal_scenarios.report.tried import tried
-from prefcal_scenarios.report.wording import measured
+from prefcal_scenarios.report.wording import measured, with_subscripts
 from prefcal_scenarios.report.write import write_report
 from support.pages import Outline
 from toy_study import toy_record, toy_scenario
@@ -86,6 +86,12 @@ def test_the_page_follows_the_colour_scheme_of_the_reader(page):
 def test_content_is_escaped(page):
     assert "<h1>Toy &lt;level&gt; &amp; valve</h1>" in page
     assert "<level>" not in page
+
+
+def test_what_follows_an_underscore_is_a_subscript(page):
+    assert "T<sub>s</sub>" in page
+    assert "&lt;sub" not in page
+    assert with_subscripts("a<b_c & d") == "a&lt;b<sub>c</sub> &amp; d"
 
 
 def test_no_text_of_a_study_becomes_markup():

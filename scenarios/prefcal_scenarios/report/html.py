@@ -33,6 +33,7 @@ def environment() -> Environment:
         keep_trailing_newline=True,
     )
     made.filters |= {"subscripts": with_subscripts, "listed": _listed, "data_uri": data_uri}
+    made.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
     css = files("prefcal_scenarios.report").joinpath("report.css").read_text(encoding="utf-8")
     made.globals["css"] = Markup(css)
     return made

@@ -114,7 +114,8 @@ def mathtext(name: str) -> str:
 
 def with_subscripts(name: str) -> Markup:
     """Return `name` for HTML, escaped, with what follows an underscore as a subscript."""
-    return Markup(_SUBSCRIPTED.sub(r"\1<sub>\2</sub>", escape(name)))
+    # As plain text: Markup would escape the tags that are put into it.
+    return Markup(_SUBSCRIPTED.sub(r"\1<sub>\2</sub>", str(escape(name))))
 
 
 def knob_axis(knob: Knob) -> str:
