@@ -123,7 +123,8 @@ class _Reel:
     def frame(self, time: float) -> Image.Image:
         """Return the picture of all runs at `time` [s]."""
         artists = [artist for strip in self._strips for artist in strip.draw(time)]
-        self._canvas.draw()
+        self._canvas.draw()  # type: ignore[no-untyped-call]
         for artist in artists:
             artist.remove()
-        return Image.fromarray(np.asarray(self._canvas.buffer_rgba())).convert("RGB")
+        pixels = np.asarray(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        return Image.fromarray(pixels).convert("RGB")
