@@ -120,7 +120,7 @@ class Scenario:
         controller: The tuned controller of a θ.
         settings: The controller's settings at a θ, JSON-able, for the export.
         scene: What the query window animates of an experiment, JSON-able; see
-            `prefcal_scenarios.overtake.player.scene`.
+            `prefcal_scenarios.overtake.drawing.Drawing.as_json`.
         brief: What the task is, in a few sentences for the person who compares.
         configured: The scenario for another configuration, plain data, as `--config` reads it.
         on_processor: A scenario like this one with its computation times judged on a `Processor`;

@@ -5,21 +5,26 @@ import csv
 import io
 import re
 from dataclasses import replace
+from importlib.resources import files
 
 import numpy as np
 import pytest
 
 from prefcal_env.end import End
 from prefcal_env.errors import SettingsError
+from prefcal_env.knobs import KnobSpace
 from prefcal_scenarios import Panel, figure
+from prefcal_scenarios.interview.outlook import Outlook
 from prefcal_scenarios.report.comparisons import comparisons_as_csv
 from prefcal_scenarios.report.course import course
 from prefcal_scenarios.report.folder import folder_for
-from prefcal_scenarios.report.pictures import PICTURES, Picture
+from prefcal_scenarios.report.html import page as page_of
+from prefcal_scenarios.report.minded import Bar, Minded
+from prefcal_scenarios.report.pictures import PICTURES, Drawn, Picture
 from prefcal_scenarios.report.slices import slices
 from prefcal_scenarios.report.style import canvas
 from prefcal_scenarios.report.tried import tried
-from prefcal_scenarios.report.wording import measured
+from prefcal_scenarios.report.wording import measured, with_subscripts
 from prefcal_scenarios.report.write import write_report
 from support.pages import Outline
 from toy_study import toy_record, toy_scenario
@@ -81,6 +86,50 @@ def test_the_page_follows_the_colour_scheme_of_the_reader(page):
 def test_content_is_escaped(page):
     assert "<h1>Toy &lt;level&gt; &amp; valve</h1>" in page
     assert "<level>" not in page
+
+
+def test_what_follows_an_underscore_is_a_subscript(page):
+    assert "T<sub>s</sub>" in page
+    assert "&lt;sub" not in page
+    assert with_subscripts("a<b_c & d") == "a&lt;b<sub>c</sub> &amp; d"
+
+
+def test_no_text_of_a_study_becomes_markup():
+    evil = "<script>alert(1)</script>'\"&"
+    record = toy_record()
+    knobs = KnobSpace(
+        [replace(k, name=f"{k.name}{evil}", unit=evil) for k in record.scenario.space]
+    )
+    kpis = tuple(replace(k, title=evil, unit=evil) for k in record.scenario.kpis)
+    scenario = replace(record.scenario, title=evil, space=knobs, kpis=kpis, references={})
+    text = page_of(
+        replace(
+            record,
+            scenario=scenario,
+            references={evil: record.trials[0].experiment},
+            settings={evil: evil, "calibrator": "human"},
+            agent_settings={evil: [evil, evil]},
+            command=evil,
+            minded=Minded((evil,), (Bar(evil, 0.5),), True, 1, 2),
+            outlook=Outlook(evil, evil, evil, evil),
+        ),
+        [Drawn(Picture("a.png", evil, evil, str, bytes), evil, PNG)],
+    )
+    outline = Outline(text)
+    assert outline.all("script") == []
+    assert text.count("alert(1)") > 30
+    assert "<script" not in text
+    assert outline.all("img")[0]["alt"] == evil
+
+
+def test_the_only_trusted_markup_is_that_of_a_picture():
+    text = "".join(
+        path.read_text("utf-8") for path in files("prefcal_scenarios").rglob("*.html.j2")
+    )
+    assert re.findall(r"{{[^}]*\bsafe\b[^}]*}}", text) == ["{{ d.markup | safe }}"]
+    assert "autoescape" not in text
+    drawn = Drawn(Picture("a.gif", "A", "a", str, bytes), "alt", b"", "<b>own</b>")
+    assert "<b>own</b>" in page_of(toy_record(), [drawn])
 
 
 def test_the_page_names_settings_versions_command_and_the_way_back(page):

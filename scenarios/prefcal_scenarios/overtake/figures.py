@@ -12,8 +12,9 @@ from prefcal_env.experiment import Experiment
 from prefcal_env.knobs import KnobSpace
 from prefcal_env.overtaking import KEEPING_SPEEDS, LENGTH, OVERTAKING_SPEEDS
 from prefcal_env.plants.bicycle import KMH
+from prefcal_scenarios.overtake.drawing import Drawing
 from prefcal_scenarios.overtake.moments import moments
-from prefcal_scenarios.overtake.roads import bare, breadth, caption, road, stacked, strip
+from prefcal_scenarios.overtake.roads import bare, breadth, caption, paint, stacked, strip
 from prefcal_scenarios.overtake.scene import obstacles, phases, road_of
 from prefcal_scenarios.overtake.shown import OBSTACLE, Shown, best, first
 from prefcal_scenarios.report.record import Record
@@ -40,7 +41,7 @@ def compared(left: Shown, right: Shown, space: KnobSpace) -> Figure:
     pair = (left, right)
     window = 56.0
     # Inches of a road that is to scale.
-    each = (WIDTH - 0.7) / 2 / window * breadth(left.experiment)
+    each = (WIDTH - 0.7) / 2 / window * breadth(Drawing.of(left.experiment))
     heights = [1.35, 5 * each, 1.5, 1.5]
     figure = canvas(2.7 + sum(heights))
     axes = figure.subplots(4, 2, sharey="row", height_ratios=heights)
@@ -67,7 +68,7 @@ def wide(shown: Shown, space: KnobSpace) -> Figure:
         strip(place, shown, moment, 33.0, 0.0)
         place.set_aspect("equal")
         low, high = road_of(shown.experiment)
-        caption(place, 0.0, high + 0.8, column + 1, shown.experiment, moment)
+        caption(place, (0.0, high + 0.8), column + 1, shown, moment)
         place.set_ylim(low - 0.4, high + 6.2)
         bare(place)
     figure.align_ylabels(along)
@@ -117,7 +118,7 @@ def _path(axes: Axes, shown: Shown, pair: Sequence[Shown]) -> None:
     experiment = shown.experiment
     x, y = experiment.x[:, 0], experiment.x[:, 1]
     end = max(float(s.experiment.x[:, 0].max()) for s in pair) + 10
-    road(axes, -2 * LENGTH, end, road_of(experiment))
+    paint(axes, Drawing.of(experiment).ground(-2 * LENGTH, end), shown.color)
     others = obstacles(experiment)
     for other in others:
         axes.plot(*other.T, color=OBSTACLE, linewidth=1.5, linestyle=(0, (4, 1.5)))

@@ -16,6 +16,7 @@ from prefcal_env.rollout import rollout
 from prefcal_env.tuning import TuningEnv, same_step_vector, sampled_at
 from prefcal_scenarios.overtake import words
 from prefcal_scenarios.overtake.criteria import fast, synthetic
+from prefcal_scenarios.overtake.drawing import animation
 from prefcal_scenarios.overtake.indicators import KPIS, indicators
 from prefcal_scenarios.overtake.tuning import SPACE, controller, settings
 from prefcal_scenarios.scenario import Panel, Scenario, described
@@ -55,12 +56,6 @@ def _pictures() -> "Sequence[Picture]":
     return PICTURES
 
 
-def _animated(experiment: Experiment) -> dict[str, object]:
-    from prefcal_scenarios.overtake.player import scene  # loads the plots
-
-    return scene(experiment)
-
-
 def _configured(config: Mapping[str, Any]) -> Scenario:
     from prefcal_scenarios.overtake.configured import configured  # which needs this module
 
@@ -85,7 +80,7 @@ overtake = Scenario(
     controller=controller,
     settings=settings,
     pictures=_pictures,
-    scene=_animated,
+    scene=animation,
     brief=words.BRIEF,
     configured=_configured,
     on_processor=_on_processor,

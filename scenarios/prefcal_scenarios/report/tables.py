@@ -1,37 +1,71 @@
-"""The report's tables in HTML."""
+"""Rows and headings of the report's tables, as the templates show them."""
 
 from collections.abc import Iterator
-from html import escape
+from dataclasses import dataclass
+from math import isinf
 
 from prefcal_env.experiment import Experiment
 from prefcal_env.preference import Preference
 from prefcal_env.study import Comparison
 from prefcal_scenarios.report.record import Record, verdict_text
-from prefcal_scenarios.report.wording import html, marks_text, measured, number
+from prefcal_scenarios.report.wording import marks_text, measured, number
 from prefcal_scenarios.scenario import KPI
 
 _MOST = 3
-"""KPIs of one side of a comparison that are shown on the page."""
+"""Number of KPIs of one side of a comparison that are shown on the page."""
 
 
-def result_table(record: Record) -> str:
-    """Best, first and reference θ side by side: a row for each knob, KPI and the cost."""
-    columns = result_columns(record)
-    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in columns)
-    rows = "\n".join(
-        f'<tr><th scope="row">{heading}</th>{"".join(cells)}</tr>'
-        for heading, cells in _result_rows(record, list(columns.values()))
-    )
-    return (
-        '<div class="scroll" tabindex="0" role="region" aria-label="Result table">\n'
-        '<table class="result">\n'
-        "<caption>✓ meets the objective, ✗ does not.</caption>\n"
-        f"<thead><tr><td></td>{head}</tr></thead>\n<tbody>\n{rows}\n</tbody>\n</table>\n</div>"
-    )
+@dataclass(frozen=True, slots=True)
+class Value:
+    """A cell of a table.
+
+    Args:
+        text: What it says.
+        met: Whether it meets its objective; None where there is none.
+    """
+
+    text: str
+    met: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ResultRow:
+    """A row of the result table: a knob, a KPI, the cost or the end.
+
+    Args:
+        name: Heading of the row.
+        unit: Unit of its values; empty for none.
+        aim: Objective in words; empty for none.
+        values: One for each of `result_columns`.
+    """
+
+    name: str
+    values: tuple[Value, ...]
+    unit: str = ""
+    aim: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """One side of a comparison: number of the experiment, from 1, and its values."""
+
+    number: int
+    preferred: bool
+    values: tuple[Value, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ComparisonRow:
+    """A question and its answer; the newer experiment is the first of `sides`."""
+
+    number: int
+    verdict: str
+    marks: tuple[str, ...]
+    sides: tuple[Compared, Compared]
 
 
 def result_columns(record: Record) -> dict[str, Experiment]:
-    """What the best is shown beside, by heading, the best first."""
+    """Return the experiments of the result table by heading, the best first."""
     assert record.best is not None
     return {
         "best": record.best.experiment,
@@ -40,113 +74,69 @@ def result_columns(record: Record) -> dict[str, Experiment]:
     }
 
 
-def objective(kpi: KPI) -> str:
-    """What a KPI should be, in words; nothing where no objective is stated."""
-    parts = [
-        f"{sign} {number(limit)}"
-        for sign, limit in (("≥", kpi.at_least), ("≤", kpi.at_most))
-        if abs(limit) != float("inf")
-    ]
-    return " and ".join(parts)
-
-
-def _result_rows(record: Record, experiments: list[Experiment]) -> Iterator[tuple[str, list[str]]]:
+def result_rows(record: Record) -> Iterator[ResultRow]:
+    """Yield a row for each knob, the cost, each KPI, and how the experiments ended."""
+    shown = list(result_columns(record).values())
     for i, knob in enumerate(record.scenario.space):
-        yield (
-            _with_unit(html(knob.name), knob.unit),
-            [_cell(number(e.theta[i]), column=c) for c, e in enumerate(experiments)],
-        )
+        values = tuple(Value(number(e.theta[i])) for e in shown)
+        yield ResultRow(knob.name, values, knob.unit)
     if record.shows_cost:
-        yield (
-            "performance index",
-            [_cell(number(record.cost(e)), column=c) for c, e in enumerate(experiments)],
-        )
+        yield ResultRow("performance index", tuple(Value(number(record.cost(e))) for e in shown))
     for kpi in record.kpis:
-        aim = objective(kpi)
-        heading = _with_unit(html(kpi.title), kpi.unit)
-        yield (
-            heading + (f' <small class="note">({aim})</small>' if aim else ""),
-            [_cell(_judged(kpi, e), column=c) for c, e in enumerate(experiments)],
-        )
-    yield "ended", [_cell(escape(e.end.value), column=c) for c, e in enumerate(experiments)]
+        values = tuple(_judged(kpi, e) for e in shown)
+        yield ResultRow(kpi.title, values, kpi.unit, objective(kpi))
+    yield ResultRow("ended", tuple(Value(e.end.value) for e in shown))
 
 
-def _with_unit(name: str, unit: str) -> str:
-    return f'{name} <span class="note">[{escape(unit)}]</span>' if unit else name
+def objective(kpi: KPI) -> str:
+    """Return the objective of a KPI in words, empty where none is stated."""
+    limits = (("≥", kpi.at_least), ("≤", kpi.at_most))
+    return " and ".join(f"{sign} {number(limit)}" for sign, limit in limits if not isinf(limit))
 
 
-def _cell(content: str, column: int) -> str:
-    return f'<td class="best">{content}</td>' if column == 0 else f"<td>{content}</td>"
+def comparison_headings(record: Record) -> list[tuple[str, str]]:
+    """Return name and unit of each value that one side of a comparison shows."""
+    knobs = [(k.name, k.unit) for k in record.scenario.space]
+    return knobs + [(k.title, k.unit) for k in _columns(record)]
 
 
-def _judged(kpi: KPI, experiment: Experiment) -> str:
-    value = experiment.kpis.get(kpi.name)
-    met = None if value is None else kpi.met(value)
-    mark = {
-        None: "",
-        True: ' <span class="yes" title="met">✓</span>',
-        False: ' <span class="no" title="not met">✗</span>',
-    }[met]
-    return measured(kpi, experiment) + mark
-
-
-def comparison_table(record: Record) -> str:
-    """Every question and its answer; the preferred side is tinted."""
-    scenario = record.scenario
-    width = 1 + len(scenario.space) + len(_columns(record))
-    sides = "".join(
-        f'<th class="edge" scope="colgroup" colspan="{width}">{side}</th>'
-        for side in ("newer experiment", "compared with")
-    )
-    names = "".join(_side_headings(record) * 2)
-    rows = "\n".join(_comparison_row(record, i + 1, c) for i, c in enumerate(record.asked))
-    return (
-        '<div class="scroll tall" tabindex="0" role="region" aria-label="Comparisons">\n'
-        '<table class="tight">\n<caption>The tinted side was preferred. All KPIs '
-        "and full precision are in comparisons.csv.</caption>\n<thead>\n"
-        '<tr><th scope="col" rowspan="2">no.</th>'
-        '<th class="words" scope="col" rowspan="2">verdict</th>'
-        f"{sides}</tr>\n<tr>{names}</tr>\n</thead>\n<tbody>\n{rows}\n</tbody>\n</table>\n</div>"
-    )
+def comparison_rows(record: Record) -> Iterator[ComparisonRow]:
+    """Yield every question with its answer, in the order of the answers."""
+    for row, comparison in enumerate(record.asked, start=1):
+        answer = comparison.answer
+        marks = tuple(marks_text(answer))
+        yield ComparisonRow(row, verdict_text(answer), marks, _sides(record, comparison))
 
 
 def _columns(record: Record) -> tuple[KPI, ...]:
-    """The KPIs that a row has room for: the most important ones."""
+    """Return the KPIs that a comparison has room for: the most important ones."""
     return record.kpis[:_MOST]
 
 
-def _side_headings(record: Record) -> list[str]:
-    named = [(k.name, k.unit) for k in record.scenario.space]
-    named += [(k.title, k.unit) for k in _columns(record)]
-    cells = [
-        f'<th scope="col">{html(name)}<br><span class="note">{escape(unit)}&nbsp;</span></th>'
-        for name, unit in named
-    ]
-    return ['<th class="edge" scope="col">exp.</th>', *cells]
-
-
-def _comparison_row(record: Record, row: int, comparison: Comparison) -> str:
+def _sides(record: Record, comparison: Comparison) -> tuple[Compared, Compared]:
+    query, preference = comparison.query, comparison.answer.preference
+    assert query.incumbent is not None
     assert comparison.incumbent is not None
-    assert comparison.query.incumbent is not None
-    preference = comparison.answer.preference
-    sides = (
-        (comparison.query.challenger.index, comparison.challenger, Preference.CHALLENGER),
-        (comparison.query.incumbent.index, comparison.incumbent, Preference.INCUMBENT),
+    return (
+        Compared(
+            query.challenger.index + 1,
+            preference is Preference.CHALLENGER,
+            _values(record, comparison.challenger),
+        ),
+        Compared(
+            query.incumbent.index + 1,
+            preference is Preference.INCUMBENT,
+            _values(record, comparison.incumbent),
+        ),
     )
-    cells = "".join(
-        _side_cells(record, index + 1, experiment, preference == wins)
-        for index, experiment, wins in sides
-    )
-    marks = "".join(f"<br><small>{escape(m)}</small>" for m in marks_text(comparison.answer))
-    verdict = escape(verdict_text(comparison.answer)) + marks
-    return f'<tr><th scope="row">{row}</th><td class="words">{verdict}</td>{cells}</tr>'
 
 
-def _side_cells(record: Record, exp: int, experiment: Experiment, preferred: bool) -> str:
-    tint = " best" if preferred else ""
-    values = [number(v) for v in experiment.theta]
-    values += [_judged(k, experiment) for k in _columns(record)]
-    rest = "".join(
-        f'<td class="{tint.strip()}">{v}</td>' if tint else f"<td>{v}</td>" for v in values
-    )
-    return f'<td class="edge{tint}">{exp}</td>{rest}'
+def _values(record: Record, experiment: Experiment) -> tuple[Value, ...]:
+    theta = [Value(number(v)) for v in experiment.theta]
+    return (*theta, *(_judged(k, experiment) for k in _columns(record)))
+
+
+def _judged(kpi: KPI, experiment: Experiment) -> Value:
+    value = experiment.kpis.get(kpi.name)
+    met = None if value is None else kpi.met(value)
+    return Value(measured(kpi, experiment), None if met is None else bool(met))

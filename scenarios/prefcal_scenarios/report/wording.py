@@ -2,9 +2,10 @@
 
 import re
 from collections.abc import Mapping
-from html import escape
 from math import ceil, floor, inf, isfinite, log10
 from typing import Any
+
+from markupsafe import Markup, escape
 
 from prefcal_env.experiment import Experiment
 from prefcal_env.knobs import Knob, KnobSpace
@@ -110,9 +111,10 @@ def mathtext(name: str) -> str:
     )
 
 
-def html(name: str) -> str:
-    """`name` for HTML, escaped, with what follows an underscore as a subscript."""
-    return _SUBSCRIPTED.sub(r"\1<sub>\2</sub>", escape(name))
+def with_subscripts(name: str) -> Markup:
+    """Return `name` for HTML, escaped, with what follows an underscore as a subscript."""
+    # As plain text: Markup would escape the tags that are put into it.
+    return Markup(_SUBSCRIPTED.sub(r"\1<sub>\2</sub>", str(escape(name))))
 
 
 def knob_axis(knob: Knob) -> str:

@@ -18,7 +18,7 @@ from prefcal_scenarios.interview import Choice, Phase, flow, moment, unattended
 from prefcal_scenarios.outcomes import outcome
 from prefcal_scenarios.report import Record
 from prefcal_scenarios.report.comparisons import comparisons_as_csv
-from prefcal_scenarios.report.tables import comparison_table
+from prefcal_scenarios.report.html import page
 from prefcal_scenarios.terminal.looking import show_history
 from prefcal_scenarios.terminal.showing import show_question
 from prefcal_scenarios.window.view import history_view, now_view, status_view
@@ -182,7 +182,7 @@ def test_every_view_says_so_and_why():
 def test_report_and_tables_tell_automatic_marks_from_the_person_s(tmp_path):
     interview = studied()
     record = Record(touchy, "toy", interview.comparisons())
-    assert f"first: {WORDS}" in comparison_table(record)
+    assert f"first: {WORDS}" in page(record, [])
     rows = list(csv.DictReader(io.StringIO(comparisons_as_csv(record))))
     told = [c.answer for c in interview.comparisons()[1:]]
     assert [row["automatic marks"] for row in rows] == [

@@ -11,7 +11,7 @@ import pytest
 from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_scenarios import load
 from prefcal_scenarios.overtake import overtake
-from prefcal_scenarios.overtake.player import scene as scene_of_run
+from prefcal_scenarios.overtake.drawing import animation
 from prefcal_scenarios.overtake.scene import lines_of
 from prefcal_scenarios.overtake.tuning import STEERING_LIMITS, mpc_settings
 from prefcal_scenarios.overtake.variants import VARIANTS
@@ -138,10 +138,10 @@ def test_the_example_of_the_docs_is_one(tmp_path):
 
 
 def test_figures_show_the_road_of_the_configuration():
-    drawn = scene_of_run(configured({"lanes_count": 3}).run(SLOW))
+    drawn = animation(configured({"lanes_count": 3}).run(SLOW))
     assert drawn["road"] == [-2.0, 10.0]
-    assert lines_of((-2.0, 10.0)) == [2.0, 6.0]
-    assert scene_of_run(overtake.run(SLOW))["road"] == [-2.0, 6.0]
+    assert drawn["lines"] == lines_of((-2.0, 10.0)) == [2.0, 6.0]
+    assert animation(overtake.run(SLOW))["road"] == [-2.0, 6.0]
 
 
 def test_the_distance_to_who_turns_is_that_of_the_turned_bodies():

@@ -2,6 +2,7 @@
 
 import json
 import re
+from base64 import b64decode
 from dataclasses import replace
 from io import BytesIO
 from itertools import pairwise
@@ -16,7 +17,7 @@ from prefcal_env.preference import Preference
 from prefcal_env.study import calibrate
 from prefcal_scenarios.cstr import cstr
 from prefcal_scenarios.overtake import overtake
-from prefcal_scenarios.overtake.film import RATE, instant
+from prefcal_scenarios.overtake.film import RATE
 from prefcal_scenarios.overtake.moments import moments
 from prefcal_scenarios.overtake.pictures import PICTURES
 from prefcal_scenarios.report.record import Record
@@ -109,6 +110,15 @@ def test_the_page_holds_a_scrubber_that_needs_no_mouse(page):
     assert page.count('role="img" aria-label="Top view of the') == 2
 
 
+def test_without_scripts_the_page_shows_each_run_beside_the_obstacle(page):
+    stills = re.findall(r'role="img"[^>]*><img src="data:image/png;base64,([^"]+)"', page)
+    assert len(stills) == 2
+    for still, color in zip(stills, (BEST, FIRST), strict=True):
+        with Image.open(BytesIO(b64decode(still))) as image:
+            assert pixels(image, color) > 200
+            assert pixels(image, OTHERS[0]) > 200
+
+
 def test_the_page_asks_nothing_of_anyone(page):
     text = re.sub(r'src="data:image/png;base64,[^"]*"', "", page)
     assert not re.search(r"https?:|//[a-z]|@import|url\(|fetch\(|import\(|\ssrc=|\shref=", text)
@@ -119,7 +129,7 @@ def test_the_embedded_positions_are_those_of_the_experiment(page):
     rows = np.array(data["runs"][0]["rows"])
     assert rows[:, 1].max() == pytest.approx(PAPER.x[:, 1].max(), abs=0.02)  # y_f, m
     assert rows[-1, 0] == pytest.approx(PAPER.x[-1, 0], abs=0.01)  # x_f, m
-    assert rows[0].tolist() == [0, 0, 0, 50, 30, 0]  # km/h; the obstacle starts at (30, 0)
+    assert rows[0].tolist() == [0, 0, 0, 50, 30, 0, 0]  # km/h; the obstacle starts at (30, 0)
 
 
 def test_equal_studies_have_equal_pictures(folder, tmp_path):
@@ -161,10 +171,6 @@ def test_a_run_that_is_stopped_shows_its_end_as_the_last_moment():
         found = moments(until(PAPER, k))
         assert found[-1].index == k - 1
         assert {m.name for m in found} == names
-
-
-def test_after_its_end_a_run_stays_where_it_was():
-    assert np.array_equal(instant(PAPER, 100.0).pose, PAPER.x[-1])
 
 
 def test_a_scenario_without_own_pictures_gets_none():

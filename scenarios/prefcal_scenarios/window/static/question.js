@@ -28,12 +28,10 @@ export function start() {
   scenes.start();
   cursor.start($("pair"));
   table.start();
-  addEventListener("resize", () => scenes.draw());
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", ({ matches }) => {
     if (themeChosen()) return;
     document.documentElement.dataset.theme = matches ? "dark" : "light";
     plots.draw();
-    scenes.draw();
   });
   $("theme").addEventListener("click", () => {
     const root = document.documentElement.dataset;
@@ -44,7 +42,6 @@ export function start() {
       // For this time only.
     }
     plots.draw();
-    scenes.draw();
   });
   fill($("both"), el("p", { class: "legend" }, el("span", { class: "key left" }, "Left"),
     el("span", { class: "key right" }, "Right")),
@@ -90,7 +87,6 @@ function arrange() {
 export function fit() {
   if (!plots.question) return;
   plots.draw();
-  scenes.draw();
   cursor.draw();
 }
 

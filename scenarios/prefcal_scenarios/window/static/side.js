@@ -11,7 +11,7 @@ const TITLES = { left: "Left", right: "Right" };
 // The card, made once: a question only changes what it holds, so that figures need not be made anew.
 function card(name, question) {
   const part = (id) => el("div", { class: id, id: `${name}-${id}` });
-  const scene = question.has_scene ? el("canvas", { class: "scene", id: `${name}-scene`, role: "img",
+  const scene = question.has_scene ? el("div", { class: "scene road", id: `${name}-scene`, role: "img",
     "aria-label": `Road seen from above, ${name} experiment` }) : null;
   fill($(name), el("header", {}, el("h2", { id: `${name}-title` }, TITLES[name]),
     el("p", { class: "which", id: `${name}-which` }), part("marks")),
