@@ -12,11 +12,10 @@ from prefcal_scenarios.cli.check import EPILOG as CHECK_EPILOG
 from prefcal_scenarios.cli.check import check
 from prefcal_scenarios.cli.errors import complain, wrong_call
 from prefcal_scenarios.cli.processor import app as processor
-from prefcal_scenarios.cli.report import EPILOG as REPORT_EPILOG
-from prefcal_scenarios.cli.report import report
 from prefcal_scenarios.cli.reproduce import EPILOG as REPRODUCE_EPILOG
 from prefcal_scenarios.cli.reproduce import reproduce
-from prefcal_scenarios.cli.studies import app as studies
+from prefcal_scenarios.cli.study_commands import REPORT_EPILOG, report
+from prefcal_scenarios.cli.study_commands import app as studies
 
 app = typer.Typer(
     name="prefcal",

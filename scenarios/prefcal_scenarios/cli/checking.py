@@ -13,7 +13,7 @@ from rich.text import Text
 
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.checkup import Checkup, Finding, middle_of
-from prefcal_scenarios.cli.start import start_of
+from prefcal_scenarios.cli.choices import start_of
 from prefcal_scenarios.isolated import DEFAULT_LIMIT, isolation
 from prefcal_scenarios.own_line import in_words, located
 from prefcal_scenarios.report.folder import folder_for, put
