@@ -1,11 +1,16 @@
 """`prefcal check`: one trial run of a scenario, before anybody is asked."""
 
+import json as json_
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from prefcal_scenarios.cli.threads import one_thread
+if TYPE_CHECKING:
+    from prefcal_scenarios.checkup import Checkup, Finding
+    from prefcal_scenarios.scenario import Scenario
 
 EPILOG = """\
 [bold]Examples[/bold]
@@ -25,6 +30,9 @@ EPILOG = """\
 An error in your own code is shown with its last line there. Look at the picture
 too: only you know whether the curves are those of your plant.
 """
+
+_SIGNS = {True: ("✓", "green"), False: ("✗", "bold red"), None: ("·", "dim")}
+_FIRST = " (the very first run on a machine compiles for half a minute)"
 
 
 def check(
@@ -67,8 +75,167 @@ def check(
     the same θ and seed give the same experiment, and whether a study can store it.
     Ends with exit code 1 if anything is wrong.
     """
-    one_thread()
-    # Here, not above: --help must not wait for it, and numpy reads the environment once.
-    from prefcal_scenarios.cli.checking import Wanted, run_check
+    # Here, not above: --help must not wait for it.
+    from prefcal_scenarios.isolated import isolation
 
-    raise typer.Exit(run_check(scenario, Wanted(theta, seed, out, open_, json, run_timeout)))
+    wanted = _Wanted(scenario, theta, seed, out, open_, json)
+    with isolation(scenario, run_timeout) as isolated:
+        raise typer.Exit(_check(wanted, isolated))
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """The options of `prefcal check`.
+
+    Args:
+        source: The scenario.
+        theta: What to run, as a person writes it; None: the middle of the box.
+        seed: Seed of the run.
+        out: File of the picture; None: check-NAME.png.
+        open: Whether the picture is opened.
+        json: Whether standard output is for a program.
+    """
+
+    source: str
+    theta: str | None
+    seed: int
+    out: Path | None
+    open: bool
+    json: bool
+
+
+def _check(wanted: _Wanted, isolated: "Callable[[Scenario], Scenario]") -> int:
+    """Check the scenario and print what was found; return 1 if anything is wrong, else 0.
+
+    Raises:
+        SettingsError: an impossible θ or file.
+    """
+    from rich.console import Console
+
+    from prefcal_scenarios.checkup import Checkup, Finding, middle_of
+    from prefcal_scenarios.cli.choices import start_of
+    from prefcal_scenarios.own_line import in_words, located
+    from prefcal_scenarios.scenario import load
+
+    try:
+        scenario = isolated(load(wanted.source))
+        theta = middle_of(scenario) if wanted.theta is None else None
+    except Exception as error:  # of an own file: a finding like any other
+        return _end(wanted, None, [Finding("scenario", False, in_words(located(error)))], None)
+    if theta is None:
+        assert wanted.theta is not None
+        theta = start_of(wanted.theta, scenario)
+    picture = _file_for(scenario, wanted.out)
+    checkup = Checkup(scenario, theta, wanted.seed)
+    with Console(stderr=True).status("") as status:
+        for words, step in checkup.steps():
+            status.update(f"{words} …{_FIRST if words == 'running θ' else ''}")
+            step()
+        status.update("drawing …")
+        drawn = _draw(checkup, picture)
+    if drawn and wanted.open:
+        typer.launch(str(picture))
+    return _end(wanted, checkup, checkup.findings, picture if drawn else None)
+
+
+def _file_for(scenario: "Scenario", out: Path | None) -> Path:
+    """Return the file of the picture. Raises SettingsError if it cannot be written."""
+    from prefcal_env.errors import SettingsError
+    from prefcal_scenarios.report.folder import folder_for
+
+    path = Path(f"check-{scenario.name}.png") if out is None else out
+    if path.suffix.lower() != ".png":
+        raise SettingsError(f"out must be a file that ends in .png, got {str(path)!r}")
+    folder_for(path.parent)
+    return path
+
+
+def _draw(checkup: "Checkup", path: Path) -> bool:
+    """Draw the panels of the trial run; return whether there is a picture."""
+    experiment = checkup.experiment
+    if experiment is None or not len(experiment.t) or checkup.is_rig:
+        return False
+    # Here, not above: plots take half a second to load.
+    from io import BytesIO
+
+    from prefcal_scenarios.checkup import Finding
+    from prefcal_scenarios.own_line import in_words, located
+    from prefcal_scenarios.report.folder import put
+    from prefcal_scenarios.report.style import save
+    from prefcal_scenarios.report.trajectories import alone
+
+    buffer = BytesIO()
+    try:
+        save(alone(checkup.scenario, experiment), buffer)
+        put(path, buffer.getvalue())
+    except Exception as error:
+        checkup.findings.append(Finding("picture", False, in_words(located(error))))
+        return False
+    return True
+
+
+def _end(
+    wanted: _Wanted,
+    checkup: "Checkup | None",
+    findings: "list[Finding]",
+    picture: Path | None,
+) -> int:
+    """Print the result; return the exit code."""
+    failed = sum(finding.ok is False for finding in findings)
+    if wanted.json:
+        print(json_.dumps(_as_dict(wanted.source, checkup, findings, picture)), flush=True)
+        return int(bool(failed))
+    _print_findings(checkup, findings)
+    from rich.console import Console
+
+    console = Console()
+    if picture is not None:
+        console.print(f"Picture: {picture}", soft_wrap=True, markup=False, highlight=False)
+    ran = checkup is not None and checkup.experiment is not None
+    verdict = _verdict(wanted.source, failed, len(findings), ran=ran)
+    console.print(verdict, soft_wrap=True, markup=False, highlight=False)
+    return int(bool(failed))
+
+
+def _print_findings(checkup: "Checkup | None", findings: "list[Finding]") -> None:
+    """Print the scenario and θ, and a line for each check."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from prefcal_scenarios.report.wording import printable, theta_text
+
+    console = Console()
+    if checkup is not None:
+        title = Text(printable(checkup.scenario.title), style="bold")
+        console.print(title, Text(theta_text(checkup.scenario.space, checkup.theta)), sep="\n")
+    table = Table.grid(padding=(0, 2, 0, 0))
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold", max_width=28)
+    table.add_column(overflow="fold")
+    for finding in findings:
+        sign, style = _SIGNS[finding.ok]
+        words = Text(printable(finding.words), style="" if finding.ok is not None else "dim")
+        table.add_row(Text(sign, style=style), Text(printable(finding.what)), words)
+    console.print(table)
+
+
+def _verdict(source: str, wrong: int, count: int, *, ran: bool) -> str:
+    if wrong and not ran:
+        return "Nothing else can be checked without a run: mend this and check again."
+    if wrong:
+        return f"{wrong} of {count} checks failed: mend what is marked ✗ and check again."
+    return f"All in order. Begin with: prefcal calibrate {source}"
+
+
+def _as_dict(
+    source: str, checkup: "Checkup | None", findings: "list[Finding]", picture: Path | None
+) -> dict[str, Any]:
+    theta = None if checkup is None else checkup.scenario.space.named(checkup.theta)
+    return {
+        "ok": not any(f.ok is False for f in findings),
+        "scenario": source,
+        "theta": theta,
+        "checks": [{"what": f.what, "ok": f.ok, "words": f.words} for f in findings],
+        "picture": None if picture is None else str(picture),
+    }
