@@ -103,7 +103,7 @@ def _problem(configuration: Mapping[str, Any]) -> str:
     try:
         options = msgspec.convert(dict(configuration), _Configuration).options
     except msgspec.ValidationError as error:
-        return f"its configuration: {error}"
+        return _in_words(error)
     if "calibrator" not in options:
         return "its options must name a calibrator"
     for name, (parameter, _) in kept_by(Options).items():
@@ -113,6 +113,15 @@ def _problem(configuration: Mapping[str, Any]) -> str:
         except msgspec.ValidationError:
             return f"its option {name} cannot be {options[name]!r:.40}"
     return ""
+
+
+def _in_words(error: msgspec.ValidationError) -> str:
+    """Return the parser's "Expected `str`, got `int` - at `$.name`" in our words."""
+    problem, _, where = str(error).replace("`", "").partition(" - at $.")
+    if where.startswith("earlier"):
+        return "what it says of an earlier study cannot be read"
+    problem = problem[:1].lower() + problem[1:]
+    return f"its {where}: {problem}" if where else f"its configuration: {problem}"
 
 
 def trusted_source(name: str, state: State, source: str | None) -> str:
