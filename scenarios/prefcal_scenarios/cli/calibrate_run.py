@@ -173,8 +173,8 @@ class CalibrateRun:
 
 def _attended(work: CalibrateRun) -> int:
     """Let a person answer, who may come back any time; return the exit code."""
-    begun = "resumed" if work.opened.resumed else "started"
-    work.say(f"Study {work.opened.name} {begun}. Every answer is saved at once.")
+    how = "resumed" if work.opened.resumed else "started"
+    work.say(f"Study {work.opened.name} {how}. Every answer is saved at once.")
     work.say(f"Stop any time, and resume with: {work.again}")
     ask = _in_terminal if work.options.terminal else _in_window
     ask(work)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from prefcal_scenarios.cli.parameters import given, takes
+
 if TYPE_CHECKING:
     from prefcal_scenarios.checkup import Checkup, Finding
     from prefcal_scenarios.scenario import Scenario
@@ -35,13 +37,16 @@ _SIGNS = {True: ("✓", "green"), False: ("✗", "bold red"), None: ("·", "dim"
 _FIRST = " (the very first run on a machine compiles for half a minute)"
 
 
-def check(
+@dataclass(frozen=True, slots=True)
+class CheckOptions:
+    """The options of `prefcal check`, in the order of its help."""
+
     scenario: Annotated[
         str,
         typer.Argument(
             metavar="SCENARIO", help="own.py:name, or a name (see `prefcal scenarios`)."
         ),
-    ],
+    ]
     theta: Annotated[
         str | None,
         typer.Option(
@@ -49,12 +54,12 @@ def check(
             help='What to run: "KNOB=VALUE, ..." for every knob, or the name of a reference.',
             show_default="the middle of the box",
         ),
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the run.")] = 0,
+    ] = None
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the run.")] = 0
     out: Annotated[
         Path | None,
         typer.Option(metavar="FILE.png", help="The picture.", show_default="./check-NAME.png"),
-    ] = None,
+    ] = None
     run_timeout: Annotated[
         float,
         typer.Option(
@@ -62,15 +67,18 @@ def check(
             help="Most seconds that one run of your own scenario may take. inf: no limit.",
             show_default="3600, an hour",
         ),
-    ] = 3600.0,
-    open_: Annotated[bool, typer.Option("--open", help="Open the picture.")] = False,
+    ] = 3600.0
+    open: Annotated[bool, typer.Option("--open", help="Open the picture.")] = False
     json: Annotated[
         bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
-    ] = False,
-) -> None:
+    ] = False
+
+
+@takes(CheckOptions)
+def check(**typed: Any) -> None:
     """Run SCENARIO once, check all that a study relies on, and draw its panels.
 
-    Checked are: θ and what came of it, the record, channels and panels, KPIs and
+    Checked are: θ and how its run ended, the record, channels and panels, KPIs and
     their goals, the cost, the calibrators, the references, the controller, whether
     the same θ and seed give the same experiment, and whether a study can store it.
     Ends with exit code 1 if anything is wrong.
@@ -78,33 +86,12 @@ def check(
     # Here, not above: --help must not wait for it.
     from prefcal_scenarios.isolated import isolation
 
-    wanted = _Wanted(scenario, theta, seed, out, open_, json)
-    with isolation(scenario, run_timeout) as isolated:
+    wanted = CheckOptions(**given(CheckOptions, typed))
+    with isolation(wanted.scenario, wanted.run_timeout) as isolated:
         raise typer.Exit(_check(wanted, isolated))
 
 
-@dataclass(frozen=True, slots=True)
-class _Wanted:
-    """The options of `prefcal check`.
-
-    Args:
-        source: The scenario.
-        theta: What to run, as a person writes it; None: the middle of the box.
-        seed: Seed of the run.
-        out: File of the picture; None: check-NAME.png.
-        open: Whether the picture is opened.
-        json: Whether standard output is for a program.
-    """
-
-    source: str
-    theta: str | None
-    seed: int
-    out: Path | None
-    open: bool
-    json: bool
-
-
-def _check(wanted: _Wanted, isolated: "Callable[[Scenario], Scenario]") -> int:
+def _check(wanted: CheckOptions, isolated: "Callable[[Scenario], Scenario]") -> int:
     """Check the scenario and print what was found; return 1 if anything is wrong, else 0.
 
     Raises:
@@ -118,7 +105,7 @@ def _check(wanted: _Wanted, isolated: "Callable[[Scenario], Scenario]") -> int:
     from prefcal_scenarios.scenario import load
 
     try:
-        scenario = isolated(load(wanted.source))
+        scenario = isolated(load(wanted.scenario))
         theta = middle_of(scenario) if wanted.theta is None else None
     except Exception as error:  # of an own file: a finding like any other
         return _end(wanted, None, [Finding("scenario", False, in_words(located(error)))], None)
@@ -175,7 +162,7 @@ def _draw(checkup: "Checkup", path: Path) -> bool:
 
 
 def _end(
-    wanted: _Wanted,
+    wanted: CheckOptions,
     checkup: "Checkup | None",
     findings: "list[Finding]",
     picture: Path | None,
@@ -183,7 +170,7 @@ def _end(
     """Print the result; return the exit code."""
     failed = sum(finding.ok is False for finding in findings)
     if wanted.json:
-        print(json_.dumps(_as_dict(wanted.source, checkup, findings, picture)), flush=True)
+        print(json_.dumps(_as_dict(wanted.scenario, checkup, findings, picture)), flush=True)
         return int(bool(failed))
     _print_findings(checkup, findings)
     from rich.console import Console
@@ -192,7 +179,7 @@ def _end(
     if picture is not None:
         console.print(f"Picture: {picture}", soft_wrap=True, markup=False, highlight=False)
     ran = checkup is not None and checkup.experiment is not None
-    verdict = _verdict(wanted.source, failed, len(findings), ran=ran)
+    verdict = _verdict(wanted.scenario, failed, len(findings), ran=ran)
     console.print(verdict, soft_wrap=True, markup=False, highlight=False)
     return int(bool(failed))
 
