@@ -26,7 +26,7 @@ def _quick(monkeypatch, tmp_path):
 @pytest.fixture
 def ours(monkeypatch):
     """The toy counts as a scenario of ours, whose experiments are cheap simulations."""
-    monkeypatch.setattr("prefcal_scenarios.cli.keeping.is_built_in", lambda source: source == TOY)
+    monkeypatch.setattr("prefcal_scenarios.cli.opening.is_built_in", lambda source: source == TOY)
 
 
 def start(prefcal, monkeypatch, typed, *words):
@@ -81,7 +81,7 @@ def test_the_record_of_a_rig_is_never_lost(prefcal, monkeypatch, tmp_path):
         "    cost=None)\n"
     )
     # As if the rig were one of ours: its records are not simulations all the same.
-    built_in = "prefcal_scenarios.cli.keeping.is_built_in"
+    built_in = "prefcal_scenarios.cli.opening.is_built_in"
     monkeypatch.setattr(built_in, lambda source: source == "own.py:rig")
     (tmp_path / "run.csv").write_text("time [h],level [m]\n0,1\n1,2\n2,2\n")
     for typed, kept in (("", []), ("run.csv\n", ["toy-1"])):

@@ -10,7 +10,7 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.studies import StudyFile
 from prefcal_scenarios.cli.opening import open_study
 from prefcal_scenarios.cli.options import Options
-from prefcal_scenarios.cli.recording import record_of
+from prefcal_scenarios.cli.report import record_of
 from prefcal_scenarios.interview import Interview
 from support.interviews import clock
 from toy_study import TOY_FILE, toy_scenario

@@ -9,7 +9,7 @@ import pytest
 from prefcal_env.errors import StudyError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.studies import StudyFile, export_csv, export_json, import_json, study_path, verify
-from prefcal_scenarios.cli.respacing import Changes, respace
+from prefcal_scenarios.cli.study_changes import Changes, respace
 from prefcal_scenarios.interview import Choice, Interview, Phase
 from support.calibrated import calibrated, copied
 from support.interviews import begin, proceed, reopened

@@ -8,7 +8,7 @@ import pytest
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.studies import StudyFile, study_path
-from prefcal_scenarios.cli.start import knob_called, theta_of
+from prefcal_scenarios.cli.choices import knob_called, theta_of
 from toy_study import TOY_FILE, toy_scenario
 
 TOY = f"{TOY_FILE}:toy"

@@ -9,9 +9,8 @@ import pytest
 from rich.console import Console
 
 from prefcal_scenarios.cli.options import Options
-from prefcal_scenarios.cli.outcome import as_json
-from prefcal_scenarios.cli.recording import record_of
-from prefcal_scenarios.cli.shelf import summary
+from prefcal_scenarios.cli.report import as_json, record_of
+from prefcal_scenarios.cli.study_files import summary
 from prefcal_scenarios.export import best_as_json
 from prefcal_scenarios.interview import Counts
 from prefcal_scenarios.interview.memory import incumbents

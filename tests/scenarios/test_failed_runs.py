@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from prefcal_scenarios.cli.options import Options
-from prefcal_scenarios.cli.recording import record_of
+from prefcal_scenarios.cli.report import record_of
 from prefcal_scenarios.interview import Choice, Phase
 from prefcal_scenarios.report.write import write_report
 from prefcal_scenarios.window.view import history_view, now_view, status_view

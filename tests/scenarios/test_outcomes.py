@@ -12,7 +12,7 @@ from prefcal_env import End, Preference
 from prefcal_env.errors import ScenarioError, StudyError
 from prefcal_env.studies import StudyFile, export_csv, export_json, import_json
 from prefcal_scenarios import KPI, load, outcome
-from prefcal_scenarios.cli.indexing import module
+from prefcal_scenarios.cli.study_changes import module
 from prefcal_scenarios.cost_file import with_cost
 from prefcal_scenarios.outcomes import INTERRUPTED, titles
 from prefcal_scenarios.report.minded import Minded
@@ -223,7 +223,7 @@ def test_glisp_sees_the_outcomes_in_an_interview(interview):
 
 
 def test_an_index_of_nothing_is_an_error_of_ours(tmp_path, monkeypatch):
-    from prefcal_scenarios.cli.indexing import export_index
+    from prefcal_scenarios.cli.study_changes import export_index
 
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     with pytest.raises(StudyError, match="there is no study"):

@@ -5,8 +5,6 @@ from typing import Annotated
 
 import typer
 
-from prefcal_scenarios.cli.threads import one_thread
-
 EPILOG = """\
 [bold]Examples[/bold]
 
@@ -151,8 +149,7 @@ def bench(
     resumes where it was stopped. A run that fails, crashes its process or takes
     too long is reported, and the others continue.
     """
-    one_thread()
-    # Here, not above: --help must not wait for it, and numpy reads the environment once.
+    # Here, not above: --help must not wait for it.
     from prefcal_scenarios.cli.benching import BenchOptions, run
 
     options = BenchOptions(

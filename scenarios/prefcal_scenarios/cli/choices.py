@@ -1,6 +1,6 @@
-"""From the words of the command line to agents and calibrators."""
+"""From the words of the command line to agents, calibrators, θ and processors."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -10,9 +10,12 @@ from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiment import Experiment
+from prefcal_env.knobs import KnobSpace
+from prefcal_env.mpc.processors import as_dict, processor_of, read_processor
 from prefcal_env.preference import Calibrator
 from prefcal_env.rig import Rig
 from prefcal_scenarios.cli.options import BY_VALUE, SCORE, Options
+from prefcal_scenarios.cli.parameters import kept_by
 from prefcal_scenarios.nearest import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
@@ -27,37 +30,29 @@ AGENTS = {
 }  # fmt: skip
 """Word to class, or to another way to make one, in `prefcal_agents`."""
 
+_PROCESSOR = "processor"
+"""Key of the processor in a study's configuration."""
+
 
 def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "AnyAgent":
-    """The agent of the options, which begins with the physical θ in `start`.
+    """Make the agent of the options, which begins with the physical θ in `start`.
 
     Raises:
         SettingsError: an unknown agent, settings that it refuses, or options for another one.
-        KnobError: a θ to begin with that is outside the space.
+        KnobError: a first θ that is outside the space.
     """
     if options.agent not in AGENTS:
         hint = did_you_mean(options.agent, AGENTS)
         raise SettingsError(
             f"--agent must be one of {', '.join(AGENTS)}, got {options.agent!r}.{hint}".rstrip(".")
         )
-    if options.delta is not None and options.agent != "glisp":
-        raise SettingsError(f"only the agent glisp takes --delta, not {options.agent!r}")
-    if not options.outcomes and options.agent != "glisp":
-        raise SettingsError(
-            f"only the agent glisp learns from KPIs: leave --no-outcomes out for {options.agent!r}"
-        )
-    check_questions(options)
-    if options.cost is not None and options.agent not in BY_VALUE:
-        raise SettingsError(
-            f"only an agent that learns from scores ({', '.join(BY_VALUE)}) takes --cost, "
-            f"not {options.agent!r}"
-        )
+    check_agent_takes(options)
     if options.agent in BY_VALUE:
         _check_score(options, scenario)
     import prefcal_agents
 
-    extra: dict[str, Any] = {} if options.delta is None else {"delta": options.delta}
-    settings = _settings(options)
+    extra = _fed(options)
+    settings = extra.pop("settings", None)
     if settings:
         extra["settings"] = prefcal_agents.GLISpSettings(**settings)
     if start:
@@ -69,26 +64,32 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Any
     return agent
 
 
-def check_questions(options: Options) -> None:
-    """Raise SettingsError if more than one question is asked of an agent that asks one."""
-    if options.questions_per_experiment != 1 and options.agent != "glisp":
-        raise SettingsError(
-            f"only the agent glisp takes --questions-per-experiment above 1, not {options.agent!r}"
-        )
+def check_agent_takes(options: Options) -> None:
+    """Raise SettingsError if an option was set that the agent does not take."""
+    for name, (parameter, kept) in kept_by(Options).items():
+        if not kept.agents or options.agent in kept.agents or not options.changed(name):
+            continue
+        usual = f"only the agent {' or '.join(kept.agents)} takes {parameter.flag}, not {{agent!r}}"
+        raise SettingsError((kept.refusal or usual).format(agent=options.agent))
 
 
-def _settings(options: Options) -> dict[str, Any]:
-    """Those of GLISp that the options name, beside δ."""
-    given: dict[str, Any] = {}
-    if not options.outcomes:
-        given["outcome_scales"] = (0.0,)
-    if options.questions_per_experiment != 1:
-        given["questions_per_experiment"] = options.questions_per_experiment
-    return given
+def _fed(options: Options) -> dict[str, Any]:
+    """Return the keyword arguments that the options feed to the agent."""
+    arguments: dict[str, Any] = {}
+    for name, (_, kept) in kept_by(Options).items():
+        if not kept.feeds or not options.changed(name):
+            continue
+        value = kept.convert(getattr(options, name))
+        where, _, setting = kept.feeds.partition(".")
+        if setting:
+            arguments.setdefault(where, {})[setting] = value
+        else:
+            arguments[where] = value
+    return arguments
 
 
 def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
-    """What is said of a calibrator that the scenario does not have."""
+    """Return what to say about a calibrator that the scenario does not have."""
     if isinstance(scenario.run, Rig):
         return (
             f"scenario {scenario.name!r} is a rig that only a person can run: its calibrator is "
@@ -103,7 +104,7 @@ def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
 
 
 def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experiment] | None:
-    """The calibrator of the options, one of the scenario's; None where scores are told.
+    """Make the calibrator of the options, one of the scenario's; None where scores are told.
 
     Raises:
         SettingsError: unknown, or it does not take the tie band or the answer noise.
@@ -135,10 +136,10 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
 
 
 def follows_cost(options: Options, scenario: Scenario) -> bool:
-    """Whether the answers follow the scenario's cost; a person has never chosen it.
+    """Return whether the answers follow the scenario's cost; a person has never chosen it.
 
-    So it does with scores, a cost of the user's own (`--cost`), a calibrator called "synthetic",
-    and any that has a latent cost in mind.
+    They do with scores, a cost of the user's own (`--cost`), a calibrator called "synthetic", and
+    any that compares by a latent cost.
     """
     from prefcal_env.calibrators import LatentCost
 
@@ -167,3 +168,127 @@ def _check_score(options: Options, scenario: Scenario) -> None:
             f"agent {options.agent!r} is told exact scores: it takes neither --tie-band nor "
             "--answer-noise"
         )
+
+
+def start_of(text: str, scenario: Scenario) -> Float[np.ndarray, " n"]:
+    """Return the physical θ that `text` means, shape (n,).
+
+    Either `knob=value, ...` for every knob, in any order, or the name of a reference of the
+    scenario.
+
+    Raises:
+        SettingsError: no such reference, an unknown or missing knob, or no number.
+        KnobError: a value outside its knob's range.
+    """
+    if "=" in text:
+        return scenario.space.check(theta_of(text, scenario.space))
+    if text not in scenario.references:
+        known = sorted(scenario.references)
+        raise SettingsError(
+            f"--start must be KNOB=VALUE, ... or one of the references {known} of scenario "
+            f"{scenario.name!r}, got {text!r}.{did_you_mean(text, known)}".rstrip(".")
+        )
+    return np.array(scenario.references[text], dtype=float)
+
+
+def theta_of(text: str, space: KnobSpace) -> Float[np.ndarray, " n"]:
+    """Return θ of `knob=value, ...`, shape (n,), physical; ranges are not checked.
+
+    Raises:
+        SettingsError: an unknown or missing knob, one given twice, or no number.
+    """
+    given: dict[str, float] = {}
+    for part in text.split(","):
+        word, sign, value = (piece.strip() for piece in part.rpartition("="))
+        if not sign:
+            raise SettingsError(f"expected KNOB=VALUE, got {part.strip()!r} in {text!r}")
+        name = knob_called(word, space)
+        if name in given:
+            raise SettingsError(f"knob {name!r} is given twice in {text!r}")
+        try:
+            given[name] = float(value)
+        except ValueError as error:
+            raise SettingsError(f"knob {name!r} must be a number, got {value!r}") from error
+    missing = [name for name in space.names if name not in given]
+    if missing:
+        raise SettingsError(f"every knob needs a value, {missing} are missing in {text!r}")
+    return np.array([given[name] for name in space.names])
+
+
+def knob_called(word: str, space: KnobSpace) -> str:
+    """Return the name of the knob that `word` means: the name, or a beginning that only it has.
+
+    Underscores stand for spaces.
+
+    Raises:
+        SettingsError: none, or several.
+    """
+    plain = {name.replace(" ", "_"): name for name in space.names}
+    wanted = word.replace(" ", "_")
+    if wanted in plain:
+        return plain[wanted]
+    found = [name for key, name in plain.items() if wanted and key.startswith(wanted)]
+    if len(found) != 1:
+        hint = did_you_mean(word, plain)
+        names = ", ".join(plain)
+        raise SettingsError(f"knob must be one of {names}, got {word!r}.{hint}".rstrip("."))
+    return found[0]
+
+
+def target_of(path: str | None, scenario: Scenario) -> dict[str, Any]:
+    """Return what the configuration of a new study says of the processor in the file `path`.
+
+    Empty without one, so that studies with and without the option read the same.
+
+    Raises:
+        SettingsError: not the file of a processor, or `scenario` judges no computation times.
+    """
+    if path is None:
+        return {}
+    if scenario.on_processor is None:
+        raise SettingsError(
+            f"--processor is for scenarios that judge computation times (overtake, "
+            f"overtake-robust), not {scenario.name!r}"
+        )
+    return {_PROCESSOR: as_dict(read_processor(path))}
+
+
+def check_target(path: str | None, configuration: Mapping[str, Any]) -> None:
+    """Refuse another processor than the one that a study was started with.
+
+    Raises:
+        SettingsError: the file `path` holds another one, or the study was started without one.
+    """
+    if path is None:
+        return
+    kept = configuration.get(_PROCESSOR)
+    if kept is None:
+        raise SettingsError(
+            f"the study was started with no --processor, got --processor {path}: leave the option "
+            "out, or start another study"
+        )
+    if as_dict(read_processor(path)) != kept:
+        raise SettingsError(
+            f"the study judges computation times on {kept.get('name')!r}, which it keeps; "
+            f"--processor {path} holds another one: leave the option out, or start another study"
+        )
+
+
+def on_target(scenario: Scenario, configuration: Mapping[str, Any]) -> Scenario:
+    """Return `scenario`, judged on the processor that the study keeps if it keeps one.
+
+    Raises:
+        SettingsError: what the study keeps is no processor, or `scenario` takes none.
+    """
+    kept = configuration.get(_PROCESSOR)
+    if kept is None:
+        return scenario
+    if scenario.on_processor is None:
+        raise SettingsError(f"scenario {scenario.name!r} judges no computation times any more")
+    return scenario.on_processor(scenario, processor_of(kept, "the processor of the study"))
+
+
+def target_settings(configuration: Mapping[str, Any]) -> dict[str, str]:
+    """Return the processor by name, for the report's list of what was set."""
+    kept = configuration.get(_PROCESSOR)
+    return {} if kept is None else {"processor": str(kept.get("name"))}

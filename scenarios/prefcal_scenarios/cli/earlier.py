@@ -9,9 +9,8 @@ from jaxtyping import Float
 from prefcal_env.errors import KnobError, PrefcalError, SettingsError, StudyError
 from prefcal_env.knobs import KnobSpace
 from prefcal_scenarios.cli.choices import Thetas
-from prefcal_scenarios.cli.described import open_described
 from prefcal_scenarios.cli.options import Options
-from prefcal_scenarios.cli.shelf import existing
+from prefcal_scenarios.cli.study_files import existing, open_described
 from prefcal_scenarios.interview.memory import earlier_of
 
 _SAME = 1e-9  # distance along a knob, in the unit cube, of two θ that differ by rounding

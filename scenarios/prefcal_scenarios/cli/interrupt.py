@@ -13,7 +13,7 @@ _ALSO = ("SIGTERM", "SIGHUP")
 
 
 class Interruption:
-    """Notes a first Ctrl-C, and lets it through where that is allowed; a second one always.
+    """Notes a first Ctrl-C, and raises where that is allowed; a second one always raises.
 
     `on_press` is called at the first one, before anything else.
     """
@@ -39,7 +39,7 @@ class Interruption:
 
     @contextmanager
     def allowed(self) -> Iterator[None]:
-        """Inside, a press raises at once, an earlier one too; outside, work is finished."""
+        """Let a press raise at once inside, an earlier one too; outside, work is finished first."""
         self.check()
         self._allowed = True
         try:
@@ -53,8 +53,8 @@ def interruption(*, others: bool = False) -> Iterator[Interruption]:
     """Handle Ctrl-C inside; a thread that may not set handlers keeps Python's own behavior.
 
     Args:
-        others: Whether `kill` and a closed terminal are handled likewise. Not where processes are
-            started, which would inherit that.
+        others: Whether `kill` and a closed terminal are handled likewise. Leave it out if processes
+            are started, which would inherit that.
     """
     handler = Interruption()
     if threading.current_thread() is not threading.main_thread():

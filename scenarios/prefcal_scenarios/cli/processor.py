@@ -1,11 +1,13 @@
 """`prefcal processor`: files for judging computation times on a computer of your choice."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from prefcal_scenarios.cli.threads import one_thread
+if TYPE_CHECKING:
+    from prefcal_env.mpc.processors import TimedStep
 
 app = typer.Typer(
     name="processor",
@@ -38,6 +40,9 @@ overtaking,16,5,9,1270000
 In place of N_u, ε_c (or eps_c) may be given.
 """
 
+_PAPER = "paper, preferences"
+"""The reference θ of overtaking that is timed."""
+
 _Name = Annotated[
     str | None,
     typer.Option(metavar="TEXT", help="Name of the processor.", show_default="the file's"),
@@ -58,11 +63,19 @@ def measure(
 
     Close what else is running: only then do the times belong to the controller.
     """
-    one_thread()
-    # Here, not above: --help must not wait for it, and numpy reads the environment once.
-    from prefcal_scenarios.cli.processing import measure_here
+    # Here, not above: --help must not wait for it.
+    from rich.console import Console
+    from rich.progress import track
 
-    measure_here(rounds, name or out.stem, out)
+    from prefcal_scenarios.overtake import overtake
+    from prefcal_scenarios.overtake.measuring import timed_steps
+
+    messages = Console(stderr=True)
+    overtake.run(overtake.references[_PAPER])  # compiles, so that nothing compiled is timed
+    steps = timed_steps(
+        rounds, lambda thetas: track(list(thetas), "timing the controller", console=messages)
+    )
+    _conclude(steps, name or out.stem, out)
 
 
 @app.command("from-cycles", epilog=CYCLES_EPILOG)
@@ -75,7 +88,34 @@ def from_cycles(
     out: _Out = Path("processor.json"),
 ) -> None:
     """Make the processor file of an embedded target from cycle counts."""
-    one_thread()
-    from prefcal_scenarios.cli.processing import convert
+    from prefcal_scenarios.overtake.cycles import read_cycles
 
-    convert(file, clock_mhz, name or out.stem, out)
+    _conclude(read_cycles(file, clock_mhz), name or out.stem, out)
+
+
+def _conclude(steps: "Sequence[TimedStep]", name: str, out: Path) -> None:
+    """Write the processor of `steps` to `out`, and print how it does.
+
+    Raises:
+        SettingsError: too few problem sizes, or `out` cannot be written.
+    """
+    from rich.console import Console
+
+    from prefcal_env.mpc.processors import fit_error, fit_processor, write_processor
+    from prefcal_scenarios.overtake import overtake
+    from prefcal_scenarios.overtake.computing import t_comp
+
+    processor = fit_processor(name, steps)
+    low, high = fit_error(processor, steps)
+    write_processor(processor, out)
+    theta = overtake.references[_PAPER]
+    worst = float(t_comp(overtake.run(theta), processor).max())
+    verdict = "in real time" if worst <= theta[0] else "too slow"
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"Processor {name!r} from {len(steps)} steps: {out}", markup=False)
+    console.print(f"90 % of the steps took {low:.2f} to {high:.2f} of the modelled time.")
+    console.print(
+        f"The paper's θ takes {1e3 * worst:.3g} ms a step at worst, T_s is "
+        f"{1e3 * theta[0]:.0f} ms: {verdict}."
+    )
+    console.print(f"Use it: prefcal calibrate overtake --processor {out}", markup=False)

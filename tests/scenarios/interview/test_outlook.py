@@ -9,7 +9,7 @@ from prefcal_agents import Advice
 from prefcal_env.knobs import Knob, KnobSpace
 from prefcal_env.studies import StudyFile
 from prefcal_env.studies.locations import study_path
-from prefcal_scenarios.cli.respacing import Changes, respace
+from prefcal_scenarios.cli.study_changes import Changes, respace
 from prefcal_scenarios.interview import Choice
 from prefcal_scenarios.interview.outlook import at_end, outlook, study_name
 from support.interviews import begin, clock, proceed

@@ -1,6 +1,7 @@
 """The paper's studies done again: what runs, what is compared, what the page shows."""
 
 import json
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -85,9 +86,8 @@ def test_the_page_holds_every_figure_and_asks_the_network_for_nothing(short, tmp
 
 
 def test_the_command_writes_the_page_and_says_where(prefcal, tmp_path, monkeypatch, short):
-    from prefcal_scenarios.cli import reproducing
-
-    monkeypatch.setattr(reproducing, "_studies", lambda *args: short)
+    module = import_module("prefcal_scenarios.cli.reproduce")  # not the command of that name
+    monkeypatch.setattr(module, "_studies", lambda *args: short)
     code, out, _ = prefcal("reproduce", "paper", "--seeds", "1", "--out", "there", "--json")
     result = json.loads(out)
     assert code == 0

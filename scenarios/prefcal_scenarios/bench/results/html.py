@@ -1,13 +1,8 @@
 """index.html: all results of a campaign in one file that needs no network."""
 
-from base64 import b64encode
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from typing import Any
-
-from jinja2 import Environment, StrictUndefined
-from markupsafe import Markup
 
 from prefcal_scenarios.bench.results.campaign import Campaign, Regime
 from prefcal_scenarios.bench.results.missing import beaten, failures, in_holes, missing, not_run
@@ -16,6 +11,7 @@ from prefcal_scenarios.bench.results.rows import Choices
 from prefcal_scenarios.bench.results.tables import duels, failed, numbers, overview
 from prefcal_scenarios.bench.results.words import regime_name, short
 from prefcal_scenarios.export import versions
+from prefcal_scenarios.report.html import environment
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,45 +27,35 @@ def page(material: Material, shown: Sequence[Shown], choices: Choices, origin: O
     """Return the text of index.html."""
     campaign, ends = material.campaign, _ends(material)
     lost = failures(campaign)
-    text: str = _template().render(
-        css=Markup(_read("prefcal_scenarios.report", "report.css")),
-        lead=_lead(campaign),
-        nothing=not len(campaign.finished),
-        partial=bool(missing(campaign) or lost),
-        overviews=[
-            (f"Median gaps{end}", overview(campaign, material.rows_of(regime), regime, choices))
-            for regime, end in ends
-        ],
-        pictures=[(one, duels(one.tallies) if one.tallies else None) for one in shown],
-        all_numbers=[
-            numbers(_with_gaps_or_failures(material, regime), choices, f"All numbers{end}")
-            for regime, end in ends
-        ],
-        failed=failed(lost),
-        absent=list(_absent(material, choices, origin)),
-        origin=origin,
-        statistics={
-            "baseline": choices.baseline,
-            "floor of the gaps": short(choices.floor),
-            "average of the log ratios": choices.average,
-            "seed of the bootstrap": choices.seed,
-        },
-        versions=versions(),
+    text: str = (
+        environment()
+        .get_template("bench/results/page.html.j2")
+        .render(
+            lead=_lead(campaign),
+            nothing=not len(campaign.finished),
+            partial=bool(missing(campaign) or lost),
+            overviews=[
+                (f"Median gaps{end}", overview(campaign, material.rows_of(regime), regime, choices))
+                for regime, end in ends
+            ],
+            pictures=[(one, duels(one.tallies) if one.tallies else None) for one in shown],
+            all_numbers=[
+                numbers(_with_gaps_or_failures(material, regime), choices, f"All numbers{end}")
+                for regime, end in ends
+            ],
+            failed=failed(lost),
+            absent=list(_absent(material, choices, origin)),
+            origin=origin,
+            statistics={
+                "baseline": choices.baseline,
+                "floor of the gaps": short(choices.floor),
+                "average of the log ratios": choices.average,
+                "seed of the bootstrap": choices.seed,
+            },
+            versions=versions(),
+        )
     )
     return text
-
-
-def _template() -> Any:
-    environment = Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
-        undefined=StrictUndefined,
-    )  # fmt: skip
-    environment.filters["base64"] = lambda content: b64encode(content).decode("ascii")
-    return environment.from_string(_read("prefcal_scenarios.bench.results", "page.html.j2"))
-
-
-def _read(package: str, name: str) -> str:
-    return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
 def _lead(campaign: Campaign) -> str:

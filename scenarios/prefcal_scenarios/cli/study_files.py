@@ -1,10 +1,12 @@
-"""What `prefcal studies` does with study files."""
+"""Study files: find one, open it with care, list them all, show one."""
 
 import json as json_
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
+import msgspec
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.cells import cell_len
@@ -19,21 +21,23 @@ from prefcal_env.studies import (
     State,
     StudyFile,
     data_folder,
-    export_csv,
-    export_json,
-    import_json,
     studies_in_data_folder,
     study_path,
-    verify,
 )
-from prefcal_scenarios.cli.clock import wall_clock
-from prefcal_scenarios.cli.described import open_described
+from prefcal_scenarios.cli.options import Options
+from prefcal_scenarios.cli.parameters import kept_by
 from prefcal_scenarios.export import jsonable
 from prefcal_scenarios.interview.counts import Counts
 from prefcal_scenarios.interview.memory import incumbent
 from prefcal_scenarios.nearest import did_you_mean
 from prefcal_scenarios.report.record import verdict_text
 from prefcal_scenarios.report.wording import earlier_text, labelled, mark_text, number, printable
+from prefcal_scenarios.scenario import is_built_in
+
+
+def wall_clock() -> str:
+    """Return the time in UTC, for the record; no result depends on it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 def existing(name: str) -> Path:
@@ -47,8 +51,102 @@ def existing(name: str) -> Path:
     raise StudyError(f"there is no study {name!r}.{hint} `prefcal studies list` shows yours")
 
 
+class _Knob(msgspec.Struct):
+    name: str
+    unit: str
+
+
+class _Agent(msgspec.Struct):
+    agent: str
+
+
+class _Earlier(msgspec.Struct):
+    study: str
+    scenario: str
+    experiments: int
+    thetas: list[Any]
+
+
+class _Configuration(msgspec.Struct):
+    """What the command line reads of a study's configuration."""
+
+    scenario: str
+    name: str
+    title: str
+    seed: int
+    knobs: list[_Knob]
+    agent: _Agent
+    options: dict[str, Any]
+    versions: dict[str, Any]
+    earlier: _Earlier | None = None
+
+
+def open_described(path: Path) -> StudyFile:
+    """Open a study that `prefcal calibrate` could have made.
+
+    A study file may hold any plain data as its configuration, and one that was imported must not
+    break the list of all others.
+
+    Raises:
+        StudyError: it cannot be opened, or its configuration is not what we write.
+    """
+    file = StudyFile.open(path, clock=wall_clock)
+    problem = _problem(file.state.configuration)
+    if problem:
+        file.close()
+        raise StudyError(f"{path} is no study of prefcal calibrate: {problem}")
+    return file
+
+
+def _problem(configuration: Mapping[str, Any]) -> str:
+    """Return what is wrong with a configuration; empty if nothing is."""
+    try:
+        options = msgspec.convert(dict(configuration), _Configuration).options
+    except msgspec.ValidationError as error:
+        return _in_words(error)
+    if "calibrator" not in options:
+        return "its options must name a calibrator"
+    for name, (parameter, _) in kept_by(Options).items():
+        try:
+            if name in options:
+                msgspec.convert(options[name], parameter.type)
+        except msgspec.ValidationError:
+            return f"its option {name} cannot be {options[name]!r:.40}"
+    return ""
+
+
+def _in_words(error: msgspec.ValidationError) -> str:
+    """Return the parser's "Expected `str`, got `int` - at `$.name`" in our words."""
+    problem, _, where = str(error).replace("`", "").partition(" - at $.")
+    if where.startswith("earlier"):
+        return "what it says of an earlier study cannot be read"
+    problem = problem[:1].lower() + problem[1:]
+    return f"its {where}: {problem}" if where else f"its configuration: {problem}"
+
+
+def trusted_source(name: str, state: State, source: str | None) -> str:
+    """Return the scenario of the study called `name`, as the user trusts it.
+
+    Args:
+        name: Name of the study.
+        state: The study.
+        source: The scenario that the user names; None if the study may say, for a built-in one.
+
+    Raises:
+        StudyError: the study names a program.
+    """
+    named: str = state.configuration["scenario"]
+    if source is None and not is_built_in(named):
+        # Those who send a study must not choose which program is run here.
+        raise StudyError(
+            f"study {name!r} calibrates {named!r}, which is a program: "
+            f"if you trust it, add --scenario {named}"
+        )
+    return source or named
+
+
 def print_list(*, json: bool) -> None:
-    """A row for each study in the data folder, those that cannot be read too."""
+    """Print a row for each study in the data folder, those that cannot be read too."""
     rows = [_row(path) for path in studies_in_data_folder()]
     if json:
         print(_dumps(rows))
@@ -62,7 +160,7 @@ def print_list(*, json: bool) -> None:
 
 
 def _list(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """The table of `rows`. A name is one word to copy: no column but the last is ever broken."""
+    """Return the table of `rows`; only the last column breaks lines: names can be copied."""
     texts = [[escape(printable(cell)) for cell in _cells(row)] for row in rows]
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for i, (heading, justify) in enumerate(_COLUMNS.items()):
@@ -87,7 +185,7 @@ _WIDEST = 1000
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
-    """A row for people: the day, a file without folders, a scenario without configuration."""
+    """Return a row for people: the day, no folders, a scenario without its configuration."""
     if "scenario" not in row:
         return [str(row["study"]), "", "", "", "", str(row["state"])]
     named = str(row["scenario"]).partition("{")[0].strip()
@@ -107,7 +205,7 @@ def _row(path: Path) -> dict[str, Any]:
 
 
 def summary(state: State) -> dict[str, Any]:
-    """A study in a few words, for people and programs."""
+    """Return a study in a few words, for people and programs."""
     return {
         "scenario": state.configuration["scenario"],
         "experiments": Counts.of(state).experiments,
@@ -119,7 +217,7 @@ def summary(state: State) -> dict[str, Any]:
 
 
 def print_study(name: str, *, json: bool) -> None:
-    """One study: configuration, best θ, every answer."""
+    """Print one study: configuration, best θ, every answer."""
     path = existing(name)
     with open_described(path) as file:
         state = file.state
@@ -153,12 +251,12 @@ def print_study(name: str, *, json: bool) -> None:
 
 
 def _minute(at: str) -> str:
-    """A time of the record, UTC, without seconds."""
+    """Return a time of the record, UTC, without seconds."""
     return at[:16].replace("T", " ")
 
 
 def best_theta(state: State) -> dict[str, float] | None:
-    """θ of the best so far by knob; None before the first experiment."""
+    """Return θ of the best so far by knob; None before the first experiment."""
     best = incumbent(state)
     if best is None:
         return None
@@ -197,50 +295,6 @@ def _table(answers: list[Mapping[str, Any]]) -> Table:
         shown = {**answer, "marks": ", ".join(marks)}
         table.add_row(*(escape(printable(shown[key])) for key in columns))
     return table
-
-
-def export_study(name: str, format_: str, out: Path | None) -> Path:
-    """Write a study as JSON or CSV; return where."""
-    path = existing(name)
-    if out is not None and out.exists() and out.samefile(path):
-        raise StudyError(f"{out} is the study itself: export it to another file")
-    with StudyFile.open(path, clock=wall_clock) as file:
-        if format_ == "csv":
-            target = Path(path.stem) if out is None else out
-            export_csv(file, target)
-            return target
-        target = Path(f"{path.stem}.json") if out is None else out
-        text = export_json(file)
-    try:
-        target.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise StudyError(f"cannot write {target}: {error.strerror}") from error
-    return target
-
-
-def import_study(source: Path, name: str | None) -> Path:
-    """Make a study file of exported JSON; return where."""
-    try:
-        text = source.read_text(encoding="utf-8")
-    except OSError as error:
-        raise StudyError(f"cannot read {source}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise StudyError(f"cannot read {source}: it is no text, nor an exported study") from error
-    target = study_path(source.stem if name is None else name)
-    if target.exists():
-        raise StudyError(f"there is a study {target} already: name this one with --study")
-    import_json(text, target)
-    return target
-
-
-def findings_of(name: str) -> tuple[int, tuple[str, ...]]:
-    """How many events a study has, and what is wrong with them."""
-    path = existing(name)
-    findings = verify(path)
-    if findings:
-        return 0, tuple(findings)
-    with StudyFile.open(path, clock=wall_clock) as file:
-        return sum(1 for _ in file.events()), ()
 
 
 def _dumps(content: Any) -> str:

@@ -1,4 +1,4 @@
-"""`prefcal studies`: list, show, rename, remove, export, import, verify and change studies."""
+"""`prefcal studies ...` and `prefcal report`: the commands that work on studies."""
 
 from enum import Enum
 from pathlib import Path
@@ -49,7 +49,7 @@ def _examples(*pairs: tuple[str, str]) -> str:
 )
 def list_(json: _Json = False) -> None:
     """List the studies in your data folder."""
-    from prefcal_scenarios.cli.shelf import print_list
+    from prefcal_scenarios.cli.study_files import print_list
 
     print_list(json=json)
 
@@ -62,7 +62,7 @@ def list_(json: _Json = False) -> None:
 )
 def show(study: _Name, json: _Json = False) -> None:
     """Show one study: its progress, its best θ and every answer."""
-    from prefcal_scenarios.cli.shelf import print_study
+    from prefcal_scenarios.cli.study_files import print_study
 
     print_study(study, json=json)
 
@@ -80,7 +80,7 @@ def rename(
     ],
 ) -> None:
     """Rename a study. Reports that were already written keep their folders."""
-    from prefcal_scenarios.cli.removing import rename as rename_study
+    from prefcal_scenarios.cli.study_changes import rename as rename_study
 
     typer.echo(f"Renamed: {rename_study(old, new)}")
 
@@ -98,7 +98,7 @@ def rm(
     ] = False,
 ) -> None:
     """Remove studies for good. Reports that were already written stay."""
-    from prefcal_scenarios.cli.removing import remove
+    from prefcal_scenarios.cli.study_changes import remove
 
     raise typer.Exit(remove(study, yes=yes))
 
@@ -127,7 +127,7 @@ def export(
     ] = None,
 ) -> None:
     """Write a study as JSON or CSV."""
-    from prefcal_scenarios.cli.shelf import export_study
+    from prefcal_scenarios.cli.study_changes import export_study
 
     typer.echo(f"Written: {export_study(study, format.value, out)}")
 
@@ -148,7 +148,7 @@ def index(
     With it an agent runs unattended:
     prefcal calibrate SCENARIO --agent glis --cost STUDY_index.py:cost
     """
-    from prefcal_scenarios.cli.indexing import export_index
+    from prefcal_scenarios.cli.study_changes import export_index
 
     file, minded = export_index(study, scenario, out)
     typer.echo(minded.sentence())
@@ -174,7 +174,7 @@ def import_(
     ] = None,
 ) -> None:
     """Make a study of an exported file. It is only data: nothing in it is executed."""
-    from prefcal_scenarios.cli.shelf import import_study
+    from prefcal_scenarios.cli.study_changes import import_study
 
     typer.echo(f"Imported: {import_study(file, study)}")
 
@@ -182,7 +182,7 @@ def import_(
 @app.command(epilog=_examples(("verify mine", "Check the whole file, for example after a copy.")))
 def verify(study: _Name) -> None:
     """Check a study file for damage: the file itself and all it holds; exit code 1 if found."""
-    from prefcal_scenarios.cli.shelf import findings_of
+    from prefcal_scenarios.cli.study_changes import findings_of
 
     count, findings = findings_of(study)
     for finding in findings:
@@ -224,9 +224,54 @@ def respace(
     Close its page first. Experiments outside a narrowed range still count for
     learning; only new proposals stay inside. Each option can be repeated.
     """
-    from prefcal_scenarios.cli.respacing import Changes, in_words
-    from prefcal_scenarios.cli.respacing import respace as respace_study
+    from prefcal_scenarios.cli.study_changes import Changes, in_words
+    from prefcal_scenarios.cli.study_changes import respace as respace_study
 
     space = respace_study(study, scenario, Changes(knob or (), freeze or (), add or ()))
     for name, words in in_words(space).items():
         typer.echo(f"{name}: {words}")
+
+
+REPORT_EPILOG = """\
+[bold]Examples[/bold]
+
+[cyan]prefcal report mine[/cyan]
+  Write the report of the study called mine into the folder prefcal-mine.
+
+[cyan]prefcal report plant-1 --scenario own.py:plant --out latest[/cyan]
+  Of a study of your own scenario, into a folder of your choice.
+"""
+
+
+def report(
+    study: _Name,
+    scenario: _Scenario = None,
+    cost: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.py:NAME",
+            help="The cost that the study was started with, if it was: it is a program, too.",
+            show_default="the scenario's score",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder of the report; may exist, but not with the report of another study.",
+            show_default="./prefcal-STUDY",
+        ),
+    ] = None,
+    json: Annotated[
+        bool,
+        typer.Option(
+            "--json",
+            metavar="",
+            help="Print only JSON on standard output (messages go to standard error).",
+        ),
+    ] = False,
+) -> None:
+    """Write the report of a study as it stands, complete or not."""
+    from prefcal_scenarios.cli.report import report_of
+
+    report_of(study, scenario, cost, out=out, json=json)

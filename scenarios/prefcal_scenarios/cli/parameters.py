@@ -1,0 +1,171 @@
+"""Parameters of a command, declared once: each is a field of a dataclass.
+
+A field is annotated with a `typer.Option` or `typer.Argument`, and with `Kept` if the study file
+keeps the value. The command line, the checks of the file and every message read that declaration.
+"""
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, fields
+from functools import cache
+from math import inf
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from typer.models import ArgumentInfo, OptionInfo
+
+
+def _unchanged(value: Any) -> Any:
+    return value
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """What holds for a parameter that the study file keeps; another value is refused on resuming.
+
+    Args:
+        label: Name in the report's list of settings; empty leaves it out.
+        always: Whether the report and the command that repeats the study name it even if it has
+            its default.
+        anew: Whether a resumed study takes another value.
+        least: Smallest value; None if there is none.
+        agents: The only agents that take another value than the default; empty: all.
+        refusal: What users of other agents are told, with `{agent}`; empty: the usual words.
+        feeds: Keyword argument of the agent that gets the value, or "settings.NAME" for one of its
+            settings; empty: none.
+        convert: From the value of the option to the one that is fed.
+    """
+
+    label: str = ""
+    always: bool = False
+    anew: bool = False
+    least: int | None = None
+    agents: tuple[str, ...] = ()
+    refusal: str = ""
+    feeds: str = ""
+    convert: Callable[[Any], Any] = _unchanged
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter of a command.
+
+    Args:
+        name: Name of the field.
+        type: Type of its value.
+        info: What the parser needs: flag, help, placeholder.
+        default: Its value if nobody gives one; MISSING if somebody must.
+        kept: What holds because the study file keeps it; None if it is of one run only.
+    """
+
+    name: str
+    type: Any
+    info: OptionInfo | ArgumentInfo
+    default: Any
+    kept: Kept | None
+
+    @property
+    def flag(self) -> str:
+        """The option as people type it: "--n-max" for n_max."""
+        declared = (self.info.default, *(self.info.param_decls or ()))
+        flags = [text for text in declared if isinstance(text, str)]
+        return flags[0] if flags else f"--{self.name.replace('_', '-')}"
+
+    @property
+    def signature(self) -> inspect.Parameter:
+        """The parameter as typer expects it in the signature of a command.
+
+        What a study keeps is None unless it is typed: a resumed study has its own values.
+        """
+        type_, default = self.type, self.default
+        if get_origin(type_) is tuple:
+            type_ = list[get_args(type_)[0]]  # type: ignore[misc]
+        if type_ is bool:
+            default = False
+        elif self.kept is not None and default is not MISSING:
+            type_, default = type_ | None, None
+        return inspect.Parameter(
+            self.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=inspect.Parameter.empty if default is MISSING else default,
+            annotation=Annotated[type_, self.info],
+        )
+
+    def given(self, typed: Any) -> Any:
+        """Return the value of what the parser found; None for what the study is to decide."""
+        if self.type is bool:
+            if typed:  # a flag turns its default around
+                return not self.default
+            return None if self.kept else self.default
+        if get_origin(self.type) is tuple:
+            return tuple(typed) if typed else None
+        return typed
+
+    def said(self, value: Any) -> str:
+        """Return the option with its value, for messages: "--n-max 30", "no --start"."""
+        if self.type is bool:
+            return f"{self.flag} {'off' if value == self.default else 'on'}"
+        if isinstance(value, list | tuple):
+            value = "; ".join(map(str, value))
+        return f"no {self.flag}" if value in (None, "") else f"{self.flag} {value}"
+
+    def words(self, value: Any) -> list[str]:
+        """Return the words of a command line that give `value`."""
+        if self.type is bool:
+            return [self.flag]
+        many = value if isinstance(value, list | tuple) else (value,)
+        return [word for one in many for word in (self.flag, str(one))]
+
+    def shown(self, value: Any) -> Any:
+        """Return `value` as the report lists it."""
+        if self.type is bool:
+            return "yes" if value else "no"
+        return "; ".join(value) if isinstance(value, tuple) else value
+
+    def problem(self, value: Any) -> str:
+        """Return what is wrong with the size of a kept value; empty if nothing is."""
+        least = None if self.kept is None else self.kept.least
+        if least is None or value is None or least <= value < inf:
+            return ""
+        real = float in (self.type, *get_args(self.type))
+        wanted = f"{least} or above" if least == 0 else f"at least {least}"
+        return f"{self.flag} must be {wanted}{' and finite' if real else ''}, got {value}"
+
+
+@cache
+def parameters_of(options: type) -> Mapping[str, Parameter]:
+    """Return the parameters that the dataclass `options` declares, by name, in their order."""
+    hints = get_type_hints(options, include_extras=True)
+    return {field.name: _parameter(field.name, hints[field.name], field.default)
+            for field in fields(options)}  # fmt: skip
+
+
+def _parameter(name: str, hint: Any, default: Any) -> Parameter:
+    type_, *extras = get_args(hint)
+    (info,) = (extra for extra in extras if isinstance(extra, OptionInfo | ArgumentInfo))
+    kept = next((extra for extra in extras if isinstance(extra, Kept)), None)
+    return Parameter(name, type_, info, default, kept)
+
+
+def kept_by(options: type) -> Mapping[str, tuple[Parameter, Kept]]:
+    """Return the parameters whose values a study file keeps, by name."""
+    return {
+        name: (parameter, parameter.kept)
+        for name, parameter in parameters_of(options).items()
+        if parameter.kept is not None
+    }
+
+
+def takes(options: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the parameters that the dataclass `options` declares."""
+
+    def declare(command: Callable[..., None]) -> Callable[..., None]:
+        parameters = [parameter.signature for parameter in parameters_of(options).values()]
+        command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        return command
+
+    return declare
+
+
+def given(options: type, typed: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what was typed as values of the fields of `options`; None where a study decides."""
+    return {name: p.given(typed[name]) for name, p in parameters_of(options).items()}
