@@ -15,7 +15,7 @@ import numpy as np
 from prefcal_agents import PPOBandit, SACBandit
 from prefcal_agents.rl import evaluate, train_on_plant
 from prefcal_env import rollout
-from prefcal_scenarios.cstr import performance_index
+from prefcal_scenarios.cases.cstr import performance_index
 
 
 def tune(algorithm, n_max):

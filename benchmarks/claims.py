@@ -31,18 +31,18 @@ from rich.console import Console
 from rich.table import Table
 
 from prefcal_env.envs import cstr as reactor
-from prefcal_env.experiment import Experiment
+from prefcal_env.envs.overtake.road.rules import Phase
+from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.mpc import StepSize
 from prefcal_env.mpc.limits import Limits
-from prefcal_env.overtaking import Phase
 from prefcal_env.plants import CSTR
 from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.plants.cstr import FEED
-from prefcal_env.preference import Preference
+from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios import load
-from prefcal_scenarios.overtake import overtake
-from prefcal_scenarios.overtake import tuning as car
-from prefcal_scenarios.overtake.computing import PAPER_PROCESSOR, SERVER_CORE, t_comp
+from prefcal_scenarios.cases.overtake import controller as car
+from prefcal_scenarios.cases.overtake import overtake
+from prefcal_scenarios.cases.overtake.computation_time import PAPER_PROCESSOR, SERVER_CORE, t_comp
 
 ROOT = Path(__file__).parents[1]
 TABLE = Path(__file__).parent / "reactor_index.csv"
@@ -226,7 +226,7 @@ def offset_table() -> Numbers:
 
 def z_weaker() -> float:
     """How much weaker z is far from samples where it is small, in [0, 1] against [-1, 1]."""
-    from prefcal_agents.acquisition import exploration
+    from prefcal_agents.acquisition.exploration import exploration
 
     d = np.full((1, 40), 0.01)
     return float((exploration(4 * d) / exploration(d))[0])

@@ -19,9 +19,9 @@ from rich.progress import track
 from rich.table import Table
 
 from prefcal_env.mpc import Processor, TimedStep, fit_processor
-from prefcal_scenarios.overtake import overtake
-from prefcal_scenarios.overtake.computing import PAPER_T_COMP, t_comp
-from prefcal_scenarios.overtake.measuring import timed_steps
+from prefcal_scenarios.cases.overtake import overtake
+from prefcal_scenarios.cases.overtake.computation_time import PAPER_T_COMP, t_comp
+from prefcal_scenarios.cases.overtake.measuring import timed_steps
 
 SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)
 

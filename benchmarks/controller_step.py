@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from prefcal_env.control import Measurement
+from prefcal_env.experiments.control import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings, control_horizon
 from prefcal_env.plants.cstr import CSTR, FEED
 

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from prefcal_env.experiment import Experiment
-from prefcal_env.study import Comparison
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.preferences.loop import Comparison
 
 
 def best_after_each(

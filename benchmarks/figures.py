@@ -32,7 +32,7 @@ from PIL import Image
 from rich.console import Console
 
 from prefcal_scenarios import load
-from prefcal_scenarios.report.style import save, style
+from prefcal_scenarios.app.presentation.style import save, style
 
 ROOT = Path(__file__).parents[1]
 FIGURES, TABLE = ROOT / "docs" / "figures", Path(__file__).parent / "reactor_index.csv"
@@ -59,7 +59,7 @@ ANSWERED = 7
 
 def prefcal(*words: str) -> str:
     """Run the command; its standard output."""
-    code = "from prefcal_scenarios.cli import main; main()"
+    code = "from prefcal_scenarios.app.cli import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", code, *words], check=True, text=True, stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
@@ -134,7 +134,7 @@ def reactor_index(folder: Path) -> tuple[Pictures, Story]:
 def window(folder: Path) -> tuple[Pictures, Story]:
     """The query window, answered as the synthetic calibrator of the same study does."""
     sys.path.insert(0, str(ROOT / "tests"))
-    from prefcal_scenarios.interview.order import challenger_left
+    from prefcal_scenarios.app.session.order import challenger_left
     from support.browser import Watched, chromium, serve
 
     path = folder / "answers.prefcal"

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from prefcal_env.envs.cstr import BAND, TARGET
-from prefcal_env.experiment import Experiment
-from prefcal_scenarios.report.style import BEST, FAINT, GOOD, OTHERS, canvas
-from prefcal_scenarios.report.wording import number
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_scenarios.app.presentation.style import BEST, FAINT, GOOD, OTHERS, canvas
+from prefcal_scenarios.app.presentation.wording import number
 from prefcal_scenarios.scenario import Scenario
 
 HOLE = OTHERS[0]

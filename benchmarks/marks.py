@@ -27,7 +27,7 @@ from prefcal_agents import GLISp, GLISpSettings
 from prefcal_env import Answer, End, Experiment, Mark, Preference, Query, calibrate
 from prefcal_env.envs.overtake import Obstacle, OvertakeOptions
 from prefcal_scenarios import Scenario, load, outcome
-from prefcal_scenarios.functions import FUNCTIONS, TestFunction
+from prefcal_scenarios.cases.test_functions import FUNCTIONS, TestFunction
 
 Level = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -135,7 +135,7 @@ def alarmed(theta: np.ndarray, seed: int = 0) -> Experiment:
 @cache
 def scenes() -> Mapping[str, Scenario]:
     """The scenarios by name, and two of them where a third of the box is unsafe."""
-    from prefcal_scenarios.overtake import overtake_variants
+    from prefcal_scenarios.cases.overtake import overtake_variants
 
     return {
         "cstr": load("cstr"),

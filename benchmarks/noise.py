@@ -20,8 +20,8 @@ from rich.progress import track
 from rich.table import Table
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_agents.threads import one_thread
-from prefcal_env.preference import Preference
+from prefcal_agents.support.threads import one_thread
+from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.bench.problems import NOISES, PROBLEMS, Judge, Outcome, problem
 
 N_INIT, N_MAX = 10, 50

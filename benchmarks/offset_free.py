@@ -13,19 +13,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from prefcal_env.control import Controller, Measurement
 from prefcal_env.envs.cstr import cstr_task
 from prefcal_env.envs.overtake import Car, Course, Obstacle, OvertakeOptions
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.task import never
+from prefcal_env.experiments.control import Controller, Measurement
+from prefcal_env.experiments.rollout import rollout
 from prefcal_env.mpc import EstimatingMPC
 from prefcal_env.plants import CSTR
 from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.plants.cstr import FEED, CSTRParams
 from prefcal_env.plants.function_plant import FunctionPlant
-from prefcal_env.rollout import rollout
-from prefcal_scenarios.cstr import tuning as reactor
-from prefcal_scenarios.overtake import tuning as car
+from prefcal_scenarios.cases.cstr import controller as reactor
+from prefcal_scenarios.cases.overtake import controller as car
 
 THETA = np.array([0.31, 26.0, -1.79])
 CAR = np.array([0.085, 0.31, 16.0, 0.261, 0.918])

@@ -22,8 +22,8 @@ from rich.progress import track
 
 from prefcal_agents import GLISp
 from prefcal_env import KnobSpace, tracking_kpis
-from prefcal_env.experiment import Experiment
-from prefcal_env.study import calibrate
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.preferences.loop import calibrate
 from prefcal_scenarios import load, outcome
 
 AFTER = (15, 20, 25, 50)

@@ -29,16 +29,16 @@ from rich.console import Console
 from rich.progress import track
 
 import prefcal_agents
-from prefcal_env.experiment import Experiment
-from prefcal_env.overtaking import HORIZON
-from prefcal_env.preference import Preference
-from prefcal_env.study import calibrate
+from prefcal_env.envs.overtake.road.rules import HORIZON
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.preferences.answer import Preference
+from prefcal_env.preferences.loop import calibrate
 from prefcal_scenarios import Scenario, load
-from prefcal_scenarios.overtake import overtake
-from prefcal_scenarios.overtake.computing import measured_t_comp
-from prefcal_scenarios.overtake.indicators import SHORTEST_DISTANCE
-from prefcal_scenarios.overtake.tuning import STEERING_LIMITS
-from prefcal_scenarios.source import joined_source
+from prefcal_scenarios.cases.overtake import overtake
+from prefcal_scenarios.cases.overtake.computation_time import measured_t_comp
+from prefcal_scenarios.cases.overtake.controller import STEERING_LIMITS
+from prefcal_scenarios.cases.overtake.kpis import SHORTEST_DISTANCE
+from prefcal_scenarios.own.source import joined_source
 
 AGENTS = ("GLISp", "RandomSearch", "LatinHypercube")
 PAPER = "paper, preferences"

@@ -18,9 +18,9 @@ from rich.console import Console
 from rich.progress import track
 
 from prefcal_agents import GLISp
-from prefcal_agents.threads import one_thread
+from prefcal_agents.support.threads import one_thread
 from prefcal_env import Answer
-from prefcal_scenarios.functions import FUNCTIONS
+from prefcal_scenarios.cases.test_functions import FUNCTIONS
 
 REPEATS = 12  # validations and doubts come once in ten
 KPIS = 8

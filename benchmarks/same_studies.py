@@ -349,9 +349,9 @@ def in_file(*steps: str | Callable[[Path], None]) -> Lines:
 
 def interfere(folder: Path) -> None:
     """Take back, retract and mark, as a person does on the page."""
-    from prefcal_env.studies import StudyFile
+    from prefcal_env.study import StudyFile
     from prefcal_scenarios import load
-    from prefcal_scenarios.interview import Interview, Phase
+    from prefcal_scenarios.app.session import Interview, Phase
 
     with StudyFile.open(folder / "own.prefcal", clock=lambda: "2026-01-01T00:00:00+00:00") as file:
         interview = Interview(load(f"{folder / 'own.py'}:own"), file, ahead=False)

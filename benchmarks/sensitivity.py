@@ -21,9 +21,17 @@ from rich.console import Console
 from rich.progress import track
 
 from prefcal_agents import GLISp
-from prefcal_env.study import calibrate
+from prefcal_env.preferences.loop import calibrate
 from prefcal_scenarios import load
-from prefcal_scenarios.report.style import BEST, FAINT, OTHERS, canvas, legend, save, style
+from prefcal_scenarios.app.presentation.style import (
+    BEST,
+    FAINT,
+    OTHERS,
+    canvas,
+    legend,
+    save,
+    style,
+)
 
 DELTAS = (0.0, 0.1, 0.3, 1.0, 3.0, 4.8, 16.0)
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "sensitivity.png"

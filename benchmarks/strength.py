@@ -18,9 +18,9 @@ from rich.console import Console
 from rich.table import Table
 
 from prefcal_agents import GLISp
-from prefcal_agents.cube import latin_hypercube
+from prefcal_agents.space.design import latin_hypercube
 from prefcal_env.calibrators import LatentCost
-from prefcal_env.preference import Answer
+from prefcal_env.preferences.answer import Answer
 from prefcal_scenarios.bench.problems import PROBLEMS, Problem, problem
 
 N_INIT, N_MAX = 10, 50

@@ -17,7 +17,7 @@ import numpy as np
 
 from prefcal_env import Experiment
 from prefcal_scenarios import load
-from prefcal_scenarios.source import joined_source
+from prefcal_scenarios.own.source import joined_source
 
 QUEUE = {"count": 3, "types": ["idm", "braking"], "gap": [15, 50], "speed": [8, 12]}
 CUTS_IN = {"count": 3, "types": ["cut-in", "constant"], "gap": [15, 50], "speed": [8, 12]}

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
-from prefcal_env.errors import PrefcalError
+from .errors import PrefcalError
 
 T = TypeVar("T")
 

@@ -20,20 +20,15 @@ import pytest
 
 from support.type_checker import jaxtyped
 
-ROOT = Path(__file__).parents[1]
+TESTS = Path(__file__).parent
+ROOT = TESTS.parent
 PACKAGES = {
     "prefcal_env": ROOT,
     "prefcal_agents": ROOT / "agents",
     "prefcal_scenarios": ROOT / "scenarios",
 }
 COMPILED_ELSEWHERE = {"prefcal_env.plants.integrate"}
-WHOLE_STUDIES = {
-    "test_appeal", "test_cli", "test_cli_config", "test_cli_earlier", "test_cli_outcomes",
-    "test_cli_own", "test_cli_pace", "test_cli_processor", "test_cli_respace", "test_cli_studies",
-    "test_environments", "test_failed_runs", "test_further", "test_improvement",
-    "test_interview", "test_learned_index", "test_marks", "test_own_plant", "test_pacing",
-    "test_peers", "test_placing", "test_reproduce", "test_resuming", "test_variants",
-}  # fmt: skip
+WHOLE_STUDIES = {"agents/acquisition/test_expected_improvement", "agents/acquisition/test_penalty", "agents/models/test_learned_cost", "agents/test_appeal", "agents/test_peers", "agents/test_placing", "env/experiments/test_worst_case", "env/test_environments", "scenarios/app/cli/test_cli", "scenarios/app/cli/test_config", "scenarios/app/cli/test_earlier", "scenarios/app/cli/test_outcomes", "scenarios/app/cli/test_own", "scenarios/app/cli/test_pace", "scenarios/app/cli/test_processor", "scenarios/app/cli/test_respace", "scenarios/app/cli/test_studies", "scenarios/app/reproduce/test_reproduce", "scenarios/app/session/test_further", "scenarios/app/session/test_interview", "scenarios/app/session/test_pacing", "scenarios/app/session/test_resuming", "scenarios/cases/overtake/test_robust", "scenarios/test_failed_runs", "test_own_plant"}  # fmt: skip
 """Files of tests that make the same calls thousands of times: checking each takes most of their
 time, and the tests of the parts check the same shapes."""
 UNCHECKED = "JAXTYPING_DISABLE" in os.environ
@@ -72,7 +67,7 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """Check shapes, unless the test wants to see how wrong ones are refused."""
     wanted = item.get_closest_marker("unchecked") or "refused" in item.name
-    whole = item.path.stem in WHOLE_STUDIES
+    whole = item.path.relative_to(TESTS).with_suffix("").as_posix() in WHOLE_STUDIES
     jaxtyping.config.update("jaxtyping_disable", UNCHECKED or whole or bool(wanted))
     try:
         return (yield)

@@ -8,8 +8,8 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from prefcal_agents import acquisition
-from prefcal_agents.cube import latin_hypercube
+from prefcal_agents.acquisition import exploration as acquisition
+from prefcal_agents.space.design import latin_hypercube
 from prefcal_env import Knob, KnobSpace
 from prefcal_env.mpc.limits import Limits
 
@@ -49,7 +49,7 @@ def test_a_variant_is_undone_after_its_study(script):
 
 
 def test_printed_horizons_are_one_shorter_and_one_freer(script):
-    control, tuning = script("deviating.control"), script("prefcal_scenarios.cstr.tuning")
+    control, tuning = script("deviating.control"), script("prefcal_scenarios.cases.cstr.controller")
     ours = tuning.mpc_settings(np.array([0.25, 26.0, -1.0]))
     shorter, freer = control.up_to_last_but_one(ours), control.one_more(ours)
     assert (shorter.N_p, shorter.N_u) == (25, ours.N_u)

@@ -22,7 +22,7 @@ SCRIPTS = [*sorted((ROOT / "agents").glob("run_*.py")), *sorted((ROOT / "docs").
 
 COMMANDS = """
 import shlex, sys
-from prefcal_scenarios.cli import main
+from prefcal_scenarios.app.cli import main
 for sys.argv in map(shlex.split, sys.argv[1:]):
     try:
         main()

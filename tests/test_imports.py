@@ -82,7 +82,7 @@ def imported(module: str, path: Path) -> set[str]:
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args:
             first = node.args[0]
             if node.func.id.startswith("load") and isinstance(first, ast.Constant):
-                names.add(str(first.value))  # prefcal_agents.extras.load
+                names.add(str(first.value))  # prefcal_agents.support.extras.load
     return names
 
 

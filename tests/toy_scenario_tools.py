@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from prefcal_env.experiment import Channel, Channels
+from prefcal_env.experiments.experiment import Channel, Channels
 
 CHANNELS = Channels(
     x=(Channel("level <h>", "m", target=2.0, band=0.06),), u=(Channel("valve", "%"),),

@@ -6,21 +6,22 @@ Those that need an extra (`optional.OPTIONAL`) are loaded when first named.
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
-from .earlier import Earlier as Earlier
-from .glis import GLIS as GLIS
-from .glis_settings import GLISSettings as GLISSettings
-from .glisp import GLISp as GLISp
-from .latin_hypercube import LatinHypercube as LatinHypercube
+from prefcal_agents.advice.stopping import Advice as Advice
+from prefcal_agents.advice.transfer import Earlier as Earlier
+from prefcal_agents.baselines.glis import GLIS as GLIS
+from prefcal_agents.baselines.glis_settings import GLISSettings as GLISSettings
+from prefcal_agents.baselines.latin_hypercube import LatinHypercube as LatinHypercube
+from prefcal_agents.baselines.random_search import RandomSearch as RandomSearch
+from prefcal_agents.glisp.agent import GLISp as GLISp
+from prefcal_agents.glisp.settings import GLISpSettings as GLISpSettings
+from prefcal_agents.history.agent_state import AgentState as AgentState
+
 from .minimize import Minimum as Minimum
 from .minimize import minimize_by_preference as minimize_by_preference
 from .optional import OPTIONAL as _OPTIONAL
 from .optional import optional as _optional
-from .random_search import RandomSearch as RandomSearch
+from .registry import restore as restore
 from .respacing import respaced as respaced
-from .restore import restore as restore
-from .settings import GLISpSettings as GLISpSettings
-from .state import AgentState as AgentState
-from .stopping import Advice as Advice
 
 if _TYPE_CHECKING:
     from .peers import OptunaPreferential as OptunaPreferential

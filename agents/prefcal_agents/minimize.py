@@ -7,13 +7,12 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents.glisp.agent import GLISp
+from prefcal_agents.space.start import Start
+from prefcal_agents.support.checks import integer
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs import KnobSpace
-from prefcal_env.preference import Agent, Answer, Preference
-
-from .checks import integer
-from .glisp import GLISp
-from .start import Start
+from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.answer import Agent, Answer, Preference
 
 Prefer = Callable[
     [Float[np.ndarray, " n"], Float[np.ndarray, " n"]], Answer | Preference | int | None

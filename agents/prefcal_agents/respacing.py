@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from prefcal_agents.history.agent_state import AgentState
+from prefcal_agents.space.start import Points
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs import KnobSpace
-from prefcal_env.respace import carried
-from prefcal_env.respace import respaced as respaced_space
+from prefcal_env.knobs.change import carried
+from prefcal_env.knobs.change import respaced as respaced_space
+from prefcal_env.knobs.knob import KnobSpace
 
-from .restore import AGENTS, AnyAgent
-from .start import Points
-from .state import AgentState
+from .registry import AGENTS, AnyAgent
 
 
 def respaced(
@@ -34,7 +34,7 @@ def respaced(
         keep_open: Whether the open query keeps its sample, which may have run already.
 
     Raises:
-        KnobError: as `prefcal_env.respace.respaced`.
+        KnobError: as `prefcal_env.knobs.change.respaced`.
         SettingsError: an agent that cannot be restricted.
     """
     state = agent.state
@@ -42,8 +42,8 @@ def respaced(
         raise SettingsError(f"only the agents {sorted(AGENTS)} can change their space")
     space = respaced_space(agent.space, new, added)
     if not keep_open:
-        kept = state.ledger.samples[: state.ledger.answered]
-        state = replace(state, ledger=replace(state.ledger, samples=kept))
+        kept = state.history.samples[: state.history.answered]
+        state = replace(state, history=replace(state.history, samples=kept))
     return AGENTS[state.agent].restore(space, moved(state, agent.space, space, added))
 
 
@@ -55,8 +55,8 @@ def moved(
     Raises:
         KnobError: `new` does not hold every sample, or has a knob without a value.
     """
-    ledger = replace(state.ledger, samples=_moved(state.ledger.samples, old, new, added))
-    return replace(state, ledger=ledger, start=_moved(state.start, old, new, added))
+    history = replace(state.history, samples=_moved(state.history.samples, old, new, added))
+    return replace(state, history=history, start=_moved(state.start, old, new, added))
 
 
 def _moved(

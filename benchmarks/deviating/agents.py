@@ -12,14 +12,17 @@ import numpy as np
 from rich.table import Table
 from scipy.stats import qmc
 
-from prefcal_agents import GLIS, GLISp, GLISpSettings, acquisition, cube, proposal
-from prefcal_agents import settings as glisp_settings
-from prefcal_agents.glis_settings import GLISSettings
-from prefcal_agents.minimise import multistart
-from prefcal_agents.rbf import squared_distances
+from prefcal_agents import GLIS, GLISp, GLISpSettings
+from prefcal_agents.acquisition import exploration as acquisition
+from prefcal_agents.baselines.glis_settings import GLISSettings
+from prefcal_agents.glisp import settings as glisp_settings
+from prefcal_agents.glisp import strategy as proposal
+from prefcal_agents.models.rbf import squared_distances
+from prefcal_agents.optimize.search import multistart
+from prefcal_agents.space import design as cube
 from prefcal_env import Knob, KnobSpace
-from prefcal_scenarios.cstr.room import SPACE
-from prefcal_scenarios.functions import FUNCTIONS
+from prefcal_scenarios.cases.cstr.scenario import SPACE
+from prefcal_scenarios.cases.test_functions import FUNCTIONS
 
 from .common import bar, seeds, table
 from .control import index

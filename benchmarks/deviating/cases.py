@@ -12,14 +12,14 @@ from prefcal_agents import GLISp
 from prefcal_env import calibrate
 from prefcal_env.calibrators import Lexicographic
 from prefcal_env.envs import cstr as reactor
-from prefcal_env.experiment import Experiment
+from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.plants import CSTR
 from prefcal_env.plants.cstr import FEED
-from prefcal_env.preference import Preference
-from prefcal_scenarios.cstr.indicators import performance_index
-from prefcal_scenarios.cstr.tuning import SPACE
-from prefcal_scenarios.overtake import overtake
-from prefcal_scenarios.overtake.supervisor import Supervisor
+from prefcal_env.preferences.answer import Preference
+from prefcal_scenarios.cases.cstr.controller import SPACE
+from prefcal_scenarios.cases.cstr.kpis import performance_index
+from prefcal_scenarios.cases.overtake import overtake
+from prefcal_scenarios.cases.overtake.supervisor import Supervisor
 
 from . import control
 from .common import AUTOMATED, CAR, PREFERRED, bar, lowest, seeds, table, two
@@ -84,7 +84,7 @@ def start(args: argparse.Namespace) -> Table:
         before = index(theta)
         with mock.patch.object(reactor, "cstr_task", return_value=task):
             experiment = react(theta)
-        with mock.patch("prefcal_scenarios.cstr.indicators._T_C_START", np.array([298.0])):
+        with mock.patch("prefcal_scenarios.cases.cstr.kpis._T_C_START", np.array([298.0])):
             shown.add_row(name, *two(before, performance_index(experiment), ".4f"))
     return shown
 
@@ -114,8 +114,10 @@ class CatchingUp(Supervisor):
 def scene(args: argparse.Namespace) -> Table:
     """Two readings of the scene beside ours."""
     shown = table("Readings of the scene", "what", "ours", "changed")
-    front = mock.patch("prefcal_env.overtaking.gap", lambda x_f, x_o: x_o - x_f)
-    behind = mock.patch("prefcal_env.overtaking.clearance", lambda x_f, x_o: x_f - x_o)
+    front = mock.patch("prefcal_env.envs.overtake.road.rules.gap", lambda x_f, x_o: x_o - x_f)
+    behind = mock.patch(
+        "prefcal_env.envs.overtake.road.rules.clearance", lambda x_f, x_o: x_f - x_o
+    )
     shown.add_section()
     shown.add_row("10 m between front ends, not bodies", "", "")
     ours = [drive(t) for t in bar([CAR, *random_cars(args)], "scene")]

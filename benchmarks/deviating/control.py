@@ -10,24 +10,24 @@ import numpy as np
 from rich.table import Table
 
 from prefcal_env import KnobSpace
-from prefcal_env.control import Controller
 from prefcal_env.envs.cstr import cstr_env
 from prefcal_env.envs.overtake import Course
-from prefcal_env.experiment import Experiment
+from prefcal_env.envs.overtake.road.rules import Phase
+from prefcal_env.experiments.control import Controller
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.rollout import rollout
 from prefcal_env.mpc import LinearMPC, MPCSettings
 from prefcal_env.mpc.limits import Limits
-from prefcal_env.overtaking import Phase
 from prefcal_env.plants import CSTR
 from prefcal_env.plants.bicycle import Bicycle
-from prefcal_env.preference import Preference
-from prefcal_env.rollout import rollout
-from prefcal_scenarios.cstr import tuning as cstr_tuning
-from prefcal_scenarios.cstr.indicators import indicators as cstr_kpis
-from prefcal_scenarios.cstr.indicators import performance_index
-from prefcal_scenarios.overtake import overtake
-from prefcal_scenarios.overtake import tuning as car_tuning
-from prefcal_scenarios.overtake.indicators import indicators as car_kpis
-from prefcal_scenarios.overtake.supervisor import Supervisor
+from prefcal_env.preferences.answer import Preference
+from prefcal_scenarios.cases.cstr import controller as cstr_tuning
+from prefcal_scenarios.cases.cstr.kpis import indicators as cstr_kpis
+from prefcal_scenarios.cases.cstr.kpis import performance_index
+from prefcal_scenarios.cases.overtake import controller as car_tuning
+from prefcal_scenarios.cases.overtake import overtake
+from prefcal_scenarios.cases.overtake.kpis import indicators as car_kpis
+from prefcal_scenarios.cases.overtake.supervisor import Supervisor
 
 from .common import AUTOMATED, CAR, PREFERRED, bar, lowest, quantile, table, two
 

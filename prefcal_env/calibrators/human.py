@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Answer, Mark, Preference
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.preferences.answer import Answer, Mark, Preference
 
 Ask = Callable[[Experiment, Experiment], Any]
 

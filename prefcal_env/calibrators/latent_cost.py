@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.calibrators.noise import Noise, generator_of_pair
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Answer, Preference, Strength
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.preferences.answer import Answer, Preference, Strength
+
+from .noise import Noise, generator_of_pair
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiment import Experiment
-from prefcal_env.preference import Preference
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.preferences.answer import Preference
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.preference import Answer, Calibrator, Preference
+from prefcal_env.preferences.answer import Answer, Calibrator, Preference
 
 
 @runtime_checkable

@@ -1,6 +1,7 @@
 """Plants as Gymnasium environments."""
 
-from prefcal_env.envs.plant_env import PlantEnv as PlantEnv
-from prefcal_env.envs.task import Step as Step
-from prefcal_env.envs.task import Task as Task
-from prefcal_env.envs.trajectory import Record as Record
+from prefcal_env.experiments.trajectory import Record as Record
+
+from .plant_env import PlantEnv as PlantEnv
+from .task import Step as Step
+from .task import Task as Task

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from prefcal_env.experiment import Channel
+from prefcal_env.experiments.experiment import Channel
 
 _INCHES, _DPI = (7.2, 2.4), 100
 _CURVE, _LIMIT, _TARGET, _BAND = "#0b62c4", "#b3261e", "#2b2b2b", "#2e7d32"

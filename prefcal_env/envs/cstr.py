@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.envs.checks import vector
-from prefcal_env.envs.plant_env import PlantEnv
-from prefcal_env.envs.rendering import makes
-from prefcal_env.envs.task import Step, Task
 from prefcal_env.plants.cstr import CSTR, FEED
+
+from .checks import vector
+from .plant_env import PlantEnv
+from .rendering import makes
+from .task import Step, Task
 
 START = 8.56
 """C_A of the steady state at which every experiment starts, kgmol/m³."""

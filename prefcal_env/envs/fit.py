@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.envs.task import Task
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiment import Channel, Channels
+from prefcal_env.experiments.experiment import Channel, Channels
 from prefcal_env.plants.plant import Plant
+
+from .task import Task
 
 
 def channels_of(plant: Plant, task: Task) -> Channels:

@@ -7,15 +7,16 @@ import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.control import Measurement
-from prefcal_env.envs.canvas import Canvas, Trace
-from prefcal_env.envs.checks import check_render_mode, known_options, vector
-from prefcal_env.envs.fit import channels_of, check_fit, observed_of, tracked_of
-from prefcal_env.envs.task import Step, Task
-from prefcal_env.envs.trajectory import Record, Trajectory, instants
 from prefcal_env.errors import PlantError, ProtocolError
-from prefcal_env.experiment import End
+from prefcal_env.experiments.control import Measurement
+from prefcal_env.experiments.experiment import End
+from prefcal_env.experiments.trajectory import Record, Trajectory, instants
 from prefcal_env.plants.plant import Plant
+
+from .canvas import Canvas, Trace
+from .checks import check_render_mode, known_options, vector
+from .fit import channels_of, check_fit, observed_of, tracked_of
+from .task import Step, Task
 
 Array = np.ndarray[Any, Any]
 _RESET_OPTIONS = ("T_s", "x0")

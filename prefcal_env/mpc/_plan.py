@@ -8,7 +8,8 @@ one type for each argument: all of that is compiled while somebody waits (see `c
 import numpy as np
 
 from prefcal_env.jit import inner, kernel
-from prefcal_env.mpc._riccati import backward
+
+from ._riccati import backward
 
 _LARGEST_WEIGHT_RATIO = 1e4
 

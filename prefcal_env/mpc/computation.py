@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.mpc.limits import Limits
-from prefcal_env.mpc.settings import MPCSettings
 from prefcal_env.plants.plant import Plant
+
+from .limits import Limits
+from .settings import MPCSettings
 
 _PRODUCTS = 20
 """Products of matrices in one exact discretisation (`_hold`): the series and some squarings."""

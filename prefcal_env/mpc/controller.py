@@ -6,14 +6,15 @@ from math import isfinite
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.control import Measurement, Move
 from prefcal_env.errors import PlantError, SettingsError
-from prefcal_env.mpc import _plan
-from prefcal_env.mpc.limits import Limits
-from prefcal_env.mpc.model import Prediction, along_trajectory, at_point
-from prefcal_env.mpc.settings import MPCSettings
+from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.plants.plant import Plant
 from prefcal_env.qp import QP, make_backend
+
+from . import _plan
+from .limits import Limits
+from .model import Prediction, along_trajectory, at_point
+from .settings import MPCSettings
 
 _SMALLEST_MOVE_WEIGHT = 1e-10
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiment import Channel
+from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Jacobians, Plant
 
 X = Float[np.ndarray, " n_x"]

@@ -6,14 +6,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.control import Measurement, Move
 from prefcal_env.errors import SettingsError
-from prefcal_env.mpc._hold import discretise
-from prefcal_env.mpc.controller import LinearMPC
-from prefcal_env.mpc.disturbed import Augmented, Disturbed
-from prefcal_env.mpc.estimator import Estimate, ExtendedKalmanFilter
-from prefcal_env.mpc.settings import MPCSettings
+from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.plants.plant import Plant
+
+from ._hold import discretise
+from .controller import LinearMPC
+from .disturbed import Augmented, Disturbed
+from .estimator import Estimate, ExtendedKalmanFilter
+from .settings import MPCSettings
 
 _LEAST_RANK = 1e-9
 

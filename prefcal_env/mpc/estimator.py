@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.mpc._hold import discretise
 from prefcal_env.plants.plant import Plant
+
+from ._hold import discretise
 
 _PIECES = 4
 """Pieces of a sampling period, each linearised in its middle: the reactor's bends a lot."""

@@ -6,9 +6,10 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.mpc.model import Prediction
-from prefcal_env.mpc.settings import MPCSettings
 from prefcal_env.plants.plant import Plant
+
+from .model import Prediction
+from .settings import MPCSettings
 
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 """G (m, n), low (m,) and high (m,) of low <= G z <= high."""

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.mpc._hold import discretise
 from prefcal_env.plants.plant import Plant
+
+from ._hold import discretise
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.mpc.computation import Processor, StepSize
+
+from .computation import Processor, StepSize
 
 FORMAT = 1
 """Of the files, under the key "prefcal processor"."""

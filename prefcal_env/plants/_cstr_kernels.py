@@ -11,7 +11,8 @@ import numba
 import numpy as np
 
 from prefcal_env.jit import kernel
-from prefcal_env.plants.integrate import integrate
+
+from .integrate import integrate
 
 _integrate = numba.njit(integrate, inline="always")
 

@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import PlantError
-from prefcal_env.experiment import Channel
-from prefcal_env.plants.plant import Jacobians
+from prefcal_env.experiments.experiment import Channel
+
+from .plant import Jacobians
 
 KMH = 1 / 3.6
 """One km/h in m/s."""

@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import PlantError
-from prefcal_env.experiment import Channel
-from prefcal_env.plants.bicycle import Bicycle
-from prefcal_env.plants.function_plant import FunctionPlant
+from prefcal_env.experiments.experiment import Channel
+
+from .bicycle import Bicycle
+from .function_plant import FunctionPlant
 
 _SPEED = Channel("speed", "m/s", symbol="v")
 _POSE = Bicycle.states

@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import PlantError
-from prefcal_env.experiment import Channel
-from prefcal_env.plants.plant import Jacobians
+from prefcal_env.experiments.experiment import Channel
+
+from .plant import Jacobians
 
 FEED = np.array([298.15, 10.0])
 """The paper's feed stream: T_f [K], C_Af [kgmol/m³]."""
@@ -126,7 +127,7 @@ class CSTR:
     ) -> Float[np.ndarray, "K 2"]:
         """States at `times` [h] by the compiled fixed-step integrator."""
         # Here, not above: importing the package must not load the compiler.
-        from prefcal_env.plants import _cstr_kernels
+        from . import _cstr_kernels
 
         d = np.concatenate([d, self._packed])
         states: Float[np.ndarray, "K 2"] = _cstr_kernels.hold(x, u, d, times, self.max_step)

@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import PlantError
-from prefcal_env.experiment import Channel
-from prefcal_env.plants.derivative import derivative
-from prefcal_env.plants.integrate import integrate
-from prefcal_env.plants.plant import Jacobians
+from prefcal_env.experiments.experiment import Channel
+
+from .derivative import derivative
+from .integrate import integrate
+from .plant import Jacobians
 
 Equation = Callable[[Any, Any, Any], Any]
 """(x, u, d), each an array, to an array or a sequence of numbers."""

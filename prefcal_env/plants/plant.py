@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.experiment import Channel
+from prefcal_env.experiments.experiment import Channel
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,11 +1,12 @@
 """Quadratic programs: one problem type, two backends, solutions that are checked."""
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.qp.problem import QP as QP
-from prefcal_env.qp.problem import Backend as Backend
-from prefcal_env.qp.problem import Solution as Solution
-from prefcal_env.qp.problem import Status as Status
-from prefcal_env.qp.problem import Tolerances as Tolerances
+
+from .problem import QP as QP
+from .problem import Backend as Backend
+from .problem import Solution as Solution
+from .problem import Status as Status
+from .problem import Tolerances as Tolerances
 
 BACKENDS = ("piqp", "daqp")
 
@@ -18,11 +19,11 @@ def make_backend(name: str = "piqp", tolerances: Tolerances | None = None) -> Ba
         MissingExtraError: "daqp" without the extra installed.
     """
     if name == "piqp":
-        from prefcal_env.qp.piqp_backend import PIQPBackend
+        from .piqp_backend import PIQPBackend
 
         return PIQPBackend(tolerances)
     if name == "daqp":
-        from prefcal_env.qp.daqp_backend import DAQPBackend
+        from .daqp_backend import DAQPBackend
 
         return DAQPBackend(tolerances)
     raise SettingsError(f"QP backend must be one of {BACKENDS}, got {name!r}")

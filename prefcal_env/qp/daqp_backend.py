@@ -3,7 +3,8 @@
 import numpy as np
 
 from prefcal_env.errors import MissingExtraError
-from prefcal_env.qp.problem import QP, Solution, Status, Tolerances, failed, verified
+
+from .problem import QP, Solution, Status, Tolerances, failed, verified
 
 try:
     import daqp

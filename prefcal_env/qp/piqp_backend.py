@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import piqp
 
-from prefcal_env.qp.problem import QP, Solution, Status, Tolerances, failed, verified
+from .problem import QP, Solution, Status, Tolerances, failed, verified
 
 _STATUS = {
     piqp.PIQP_MAX_ITER_REACHED: Status.ITERATION_LIMIT,

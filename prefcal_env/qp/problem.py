@@ -117,7 +117,7 @@ class QP:
 
 @cache
 def _kernels() -> Any:
-    from prefcal_env.qp import _kernels  # the compiler is not loaded before it is needed
+    from . import _kernels  # the compiler is not loaded before it is needed
 
     return _kernels
 
@@ -141,7 +141,7 @@ class Solution:
     """What a solve gave.
 
     Args:
-        z: Minimiser, shape (n,); meaningful when `status` is SOLVED.
+        z: Search, shape (n,); meaningful when `status` is SOLVED.
         multipliers: Of the rows of G, shape (m,), positive at the upper bound.
         status: How it ended, after the check of the residuals.
         iterations: Of the solver.

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
-from prefcal_env.experiment import Channels, End, Experiment
-from prefcal_env.rollout import computed
+from prefcal_env.experiments.experiment import Channels, End, Experiment
+from prefcal_env.experiments.rollout import computed
 
 from .records import Columns
 

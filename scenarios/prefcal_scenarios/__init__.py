@@ -7,18 +7,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .export import load_controller as load_controller
-    from .outcomes import outcome as outcome
-    from .report.trajectories import figure as figure
+    from prefcal_scenarios.app.report.export import load_controller as load_controller
+    from prefcal_scenarios.app.report.trajectories import figure as figure
+
+    from .kpis import outcome as outcome
     from .scenario import KPI as KPI
     from .scenario import Panel as Panel
     from .scenario import Scenario as Scenario
     from .scenario import load as load
 
 _HOMES = {
-    "figure": "report.trajectories",
-    "load_controller": "export",
-    "outcome": "outcomes",
+    "figure": "app.report.trajectories",
+    "load_controller": "app.report.export",
+    "outcome": "kpis",
     "KPI": "scenario",
     "Panel": "scenario",
     "Scenario": "scenario",

@@ -12,26 +12,26 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.control import Controller
 from prefcal_env.errors import ScenarioError
-from prefcal_env.experiment import Experiment
-from prefcal_env.knobs import KnobSpace
-from prefcal_env.panels import Panel as Panel
-from prefcal_env.panels import Plot, plots_of
-from prefcal_env.preference import Calibrator
-from prefcal_scenarios.checks import check_parts
-from prefcal_scenarios.nearest import did_you_mean
-from prefcal_scenarios.own_file import module_at
-from prefcal_scenarios.source import split_source
+from prefcal_env.experiments.control import Controller
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.panels import Panel as Panel
+from prefcal_env.experiments.panels import Plot, plots_of
+from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.answer import Calibrator
+from prefcal_scenarios.own.checks import check_parts
+from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_scenarios.own.own_file import module_at
+from prefcal_scenarios.own.source import split_source
 
 if TYPE_CHECKING:
     from prefcal_env.mpc.computation import Processor
-    from prefcal_scenarios.report.pictures import Picture
+    from prefcal_scenarios.app.report.pictures import Picture
 
 BUILT_IN: Mapping[str, str] = {
-    "cstr": "prefcal_scenarios.cstr:cstr",
-    "overtake": "prefcal_scenarios.overtake:overtake",
-    "overtake-robust": "prefcal_scenarios.overtake:overtake_robust",
+    "cstr": "prefcal_scenarios.cases.cstr:cstr",
+    "overtake": "prefcal_scenarios.cases.overtake:overtake",
+    "overtake-robust": "prefcal_scenarios.cases.overtake:overtake_robust",
 }
 """Name to "module:attribute"; loaded when asked for."""
 
@@ -120,7 +120,7 @@ class Scenario:
         controller: The tuned controller of a θ.
         settings: The controller's settings at a θ, JSON-able, for the export.
         scene: What the query window animates of an experiment, JSON-able; see
-            `prefcal_scenarios.overtake.drawing.Drawing.as_json`.
+            `prefcal_scenarios.cases.overtake.pictures.drawing.Drawing.as_json`.
         brief: What the task is, in a few sentences for the person who compares.
         configured: The scenario for another configuration, plain data, as `--config` reads it.
         on_processor: A scenario like this one with its computation times judged on a `Processor`;
@@ -131,7 +131,7 @@ class Scenario:
     Raises:
         ScenarioError: a part of the wrong type, a reference θ that does not fit the space, KPIs
             of one name; panels or KPIs that `run` is known not to give. Where `run` states no
-            `channels`, its first experiment tells (see `prefcal_scenarios.checks`).
+            `channels`, its first experiment tells (see `prefcal_scenarios.own.checks`).
     """
 
     name: str

@@ -9,11 +9,11 @@ from prefcal_agents.doubt import rows_of
 from prefcal_agents.placing import to_place
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_agents.belief import Belief
-from prefcal_agents.ledger import Ledger
-from prefcal_agents.surrogate import Shape
-from prefcal_env.knobs import Knob, KnobSpace
-from prefcal_env.preference import Answer, Mark
+from prefcal_agents.history.history import History
+from prefcal_agents.models.expectation_propagation import ExpectationPropagation
+from prefcal_agents.models.surrogate import Shape
+from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer, Mark
 from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("x", -1.0, 1.0, step=0), Knob("y", -1.0, 1.0, step=0)])
@@ -22,27 +22,27 @@ SHAPE = Shape(1.0, (1.0,))
 
 def line(answers, marks=()):
     """Samples on a line, each compared with the one that is named; marks of the last answer."""
-    ledger = Ledger()
+    history = History()
     for k, (rival, answer) in enumerate([(None, None), *answers]):
         given = Answer(answer, marks=marks if k == len(answers) else ())
-        ledger = ledger.with_pending(np.array([k / 10])).told(given, rival)
-    return ledger
+        history = history.with_pending(np.array([k / 10])).told(given, rival)
+    return history
 
 
-def appealed(ledger):
+def appealed(history):
     """The pair, Ĵ and what is believed, of a person who errs in 1 of 10 answers."""
-    z = ledger.cube()
+    z = history.cube()
     features = SHAPE.basis(z, z)
-    belief = Belief.of(rows_of(ledger.preferences(), SHAPE), 0.1)
+    belief = ExpectationPropagation.of(rows_of(history.preferences(), SHAPE), 0.1)
     values = features @ belief.mean
-    return to_appeal(ledger, values, features, belief), values, features, belief
+    return to_appeal(history, values, features, belief), values, features, belief
 
 
 def test_the_best_meets_the_rival_of_whom_it_is_least_sure():
-    ledger = line([(0, -1), (0, 1), (0, -1), (0, -1), (2, -1), (5, 1)])
-    pair, _, features, belief = appealed(ledger)
-    best = ledger.incumbent
-    met = {c.challenger if c.incumbent == best else c.incumbent for c in ledger.comparisons
+    history = line([(0, -1), (0, 1), (0, -1), (0, -1), (2, -1), (5, 1)])
+    pair, _, features, belief = appealed(history)
+    best = history.incumbent
+    met = {c.challenger if c.incumbent == best else c.incumbent for c in history.comparisons
            if best in (c.challenger, c.incumbent)}  # fmt: skip
     covariance = np.linalg.inv(belief.root @ belief.root.T)
     sure = {}
@@ -56,11 +56,11 @@ def test_the_best_meets_the_rival_of_whom_it_is_least_sure():
 
 def test_one_that_is_believed_better_than_the_best_is_asked_about_first():
     """Nine answers say that it gets better to the right, one that 9 lost to 0."""
-    ledger = line([(k - 1, -1) for k in range(1, 9)] + [(8, -1)])
-    ledger = ledger.told_further(Answer(-1), 0, 9)
-    pair, values, features, belief = appealed(ledger)
-    assert ledger.incumbent == 0
-    assert to_appeal(ledger, values, features, belief, sure=0.0) == pair
+    history = line([(k - 1, -1) for k in range(1, 9)] + [(8, -1)])
+    history = history.told_further(Answer(-1), 0, 9)
+    pair, values, features, belief = appealed(history)
+    assert history.incumbent == 0
+    assert to_appeal(history, values, features, belief, sure=0.0) == pair
     assert values[max(pair)] < values[0]
     sure = line([(0, 1), (0, 1), (0, 1)])
     _, values, features, belief = appealed(sure)
@@ -68,41 +68,41 @@ def test_one_that_is_believed_better_than_the_best_is_asked_about_first():
 
 
 def test_whoever_has_met_the_best_is_not_asked_again_and_then_nothing_is():
-    ledger = line([(0, 1), (0, 1), (1, -1)])
-    assert appealed(ledger)[0] == (3, 0)
-    ledger = ledger.told_further(Answer(1), 3, 0)
-    assert appealed(ledger)[0] is None
+    history = line([(0, 1), (0, 1), (1, -1)])
+    assert appealed(history)[0] == (3, 0)
+    history = history.told_further(Answer(1), 3, 0)
+    assert appealed(history)[0] is None
 
 
 @pytest.mark.parametrize("answer", [None, 0])
 def test_whoever_cannot_tell_is_not_asked_the_same_again(answer):
-    ledger = line([(0, 1), (0, 1), (1, -1), (1, -1)])
-    first = appealed(ledger)[0]
-    told = ledger.told_further(Answer(answer), *first)
+    history = line([(0, 1), (0, 1), (1, -1), (1, -1)])
+    first = appealed(history)[0]
+    told = history.told_further(Answer(answer), *first)
     assert appealed(told)[0] not in (first, None)
-    retracted = ledger.told_further(Answer(1), *first).retracted(0, further=True)
+    retracted = history.told_further(Answer(1), *first).retracted(0, further=True)
     assert appealed(retracted)[0] not in (first, None)
 
 
 def test_only_the_nine_next_to_the_best_are_rivals():
     """The first beat ten others; two more were compared with the worst of these only."""
-    ledger = line([(0, 1)] * 10 + [(10, 1), (10, 1)])
-    z, values = ledger.cube(), np.arange(13.0)
+    history = line([(0, 1)] * 10 + [(10, 1), (10, 1)])
+    z, values = history.cube(), np.arange(13.0)
     features = SHAPE.basis(z, z)
-    belief = Belief.of(rows_of(ledger.preferences(), SHAPE), 0.1)
+    belief = ExpectationPropagation.of(rows_of(history.preferences(), SHAPE), 0.1)
     belief = replace(belief, mean=np.zeros(13))  # sure of nothing
-    assert to_appeal(ledger, values, features, belief) is None
+    assert to_appeal(history, values, features, belief) is None
     values[12] = 0.5
-    assert to_appeal(ledger, values, features, belief) == (12, 0)
+    assert to_appeal(history, values, features, belief) == (12, 0)
 
 
 def test_nobody_far_behind_is_asked():
     """That 1 is better than 0 was said five times."""
-    ledger = line([(0, -1), (1, -1)])
+    history = line([(0, -1), (1, -1)])
     for _ in range(5):
-        ledger = ledger.told_further(Answer(-1), 1, 0)
-        ledger = ledger.told_further(Answer(-1), 2, 1)
-    pair, values, features, belief = appealed(ledger)
+        history = history.told_further(Answer(-1), 1, 0)
+        history = history.told_further(Answer(-1), 2, 1)
+    pair, values, features, belief = appealed(history)
     assert np.argmin(values) == 2
     assert belief.deviations(features[[0]] - features[[2]])[0] > 2
     assert pair is None
@@ -118,10 +118,10 @@ def test_an_unsafe_sample_is_neither_the_best_nor_its_rival():
 
 
 def test_a_bisection_takes_no_notice_of_answers_about_other_samples():
-    ledger = line([(0, 1), (0, 1), (0, 1), (0, 1)])
+    history = line([(0, 1), (0, 1), (0, 1), (0, 1)])
     values = np.array([0.0, 1.0, 2.0, 3.0, 2.5])
-    pair = to_place(ledger, values)
-    assert pair == to_place(ledger.told_further(Answer(1), 3, 1), values) == (4, 2)
+    pair = to_place(history, values)
+    assert pair == to_place(history.told_further(Answer(1), 3, 1), values) == (4, 2)
 
 
 def further_pairs(flips, questions, seed=0):

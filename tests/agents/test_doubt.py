@@ -7,11 +7,11 @@ import pytest
 from prefcal_agents.doubt import Doubts, contenders
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_agents.ledger import Ledger
-from prefcal_env.champions import contradictory
+from prefcal_agents.history.history import History
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs import Knob, KnobSpace
-from prefcal_env.preference import Answer, Mark
+from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer, Mark
+from prefcal_env.preferences.best import contradictory
 from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("x", -1.0, 1.0, step=0), Knob("y", -1.0, 1.0, step=0)])
@@ -31,13 +31,13 @@ def told(settings, flips, *, space=SQUARE, cost=bowl, n_init=6, n_max=16, seed=0
 def ledger_of(flips, seed=0):
     """30 random samples of a bowl, each compared with an earlier one."""
     rng = np.random.default_rng(seed)
-    ledger, costs = Ledger(), []
+    history, costs = History(), []
     for k, z in enumerate(rng.random((30, 2))):
         costs.append(float(np.sum((z - 0.4) ** 2)))
         rival = int(rng.integers(k)) if k else None
         answer = None if rival is None else int(np.sign(costs[k] - costs[rival]))
-        ledger = ledger.with_pending(z).told(Answer.of(-answer if k in flips else answer), rival)
-    return ledger
+        history = history.with_pending(z).told(Answer.of(-answer if k in flips else answer), rival)
+    return history
 
 
 def evidence(flips, seed):
@@ -45,7 +45,7 @@ def evidence(flips, seed):
     return doubt.evidence, doubt.justified
 
 
-def no_kpis(ledger):
+def no_kpis(history):
     return None
 
 
@@ -60,8 +60,8 @@ def test_a_person_who_never_errs_gets_the_last_winner_and_what_he_got_without_do
     with_doubts, without = (
         told(GLISpSettings(error_rate=rate), set(), n_max=18) for rate in (0.1, 0.0)
     )
-    assert with_doubts.state.ledger == without.state.ledger
-    assert with_doubts.best_index == with_doubts.state.ledger.incumbent
+    assert with_doubts.state.history == without.state.history
+    assert with_doubts.best_index == with_doubts.state.history.incumbent
 
 
 @pytest.mark.campaign
@@ -98,38 +98,38 @@ def test_a_suspicion_leads_to_a_question_about_the_best_at_most_once_an_experime
     agent, asked = suspected
     assert asked
     assert len(asked) == len(set(asked))
-    assert agent.best_index == agent.state.ledger.incumbent
+    assert agent.best_index == agent.state.history.incumbent
 
 
 def test_only_answers_that_contradict_each_other_are_taken_for_mistakes(suspected):
     """However little the surrogate expects them: a cost that jumps looks like mistakes, too."""
     agent, _ = suspected
-    ledger = agent.state.ledger
-    in_a_line = replace(ledger, further=())
-    assert contradictory(ledger.verdicts())
+    history = agent.state.history
+    in_a_line = replace(history, further=())
+    assert contradictory(history.verdicts())
     assert not contradictory(in_a_line.verdicts())
-    assert reckons_with_mistakes(ledger)
+    assert reckons_with_mistakes(history)
     assert not reckons_with_mistakes(in_a_line)
 
 
-def reckons_with_mistakes(ledger):
+def reckons_with_mistakes(history):
     """Whether the error rate makes a difference to what is learned."""
     learned = []
     for rate in (0.1, 0.0):
         settings = GLISpSettings(error_rate=rate, validate_at=(10,))
         fresh = GLISp(SQUARE, n_init=6, n_max=40, settings=settings)
-        agent = GLISp.restore(SQUARE, replace(fresh.state, ledger=ledger))
+        agent = GLISp.restore(SQUARE, replace(fresh.state, history=history))
         learned.append(agent.surrogate(agent.samples))
     return not np.array_equal(*learned)
 
 
 def test_what_was_not_compared_or_is_unsafe_is_no_contender():
-    ledger = Ledger()
+    history = History()
     answers = (None, -1, -1, None, Answer(1, marks=(Mark.INCUMBENT_UNSAFE,)))
     for k, answer in enumerate(answers):
-        ledger = ledger.with_pending(np.full(2, k / 5))
-        ledger = ledger.told(Answer.of(answer), None if k == 0 else min(k - 1, 2))
-    assert contenders(ledger).tolist() == [0, 1, 4]
+        history = history.with_pending(np.full(2, k / 5))
+        history = history.told(Answer.of(answer), None if k == 0 else min(k - 1, 2))
+    assert contenders(history).tolist() == [0, 1, 4]
 
 
 @pytest.mark.parametrize("questions", [1, 3])

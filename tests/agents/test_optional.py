@@ -9,7 +9,7 @@ import prefcal_agents
 from contracts.agents import MIXED
 from prefcal_agents import restore
 from prefcal_agents.optional import OPTIONAL, optional
-from prefcal_agents.restore import AGENTS
+from prefcal_agents.registry import AGENTS
 from prefcal_env.errors import SettingsError
 from support.extras import need
 

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from prefcal_agents.placing import to_place
 
 from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
-from prefcal_agents.ledger import Ledger
-from prefcal_agents.state import AgentState
+from prefcal_agents.history.agent_state import AgentState
+from prefcal_agents.history.history import History
 from prefcal_env.errors import ProtocolError, SettingsError
-from prefcal_env.knobs import Knob, KnobSpace
-from prefcal_env.preference import Answer, Preference
+from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer, Preference
 from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("x", -1.0, 1.0), Knob("y", -1.0, 1.0)])
@@ -34,8 +34,8 @@ def run(agent, stop=None):
 
 
 def ranked(costs):
-    """A ledger of samples with these costs, each compared with the best before it."""
-    book = Ledger()
+    """A history of samples with these costs, each compared with the best before it."""
+    book = History()
     for cost in costs:
         rival = book.incumbent
         answer = Answer(None if rival is None else int(np.sign(cost - costs[rival])))
@@ -115,10 +115,10 @@ def test_undo_takes_one_answer_back_whichever_it_is():
 def test_a_further_answer_can_be_retracted_and_every_sample_stays():
     agent = asking(3)
     run(agent)
-    samples, taught = agent.samples, len(agent.state.ledger.preferences())
+    samples, taught = agent.samples, len(agent.state.history.preferences())
     agent.retract(0, further=True)
     assert np.array_equal(agent.samples, samples)
-    assert len(agent.state.ledger.preferences()) == taught - 1
+    assert len(agent.state.history.preferences()) == taught - 1
     with pytest.raises(ProtocolError, match="retracted already"):
         agent.retract(0, further=True)
     with pytest.raises(ProtocolError, match="no answer 999"):
@@ -139,7 +139,7 @@ def test_what_a_state_says_of_further_answers_is_checked():
 def test_lessons_come_in_the_order_answered():
     agent = asking(3)
     asked = [q for q in run(agent) if q.incumbent is not None]
-    taught = agent.state.ledger.preferences()
+    taught = agent.state.history.preferences()
     assert taught.first.tolist() == [q.challenger.index for q in asked]
     assert taught.second.tolist() == [q.incumbent.index for q in asked]
 
@@ -183,11 +183,11 @@ def test_an_answer_to_a_further_query_stays_when_the_number_is_lowered():
     agent = asking(3)
     until_further(agent)
     run(agent, 1)
-    before = agent.state.ledger
+    before = agent.state.history
     fewer = agent.with_questions(1)
-    assert fewer.state.ledger.further == before.further != ()
+    assert fewer.state.history.further == before.further != ()
     fewer.undo()
-    assert fewer.state.ledger.further == before.further[:-1]
+    assert fewer.state.history.further == before.further[:-1]
     assert not fewer.ask().further
 
 
@@ -199,7 +199,7 @@ def test_a_changed_agent_is_restored_with_the_identical_query():
         twin = GLISp.restore(SQUARE, AgentState.from_dict(agent.state.to_dict()))
         assert twin.ask() == agent.ask()
         run(agent, 1)
-    assert agent.state.ledger.further
+    assert agent.state.history.further
 
 
 @pytest.mark.parametrize("most", [0, -1, 1.5, True, None])
@@ -241,4 +241,4 @@ def test_the_winner_stays_the_winner_along_the_first_answers():
     run(agent)
     costs = [bowl(theta) for theta in agent.samples]
     assert np.array_equal(agent.best, agent.samples[int(np.argmin(costs))])
-    assert Preference.INCUMBENT in {c.answer.preference for c in agent.state.ledger.further}
+    assert Preference.INCUMBENT in {c.answer.preference for c in agent.state.history.further}

@@ -6,11 +6,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from prefcal_agents.global_random import seeded
 from prefcal_agents.rl import PPOBandit, SACBandit
 from prefcal_agents.rl.bandit import rewards
+from prefcal_agents.support.global_random import seeded
 from prefcal_env.errors import MissingExtraError, SettingsError
-from prefcal_env.knobs import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob, KnobSpace
 from support.extras import need
 
 LINE = KnobSpace([Knob("x", 0.0, 4.0), Knob("y", -1.0, 1.0)])

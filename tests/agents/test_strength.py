@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, minimize_by_preference
-from prefcal_agents.ledger import Ledger
-from prefcal_env.knobs import Knob, KnobSpace
-from prefcal_env.preference import Answer, Strength
+from prefcal_agents.history.history import History
+from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer, Strength
 
 SQUARE = KnobSpace([Knob("a", -1.0, 1.0), Knob("b", -1.0, 1.0)])
 
@@ -24,7 +24,7 @@ def test_answers_of_strength_one_lead_where_they_always_led():
 
 
 def test_the_strength_of_an_answer_is_its_weight():
-    book = Ledger()
+    book = History()
     for h, strength in enumerate((Strength.BETTER, Strength.BETTER, Strength.MUCH_BETTER)):
         answer = Answer(-1 if h else None, strength=strength)
         book = book.with_pending(np.array([0.1 * h, 0.5])).told(answer, book.incumbent)

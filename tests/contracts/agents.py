@@ -7,10 +7,10 @@ puts its agent through all of it. What an agent must remember stands in `agents_
 import numpy as np
 import pytest
 
-from prefcal_env.constraints import Constraint, LinearConstraint
 from prefcal_env.errors import KnobError, PreferenceError, ProtocolError, SettingsError
-from prefcal_env.knobs import Knob, KnobSpace
-from prefcal_env.preference import Answer, Mark, Preference, Query, Suggestion
+from prefcal_env.knobs.constraints import Constraint, LinearConstraint
+from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer, Mark, Preference, Query, Suggestion
 
 MIXED = KnobSpace(
     [

@@ -14,7 +14,7 @@ from contracts.agents import HALF, MIXED, SMALL, run
 from contracts.memory import *  # noqa: F403
 from prefcal_agents import AgentState
 from prefcal_env.errors import ProtocolError, SettingsError
-from prefcal_env.preference import Answer, Mark
+from prefcal_env.preferences.answer import Answer, Mark
 
 
 def test_after_undo_another_answer_may_be_given(make_agent):
@@ -31,7 +31,7 @@ def test_retracting_keeps_all_samples_and_recomputes_the_incumbent(make_agent):
     before, query = agent.state, agent.ask()
     assert query.incumbent.index == 2
     agent.retract(2)
-    assert agent.state.ledger.samples == before.ledger.samples
+    assert agent.state.history.samples == before.history.samples
     assert agent.ask().challenger == query.challenger
     assert agent.ask().incumbent.index == 1
     with pytest.raises(ProtocolError, match="open query is"):
@@ -95,17 +95,17 @@ def test_a_state_keeps_marks_strengths_and_outcomes(make_agent):
     told = Answer(1, 0.5, (Mark.CHALLENGER_UNSAFE,), ({"t": np.inf}, {"t": 1.0}))
     run(agent, [Answer(None, outcomes=({"t": 1.0, "u": 2.0}, None)), told])
     state = AgentState.from_dict(json.loads(json.dumps(agent.state.to_dict())))
-    assert state.ledger.comparisons[1].answer == told
+    assert state.history.comparisons[1].answer == told
     assert state == agent.state
 
 
 def test_an_older_algorithms_samples_are_kept(make_agent):
     agent = make_agent(MIXED, n_init=3, n_max=9)
     run(agent, [None, -1, 1])
-    moved = tuple((*z[:-1], 0.125) for z in agent.state.ledger.samples)
-    old = replace(agent.state, version=0, ledger=replace(agent.state.ledger, samples=moved))
+    moved = tuple((*z[:-1], 0.125) for z in agent.state.history.samples)
+    old = replace(agent.state, version=0, history=replace(agent.state.history, samples=moved))
     twin = type(agent).restore(MIXED, old)
-    assert twin.state.ledger.samples == moved
+    assert twin.state.history.samples == moved
     assert twin.ask().challenger.theta[2] == pytest.approx(-4.0)
     run(twin)
     assert twin.done

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from prefcal_env.experiment import End, Experiment
-from prefcal_env.preference import Answer, Calibrator, Preference
+from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.preferences.answer import Answer, Calibrator, Preference
 from support.short_runs import short_run
 
 Make = Callable[[], Any]

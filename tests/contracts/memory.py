@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from contracts.agents import MIXED, latent
 from prefcal_agents import AgentState
 from prefcal_env.errors import ProtocolError
-from prefcal_env.preference import Answer
+from prefcal_env.preferences.answer import Answer
 
 
 def reply(agent, query):
@@ -79,17 +79,17 @@ def test_any_order_of_calls_keeps_the_promises(make_agent, actions, seed):
     agent = make_agent(MIXED, n_init=3, n_max=8, seed=seed)
     for action in actions:
         agent = after(agent, action)
-        samples = agent.state.ledger.samples
+        samples = agent.state.history.samples
         assert len(set(samples)) == len(samples)
         assert agent.state == agent.copy().state
         if not agent.done:
             query = agent.ask()
-            assert query.further or query.challenger.index == agent.state.ledger.answered
+            assert query.further or query.challenger.index == agent.state.history.answered
 
 
 def after(agent, action):
     """The agent after one more action; a number is a score, or its sign a preference."""
-    comparisons = agent.state.ledger.comparisons
+    comparisons = agent.state.history.comparisons
     if action == "copy":
         return agent.copy()
     if action == "save":

@@ -11,7 +11,7 @@ from contracts.agents import HALF, MIXED, RARE, RING, SMALL, STAIRS, TINY, laten
 from contracts.memory import *  # noqa: F403
 from prefcal_agents import AgentState
 from prefcal_env.errors import PreferenceError, ProtocolError, SettingsError
-from prefcal_env.preference import Answer
+from prefcal_env.preferences.answer import Answer
 
 
 def score(query):

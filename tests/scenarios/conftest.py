@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from prefcal_scenarios.cli import main
+from prefcal_scenarios.app.cli import main
 
 
 @pytest.fixture

@@ -8,16 +8,16 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from prefcal_scenarios.cli.options import Options
-from prefcal_scenarios.cli.report import as_json, record_of
-from prefcal_scenarios.cli.study_files import summary
-from prefcal_scenarios.export import best_as_json
-from prefcal_scenarios.interview import Counts
-from prefcal_scenarios.interview.memory import incumbents
-from prefcal_scenarios.report.comparisons import comparisons_as_csv
-from prefcal_scenarios.report.html import page
-from prefcal_scenarios.terminal.looking import show_status
-from prefcal_scenarios.window.view import now_view, status_view
+from prefcal_scenarios.app.cli.options import Options
+from prefcal_scenarios.app.cli.report import as_json, record_of
+from prefcal_scenarios.app.cli.studies.files import summary
+from prefcal_scenarios.app.report.comparisons import comparisons_as_csv
+from prefcal_scenarios.app.report.export import best_as_json
+from prefcal_scenarios.app.report.html import page
+from prefcal_scenarios.app.session import Counts
+from prefcal_scenarios.app.session.memory import incumbents
+from prefcal_scenarios.app.terminal.looking import show_status
+from prefcal_scenarios.app.web.view import now_view, status_view
 from support.interviews import THREE, begin, judge, proceed, until_further
 from toy_study import TOY_FILE, toy_scenario
 

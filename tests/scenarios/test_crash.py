@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from prefcal_env.studies import verify
-from prefcal_scenarios.interview import Phase
+from prefcal_env.study import verify
+from prefcal_scenarios.app.session import Phase
 from support.interviews import begin, proceed, reopened
 from toy_study import toy_scenario
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from prefcal_scenarios.cli.options import Options
-from prefcal_scenarios.cli.report import record_of
-from prefcal_scenarios.interview import Choice, Phase
-from prefcal_scenarios.report.write import write_report
-from prefcal_scenarios.window.view import history_view, now_view, status_view
+from prefcal_scenarios.app.cli.options import Options
+from prefcal_scenarios.app.cli.report import record_of
+from prefcal_scenarios.app.report.write import write_report
+from prefcal_scenarios.app.session import Choice, Phase
+from prefcal_scenarios.app.web.view import history_view, now_view, status_view
 from support.interviews import begin, proceed
 from toy_study import toy_scenario
 

@@ -10,22 +10,22 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from prefcal_env.end import End
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs import KnobSpace
+from prefcal_env.experiments.end import End
+from prefcal_env.knobs.knob import KnobSpace
 from prefcal_scenarios import Panel, figure
-from prefcal_scenarios.interview.outlook import Outlook
-from prefcal_scenarios.report.comparisons import comparisons_as_csv
-from prefcal_scenarios.report.course import course
-from prefcal_scenarios.report.folder import folder_for
-from prefcal_scenarios.report.html import page as page_of
-from prefcal_scenarios.report.minded import Bar, Minded
-from prefcal_scenarios.report.pictures import PICTURES, Drawn, Picture
-from prefcal_scenarios.report.slices import slices
-from prefcal_scenarios.report.style import canvas
-from prefcal_scenarios.report.tried import tried
-from prefcal_scenarios.report.wording import measured, with_subscripts
-from prefcal_scenarios.report.write import write_report
+from prefcal_scenarios.app.presentation.folder import folder_for
+from prefcal_scenarios.app.presentation.style import canvas
+from prefcal_scenarios.app.presentation.wording import measured, with_subscripts
+from prefcal_scenarios.app.report.comparisons import comparisons_as_csv
+from prefcal_scenarios.app.report.course import course
+from prefcal_scenarios.app.report.html import page as page_of
+from prefcal_scenarios.app.report.kpi_importance import Bar, Minded
+from prefcal_scenarios.app.report.pictures import PICTURES, Drawn, Picture
+from prefcal_scenarios.app.report.slices import slices
+from prefcal_scenarios.app.report.tried import tried
+from prefcal_scenarios.app.report.write import write_report
+from prefcal_scenarios.app.summary.outlook import Outlook
 from support.pages import Outline
 from toy_study import toy_record, toy_scenario
 

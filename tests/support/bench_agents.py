@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from prefcal_env.preference import Query, Suggestion
+from prefcal_env.preferences.answer import Query, Suggestion
 
 
 class Own:

@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
-MAIN = "from prefcal_scenarios.cli import main; main()"
+MAIN = "from prefcal_scenarios.app.cli import main; main()"
 SHOTS = Path(os.environ.get("PREFCAL_SHOTS", "screenshots"))
 # No name is resolved but the loopback address: whatever asks for the network fails, and is seen.
 FLAGS = [

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from prefcal_scenarios.cli import main
+from prefcal_scenarios.app.cli import main
 
 
 def calibrated(folder: Path, *words: str) -> Path:

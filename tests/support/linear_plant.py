@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import expm
 
-from prefcal_env.experiment import Channel
+from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Jacobians
 from prefcal_env.qp import QP, make_backend
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.experiment import Channel, Channels, End, Experiment
+from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
 
 CHANNELS = Channels(x=(Channel("level", "m"),), u=(Channel("valve", "%"),), y=(Channel("level"),))
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.experiment import Channel, Channels, End, Experiment
-from prefcal_env.preference import Answer, Mark, Query
-from prefcal_env.studies import Answered, Finished, Shown, StudyFile, Suggested
+from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
+from prefcal_env.preferences.answer import Answer, Mark, Query
+from prefcal_env.study import Answered, Finished, Shown, StudyFile, Suggested
 from support.interviews import clock
 
 Theta = np.ndarray

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.control import Measurement, Move
 from prefcal_env.envs import PlantEnv, Step, Task
-from prefcal_env.experiment import Channel
+from prefcal_env.experiments.control import Measurement, Move
+from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants import FunctionPlant
 
 LEVEL = Channel("level", "m", symbol="h")

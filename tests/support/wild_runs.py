@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from prefcal_env.experiment import Experiment
+from prefcal_env.experiments.experiment import Experiment
 from prefcal_scenarios.scenario import load
 
 TOY = load(str(Path(__file__).parents[1] / "scenarios" / "toy_scenario.py") + ":toy")

@@ -8,10 +8,10 @@ from pathlib import Path
 import httpx
 from starlette.applications import Starlette
 
-from prefcal_scenarios.interview import Interview
-from prefcal_scenarios.window.api import Pace
-from prefcal_scenarios.window.app import make_app
-from prefcal_scenarios.window.reports import Reports
+from prefcal_scenarios.app.session import Interview
+from prefcal_scenarios.app.web.api import Pace
+from prefcal_scenarios.app.web.reports import Reports
+from prefcal_scenarios.app.web.server.app import make_app
 
 TOKEN, PORT = "the-token", 8765
 HOST = f"127.0.0.1:{PORT}"

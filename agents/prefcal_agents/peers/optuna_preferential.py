@@ -5,17 +5,17 @@ from typing import ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.knobs import KnobSpace
-from prefcal_env.preference import Preference
+from prefcal_agents.history.history import History
+from prefcal_agents.protocol.agent import PreferenceBased
+from prefcal_agents.protocol.replay import Replay
+from prefcal_agents.protocol.session import Session
+from prefcal_agents.protocol.stored import Stored
+from prefcal_agents.space.design import Tried, latin_hypercube
+from prefcal_agents.support.checks import integer
+from prefcal_agents.support.global_random import seeded
+from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.answer import Preference
 
-from ..checks import integer
-from ..cube import Tried, latin_hypercube
-from ..global_random import seeded
-from ..ledger import Ledger
-from ..replay import Replay
-from ..stored import Stored
-from ..turn_taking import PreferenceBased
-from ..turns import Turns
 from .optuna_session import OptunaSession
 
 
@@ -50,31 +50,31 @@ class OptunaPreferential(Stored, PreferenceBased):
     ) -> None:
         integer("seed", seed, low=0)
         self._seed = int(seed)
-        self._turns = Turns(space, n_init, n_max, self._propose)
+        self._session = Session(space, n_init, n_max, self._propose)
         OptunaSession.check_installed()
         self._replay = Replay(self._start, self._feed)
 
-    def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
-        index = ledger.answered
+    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+        index = history.answered
         rng = np.random.default_rng([self._seed, index])
         if index < self.n_init:
             z = latin_hypercube(self.space, self.n_init, self._seed)[index]
         else:
-            proposal = self._replay.at(ledger).proposal
+            proposal = self._replay.at(history).proposal
             z = rng.random(len(self.space)) if proposal is None else np.clip(proposal, 0.0, 1.0)
-        return Tried(self.space, ledger).fresh(z, rng)
+        return Tried(self.space, history).fresh(z, rng)
 
     def _start(self) -> OptunaSession:
         with seeded(self._seed) as seed:
             return OptunaSession(len(self.space), seed)
 
-    def _feed(self, session: OptunaSession, ledger: Ledger) -> None:
-        with seeded(self._seed, ledger.answered) as seed:
-            session.run(np.array(ledger.samples[ledger.answered - 1]))
-            last = ledger.comparisons[-1]
+    def _feed(self, session: OptunaSession, history: History) -> None:
+        with seeded(self._seed, history.answered) as seed:
+            session.run(np.array(history.samples[history.answered - 1]))
+            last = history.comparisons[-1]
             if last.teaches and last.answer.preference is not Preference.TIE:
                 pair = (last.challenger, last.incumbent)
                 won = last.answer.preference is Preference.CHALLENGER
                 session.prefer(*(pair if won else reversed(pair)))
-            if ledger.answered >= self.n_init:
+            if history.answered >= self.n_init:
                 session.ask(seed)

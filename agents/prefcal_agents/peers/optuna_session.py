@@ -7,7 +7,7 @@ from typing import Any, final
 import numpy as np
 from jaxtyping import Float
 
-from ..extras import load
+from prefcal_agents.support.extras import load
 
 
 @final

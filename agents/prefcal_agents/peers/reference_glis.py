@@ -5,16 +5,16 @@ from typing import ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.knobs import KnobSpace
+from prefcal_agents.history.history import History
+from prefcal_agents.protocol.agent import ValueBased
+from prefcal_agents.protocol.session import Session
+from prefcal_agents.protocol.stored import Stored
+from prefcal_agents.space.design import Tried
+from prefcal_agents.support.checks import integer
+from prefcal_agents.support.extras import load
+from prefcal_agents.support.global_random import seeded
+from prefcal_env.knobs.knob import KnobSpace
 
-from ..checks import integer
-from ..cube import Tried
-from ..extras import load
-from ..global_random import seeded
-from ..ledger import Ledger
-from ..stored import Stored
-from ..turn_taking import ValueBased
-from ..turns import Turns
 from .solvers import cube_solver, design
 
 
@@ -47,23 +47,23 @@ class ReferenceGLIS(Stored, ValueBased):
     ) -> None:
         integer("seed", seed, low=0)
         self._seed = int(seed)
-        self._turns = Turns(space, n_init, n_max, self._propose, by_value=True)
+        self._session = Session(space, n_init, n_max, self._propose, by_value=True)
         self._package = load("glis.solvers", "peers")
 
-    def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
-        index, n = ledger.answered, len(self.space)
+    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+        index, n = history.answered, len(self.space)
         rng = np.random.default_rng([self._seed, index])
-        scored, values = ledger.scores()
+        scored, values = history.scores()
         if index < self.n_init:
             with seeded(self._seed, 0):
                 z = design(self._package.GLIS, n, self.n_init)[index]
         elif not len(scored):
             z = rng.random(n)
         else:
-            solver = cube_solver(self._package.GLIS, ledger.cube()[scored])
+            solver = cube_solver(self._package.GLIS, history.cube()[scored])
             solver.initialize()
             _, exponent = np.frexp(np.abs(values).max())
             with seeded(self._seed, index):
                 for value in np.ldexp(values, -exponent):
                     z = solver.update(value)
-        return Tried(self.space, ledger).fresh(np.clip(z, 0.0, 1.0), rng)
+        return Tried(self.space, history).fresh(np.clip(z, 0.0, 1.0), rng)

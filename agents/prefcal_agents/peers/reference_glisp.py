@@ -5,16 +5,16 @@ from typing import Any, ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.knobs import KnobSpace
+from prefcal_agents.history.history import History
+from prefcal_agents.protocol.agent import PreferenceBased
+from prefcal_agents.protocol.session import Session
+from prefcal_agents.protocol.stored import Stored
+from prefcal_agents.space.design import Tried
+from prefcal_agents.support.checks import integer
+from prefcal_agents.support.extras import load
+from prefcal_agents.support.global_random import seeded
+from prefcal_env.knobs.knob import KnobSpace
 
-from ..checks import integer
-from ..cube import Tried
-from ..extras import load
-from ..global_random import seeded
-from ..ledger import Ledger
-from ..stored import Stored
-from ..turn_taking import PreferenceBased
-from ..turns import Turns
 from .solvers import cube_solver, design
 
 
@@ -48,42 +48,42 @@ class ReferenceGLISp(Stored, PreferenceBased):
     ) -> None:
         integer("seed", seed, low=0)
         self._seed = int(seed)
-        self._turns = Turns(space, n_init, n_max, self._propose)
+        self._session = Session(space, n_init, n_max, self._propose)
         self._package = load("glis.solvers", "peers")
-        self._thetas: dict[Ledger, float] = {}
+        self._thetas: dict[History, float] = {}
 
-    def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
-        index, start = ledger.answered, max(self.n_init, 2)
+    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+        index, start = history.answered, max(self.n_init, 2)
         if index < start:
             with seeded(self._seed, 0):
                 z = design(self._package.GLISp, len(self.space), start)[index]
         else:
-            theta = self._theta(ledger)
-            solver = self._solver(ledger, RBFcalibrate=False, thetas=np.array([theta]))
+            theta = self._theta(history)
+            solver = self._solver(history, RBFcalibrate=False, thetas=np.array([theta]))
             with seeded(self._seed, index):
                 # Told a tie that its lists do not take up, it learns from them and proposes.
                 z = solver.update(0)
         rng = np.random.default_rng([self._seed, index])
-        return Tried(self.space, ledger).fresh(np.clip(z, 0.0, 1.0), rng)
+        return Tried(self.space, history).fresh(np.clip(z, 0.0, 1.0), rng)
 
-    def _solver(self, ledger: Ledger, **options: Any) -> Any:
-        """The package's solver as it is when it has just run the last sample of `ledger`."""
-        z = ledger.cube()
+    def _solver(self, history: History, **options: Any) -> Any:
+        """The package's solver as it is when it has just run the last sample of `history`."""
+        z = history.cube()
         solver = cube_solver(self._package.GLISp, z, expected_max_evals=self.n_max, **options)
         solver.initialize()
-        lessons = ledger.preferences()
+        lessons = history.preferences()
         pairs = zip(lessons.b, lessons.first, lessons.second, strict=True)
         told = [(int(b), int(first), int(second)) for b, first, second in pairs]
         solver.I = _Full([a, b] if won < 0 else [b, a] for won, a, b in told if won)
         solver.Ieq = _Full([a, b] for won, a, b in told if not won)
-        solver.iter, solver.ibest, solver.xnext = len(z) - 1, ledger.incumbent, z[-1]
+        solver.iter, solver.ibest, solver.xnext = len(z) - 1, history.incumbent, z[-1]
         return solver
 
-    def _theta(self, ledger: Ledger) -> float:
+    def _theta(self, history: History) -> float:
         """θ, the package's factor on ε, as it was validated last before the next sample."""
         start = max(self.n_init, 2)
         quarters = [round(k * (self.n_max - start) / 4) for k in (0, 1, 2, 3)]
-        past = ledger.until(max(start + q for q in quarters if start + q <= ledger.answered))
+        past = history.until(max(start + q for q in quarters if start + q <= history.answered))
         if past not in self._thetas:
             solver = self._solver(past)
             if len(past.preferences()):

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from ..extras import load
-from ..global_random import seeded
+from prefcal_agents.support.extras import load
+from prefcal_agents.support.global_random import seeded
 
 
 def stable_baselines() -> Any:

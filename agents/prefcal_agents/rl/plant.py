@@ -7,10 +7,10 @@ from typing import Any
 
 import gymnasium as gym
 
+from prefcal_agents.support.checks import choice, integer
+from prefcal_agents.support.extras import load
 from prefcal_env.errors import SettingsError
 
-from ..checks import choice, integer
-from ..extras import load
 from .library import silent, stable_baselines, torch_seeded
 from .policy import ALGORITHMS, Origin, TrainedPolicy
 

@@ -7,10 +7,10 @@ from typing import Any, final
 import gymnasium as gym
 import numpy as np
 
-from prefcal_env.control import Controller, Measurement, Move
+from prefcal_agents.support.extras import load as load_extra
 from prefcal_env.errors import SettingsError
+from prefcal_env.experiments.control import Controller, Measurement, Move
 
-from ..extras import load as load_extra
 from .library import stable_baselines
 
 Array = np.ndarray[Any, Any]
@@ -56,7 +56,7 @@ class TrainedPolicy:
         return np.asarray(action)
 
     def controller(self, env: gym.Env[Any, Any]) -> Controller:
-        """It as a controller in `env`, a plant environment, for `prefcal_env.rollout`.
+        """It as a controller in `env`, a plant environment, for `prefcal_env.experiments.rollout`.
 
         It sees the environment's observation, not more.
 

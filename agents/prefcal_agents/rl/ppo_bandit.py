@@ -5,15 +5,15 @@ from typing import Any, ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.knobs import KnobSpace
+from prefcal_agents.history.history import History
+from prefcal_agents.protocol.agent import ValueBased
+from prefcal_agents.protocol.replay import Replay
+from prefcal_agents.protocol.session import Session
+from prefcal_agents.protocol.stored import Stored
+from prefcal_agents.space.design import Tried
+from prefcal_agents.support.checks import integer, number
+from prefcal_env.knobs.knob import KnobSpace
 
-from ..checks import integer, number
-from ..cube import Tried
-from ..ledger import Ledger
-from ..replay import Replay
-from ..stored import Stored
-from ..turn_taking import ValueBased
-from ..turns import Turns
 from .bandit import OBSERVATION, Bandit, actions, rewards, sample
 from .library import silent, stable_baselines, torch_seeded
 
@@ -24,7 +24,7 @@ class PPOBandit(Stored, ValueBased):
 
     Its policy is a Gaussian, its update one after every `n_steps` experiments with a score. The
     library's own loop, which owns the experiments, is left out: its buffer is filled from the
-    ledger, with the θ that ran. Without an observation a network has nothing to look at, so the
+    history, with the θ that ran. Without an observation a network has nothing to look at, so the
     policy has none.
 
     Deviation: rewards are ranks (see `rewards`); settings other than the library's, which are
@@ -63,7 +63,7 @@ class PPOBandit(Stored, ValueBased):
         number("learning_rate", learning_rate, strict=True)
         self._seed, self._n_steps, self._n_epochs = int(seed), int(n_steps), int(n_epochs)
         self._learning_rate = float(learning_rate)
-        self._turns = Turns(space, n_init, n_max, self._propose, by_value=True)
+        self._session = Session(space, n_init, n_max, self._propose, by_value=True)
         self._library = stable_baselines()
         self._replay = Replay(self._start, self._feed)
 
@@ -74,12 +74,12 @@ class PPOBandit(Stored, ValueBased):
             "learning_rate": self._learning_rate,
         }
 
-    def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
-        model = self._replay.at(ledger)
-        with torch_seeded(self._seed, ledger.answered, 1):
+    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+        model = self._replay.at(history)
+        with torch_seeded(self._seed, history.answered, 1):
             action, _ = model.policy.predict(OBSERVATION[0], deterministic=False)
-        rng = np.random.default_rng([self._seed, ledger.answered])
-        return Tried(self.space, ledger).fresh(sample(action), rng)
+        rng = np.random.default_rng([self._seed, history.answered])
+        return Tried(self.space, history).fresh(sample(action), rng)
 
     def _start(self) -> Any:
         with torch_seeded(self._seed, 0, 0):
@@ -96,13 +96,13 @@ class PPOBandit(Stored, ValueBased):
             )
         return silent(model)
 
-    def _feed(self, model: Any, ledger: Ledger) -> None:
-        scored, values = ledger.scores()
-        if ledger.comparisons[-1].value is None or len(scored) % self._n_steps:
+    def _feed(self, model: Any, history: History) -> None:
+        scored, values = history.scores()
+        if history.comparisons[-1].value is None or len(scored) % self._n_steps:
             return
         batch = slice(-self._n_steps, None)
-        with torch_seeded(self._seed, ledger.answered, 2):
-            _fill(model, actions(ledger.cube()[scored][batch]), rewards(values)[batch])
+        with torch_seeded(self._seed, history.answered, 2):
+            _fill(model, actions(history.cube()[scored][batch]), rewards(values)[batch])
             model.train()
 
 

@@ -5,15 +5,15 @@ from typing import Any, ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.knobs import KnobSpace
+from prefcal_agents.history.history import History
+from prefcal_agents.protocol.agent import ValueBased
+from prefcal_agents.protocol.replay import Replay
+from prefcal_agents.protocol.session import Session
+from prefcal_agents.protocol.stored import Stored
+from prefcal_agents.space.design import Tried, latin_hypercube
+from prefcal_agents.support.checks import integer, number
+from prefcal_env.knobs.knob import KnobSpace
 
-from ..checks import integer, number
-from ..cube import Tried, latin_hypercube
-from ..ledger import Ledger
-from ..replay import Replay
-from ..stored import Stored
-from ..turn_taking import ValueBased
-from ..turns import Turns
 from .bandit import OBSERVATION, Bandit, actions, rewards, sample
 from .library import silent, stable_baselines, torch_seeded
 
@@ -25,7 +25,7 @@ class SACBandit(Stored, ValueBased):
     The first `n_init` samples are a Latin hypercube, where the library draws uniformly. From then
     on the networks are trained after every experiment, on all so far, and the actor proposes the
     next. The library's own loop, which owns the experiments, is left out: its buffer is filled
-    from the ledger, with the θ that ran.
+    from the history, with the θ that ran.
 
     Deviation: rewards are ranks (see `rewards`); the library does nothing before 100 steps, so
     here there are more gradient steps, in larger ones, and the weight of the entropy is fixed.
@@ -63,7 +63,7 @@ class SACBandit(Stored, ValueBased):
         number("entropy", entropy)
         self._seed, self._gradient_steps = int(seed), int(gradient_steps)
         self._learning_rate, self._entropy = float(learning_rate), float(entropy)
-        self._turns = Turns(space, n_init, n_max, self._propose, by_value=True)
+        self._session = Session(space, n_init, n_max, self._propose, by_value=True)
         self._library = stable_baselines()
         self._replay = Replay(self._start, self._feed)
 
@@ -74,17 +74,17 @@ class SACBandit(Stored, ValueBased):
             "entropy": self._entropy,
         }
 
-    def _propose(self, ledger: Ledger) -> Float[np.ndarray, " n"]:
-        index = ledger.answered
+    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+        index = history.answered
         if index < self.n_init:
             z = latin_hypercube(self.space, self.n_init, self._seed)[index]
         else:
-            model = self._replay.at(ledger)
+            model = self._replay.at(history)
             with torch_seeded(self._seed, index, 1):
                 action, _ = model.policy.predict(OBSERVATION[0], deterministic=False)
             z = sample(action)
         rng = np.random.default_rng([self._seed, index])
-        return Tried(self.space, ledger).fresh(z, rng)
+        return Tried(self.space, history).fresh(z, rng)
 
     def _start(self) -> Any:
         with torch_seeded(self._seed, 0, 0):
@@ -100,13 +100,13 @@ class SACBandit(Stored, ValueBased):
             )
         return silent(model)
 
-    def _feed(self, model: Any, ledger: Ledger) -> None:
-        scored, values = ledger.scores()
-        if ledger.comparisons[-1].value is not None:
-            taken = actions(ledger.cube()[scored[-1:]])
+    def _feed(self, model: Any, history: History) -> None:
+        scored, values = history.scores()
+        if history.comparisons[-1].value is not None:
+            taken = actions(history.cube()[scored[-1:]])
             end = np.ones(1)
             model.replay_buffer.add(OBSERVATION, OBSERVATION, taken, np.zeros(1), end, [{}])
             model.replay_buffer.rewards[: len(scored), 0] = rewards(values)
-        if ledger.answered >= self.n_init and len(scored):
-            with torch_seeded(self._seed, ledger.answered, 2):
+        if history.answered >= self.n_init and len(scored):
+            with torch_seeded(self._seed, history.answered, 2):
                 model.train(self._gradient_steps, model.batch_size)

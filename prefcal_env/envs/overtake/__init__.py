@@ -5,23 +5,24 @@
 
 from typing import TYPE_CHECKING, Any
 
-from prefcal_env.envs.overtake.course import Course as Course
-from prefcal_env.envs.overtake.drive import Mishap as Mishap
-from prefcal_env.envs.overtake.options import Car as Car
-from prefcal_env.envs.overtake.options import OvertakeOptions as OvertakeOptions
-from prefcal_env.envs.overtake.options import dynamic_car as dynamic_car
-from prefcal_env.envs.overtake.options import slipping_car as slipping_car
-from prefcal_env.envs.overtake.random_traffic import RandomTraffic as RandomTraffic
-from prefcal_env.envs.overtake.traffic import Driver as Driver
-from prefcal_env.envs.overtake.traffic import Obstacle as Obstacle
+from prefcal_env.envs.overtake.road.options import Car as Car
+from prefcal_env.envs.overtake.road.options import OvertakeOptions as OvertakeOptions
+from prefcal_env.envs.overtake.road.options import dynamic_car as dynamic_car
+from prefcal_env.envs.overtake.road.options import slipping_car as slipping_car
+from prefcal_env.envs.overtake.road.random_traffic import RandomTraffic as RandomTraffic
+from prefcal_env.envs.overtake.road.traffic import Driver as Driver
+from prefcal_env.envs.overtake.road.traffic import Obstacle as Obstacle
+
+from .course import Course as Course
+from .drive import Mishap as Mishap
 
 if TYPE_CHECKING:
-    from prefcal_env.envs.overtake.env import OvertakeEnv as OvertakeEnv
+    from .env import OvertakeEnv as OvertakeEnv
 
 
 def __getattr__(name: str) -> Any:
     if name != "OvertakeEnv":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from prefcal_env.envs.overtake.env import OvertakeEnv
+    from .env import OvertakeEnv
 
     return OvertakeEnv

@@ -6,16 +6,17 @@ import numpy as np
 from gymnasium.utils import seeding
 from jaxtyping import Float
 
-from prefcal_env.control import Measurement
 from prefcal_env.envs.checks import known_options, number, vector
-from prefcal_env.envs.overtake.drive import ROAD_MARGIN, Mishap
-from prefcal_env.envs.overtake.episode import Driven, Episode
-from prefcal_env.envs.overtake.geometry import outside, overlap
-from prefcal_env.envs.overtake.options import OvertakeOptions
-from prefcal_env.envs.trajectory import Record
+from prefcal_env.envs.overtake.road.geometry import outside, overlap
+from prefcal_env.envs.overtake.road.options import OvertakeOptions
+from prefcal_env.envs.overtake.road.rules import T_S_RANGE
 from prefcal_env.errors import PlantError, ProtocolError
-from prefcal_env.experiment import Channels, End
-from prefcal_env.overtaking import T_S_RANGE
+from prefcal_env.experiments.control import Measurement
+from prefcal_env.experiments.experiment import Channels, End
+from prefcal_env.experiments.trajectory import Record
+
+from .drive import ROAD_MARGIN, Mishap
+from .episode import Driven, Episode
 
 DEFAULT_T_S = 0.1
 

@@ -7,9 +7,9 @@ from math import hypot
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.envs.overtake.contact import Times, first_contact, travel
-from prefcal_env.envs.overtake.geometry import REACH, Poses, outside
-from prefcal_env.envs.overtake.traffic import Mover, Obstacle
+from prefcal_env.envs.overtake.road.contact import Times, first_contact, travel
+from prefcal_env.envs.overtake.road.geometry import REACH, Poses, outside
+from prefcal_env.envs.overtake.road.traffic import Mover, Obstacle
 from prefcal_env.plants.plant import Plant
 
 SUB_STEP = 0.02

@@ -8,22 +8,23 @@ from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.vehicle import behavior
 from jaxtyping import Float
 
-from prefcal_env.control import Measurement
 from prefcal_env.envs.checks import check_render_mode, known_options, number, vector
-from prefcal_env.envs.overtake.course import Course
-from prefcal_env.envs.overtake.drive import Mishap
-from prefcal_env.envs.overtake.episode import Driven, Episode
-from prefcal_env.envs.overtake.options import OvertakeOptions, paper_scene
-from prefcal_env.envs.overtake.reward import MISHAP_COST, stage_cost
-from prefcal_env.envs.overtake.spaces import ACTION, OBSERVATION, action_of, observation_of
-from prefcal_env.envs.overtake.traffic import Driver
-from prefcal_env.envs.overtake.vehicles import CRASHED, OWN, road_of
-from prefcal_env.envs.overtake.viewer import RoadViewer
-from prefcal_env.envs.trajectory import Record
+from prefcal_env.envs.overtake.road.options import OvertakeOptions, paper_scene
+from prefcal_env.envs.overtake.road.rules import T_S_RANGE
+from prefcal_env.envs.overtake.road.traffic import Driver
+from prefcal_env.envs.overtake.road.vehicles import CRASHED, OWN, road_of
 from prefcal_env.errors import PlantError, SettingsError
-from prefcal_env.experiment import Channels, End
-from prefcal_env.overtaking import T_S_RANGE
+from prefcal_env.experiments.control import Measurement
+from prefcal_env.experiments.experiment import Channels, End
+from prefcal_env.experiments.trajectory import Record
 from prefcal_env.plants.plant import Plant
+
+from .course import Course
+from .drive import Mishap
+from .episode import Driven, Episode
+from .reward import MISHAP_COST, stage_cost
+from .spaces import ACTION, OBSERVATION, action_of, observation_of
+from .viewer import RoadViewer
 
 Array = np.ndarray[Any, Any]
 _FREQUENCIES = (1 / T_S_RANGE[1], 1 / T_S_RANGE[0])

@@ -6,16 +6,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.control import Measurement
-from prefcal_env.envs.overtake.contact import Times
-from prefcal_env.envs.overtake.drive import Mishap, Period, sub_steps
-from prefcal_env.envs.overtake.geometry import Poses
-from prefcal_env.envs.overtake.options import OvertakeOptions
-from prefcal_env.envs.overtake.signals import signals_of
-from prefcal_env.envs.overtake.traffic import Driver, Mover, Obstacle, rows
-from prefcal_env.envs.trajectory import Record, Trajectory
-from prefcal_env.experiment import Channels, End
-from prefcal_env.overtaking import KEEPING_SPEED, Phase, gap, next_phase
+from prefcal_env.envs.overtake.road.contact import Times
+from prefcal_env.envs.overtake.road.geometry import Poses
+from prefcal_env.envs.overtake.road.options import OvertakeOptions
+from prefcal_env.envs.overtake.road.rules import KEEPING_SPEED, Phase, gap, next_phase
+from prefcal_env.envs.overtake.road.traffic import Driver, Mover, Obstacle, rows
+from prefcal_env.experiments.control import Measurement
+from prefcal_env.experiments.experiment import Channels, End
+from prefcal_env.experiments.trajectory import Record, Trajectory
+
+from .drive import Mishap, Period, sub_steps
+from .signals import signals_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +68,7 @@ class Episode:
         self.simulation: Any = None
         if any(isinstance(vehicle, Driver) for vehicle in self.vehicles):
             # Here, not above: whoever meets no driver must not load highway-env.
-            from prefcal_env.envs.overtake.simulation import Simulation
+            from .simulation import Simulation
 
             self.simulation = Simulation(options, self.vehicles, self.x, rng)
             self.movers: tuple[Mover, ...] = self.simulation.movers

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.overtaking import (
+from prefcal_env.envs.overtake.road.rules import (
     KEEPING_SPEED,
     MIN_LATERAL_DISTANCE,
     OVERTAKING_SPEED,

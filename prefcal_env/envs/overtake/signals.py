@@ -5,10 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from prefcal_env.envs.overtake.contact import Times
-from prefcal_env.envs.overtake.geometry import Poses, lateral_distance, outside, separation
-from prefcal_env.envs.overtake.traffic import Mover
-from prefcal_env.overtaking import (
+from prefcal_env.envs.overtake.road.contact import Times
+from prefcal_env.envs.overtake.road.geometry import Poses, lateral_distance, outside, separation
+from prefcal_env.envs.overtake.road.rules import (
     KEEPING_SPEED,
     KEEPING_SPEEDS,
     LANE_WIDTH,
@@ -21,6 +20,7 @@ from prefcal_env.overtaking import (
     clearance,
     gap,
 )
+from prefcal_env.envs.overtake.road.traffic import Mover
 
 Signal = Float[np.ndarray, " K"]
 

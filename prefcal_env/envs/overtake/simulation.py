@@ -6,9 +6,9 @@ import numpy as np
 from highway_env.road.road import Road
 from jaxtyping import Float
 
-from prefcal_env.envs.overtake.options import OvertakeOptions
-from prefcal_env.envs.overtake.traffic import Driver, Mover, Obstacle, Track
-from prefcal_env.envs.overtake.vehicles import CourseVehicle, road_of
+from prefcal_env.envs.overtake.road.options import OvertakeOptions
+from prefcal_env.envs.overtake.road.traffic import Driver, Mover, Obstacle, Track
+from prefcal_env.envs.overtake.road.vehicles import CourseVehicle, road_of
 
 
 class Simulation:

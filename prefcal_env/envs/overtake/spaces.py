@@ -9,7 +9,7 @@ from highway_env.envs.common.observation import ObservationType, observation_fac
 from jaxtyping import Float
 
 from prefcal_env.envs.checks import vector
-from prefcal_env.envs.overtake.vehicles import OwnVehicle
+from prefcal_env.envs.overtake.road.vehicles import OwnVehicle
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.bicycle import KMH
 

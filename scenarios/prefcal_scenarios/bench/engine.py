@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
-from prefcal_scenarios.own_line import whole
+from prefcal_scenarios.own.own_line import whole
 
 T = TypeVar("T")
 Task = Callable[[], T]

@@ -10,10 +10,10 @@ from jaxtyping import Float
 
 from prefcal_env.calibrators import Flipping, LatentCost
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiment import Experiment
-from prefcal_env.knobs import KnobSpace
-from prefcal_env.preference import Answer, Calibrator, Preference
-from prefcal_scenarios.functions import FUNCTIONS, TestFunction
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.answer import Answer, Calibrator, Preference
+from prefcal_scenarios.cases.test_functions import FUNCTIONS, TestFunction
 from prefcal_scenarios.scenario import Scenario
 
 CSTR_BROAD = 0.69066
@@ -169,7 +169,7 @@ def _of_function(function: TestFunction) -> Problem:
 
 def _reactor() -> Problem:
     """The paper's reactor, judged by its index."""
-    from prefcal_scenarios.cstr.room import synthetic
+    from prefcal_scenarios.cases.cstr.scenario import synthetic
 
     referee = synthetic()
     return Problem(
@@ -189,7 +189,7 @@ def _guidelines() -> Problem:
     Answers by the guidelines do not follow the index, so the index cannot score their result:
     the returned θ are compared with each other by the guidelines, as in the overtaking.
     """
-    from prefcal_scenarios.cstr.room import lexicographic
+    from prefcal_scenarios.cases.cstr.scenario import lexicographic
 
     referee = lexicographic()
     scenario = _cstr()
@@ -208,14 +208,14 @@ def _guidelines() -> Problem:
 
 
 def _cstr() -> Scenario:
-    from prefcal_scenarios.cstr import cstr  # loads solvers
+    from prefcal_scenarios.cases.cstr import cstr  # loads solvers
 
     return cstr
 
 
 def _run_reactor(theta: Float[np.ndarray, " 3"]) -> Outcome:
     """Run one experiment of the reactor, with its index and its KPIs."""
-    from prefcal_scenarios.outcomes import outcome
+    from prefcal_scenarios.kpis import outcome
 
     scenario = _cstr()
     experiment = scenario.run(theta)
@@ -226,9 +226,9 @@ def _run_reactor(theta: Float[np.ndarray, " 3"]) -> Outcome:
 
 def _overtaking() -> Problem:
     """The paper's overtaking: criteria in their order, and no cost."""
-    from prefcal_scenarios.outcomes import outcome
-    from prefcal_scenarios.overtake import overtake as scenario
-    from prefcal_scenarios.overtake.criteria import synthetic
+    from prefcal_scenarios.cases.overtake import overtake as scenario
+    from prefcal_scenarios.cases.overtake.criteria import synthetic
+    from prefcal_scenarios.kpis import outcome
 
     def run(theta: Float[np.ndarray, " 5"]) -> Outcome:
         experiment = scenario.run(theta)

@@ -14,9 +14,9 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
-from prefcal_env.knobs import Knob, KnobSpace
-from prefcal_scenarios.nearest import did_you_mean
-from prefcal_scenarios.own_file import module_at
+from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_scenarios.own.own_file import module_at
 
 Kind = Literal["preference", "value"]
 Make = Callable[[KnobSpace, int, int, int], Any]

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.threads import one_thread
+from prefcal_agents.support.threads import one_thread
 from prefcal_env.errors import BenchmarkError, MissingExtraError, ProtocolError, SettingsError
-from prefcal_env.preference import Answer, Query, Suggestion
+from prefcal_env.preferences.answer import Answer, Query, Suggestion
 
 from .cell import Cell
 from .problems import Judge, Outcome, Problem, prefer, problem

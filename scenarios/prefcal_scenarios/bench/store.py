@@ -15,7 +15,7 @@ from uuid import uuid4
 import msgspec
 
 from prefcal_env.errors import BenchmarkError, PrefcalError
-from prefcal_scenarios.report.folder import folder_for
+from prefcal_scenarios.app.presentation.folder import folder_for
 
 from .cell import FORMAT, Cell, canonical, read_as
 from .duels import Duel, Round

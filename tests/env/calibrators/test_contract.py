@@ -14,7 +14,7 @@ from prefcal_env.calibrators import (
     Lexicographic,
     Thurstone,
 )
-from prefcal_scenarios.cstr import cstr
+from prefcal_scenarios.cases.cstr import cstr
 from support.short_runs import final_level
 
 SUBJECTS: dict[str, Any] = {

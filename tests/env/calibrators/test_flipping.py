@@ -7,7 +7,7 @@ import pytest
 
 from prefcal_env.calibrators import Flipping, LatentCost
 from prefcal_env.errors import SettingsError
-from prefcal_env.preference import Answer, Preference, Strength
+from prefcal_env.preferences.answer import Answer, Preference, Strength
 
 SURE = LatentCost(lambda one: one.cost)
 

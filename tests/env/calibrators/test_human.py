@@ -4,7 +4,7 @@ import pytest
 
 from prefcal_env import HumanCalibrator
 from prefcal_env.errors import PreferenceError, SettingsError
-from prefcal_env.preference import Answer, Calibrator, Mark, Preference
+from prefcal_env.preferences.answer import Answer, Calibrator, Mark, Preference
 from support.short_runs import short_run
 
 NEW, BEST = short_run([0.1], value=1.0), short_run([0.2], value=2.0)

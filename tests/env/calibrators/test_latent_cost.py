@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from prefcal_env.calibrators import BradleyTerry, LatentCost, Thurstone
 from prefcal_env.errors import SettingsError
-from prefcal_env.preference import Answer, Preference, Strength
+from prefcal_env.preferences.answer import Answer, Preference, Strength
 from support.short_runs import final_level, short_run
 
 LOW, HIGH = short_run([1.0], value=1.0), short_run([2.0], value=1.3)

@@ -5,8 +5,8 @@ import pytest
 
 from prefcal_env.calibrators import Criterion, Lexicographic
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiment import End
-from prefcal_env.preference import Preference
+from prefcal_env.experiments.experiment import End
+from prefcal_env.preferences.answer import Preference
 from support.short_runs import final_level, short_run
 
 LEVEL = Criterion("level", final_level, just_noticeable=0.5)

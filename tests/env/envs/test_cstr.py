@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from prefcal_env.envs.cstr import cstr_env, settled, stage_cost, unsafe
 from prefcal_env.envs.task import Step
-from prefcal_env.experiment import End
+from prefcal_env.experiments.experiment import End
 from prefcal_env.plants import CSTR
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from prefcal_env.envs import PlantEnv, Task
 from prefcal_env.envs.fit import observed_of
 from prefcal_env.errors import PlantError, ProtocolError, SettingsError
-from prefcal_env.experiment import Channel, End
+from prefcal_env.experiments.experiment import Channel, End
 from prefcal_env.plants import FunctionPlant
 from support.tank import INFLOW, LEVEL, RAIN, TANK, tank_env, tank_task
 

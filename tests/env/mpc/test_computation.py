@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_env.control import Measurement
 from prefcal_env.errors import SettingsError
+from prefcal_env.experiments.control import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings
 from prefcal_env.mpc.computation import Processor, StepSize, measured
 from prefcal_env.plants.bicycle import Bicycle

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_env.control import Measurement
 from prefcal_env.errors import PlantError, SettingsError
+from prefcal_env.experiments.control import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings
 from prefcal_env.plants.cstr import CSTR, FEED
 from prefcal_env.qp import Tolerances

@@ -30,11 +30,11 @@ def test_a_disturbance_of_an_output_is_added_to_it_and_changes_nothing_else():
 def test_a_disturbance_of_an_input_is_a_different_input():
     plant, x, u = Bicycle(), np.array([1.0, 0.5, 0.1]), np.array([14.0, 0.05])
     disturbed, w, times = Disturbed(plant, on_inputs=(1,)), np.array([0.02]), np.array([0.1, 0.2])
-    steered = u + np.array([0.0, 0.02])
+    penalized = u + np.array([0.0, 0.02])
     np.testing.assert_array_equal(disturbed.hold(x, u, w, times),
-                                  plant.hold(x, steered, np.zeros(0), times))  # fmt: skip
+                                  plant.hold(x, penalized, np.zeros(0), times))  # fmt: skip
     np.testing.assert_array_equal(disturbed.jacobians(x, u, w).B,
-                                  plant.jacobians(x, steered, np.zeros(0)).B)  # fmt: skip
+                                  plant.jacobians(x, penalized, np.zeros(0)).B)  # fmt: skip
 
 
 def test_augmented_its_jacobians_are_those_of_its_equations():

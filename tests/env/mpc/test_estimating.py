@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_env.control import Measurement
 from prefcal_env.envs.cstr import TARGET, cstr_task
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.errors import SettingsError
-from prefcal_env.experiment import Channel
+from prefcal_env.experiments.control import Measurement
+from prefcal_env.experiments.experiment import Channel
+from prefcal_env.experiments.rollout import rollout
 from prefcal_env.mpc import (
     DisturbanceEstimator,
     EstimatingMPC,
@@ -20,7 +21,6 @@ from prefcal_env.mpc import (
 from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.plants.cstr import CSTR, FEED, CSTRParams
 from prefcal_env.plants.function_plant import FunctionPlant
-from prefcal_env.rollout import rollout
 
 MPC = MPCSettings(
     T_s=0.31, N_p=26, N_u=9, Q_y=[[0, 0], [0, 1]], Q_du=[[10**-1.79]],

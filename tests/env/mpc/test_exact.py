@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 import pytest
 
-from prefcal_env.control import Measurement
+from prefcal_env.experiments.control import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings, control_horizon
 from prefcal_env.plants.cstr import CSTR, FEED
 from prefcal_env.qp import BACKENDS
@@ -108,15 +108,15 @@ def test_campaign_the_move_is_right_over_the_whole_grid(backend):
 def test_the_reference_agrees_with_plain_numbers_where_plain_numbers_do():
     """A short horizon is well conditioned: a dense float QP may check the 300 digits."""
     mpc = settings(0.25, 6, -0.91)
-    (x, u), minimiser = VISITED[20], None
+    (x, u), search = VISITED[20], None
     problem = with_precision(single_input_problem, PLANT, x, u, FEED, TARGET, mpc)
-    minimiser = np.array([float(v) for v in with_precision(minimise, problem, np.zeros(mpc.N_u))])
+    search = np.array([float(v) for v in with_precision(minimise, problem, np.zeros(mpc.N_u))])
     H, h = problem.H.astype(float), problem.h.astype(float)
     G, g = problem.G.astype(float), problem.g.astype(float)
-    assert np.all(G @ minimiser <= g + 1e-9)
+    assert np.all(G @ search <= g + 1e-9)
     rng = np.random.default_rng(0)
-    value = minimiser @ H @ minimiser / 2 + h @ minimiser
+    value = search @ H @ search / 2 + h @ search
     for _ in range(200):  # no feasible neighbour is better
-        z = minimiser + rng.normal(scale=0.05, size=len(minimiser))
+        z = search + rng.normal(scale=0.05, size=len(search))
         if np.all(G @ z <= g):
             assert z @ H @ z / 2 + h @ z >= value - 1e-9

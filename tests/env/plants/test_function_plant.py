@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from prefcal_env.errors import PlantError
-from prefcal_env.experiment import Channel
+from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants import CSTR, FunctionPlant
 
 X = (Channel("angle", "rad"), Channel("speed", "rad/s"))

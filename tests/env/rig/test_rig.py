@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
-from prefcal_env.experiment import Channel, Channels, End
+from prefcal_env.experiments.experiment import Channel, Channels, End
 from prefcal_env.rig import Rig
 
 CHANNELS = Channels(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import KnobError, SettingsError
-from prefcal_env.preference import Preference
+from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.bench.problems import (
     CALIBRATORS,
     CSTR_BROAD,
@@ -18,7 +18,7 @@ from prefcal_scenarios.bench.problems import (
     prefer,
     problem,
 )
-from prefcal_scenarios.functions import FUNCTIONS
+from prefcal_scenarios.cases.test_functions import FUNCTIONS
 
 BEST_KNOWN = Path(__file__).parents[3] / "benchmarks" / "reactor_index.csv"
 EACH = pytest.mark.parametrize("name", PROBLEMS)

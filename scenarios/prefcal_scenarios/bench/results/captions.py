@@ -6,10 +6,11 @@ import numpy as np
 import pandas as pd
 
 from prefcal_scenarios.bench.duels import PAPER
-from prefcal_scenarios.bench.results.duelling import Tally
-from prefcal_scenarios.bench.results.profiles import Profiles
-from prefcal_scenarios.bench.results.ranking import Ranking
-from prefcal_scenarios.bench.results.words import percent, probability, short
+
+from .duelling import Tally
+from .profiles import Profiles
+from .ranking import Ranking
+from .words import percent, probability, short
 
 RANKING = (
     "Agents ranked on each problem by the median of their gaps at the end, over the seeds that all "

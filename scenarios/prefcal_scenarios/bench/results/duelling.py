@@ -8,8 +8,9 @@ import pandas as pd
 
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench.duels import PAPER, Duel
-from prefcal_scenarios.bench.results.statistics import CONFIDENCE
 from prefcal_scenarios.bench.roster import in_order
+
+from .statistics import CONFIDENCE
 
 _PAIR = ["problem", "calibrator", "agent", "rival"]
 

@@ -4,14 +4,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from prefcal_scenarios.bench.results.campaign import Campaign, Regime
-from prefcal_scenarios.bench.results.missing import beaten, failures, in_holes, missing, not_run
-from prefcal_scenarios.bench.results.pictures import Material, Shown
-from prefcal_scenarios.bench.results.rows import Choices
-from prefcal_scenarios.bench.results.tables import duels, failed, numbers, overview
-from prefcal_scenarios.bench.results.words import regime_name, short
-from prefcal_scenarios.export import versions
-from prefcal_scenarios.report.html import environment
+from prefcal_scenarios.app.report.export import versions
+from prefcal_scenarios.app.report.html import environment
+
+from .campaign import Campaign, Regime
+from .missing import beaten, failures, in_holes, missing, not_run
+from .pictures import Material, Shown
+from .rows import Choices
+from .tables import duels, failed, numbers, overview
+from .words import regime_name, short
 
 
 @dataclass(frozen=True, slots=True)

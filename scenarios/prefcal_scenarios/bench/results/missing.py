@@ -6,8 +6,9 @@ import numpy as np
 import pandas as pd
 
 from prefcal_scenarios.bench.problems import HOLES
-from prefcal_scenarios.bench.results.campaign import Campaign, Regime
-from prefcal_scenarios.bench.results.words import problem_name, regime_name, seeds_text, short
+
+from .campaign import Campaign, Regime
+from .words import problem_name, regime_name, seeds_text, short
 
 HOLE_SLACK = 1e-3
 """A gap further below 0 than this lies in a hole; a best known value may be that wrong itself."""

@@ -10,14 +10,15 @@ from itertools import groupby
 import pandas as pd
 from matplotlib.figure import Figure
 
-from prefcal_scenarios.bench.results import captions, figures
-from prefcal_scenarios.bench.results.campaign import Campaign, Regime
-from prefcal_scenarios.bench.results.duelling import Tally
-from prefcal_scenarios.bench.results.figures import Look, looks
-from prefcal_scenarios.bench.results.profiles import Profiles, profiles
-from prefcal_scenarios.bench.results.ranking import Ranking, rank
-from prefcal_scenarios.bench.results.words import regime_name
-from prefcal_scenarios.report.style import save, style
+from prefcal_scenarios.app.presentation.style import save, style
+
+from . import captions, figures
+from .campaign import Campaign, Regime
+from .duelling import Tally
+from .figures import Look, looks
+from .profiles import Profiles, profiles
+from .ranking import Ranking, rank
+from .words import regime_name
 
 
 @dataclass(frozen=True, slots=True)

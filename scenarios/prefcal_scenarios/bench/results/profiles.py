@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_scenarios.bench.results.campaign import Campaign, Regime
-from prefcal_scenarios.bench.results.ranking import common
-from prefcal_scenarios.bench.results.statistics import FLOOR
+from .campaign import Campaign, Regime
+from .ranking import common
+from .statistics import FLOOR
 
 TOLERANCES = (1e-1, 1e-2, 1e-3)
 

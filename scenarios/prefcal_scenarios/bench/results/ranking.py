@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_scenarios.bench.results.campaign import Campaign, Regime
-from prefcal_scenarios.bench.results.statistics import FLOOR
+from .campaign import Campaign, Regime
+from .statistics import FLOOR
 
 SIGNIFICANCE = 0.05
 

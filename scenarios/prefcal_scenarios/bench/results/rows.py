@@ -11,15 +11,10 @@ import pandas as pd
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench.problems import HOLES
 from prefcal_scenarios.bench.result import Result
-from prefcal_scenarios.bench.results.campaign import HUGE, Campaign, campaign_of
-from prefcal_scenarios.bench.results.missing import in_hole
-from prefcal_scenarios.bench.results.statistics import (
-    FLOOR,
-    Average,
-    difference,
-    holm,
-    quartiles,
-)
+
+from .campaign import HUGE, Campaign, campaign_of
+from .missing import in_hole
+from .statistics import FLOOR, Average, difference, holm, quartiles
 
 BASELINE = "GLISp"
 _COLUMNS = (

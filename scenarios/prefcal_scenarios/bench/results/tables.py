@@ -6,18 +6,11 @@ from typing import Any
 
 import pandas as pd
 
-from prefcal_scenarios.bench.results.campaign import Campaign, Regime
-from prefcal_scenarios.bench.results.duelling import Tally
-from prefcal_scenarios.bench.results.ranking import SIGNIFICANCE
-from prefcal_scenarios.bench.results.rows import Choices
-from prefcal_scenarios.bench.results.words import (
-    percent,
-    probability,
-    regime_name,
-    row_texts,
-    score,
-    short,
-)
+from .campaign import Campaign, Regime
+from .duelling import Tally
+from .ranking import SIGNIFICANCE
+from .rows import Choices
+from .words import percent, probability, regime_name, row_texts, score, short
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,21 +10,16 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from prefcal_scenarios.app.presentation.wording import printable
 from prefcal_scenarios.bench.duels import PAPER, Duel
 from prefcal_scenarios.bench.result import Result
-from prefcal_scenarios.bench.results.campaign import Campaign, Regime, campaign_of
-from prefcal_scenarios.bench.results.duelling import Tally, tallies
-from prefcal_scenarios.bench.results.missing import failures, in_holes, missing
-from prefcal_scenarios.bench.results.ranking import SIGNIFICANCE
-from prefcal_scenarios.bench.results.rows import BASELINE, Choices, rows_of
-from prefcal_scenarios.bench.results.words import (
-    percent,
-    probability,
-    regime_name,
-    row_texts,
-    short,
-)
-from prefcal_scenarios.report.wording import printable
+
+from .campaign import Campaign, Regime, campaign_of
+from .duelling import Tally, tallies
+from .missing import failures, in_holes, missing
+from .ranking import SIGNIFICANCE
+from .rows import BASELINE, Choices, rows_of
+from .words import percent, probability, regime_name, row_texts, short
 
 _MOST = 5
 """Lines of what is missing or failed; the page has them all."""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from itertools import groupby
 from typing import Any
 
-from prefcal_scenarios.bench.results.campaign import HUGE, Campaign, Regime
+from .campaign import HUGE, Campaign, Regime
 
 
 def short(value: float | None) -> str:

@@ -4,12 +4,13 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from prefcal_scenarios.app.presentation.folder import folder_for, put
 from prefcal_scenarios.bench.duels import Duel
 from prefcal_scenarios.bench.result import Result
-from prefcal_scenarios.bench.results.campaign import campaign_of
-from prefcal_scenarios.bench.results.duelling import duel_table, tallies
-from prefcal_scenarios.bench.results.rows import BASELINE, Choices, as_csv, plain, rows_of
-from prefcal_scenarios.report.folder import folder_for, put
+
+from .campaign import campaign_of
+from .duelling import duel_table, tallies
+from .rows import BASELINE, Choices, as_csv, plain, rows_of
 
 _OURS = re.compile(r"(ranking|gaps|profiles|questions|duels|seconds)(-[\w.-]+)?\.png")
 
@@ -54,8 +55,8 @@ def _write(
     origin: tuple[str, str, tuple[str, ...]],
 ) -> Path:
     # Imported here: a table alone does not have to wait for the plots.
-    from prefcal_scenarios.bench.results.html import Origin, page
-    from prefcal_scenarios.bench.results.pictures import Material, draw
+    from .html import Origin, page
+    from .pictures import Material, draw
 
     campaign = campaign_of(results)
     material = Material(campaign, rows_of(campaign, choices), tallies(duels), choices.floor)

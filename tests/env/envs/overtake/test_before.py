@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from prefcal_env.envs.overtake import Course, OvertakeEnv
-from prefcal_env.rollout import rollout
-from prefcal_scenarios.overtake import indicators
-from prefcal_scenarios.overtake.tuning import STEERING_LIMITS, controller
+from prefcal_env.experiments.rollout import rollout
+from prefcal_scenarios.cases.overtake import indicators
+from prefcal_scenarios.cases.overtake.controller import STEERING_LIMITS, controller
 
 BEFORE = np.load(Path(__file__).parent / "before.npz")
 NAMES = ("paper_step", "slow_step")

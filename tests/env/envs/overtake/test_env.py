@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from prefcal_env.control import Move
 from prefcal_env.envs.overtake import (
     Car,
     Course,
@@ -19,9 +18,10 @@ from prefcal_env.envs.overtake import (
     slipping_car,
 )
 from prefcal_env.errors import PlantError, ProtocolError, SettingsError
-from prefcal_env.experiment import End
+from prefcal_env.experiments.control import Move
+from prefcal_env.experiments.experiment import End
+from prefcal_env.experiments.rollout import rollout
 from prefcal_env.plants.bicycle import KMH
-from prefcal_env.rollout import rollout
 
 sampling_times = st.floats(0.085, 0.5)
 LEFT = {"x0": (0.0, 3.0, 0.0)}

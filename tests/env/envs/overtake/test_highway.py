@@ -8,9 +8,9 @@ from highway_env.vehicle.behavior import IDMVehicle
 from highway_env.vehicle.kinematics import Vehicle
 
 from prefcal_env.envs.overtake import Course, Mishap, Obstacle, OvertakeEnv
-from prefcal_env.envs.overtake.vehicles import CourseVehicle, OwnVehicle
+from prefcal_env.envs.overtake.road.vehicles import CourseVehicle, OwnVehicle
 from prefcal_env.errors import PlantError, SettingsError
-from prefcal_env.experiment import End
+from prefcal_env.experiments.experiment import End
 from prefcal_env.plants.bicycle import KMH, Bicycle
 
 TRAFFIC = {

@@ -5,7 +5,7 @@ import pygame
 import pytest
 
 from prefcal_env.envs.overtake import Obstacle, OvertakeEnv
-from prefcal_env.envs.overtake.vehicles import CRASHED, OTHER, OWN
+from prefcal_env.envs.overtake.road.vehicles import CRASHED, OTHER, OWN
 from prefcal_env.plants.bicycle import KMH
 
 SIZE = (960, 176)

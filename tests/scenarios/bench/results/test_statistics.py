@@ -6,13 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_env.errors import SettingsError
-from prefcal_scenarios.bench.results.statistics import (
-    FLOOR,
-    difference,
-    holm,
-    logarithm,
-    quartiles,
-)
+from prefcal_scenarios.bench.results.statistics import FLOOR, difference, holm, logarithm, quartiles
 
 GAPS = st.floats(0, 1e3)
 PAIRS = st.lists(st.tuples(GAPS, GAPS), min_size=1, max_size=8)

@@ -6,13 +6,7 @@ from hypothesis import strategies as st
 
 from prefcal_scenarios.bench.results.campaign import HUGE, Regime
 from prefcal_scenarios.bench.results.pictures import file_names
-from prefcal_scenarios.bench.results.words import (
-    probability,
-    ratio,
-    regime_name,
-    seeds_text,
-    short,
-)
+from prefcal_scenarios.bench.results.words import probability, ratio, regime_name, seeds_text, short
 
 
 @pytest.mark.parametrize(

@@ -10,20 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
+from prefcal_scenarios.app.presentation.style import GRID
 from prefcal_scenarios.bench.results.campaign import HUGE, Campaign, Regime
-from prefcal_scenarios.bench.results.figures.drawing import (
-    Look,
-    drawn,
-    gap_axis,
-    line_options,
-    markers,
-    name_agents,
-    panels,
-)
 from prefcal_scenarios.bench.results.profiles import Profiles
 from prefcal_scenarios.bench.results.statistics import FLOOR
 from prefcal_scenarios.bench.results.words import problem_name
-from prefcal_scenarios.report.style import GRID
+
+from .drawing import Look, drawn, gap_axis, line_options, markers, name_agents, panels
 
 _FEW = 3
 """Most agents whose bands can overlap and still be seen."""

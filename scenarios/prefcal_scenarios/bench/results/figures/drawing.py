@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
+from prefcal_scenarios.app.presentation.style import BEST, FIRST, GOOD, OTHERS, canvas
+from prefcal_scenarios.app.presentation.wording import printable
 from prefcal_scenarios.bench.results.campaign import HUGE
 from prefcal_scenarios.bench.roster import in_order
-from prefcal_scenarios.report.style import BEST, FIRST, GOOD, OTHERS, canvas
-from prefcal_scenarios.report.wording import printable
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,13 +8,14 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
+from prefcal_scenarios.app.presentation.style import FAINT, INK, canvas
 from prefcal_scenarios.bench.duels import PAPER
 from prefcal_scenarios.bench.results.duelling import Tally
-from prefcal_scenarios.bench.results.figures.drawing import Look, drawn
 from prefcal_scenarios.bench.results.ranking import Ranking
 from prefcal_scenarios.bench.results.words import percent
 from prefcal_scenarios.bench.roster import in_order
-from prefcal_scenarios.report.style import FAINT, INK, canvas
+
+from .drawing import Look, drawn
 
 DUEL = LinearSegmentedColormap.from_list(
     "duel", ["#b54f06", "#f0ab7a", "#f6f7f9", "#9cc3ea", "#0a5bad"]

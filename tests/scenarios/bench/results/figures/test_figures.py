@@ -7,6 +7,7 @@ import pytest
 from matplotlib.colors import to_hex
 from PIL import Image
 
+from prefcal_scenarios.app.presentation.style import save, style
 from prefcal_scenarios.bench.duels import PAPER
 from prefcal_scenarios.bench.results import figures
 from prefcal_scenarios.bench.results.campaign import campaign_of
@@ -14,7 +15,6 @@ from prefcal_scenarios.bench.results.duelling import tallies
 from prefcal_scenarios.bench.results.figures.drawing import drawn, looks
 from prefcal_scenarios.bench.results.profiles import profiles
 from prefcal_scenarios.bench.results.ranking import rank
-from prefcal_scenarios.report.style import save, style
 from support.campaigns import duel, ends, grid, result
 
 FACTORS = {"GLISp": 1.0, "Own": 3.0, "RandomSearch": 100.0}

@@ -1,0 +1,61 @@
+"""Expected improvement: how much a θ is expected to lower the best value, sure or not."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.models.gaussian_process import GaussianProcess
+from prefcal_agents.models.interpolant import normalised
+from prefcal_agents.models.surrogate import Composite, Surrogate
+
+_CEILING = 2.0  # see `normalised`: what is far worse than most must not flatten the rest
+_FAR = -1e3  # standard deviations; farther down the difference of two numbers near 1 is lost
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedImprovement:
+    """-log of what a θ is expected to gain, which is to be minimised.
+
+    Source: D. R. Jones, M. Schonlau, W. J. Welch, "Efficient global optimization of expensive
+    black-box functions", Journal of Global Optimization 13 (1998), equation 15; in logarithms,
+    since far from the best the gain itself is 0 in floating point.
+
+    Args:
+        process: What is known of Ĵ, as shares of its range over the samples.
+    """
+
+    process: GaussianProcess
+
+    @classmethod
+    def of(cls, surrogate: Surrogate | Composite) -> "ExpectedImprovement":
+        """That on the values which `surrogate` has at its centres, and so on all answers."""
+        values = normalised(surrogate(surrogate.centres), _CEILING)
+        return cls(GaussianProcess.through(surrogate.centres, values))
+
+    def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+        """-log EI at the rows of `z`, shape (m,)."""
+        mean, deviation = self.process(z)
+        return np.asarray(-np.log(deviation) - _log_gain(-mean / deviation)[0])
+
+    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Its gradient at one point, shape (n,)."""
+        mean, deviation, of_mean, of_deviation = self.process.slopes(z)
+        u = -mean / deviation  # the best sample has 0
+        of_u = -(of_mean + u * of_deviation) / deviation
+        return np.asarray(-of_deviation / deviation - _log_gain(np.array([u]))[1][0] * of_u)
+
+
+def _log_gain(
+    u: Float[np.ndarray, " m"],
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """log(φ(u) + u Φ(u)) and its slope, φ and Φ of the normal distribution."""
+    from scipy.special import erfcx, ndtr
+
+    above, below = np.maximum(u, -1.0), np.minimum(u, -1.0)
+    density = np.exp(-0.5 * above**2) / np.sqrt(2 * np.pi)
+    gain = density + above * ndtr(above)
+    ratio = np.sqrt(np.pi / 2) * erfcx(-below / np.sqrt(2))  # Φ/φ
+    rest = np.where(below < _FAR, below**-2.0, 1 + below * ratio)
+    tail = -0.5 * below**2 - 0.5 * np.log(2 * np.pi) + np.log(rest)
+    return np.where(u > -1, np.log(gain), tail), np.where(u > -1, ndtr(above) / gain, ratio / rest)

@@ -1,0 +1,90 @@
+"""The acquisition function: a low surrogate is good, a place far from all samples too."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.models.preference_gp import PreferenceGP
+from prefcal_agents.models.rbf import squared_distances
+from prefcal_agents.models.surrogate import Composite, Surrogate
+
+_NEAREST = 1e-75  # squares to 1e-150: the sum of inverses stays finite on a sample
+
+
+def exploration(d: Float[np.ndarray, "m N"]) -> Float[np.ndarray, " m"]:
+    """IDW distance z from all samples: 0 on a sample, below π/2 elsewhere, in radians.
+
+    Source: eq. IDW-distance with w = 1/d².
+    Deviation: none.
+
+    Args:
+        d: Squared distances (eq. distance) of m points to the N samples, shape (m, N).
+    """
+    with np.errstate(over="ignore"):
+        weights = np.sum(1 / np.maximum(d, _NEAREST) ** 2, axis=1)
+    return np.asarray(np.where(np.any(d == 0, axis=1), 0.0, np.arctan(1 / weights)))
+
+
+def exploration_gradient(
+    z: Float[np.ndarray, " n"], samples: Float[np.ndarray, "N n"]
+) -> Float[np.ndarray, " n"]:
+    """∂z/∂θ of eq. IDW-distance at one point of the cube, shape (n,); 0 on a sample."""
+    away = z - samples
+    d = np.sum(away * away, axis=1)
+    nearest = d.min()
+    if nearest < _NEAREST:
+        return np.zeros(len(z))
+    # With s = Σ d⁻² and arctan(1/s): the slope is -1/(1 + s²) times ∂s = Σ -2 d⁻³ · 2 away.
+    # Everything is taken relative to the nearest sample, where d⁻³ and s² would overflow.
+    ratio = nearest / d
+    s = np.sum(ratio**2)
+    return np.asarray((4 * nearest / (nearest**4 + s**2)) * (ratio**3 @ away))
+
+
+Learned = Surrogate | Composite | PreferenceGP
+
+
+@dataclass(frozen=True, slots=True)
+class Acquisition:
+    """a(θ) of eq. acquisition on the unit cube.
+
+    Args:
+        surrogate: Ĵ.
+        delta: δ, 0 or more.
+        spread: ΔĴ; 1 where the surrogate is flat (nothing is known, or all are ties).
+        tried: Samples that exploration keeps away from, unit cube, shape (N, n).
+    """
+
+    surrogate: Learned
+    delta: float
+    spread: float
+    tried: Float[np.ndarray, "N n"]
+
+    @classmethod
+    def of(
+        cls, surrogate: Learned, delta: float, tried: Float[np.ndarray, "N n"] | None = None
+    ) -> "Acquisition":
+        """Normalise `surrogate` by its range over the samples; all that were tried may be more."""
+        spread = surrogate.spread
+        tried = surrogate.centres if tried is None else tried
+        return cls(surrogate, delta, spread if spread > 0 else 1.0, tried)
+
+    def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+        """a at the rows of `z`, shape (m, n); shape (m,).
+
+        Source: eq. acquisition.
+        Deviation: none.
+        """
+        value = self.surrogate(z) / self.spread
+        if not self.delta:
+            return value
+        d = squared_distances(z, self.tried)
+        return np.asarray(value - self.delta * exploration(d))
+
+    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """∂a/∂z at one point of the cube, shape (n,)."""
+        slope = self.surrogate.gradient(z) / self.spread
+        if not self.delta:
+            return slope
+        return np.asarray(slope - self.delta * exploration_gradient(z, self.tried))

@@ -1,0 +1,196 @@
+"""Learn from the mark "unsafe": places that are likely unsafe repel the next sample.
+
+The mark "good enough" is recorded and reported, and changes no proposal: it gained nothing
+(docs/research/marks.md).
+
+Source: M. Zhu, D. Piga, A. Bemporad, "C-GLISp: Preference-based global optimization under unknown
+constraints with applications to controller calibration", IEEE Transactions on Control Systems
+Technology 30 (2022).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from prefcal_agents.glisp.settings import GLISpSettings
+from prefcal_agents.history.history import History
+from prefcal_agents.history.memory import MOST
+from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, squared_distances
+from prefcal_agents.optimize.search import Objective
+
+_RBF = RADIAL_FUNCTIONS["inverse_quadratic"]
+_LENGTHS = (0.1, 0.2, 0.4, 0.8)  # over which a mark counts, per knob; the likeliest is taken
+_JUDGED = 100  # samples, the last ones, that say which length is likeliest: enough, and quick
+_VARIANCE = 25.0  # of the log odds: a mark alone is believed to some 90 %
+_STEPS = 30  # of Newton's method; it takes about 7
+_RECENT = 20  # samples looked at last, whose unsafe ones make careful
+_RELAXED = 0.5  # share of the risk that is still taken after each of them
+POOL = 300  # random points among which a planned one that is likely unsafe is replaced
+
+
+@dataclass(frozen=True, slots=True)
+class SafetyModel:
+    """How likely a label is, as a function of the cube: a Gaussian process on the log odds.
+
+    Source: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning" (2006),
+    section 3.4: the mode of the posterior, whose log odds are Σ α_i φ + offset.
+    Deviation: the paper of C-GLISp interpolates labels by inverse distances. That does not see
+    an edge beyond the samples: marks then saved fewer unsafe experiments (docs/research/marks.md).
+
+    Args:
+        centres: K samples that were looked at, shape (K, n).
+        alpha: α, shape (K,).
+        offset: Log odds far from all of them.
+        length: Over which a label counts, above 0, in units of the cube per knob.
+    """
+
+    centres: Float[np.ndarray, "K n"]
+    alpha: Float[np.ndarray, " K"]
+    offset: float
+    length: float
+
+    @classmethod
+    def of(cls, samples: Float[np.ndarray, "K n"], labels: Bool[np.ndarray, " K"]) -> "SafetyModel":
+        """Learn from the labels of K samples, with the length that explains them best.
+
+        Of more than `MOST` samples those with the rarer label count, and the latest others.
+        """
+        # The share, with one of each kind added: labels of one kind alone prove nothing for ever.
+        offset = float(np.log((1 + np.sum(labels)) / (1 + np.sum(~labels))))
+        if len(labels) > MOST:
+            common = labels == (np.mean(labels) > 0.5)
+            kept = np.sort(np.lexsort((-np.arange(len(labels)), common))[:MOST])
+            samples, labels = samples[kept], labels[kept]
+        d = squared_distances(samples, samples) / samples.shape[1]
+        last = slice(max(len(labels) - _JUDGED, 0), None)
+        fits = [_mode(_kernel(d[last, last], at), labels[last], offset) for at in _LENGTHS]
+        best = max(range(len(fits)), key=lambda k: fits[k][1])
+        alpha, length = fits[best][0], _LENGTHS[best]
+        if len(alpha) < len(labels):
+            alpha = _mode(_kernel(d, length), labels, offset)[0]
+        return cls(samples, _VARIANCE * alpha, offset, length)
+
+    def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+        """Probability at the rows of `z`, shape (m, n); shape (m,)."""
+        phi = _kernel(squared_distances(z, self.centres) / z.shape[1], self.length)
+        return _logistic(self.offset + phi @ self.alpha)
+
+    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Its gradient at one point, shape (n,)."""
+        p = self(z[None])[0]
+        away = z - self.centres
+        per = self.length**2 * len(z)
+        slope = _RBF.slope(np.sum(away * away, axis=1) / per)
+        return np.asarray(p * (1 - p) * (2 / per) * ((self.alpha * slope) @ away))
+
+
+def _kernel(d: Float[np.ndarray, "m N"], length: float) -> Float[np.ndarray, "m N"]:
+    return np.asarray(_RBF.value(d / length**2))
+
+
+def _logistic(x: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    return np.asarray(0.5 * (1 + np.tanh(0.5 * x)))
+
+
+def _mode(
+    phi: Float[np.ndarray, "K K"], labels: Bool[np.ndarray, " K"], offset: float
+) -> tuple[Float[np.ndarray, " K"], float]:
+    """Slopes of the log likelihood at the mode, shape (K,), and the log evidence.
+
+    Source: Rasmussen and Williams, algorithm 3.1, started at 0.
+    """
+    from scipy.linalg import cho_factor, cho_solve  # takes a tenth of a second to import
+
+    kernel, sign = _VARIANCE * phi, np.where(labels, 1.0, -1.0)
+    f, a = np.zeros(len(labels)), np.zeros(len(labels))
+    for _ in range(_STEPS):
+        p = _logistic(offset + f)
+        w = p * (1 - p)
+        root = np.sqrt(w)
+        factor = cho_factor(np.eye(len(w)) + root[:, None] * kernel * root, lower=True)
+        b = w * f + labels - p
+        a = b - root * cho_solve(factor, root * (kernel @ b))
+        before, f = f, kernel @ a
+        if np.max(np.abs(f - before)) < 1e-6:
+            break
+    likelihood = -np.sum(np.logaddexp(0.0, -sign * (offset + f)))
+    return a, float(likelihood - 0.5 * a @ f - np.sum(np.log(np.diag(factor[0]))))
+
+
+@dataclass(frozen=True, slots=True)
+class Penalty:
+    """What a lack of `chance` costs: `weight` where it is 0, nothing from `least` on.
+
+    It is flat where all is well, so that there the acquisition alone decides: any slope of a
+    chance, however small, would keep the samples from converging to the optimum.
+    """
+
+    chance: SafetyModel
+    least: float
+    weight: float
+
+    def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+        """Cost at the rows of `z`, shape (m,)."""
+        return np.asarray(self.weight * np.maximum(1 - self.chance(z) / self.least, 0.0) ** 2)
+
+    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Its gradient at one point, shape (n,)."""
+        lack = max(1 - self.chance(z[None])[0] / self.least, 0.0)
+        return np.asarray(-2 * self.weight * lack / self.least * self.chance.gradient(z))
+
+
+@dataclass(frozen=True, slots=True)
+class Penalized:
+    """An acquisition, and what unsafe marks add to it.
+
+    Source: the acquisition of C-GLISp, with its term for feasibility.
+    Deviation: the term is squared beyond a threshold, not linear, see `Penalty`; there is none for
+    satisfaction.
+    """
+
+    acquisition: Objective
+    penalty: Penalty
+
+    def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+        """Values at the rows of `z`, shape (m,)."""
+        return np.asarray(self.acquisition(z) + self.penalty(z))
+
+    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Gradient at one point, shape (n,)."""
+        return np.asarray(self.acquisition.gradient(z) + self.penalty.gradient(z))
+
+
+def unsafe_penalty(history: History, settings: GLISpSettings) -> Penalty | None:
+    """Return the cost of likely unsafe places after `history`; None without unsafe samples.
+
+    Each unsafe one among the last few makes more careful: half the risk is taken after it.
+    """
+    marks = history.marks()
+    if not (settings.unsafe_weight and marks.unsafe.any()):
+        return None
+    recent = np.count_nonzero(marks.unsafe[-_RECENT:])
+    least = 1 - (1 - settings.least_safe) * _RELAXED**recent
+    return Penalty(SafetyModel.of(marks.samples, ~marks.unsafe), least, settings.unsafe_weight)
+
+
+def replaced(
+    planned: Float[np.ndarray, " n"],
+    others: Float[np.ndarray, "m n"],
+    pool: Float[np.ndarray, "k n"],
+    penalty: Penalty,
+) -> Float[np.ndarray, " n"]:
+    """Return `planned`, or the best of `pool` if `planned` is likely unsafe, shape (n,).
+
+    Far from all `others`, shape (m, n), is good, which is what the start of a study is for.
+    """
+    if penalty.chance(planned[None])[0] >= penalty.least:
+        return planned
+    apart = np.sqrt(squared_distances(pool, others).min(axis=1) / len(planned))
+    return np.asarray(pool[np.argmax(apart + penalty.chance(pool))])
+
+
+def penalized(acquisition: Objective, history: History, settings: GLISpSettings) -> Objective:
+    """Return `acquisition` with what unsafe marks in `history` add; itself without such marks."""
+    penalty = unsafe_penalty(history, settings)
+    return acquisition if penalty is None else Penalized(acquisition, penalty)

@@ -1,0 +1,1 @@
+"""Agents to compare GLISp with: GLIS, random search and Latin hypercube."""

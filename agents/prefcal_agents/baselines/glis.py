@@ -1,0 +1,119 @@
+"""GLIS: optimization of a known score, with radial basis functions and IDW exploration."""
+
+from typing import Any, ClassVar, final
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.acquisition.value_acquisition import ValueAcquisition
+from prefcal_agents.history.history import History
+from prefcal_agents.models.interpolant import Interpolant, best_interpolant, normalised
+from prefcal_agents.optimize.search import multistart
+from prefcal_agents.protocol.agent import ValueBased
+from prefcal_agents.protocol.session import Session
+from prefcal_agents.protocol.stored import Stored
+from prefcal_agents.space.design import Tried, encode_all, latin_hypercube
+from prefcal_agents.space.feasible import random_points, search_domain
+from prefcal_agents.space.start import Start
+from prefcal_agents.support.checks import integer
+from prefcal_agents.support.threads import one_thread
+from prefcal_env.errors import SettingsError
+from prefcal_env.knobs.knob import KnobSpace
+
+from .glis_settings import GLISSettings
+
+
+@final
+class GLIS(Stored, ValueBased):
+    """Optimize a score that is known after every experiment, to compare preferences with.
+
+    The first `n_init` samples are a Latin hypercube. Then the scores are interpolated, and the
+    acquisition of `ValueAcquisition` is minimized.
+
+    Source: Bemporad 2020 (see `inverse_distance`); section IV-A of the paper compares with it.
+    Deviation: those of `GLISSettings`, and a multistart descent in place of particle swarm.
+
+    Args:
+        space: The knobs.
+        n_init: Number of samples of the start, 1 or more.
+        n_max: Number of experiments.
+        seed: Seed of all randomness, 0 or more.
+        settings: All other settings.
+        start: Physical θ to begin with, the present tuning say, shape (n,), or several: they
+            take the place of the first of the `n_init` samples.
+
+    Raises:
+        SettingsError: an impossible value.
+        KnobError: a θ of `start` is outside the space.
+    """
+
+    version: ClassVar[int] = 1
+
+    def __init__(
+        self,
+        space: KnobSpace,
+        *,
+        n_init: int = 10,
+        n_max: int = 50,
+        seed: int = 0,
+        settings: GLISSettings | None = None,
+        start: Start | None = None,
+    ) -> None:
+        settings = GLISSettings() if settings is None else settings
+        if not isinstance(settings, GLISSettings):
+            raise SettingsError(f"settings must be GLISSettings, got {settings!r}")
+        integer("seed", seed, low=0)
+        self._seed, self._options = int(seed), settings
+        self._session = Session(space, n_init, n_max, self._propose, by_value=True, start=start)
+
+    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+        index, space = history.answered, self.space
+        rng = np.random.default_rng([self._seed, index])
+        tried = Tried(space, history)
+        if index < self.n_init:
+            return tried.fresh(latin_hypercube(space, self.n_init, self._seed)[index], rng)
+        if not len(history.scores()[0]):
+            return tried.fresh(random_points(space, 1, rng)[0], rng)
+        domain = search_domain(space, history)
+        with one_thread():
+            for z in multistart(self._acquisition(history), domain, rng):
+                if tried.may_run(z):
+                    return np.asarray(z)
+        return tried.fresh(domain.start, rng)
+
+    def _acquisition(self, history: History) -> ValueAcquisition:
+        interpolant, values = self._interpolant(history)
+        return ValueAcquisition(interpolant, values, self._options.alpha, self._options.delta)
+
+    def _interpolant(self, history: History) -> tuple[Interpolant, Float[np.ndarray, " K"]]:
+        scored, values = history.scores()
+        values = normalised(values, self._options.ceiling)
+        x = 2 * history.cube()[scored] - 1
+        options = self._options
+        return best_interpolant(x, values, options.epsilons, options.rbf), values
+
+    def _settings(self) -> dict[str, Any]:
+        return dict(self._options.pairs())
+
+    @classmethod
+    def _arguments(cls, saved: dict[str, Any]) -> dict[str, Any]:
+        return {"settings": GLISSettings.of(saved)}
+
+    @property
+    def settings(self) -> GLISSettings:
+        """All settings."""
+        return self._options
+
+    def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+        """Return the interpolated score at physical `thetas`, shape (m, n): shape (m,), no unit.
+
+        The best sample has 0 and the worst 1 (all above the ceiling of `settings` count as the
+        worst). All zeros while nothing is known.
+
+        Raises:
+            KnobError: `thetas` has another shape or leaves the box.
+        """
+        z = encode_all(self.space, thetas)
+        if not len(self._session.history.scores()[0]):
+            return np.zeros(len(z))
+        return self._interpolant(self._session.history)[0](2 * z - 1)

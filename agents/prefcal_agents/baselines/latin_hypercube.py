@@ -1,0 +1,53 @@
+"""One Latin hypercube of all experiments: spreads out, and learns nothing."""
+
+from typing import ClassVar, final
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.history.history import History
+from prefcal_agents.protocol.agent import PreferenceBased
+from prefcal_agents.protocol.session import Session
+from prefcal_agents.protocol.stored import Stored
+from prefcal_agents.space.design import Tried, latin_hypercube
+from prefcal_agents.space.start import Start
+from prefcal_agents.support.checks import integer
+from prefcal_env.knobs.knob import KnobSpace
+
+
+@final
+class LatinHypercube(Stored, PreferenceBased):
+    """Spread all `n_max` samples as one Latin hypercube, drawn from `seed` alone.
+
+    Args:
+        space: The knobs.
+        n_init: Part of the contract of all agents, without effect here; 1 or more.
+        n_max: Number of experiments, which take n_max - 1 comparisons.
+        seed: Seed of all randomness, 0 or more.
+        start: Physical θ to begin with, the present tuning say, shape (n,), or several.
+
+    Raises:
+        SettingsError: an impossible value.
+        KnobError: a θ of `start` is outside the space.
+    """
+
+    version: ClassVar[int] = 1
+
+    def __init__(
+        self,
+        space: KnobSpace,
+        *,
+        n_init: int = 10,
+        n_max: int = 50,
+        seed: int = 0,
+        start: Start | None = None,
+    ) -> None:
+        integer("seed", seed, low=0)
+        self._seed = int(seed)
+        self._session = Session(space, n_init, n_max, self._propose, start=start)
+
+    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+        index = history.answered
+        planned = latin_hypercube(self.space, self.n_max, self._seed)[index]
+        rng = np.random.default_rng([self._seed, index])
+        return Tried(self.space, history).fresh(planned, rng)

@@ -1,0 +1,199 @@
+"""GLISp: preference-based optimization with radial basis functions and IDW exploration."""
+
+from dataclasses import replace
+from typing import Any, ClassVar, final
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.history.agent_state import AgentState
+from prefcal_agents.history.history import History
+from prefcal_agents.models.learned_cost import LearnedCost
+from prefcal_agents.protocol.agent import PreferenceBased
+from prefcal_agents.protocol.rematch import final as final_question
+from prefcal_agents.protocol.session import Session
+from prefcal_agents.protocol.stored import Stored
+from prefcal_agents.space.design import encode_all
+from prefcal_agents.space.start import Start
+from prefcal_agents.support.checks import integer
+from prefcal_agents.support.threads import one_thread
+from prefcal_env.errors import SettingsError
+from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.qp import make_backend
+
+from .questions import follow_up
+from .selection import ModelSelection
+from .settings import GLISpSettings
+from .strategy import Setup, propose, propose_start
+from .training import Fit, train
+
+
+@final
+class GLISp(Stored, PreferenceBased):
+    """Learn from preferences which experiment to run next.
+
+    The first `n_init` samples are a Latin hypercube. Then Ĵ is trained on all preferences
+    (eq. QP-pref), ε is chosen by cross-validation, and an acquisition is minimized (eq. xNp1).
+
+    Source: section III of the paper.
+    Deviation: those of `GLISpSettings`. `GLISp.paper` is without them, and has three, all
+    measured in docs/deviations.md: the box (see `KnobSpace`), the plain Latin hypercube of the
+    start, and a multistart descent instead of a particle swarm.
+
+    Args:
+        space: The knobs.
+        n_init: Number of samples of the start, 1 or more.
+        n_max: Number of experiments, which take n_max - 1 comparisons.
+        seed: Seed of all randomness, 0 or more.
+        settings: All other settings.
+        start: Physical θ to begin with, the present tuning say, shape (n,), or several: they
+            take the place of the first of the `n_init` samples.
+        delta: δ of eq. acquisition instead of the one in `settings`; turns expected improvement
+            off, so that eq. acquisition is minimized.
+
+    Raises:
+        SettingsError: an impossible value.
+        KnobError: a θ of `start` is outside the space.
+    """
+
+    version: ClassVar[int] = 8
+
+    def __init__(
+        self,
+        space: KnobSpace,
+        *,
+        n_init: int = 10,
+        n_max: int = 50,
+        seed: int = 0,
+        settings: GLISpSettings | None = None,
+        delta: float | None = None,
+        start: Start | None = None,
+    ) -> None:
+        settings = GLISpSettings() if settings is None else settings
+        if not isinstance(settings, GLISpSettings):
+            raise SettingsError(f"settings must be GLISpSettings, got {settings!r}")
+        integer("seed", seed, low=0)
+        if delta is not None:
+            settings = replace(settings, delta=delta, expected_improvement=False)
+        self._options = settings
+        self._seed = int(seed)
+        self._setup = Setup(space, n_init, self._seed, settings)
+        # A backend of its own: twins may think ahead at the same time.
+        self._backend = make_backend("piqp")
+        self._models = ModelSelection(len(space), n_init, settings, self._seed, self._backend)
+        self._latest: Fit | None = None
+        self._session = Session(
+            space,
+            n_init,
+            n_max,
+            self._propose,
+            further=self._follow_up,
+            last=self._final,
+            start=start,
+        )
+
+    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+        with one_thread():
+            if history.answered < self._setup.n_init:
+                return propose_start(self._setup, history)
+            return propose(self._setup, self._fit(history))
+
+    def _follow_up(self, history: History) -> tuple[int, int] | None:
+        with one_thread():
+            return follow_up(history, self._models, self._options, self._backend)
+
+    def _final(self, history: History) -> tuple[int, int] | None:
+        # Without an error rate every answer is taken for right, as in the paper.
+        return final_question(history) if self._options.error_rate else None
+
+    def _fit(self, history: History) -> Fit:
+        """Return what is learned from `history`, once for each answer."""
+        if self._latest is None or self._latest.data.history != history:
+            selection = self._models.after(history)
+            data = self._models.dataset(history)
+            self._latest = train(data, selection, self._options, self._backend)
+        return self._latest
+
+    @classmethod
+    def paper(
+        cls,
+        space: KnobSpace,
+        *,
+        n_init: int = 10,
+        n_max: int = 50,
+        seed: int = 0,
+        start: Start | None = None,
+    ) -> "GLISp":
+        """Make an agent with the algorithm and settings of the paper, section IV.
+
+        Deviation: the box is [0, 1]^n, the start a plain Latin hypercube, and eq. xNp1 is solved
+        by the same multistart search as in the default, not by a particle swarm; see `GLISp`.
+        """
+        settings = GLISpSettings.paper()
+        return cls(space, n_init=n_init, n_max=n_max, seed=seed, settings=settings, start=start)
+
+    def _settings(self) -> dict[str, Any]:
+        return dict(self._options.pairs())
+
+    @classmethod
+    def _arguments(cls, saved: dict[str, Any]) -> dict[str, Any]:
+        return {"settings": GLISpSettings.of(saved)}
+
+    def copy(self) -> "GLISp":
+        """Return an independent twin that need not learn again, for running ahead on answers."""
+        return self._twin(self._snapshot())
+
+    def with_questions(self, most: int) -> "GLISp":
+        """Return a twin that asks at most `most` comparisons for each experiment from now on.
+
+        No answer is lost. An open query about a new experiment stays open; an open further one
+        is dropped if it would be one too many.
+
+        Raises:
+            SettingsError: `most` is not an integer of 1 or more.
+        """
+        settings = replace(self._options, questions_per_experiment=most)
+        return self._twin(replace(self._snapshot(), settings=settings.pairs()))
+
+    def _twin(self, state: AgentState) -> "GLISp":
+        twin = self.restore(self.space, state)
+        twin._models = self._models.copy(twin._options, twin._backend)
+        return twin
+
+    @property
+    def settings(self) -> GLISpSettings:
+        """All settings."""
+        return self._options
+
+    @property
+    def epsilon(self) -> float:
+        """ε of eq. rbf in use, after the answers so far."""
+        with one_thread():
+            return self._models.after(self._session.history).shape.epsilon
+
+    @property
+    def index(self) -> LearnedCost | None:
+        """Weighted sum of KPIs that explains the answers so far best, to look at or export.
+
+        None if no KPIs came with the answers, or nothing is learned from them.
+        """
+        with one_thread():
+            return LearnedCost.of(self._session.history, self._seed, self._backend)
+
+    def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+        """Return Ĵ/ΔĴ at physical `thetas`, shape (m, n), minus its smallest value on the samples.
+
+        The best sample has 0 and the worst 1: shape (m,), without unit, for plotting. All
+        zeros while nothing is known.
+
+        Raises:
+            KnobError: `thetas` has another shape or leaves the box.
+        """
+        z = encode_all(self.space, thetas)
+        if len(self._session.history.preferences()) == 0:
+            return np.zeros(len(z))
+        with one_thread():
+            learned = self._fit(self._session.history).surrogate
+        on_samples = learned(learned.centres)
+        spread = float(np.ptp(on_samples))
+        return np.asarray((learned(z) - on_samples.min()) / (spread if spread > 0 else 1.0))

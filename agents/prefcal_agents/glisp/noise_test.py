@@ -1,0 +1,107 @@
+"""Test whether some answers are wrong, and choose the shape of φ that suits such answers."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.history.history import Preferences
+from prefcal_agents.models.cross_validation import nearest
+from prefcal_agents.models.expectation_propagation import ExpectationPropagation
+from prefcal_agents.models.preference_qp import Constraints
+from prefcal_agents.models.surrogate import Shape
+
+from .schedule import MANY
+
+ALMOST_SURE = 0.003
+"""Error rate of a person who is hardly ever wrong; with 0 no surrogate might fit."""
+WINDOW = 10
+"""Number of tests that are averaged: for a moment, a cost that jumps looks like mistakes. By a
+single test calibrators of the reactor who never err were often called noisy, which cost
+experiments."""
+_ENOUGH = 1.0
+"""Gain in log probability (nats) from which on a difference counts."""
+_EPSILONS = (0.32, 0.56, 1.0, 1.8, 3.2, 5.6)
+_WIDEST = 16.0  # largest ratio between the scales of two knobs
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseTest:
+    """Result of comparing two explanations of the answers: some are wrong, or none is.
+
+    Args:
+        shape: Shape of φ that predicts the answers of a fallible person best.
+        evidence: Mean of the latest log likelihood ratios (nats); above 0 speaks for mistakes.
+    """
+
+    shape: Shape
+    evidence: float
+
+    @property
+    def suspects(self) -> bool:
+        """Whether mistakes are much more likely than none."""
+        return self.evidence > _ENOUGH
+
+
+def evidence_of_mistakes(
+    preferences: Preferences,
+    shape: Shape,
+    columns: Float[np.ndarray, "N p"] | None,
+    error_rate: float,
+) -> float:
+    """Return the log likelihood ratio (nats) of a fallible person against one who is sure.
+
+    Each answer is predicted from all others. `columns` are KPIs that may explain the answers, too,
+    shape (N, p).
+    """
+    if not np.any(preferences.b):
+        return 0.0
+    constraints = rows_of(preferences, shape, columns)
+    fallible, sure = (
+        ExpectationPropagation.of(constraints, e).foretold for e in (error_rate, ALMOST_SURE)
+    )
+    return fallible - sure
+
+
+def suited_shape(
+    preferences: Preferences, shape: Shape, error_rate: float, *, answered: int, first: bool
+) -> Shape:
+    """Return the shape next to `shape` with which a fallible person's answers are predicted best.
+
+    ε moves to a neighbor (with `first` anywhere), and the scale of one knob by a factor of 2 (the
+    knobs take turns, by the number of experiments `answered`).
+    """
+    if not np.any(preferences.b) or len(preferences) > MANY:
+        return shape
+
+    def score(shape: Shape) -> float:
+        return ExpectationPropagation.of(rows_of(preferences, shape), error_rate).foretold
+
+    candidates = _EPSILONS if first else nearest(_EPSILONS, shape.epsilon, 1)
+    best, epsilon = max((score(replace(shape, epsilon=x)), x) for x in candidates)
+    return _rescaled(replace(shape, epsilon=epsilon), best, score, answered)
+
+
+def rows_of(
+    preferences: Preferences, shape: Shape, columns: Float[np.ndarray, "N p"] | None = None
+) -> Constraints:
+    """Return comparisons as signs of rows · β, with p KPIs (columns) that may explain them."""
+    features = shape.basis(preferences.samples, preferences.samples)
+    constraints = Constraints.of(preferences, features, np.ones(len(preferences)))
+    return constraints if columns is None else constraints.with_outcomes(preferences, columns)
+
+
+def _rescaled(shape: Shape, best: float, score: Callable[[Shape], float], turn: int) -> Shape:
+    n = len(shape.scales)
+    for factor in (2.0, 0.5) if n > 1 else ():
+        scales = np.array(shape.scales)
+        scales[turn % n] *= factor
+        scales /= np.exp(np.mean(np.log(scales)))
+        if scales.max() > _WIDEST * scales.min():
+            continue
+        changed = replace(shape, scales=tuple(map(float, scales)))
+        found = score(changed)
+        if found > best + _ENOUGH:
+            shape, best = changed, found
+    return shape

@@ -1,0 +1,147 @@
+"""Follow-up questions: which two known samples to compare before the next one is proposed."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from prefcal_agents.history.history import History
+from prefcal_env.preferences.answer import Preference
+from prefcal_env.preferences.best import contradictory
+from prefcal_env.qp import Backend
+
+from .selection import ModelSelection, Selection
+from .settings import GLISpSettings
+from .training import assembled, train, trust
+
+_APART = 10
+"""Number of experiments between two questions that follow from a suspicion alone."""
+_SURE = 2.0
+"""Standard deviations of a difference from which on it is not asked for."""
+_RIVALS = 9  # samples next to the best, by Ĵ
+
+
+def follow_up(
+    history: History, models: ModelSelection, settings: GLISpSettings, backend: Backend
+) -> tuple[int, int] | None:
+    """Return two known samples to compare now, the challenger first; None if there are none.
+
+    If mistakes are suspected, ask whether the best sample really is the best; once that is
+    settled, ask for the place of the latest one.
+
+    Source: none.
+    Deviation: the paper asks one comparison for each experiment.
+    """
+    asked, most = len(history.latest), settings.questions_per_experiment
+    if asked >= max(most, 2) or history.answered < 3:
+        return None
+    # While nothing contradicts itself, a question more than agreed on comes seldom.
+    lately = any((c.after or 0) > history.answered - _APART for c in history.further)
+    if asked >= most and lately and not contradictory(history.verdicts()):
+        return None
+    before = models.after(history.until(history.answered - 1))
+    suspects = before.noise is not None and before.noise.suspects
+    if not suspects and asked >= most:
+        return None
+    selection = models.before(history)
+    pair = None
+    if suspects:
+        sure = 0.0 if asked >= most else _SURE
+        pair = confirm_best(models, history, selection, settings.error_rate, sure)
+    if pair is not None or asked >= most:
+        return pair
+    fit = train(models.dataset(history), selection, settings, backend)
+    return insertion_question(history, fit.surrogate(history.cube()))
+
+
+def confirm_best(
+    models: ModelSelection, history: History, selection: Selection, error_rate: float, sure: float
+) -> tuple[int, int] | None:
+    """Return the best sample and the one that may be better; None if that is settled.
+
+    The next experiment is compared with the best, so what matters most is whether it really is.
+    Of the other samples with the lowest Ĵ, the rival is the one that is least surely worse. A pair
+    that was asked before is left out, whatever was answered.
+
+    Source: none; the least certain pair, as in uncertainty sampling.
+    Deviation: the paper asks one comparison for each experiment, and takes all answers for right.
+
+    Args:
+        models: Selections so far.
+        history: Samples and answers.
+        selection: What was selected for the models.
+        error_rate: Chance that an answer is wrong.
+        sure: Standard deviations by which a rival must be worse to be left alone; 0: only one that
+            is probably better is asked about.
+
+    Returns:
+        The later and the earlier sample of the pair.
+    """
+    best, candidates = history.incumbent, contenders(history)
+    if best is None:
+        return None
+    assert selection.noise is not None
+    data, shape = models.dataset(history), selection.noise.shape
+    posterior = trust(data, selection, error_rate)
+    samples = data.preferences.samples
+    known = shape.basis(samples, samples)
+    if selection.kpi_scale:
+        known = np.hstack([known, selection.kpi_scale * data.kpis.columns])
+    features = np.zeros((history.answered, known.shape[1]))
+    values = np.full(history.answered, np.inf)
+    features[data.kept] = known
+    values[data.kept] = assembled(data, selection, shape, posterior.mean)(samples)
+    candidates = candidates[np.isfinite(values[candidates])]
+    rest = [int(k) for k in candidates[np.argsort(values[candidates], kind="stable")] if k != best]
+    rivals = [k for k in rest[:_RIVALS] if not history.asked(best, k)]
+    if not rivals:
+        return None
+    behind = posterior.deviations(features[rivals] - features[best])
+    nearest = int(np.argmin(behind))
+    if behind[nearest] > sure:
+        return None
+    return max(best, rivals[nearest]), min(best, rivals[nearest])
+
+
+def contenders(history: History) -> Int[np.ndarray, " K"]:
+    """Return the samples that were compared and are not marked unsafe; all compared if all are."""
+    preferences, marks = history.preferences(), history.marks()
+    strict = preferences.b != 0
+    compared = np.unique(np.concatenate([preferences.first[strict], preferences.second[strict]]))
+    samples, unsafe = history.cube(), marks.samples[marks.unsafe]
+    safe = [i for i in compared if not np.any(np.all(unsafe == samples[i], axis=1))]
+    return np.array(safe or compared, dtype=np.int64)
+
+
+def insertion_question(history: History, values: Float[np.ndarray, " N"]) -> tuple[int, int] | None:
+    """Return the latest sample and the one to compare it with; None once its place is known.
+
+    A sample that lost against the best is somewhere below it. Bisection finds where with few
+    answers: the next one is the middle of those between which it must lie, in the order of Ĵ. A
+    winner, a tie and an abstention need none.
+
+    Source: none.
+    Deviation: the paper asks one comparison for each experiment.
+
+    Args:
+        history: Samples and answers.
+        values: Ĵ at the N samples that are closed, lower is better.
+    """
+    new = history.answered - 1
+    latest = [c for c in history.latest if c.challenger == new]  # others may be about the best
+    if not latest or not all(c.teaches for c in latest):
+        return None
+    order = [int(i) for i in np.argsort(values, kind="stable") if i != new]
+    above, below = -1, len(order)  # positions of the worst that is better, the best that is worse
+    for c in latest:
+        assert c.incumbent is not None  # it teaches
+        position = order.index(c.incumbent)
+        if c.answer.preference is Preference.INCUMBENT:
+            above = max(above, position)
+        elif c.answer.preference is Preference.CHALLENGER and c.after is not None:
+            below = min(below, position)
+        else:
+            return None
+    between = order[above + 1 : below]
+    asked = {c.incumbent for c in latest}
+    if not between or not asked.isdisjoint(between):
+        return None
+    return new, between[len(between) // 2]

@@ -1,0 +1,257 @@
+"""Select the models of GLISp after each experiment: shapes of φ, weight of KPIs, noise test."""
+
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from prefcal_agents.history.history import History
+from prefcal_agents.history.memory import MOST
+from prefcal_agents.models.cross_validation import (
+    FOLDS,
+    Validation,
+    choose_epsilon,
+    nearest,
+    rescale_knob,
+)
+from prefcal_agents.models.surrogate import Shape
+from prefcal_env.preferences.best import contradictory
+from prefcal_env.qp import Backend
+
+from .dataset import Dataset
+from .noise_test import WINDOW, NoiseTest, evidence_of_mistakes, suited_shape
+from .schedule import MANY, SELDOM, is_process_turn, process_turns
+from .settings import EVERY_STEP, GLISpSettings
+
+_SHAPE_AT, _SCALE_AT = 5, 7  # of ten; noise tests come at 0, so no proposal waits for everything
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What was selected for the models after a number of experiments.
+
+    Args:
+        shape: Shape of φ, chosen by cross-validation.
+        kpi_scale: How much KPIs count in Ĵ beside θ, 0 or more, chosen by cross-validation.
+        noise: Result of the noise test; None while there are too few answers.
+        is_noisy: Whether answers are treated as a fallible person's. Two things must come
+            together: some answers contradict each other, and the noise test suspects mistakes.
+            Suspicion alone only leads to a question: a cost that jumps looks like mistakes, too.
+    """
+
+    shape: Shape
+    kpi_scale: float
+    noise: NoiseTest | None
+    is_noisy: bool
+
+
+@final
+class ModelSelection:
+    """Selections after each number of experiments, each starting from the one before.
+
+    They follow from the history alone. Those that were made are remembered by the number of
+    experiments, and forgotten from the first number on at which the history has changed: after an
+    undo or a retraction.
+
+    Args:
+        n: Number of knobs.
+        n_init: Number of samples of the start, during which nothing is selected.
+        settings: Settings of the agent.
+        seed: Seed of the cross-validations.
+        backend: QP solver.
+    """
+
+    def __init__(
+        self, n: int, n_init: int, settings: GLISpSettings, seed: int, backend: Backend
+    ) -> None:
+        self._n, self._n_init, self._seed = n, n_init, seed
+        self._settings, self._backend = settings, backend
+        self._history = History()
+        self._shapes = [settings.shape(n)]
+        self._noise_shapes = [Shape(1.0, (1.0,) * n, settings.rbf)]
+        self._evidence: dict[int, float] = {}
+        self._scales: dict[int, float] = {}
+        self._made: dict[int, Selection] = {}
+        self._data: Dataset | None = None
+
+    def copy(self, settings: GLISpSettings, backend: Backend) -> "ModelSelection":
+        """Return an independent twin that remembers the same selections."""
+        twin = copy(self)
+        twin._settings, twin._backend = settings, backend
+        twin._shapes, twin._noise_shapes = self._shapes.copy(), self._noise_shapes.copy()
+        twin._evidence, twin._scales = self._evidence.copy(), self._scales.copy()
+        twin._made = self._made.copy()
+        return twin
+
+    def dataset(self, history: History) -> Dataset:
+        """Return what `history` teaches."""
+        if self._data is None or self._data.history != history:
+            self._data = Dataset.of(history, with_kpis=any(self._settings.outcome_scales))
+        return self._data
+
+    def after(self, history: History) -> Selection:
+        """Return what is selected after `history`."""
+        self._follow(history)
+        count = history.answered
+        if count not in self._made:
+            noise = self._noise_test(count)
+            noisy = noise is not None and noise.suspects and contradictory(history.verdicts())
+            scale = self._scale(count) if count >= self._n_init else 0.0
+            self._made[count] = Selection(self._shape(count), scale, noise, noisy)
+        return self._made[count]
+
+    def before(self, history: History) -> Selection:
+        """Return what was selected one experiment earlier, with KPIs weighted for `history`.
+
+        So a follow-up question does not wait for a model selection of its own.
+        """
+        selected = self.after(history.until(history.answered - 1))
+        self._follow(history)
+        return replace(selected, kpi_scale=self._kpi_scale(self.dataset(history), selected.shape))
+
+    def _follow(self, history: History) -> None:
+        """Forget what was selected from the first number on at which `history` has changed."""
+        count = shared(self._history, history)
+        del self._shapes[count + 1 :], self._noise_shapes[count + 1 :]
+        for made in (self._evidence, self._scales, self._made):
+            for later in [k for k in made if k > count]:
+                del made[later]
+        self._history = history
+
+    def _prefix(self, count: int, *, with_kpis: bool = False) -> Dataset:
+        """Return the data set after `count` experiments."""
+        if count == self._history.answered:
+            return self.dataset(self._history)
+        kpis = with_kpis and any(self._settings.outcome_scales)
+        return Dataset.of(self._history.until(count), with_kpis=kpis)
+
+    def _shape(self, count: int) -> Shape:
+        while len(self._shapes) <= count:
+            number, shape = len(self._shapes), self._shapes[-1]
+            if self._is_validated(number):
+                shape = self._validated(self._prefix(number), shape)
+            self._shapes.append(shape)
+        return self._shapes[count]
+
+    def _is_validated(self, count: int) -> bool:
+        """Return whether the shape is chosen anew after `count` experiments.
+
+        "every step" leaves out the turns of the process. Beyond `MOST` experiments the shape
+        stays: the answers that it was chosen by are forgotten.
+        """
+        at = self._settings.validate_at
+        if at != EVERY_STEP:
+            return count in at
+        if count < self._n_init:
+            return False
+        if count > MANY:
+            return count <= MOST and count % SELDOM == _SHAPE_AT
+        return not (self._process_takes_turns(count) and is_process_turn(count, self._n_init))
+
+    def _process_takes_turns(self, count: int) -> bool:
+        """Return whether every second proposal is the process's, as far as is known then."""
+        with_kpis = any(self._settings.outcome_scales) and any(
+            self._history.until(count).outcomes()
+        )
+        return self._settings.process and not with_kpis
+
+    def _validated(self, data: Dataset, shape: Shape) -> Shape:
+        """Return the better shape that cross-validation finds next to `shape`."""
+        settings, comparisons = self._settings, len(data.preferences)
+        if comparisons < FOLDS:
+            return shape
+        validation, candidates = self._validation(data), settings.candidates
+        if comparisons > MANY:  # ε hardly moves any more, and every try takes tens of milliseconds
+            candidates = nearest(candidates, shape.epsilon, 1)
+        shape, score = choose_epsilon(validation, shape, candidates)
+        if settings.rescale and self._n > 1:
+            knob = self._validations(data.history.answered) % self._n
+            around = nearest(candidates, shape.epsilon, 0 if comparisons > MANY else 1)
+            shape = rescale_knob(validation, shape, score, around, knob=knob)
+        return shape
+
+    def _validations(self, count: int) -> int:
+        """Return about how many validations there have been: none at the process's turns."""
+        if count > MANY:
+            return count // SELDOM
+        turns = process_turns(count, self._n_init) if self._process_takes_turns(count) else 0
+        return count - turns
+
+    def _validation(self, data: Dataset) -> Validation:
+        rng = np.random.default_rng([self._seed, data.history.answered, 1])
+        return Validation.deal(data.preferences, self._settings.learning, self._backend, rng)
+
+    def _kpi_scale(self, data: Dataset, shape: Shape) -> float:
+        """Return how much KPIs count beside θ, so that left-out answers are predicted best."""
+        if not len(data.kpis) or len(data.preferences) < FOLDS:
+            return 0.0
+        count = data.history.answered
+        if count <= MANY + SELDOM:
+            return self._best_scale(data, shape)
+        count -= (count - _SCALE_AT) % SELDOM
+        if count not in self._scales:
+            then = self._prefix(count, with_kpis=True)
+            self._scales[count] = self._best_scale(then, self._shape(count))
+        return self._scales[count]
+
+    def _scale(self, count: int) -> float:
+        """Return the weight of KPIs after `count` experiments."""
+        if count > MANY + SELDOM:
+            return self._kpi_scale(self._prefix(count, with_kpis=True), self._shape(count))
+        if count not in self._scales:
+            data = self._prefix(count, with_kpis=True)
+            self._scales[count] = self._kpi_scale(data, self._shape(count))
+        return self._scales[count]
+
+    def _best_scale(self, data: Dataset, shape: Shape) -> float:
+        scales, validation = self._settings.outcome_scales, self._validation(data)
+        scores = [
+            validation.reproduced(shape, scale * data.kpis.columns if scale else None)
+            for scale in scales
+        ]
+        winners = [s for s, score in zip(scales, scores, strict=True) if score == max(scores)]
+        return winners[len(winners) // 2]
+
+    def _noise_test(self, count: int) -> NoiseTest | None:
+        """Return the result of the noise test; of many experiments, only at every tenth."""
+        count -= count % SELDOM if count > MANY else 0
+        if not self._settings.error_rate or count < self._n_init:
+            return None
+        if not self._prefix(count).is_strict:
+            return None
+        tests: list[float] = []
+        at = count
+        while len(tests) < WINDOW and at >= self._n_init:
+            tests.append(self._evidence_after(at))
+            at -= 1 if at <= MANY else SELDOM
+        return NoiseTest(self._noise_shape(count), float(np.mean(tests)))
+
+    def _evidence_after(self, count: int) -> float:
+        if count not in self._evidence:
+            data = self._prefix(count, with_kpis=True)
+            scale = self._scale(count) if len(data.kpis) else 0.0
+            columns = scale * data.kpis.columns if scale else None
+            self._evidence[count] = evidence_of_mistakes(
+                data.preferences, self._noise_shape(count), columns, self._settings.error_rate
+            )
+        return self._evidence[count]
+
+    def _noise_shape(self, count: int) -> Shape:
+        while len(self._noise_shapes) <= count:
+            number, shape = len(self._noise_shapes), self._noise_shapes[-1]
+            if number >= self._n_init:
+                preferences, first = self._prefix(number).preferences, number == self._n_init
+                shape = suited_shape(
+                    preferences, shape, self._settings.error_rate, answered=number, first=first
+                )
+            self._noise_shapes.append(shape)
+        return self._noise_shapes[count]
+
+
+def shared(one: History, other: History) -> int:
+    """Return the number of experiments up to which two histories are the same."""
+    count = min(one.answered, other.answered)
+    while count and one.until(count) != other.until(count):
+        count -= 1
+    return count

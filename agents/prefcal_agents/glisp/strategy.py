@@ -1,0 +1,138 @@
+"""Propose GLISp's next sample: the table of what is minimized when, and the search."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.acquisition.expected_improvement import ExpectedImprovement
+from prefcal_agents.acquisition.exploration import Acquisition
+from prefcal_agents.acquisition.penalty import POOL, penalized, replaced, unsafe_penalty
+from prefcal_agents.history.history import History
+from prefcal_agents.models.preference_gp import PreferenceGP
+from prefcal_agents.models.surrogate import Composite
+from prefcal_agents.optimize.search import Objective, multistart
+from prefcal_agents.space.design import Tried, latin_hypercube
+from prefcal_agents.space.feasible import random_points, search_domain
+from prefcal_env.knobs.knob import KnobSpace
+
+from .noise_test import ALMOST_SURE
+from .schedule import is_process_turn
+from .settings import GLISpSettings
+from .training import Fit
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What stays the same during a study.
+
+    Args:
+        space: The knobs.
+        n_init: Number of samples of the Latin hypercube.
+        seed: Seed of all randomness; sample i draws from `(seed, i)`.
+        settings: Settings of GLISp.
+    """
+
+    space: KnobSpace
+    n_init: int
+    seed: int
+    settings: GLISpSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One row of the strategy.
+
+    Args:
+        holds: Whether the row applies, in a study, to a fit.
+        objective: What the next sample minimizes then.
+    """
+
+    holds: Callable[[Setup, Fit], bool]
+    objective: Callable[[Setup, Fit], Objective]
+
+
+def _kpis_explain_trusted_answers(setup: Setup, fit: Fit) -> bool:
+    kpis_explain = isinstance(fit.surrogate, Composite) and fit.data.is_strict
+    return setup.settings.expected_improvement and kpis_explain and not fit.selection.is_noisy
+
+
+def _expected_improvement(setup: Setup, fit: Fit) -> Objective:
+    """Return -log of the expected improvement on a process through the values of Ĵ.
+
+    Its Gaussian process has a length for each knob and knows where it is unsure. Without KPIs it
+    is no better than eq. acquisition (docs/research/improvement.md).
+    """
+    return ExpectedImprovement.of(fit.surrogate)
+
+
+def _every_second_time_without_kpis(setup: Setup, fit: Fit) -> bool:
+    # The process knows no KPIs, so it has no turns if they count.
+    takes_turns = setup.settings.process and not isinstance(fit.surrogate, Composite)
+    return (
+        takes_turns
+        and fit.data.is_strict
+        and is_process_turn(fit.data.history.answered, setup.n_init)
+    )
+
+
+def _process_mean(setup: Setup, fit: Fit) -> Objective:
+    """Return the mean of a Gaussian process trained on comparisons only."""
+    # One comparison for each sample cannot contradict the others, further ones can.
+    trusted = ALMOST_SURE if fit.data.history.further else 0.0
+    error_rate = setup.settings.error_rate if fit.selection.is_noisy else trusted
+    return Acquisition.of(PreferenceGP.of(fit.data.preferences, error_rate), 0.0)
+
+
+def _otherwise(setup: Setup, fit: Fit) -> bool:
+    return True
+
+
+def _acquisition(setup: Setup, fit: Fit) -> Objective:
+    """Return eq. acquisition on Ĵ."""
+    return Acquisition.of(fit.surrogate, setup.settings.delta, fit.data.history.cube())
+
+
+STRATEGY = (
+    Rule(_kpis_explain_trusted_answers, _expected_improvement),
+    Rule(_every_second_time_without_kpis, _process_mean),
+    Rule(_otherwise, _acquisition),
+)
+"""What the next sample minimizes: the first row that holds.
+
+Deviation: the paper has the last row only.
+"""
+
+
+def propose(setup: Setup, fit: Fit) -> Float[np.ndarray, " n"]:
+    """Return the cube point of the next sample, shape (n,): a minimum of an acquisition.
+
+    Source: eq. xNp1.
+    Deviation: `STRATEGY`; unsafe marks add to the acquisition, see `penalized`.
+    """
+    history = fit.data.history
+    rng = np.random.default_rng([setup.seed, history.answered])
+    rule = next(rule for rule in STRATEGY if rule.holds(setup, fit))
+    objective = penalized(rule.objective(setup, fit), history, setup.settings)
+    domain = search_domain(setup.space, history, best=history.incumbent or 0)
+    tried = Tried(setup.space, history)
+    for z in multistart(objective, domain, rng):
+        if tried.may_run(z):
+            return np.asarray(z)
+    return tried.fresh(domain.start, rng)
+
+
+def propose_start(setup: Setup, history: History) -> Float[np.ndarray, " n"]:
+    """Return the cube point of a sample of the start, shape (n,): of a Latin hypercube.
+
+    Deviation: another point takes its place if marks say that it is likely unsafe there.
+    """
+    index = history.answered
+    rng = np.random.default_rng([setup.seed, index])
+    plan = latin_hypercube(setup.space, setup.n_init, setup.seed)
+    z, penalty = np.asarray(plan[index]), unsafe_penalty(history, setup.settings)
+    if penalty is not None:
+        others = np.vstack([history.cube(), plan[index + 1 :]])
+        z = replaced(z, others, random_points(setup.space, POOL, rng), penalty)
+    return Tried(setup.space, history).fresh(z, rng)

@@ -1,0 +1,76 @@
+"""Train Ĵ on what a history teaches: one frozen fit for each answer."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.models.expectation_propagation import ExpectationPropagation
+from prefcal_agents.models.kpi_model import KPIModel
+from prefcal_agents.models.preference_qp import Constraints, fit, margins
+from prefcal_agents.models.surrogate import Composite, Shape, Surrogate
+from prefcal_env.qp import Backend
+
+from .dataset import Dataset
+from .noise_test import rows_of
+from .selection import Selection
+from .settings import GLISpSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Everything that GLISp has learned from a history.
+
+    Args:
+        data: What the history teaches.
+        selection: What was selected for the models.
+        surrogate: Ĵ.
+    """
+
+    data: Dataset
+    selection: Selection
+    surrogate: Surrogate | Composite
+
+
+def train(data: Dataset, selection: Selection, settings: GLISpSettings, backend: Backend) -> Fit:
+    """Train Ĵ.
+
+    Source: eq. QP-pref.
+    Deviation: KPIs that explain the answers are part of Ĵ if cross-validation finds that they
+    help to predict answers. If answers are a fallible person's, Ĵ need not reproduce all of them;
+    see `ExpectationPropagation`.
+    """
+    if selection.is_noisy:
+        assert selection.noise is not None
+        shape, posterior = selection.noise.shape, trust(data, selection, settings.error_rate)
+        return Fit(data, selection, assembled(data, selection, shape, posterior.mean))
+    preferences, shape = data.preferences, selection.shape
+    margin = margins(preferences, settings.margin_power)
+    features = shape.basis(preferences.samples, preferences.samples)
+    constraints = Constraints.of(preferences, features, margin)
+    if selection.kpi_scale:
+        columns = selection.kpi_scale * data.kpis.columns
+        constraints = constraints.with_outcomes(preferences, columns)
+    v = fit(constraints, settings.learning, backend)
+    return Fit(data, selection, assembled(data, selection, shape, v))
+
+
+def trust(data: Dataset, selection: Selection, error_rate: float) -> ExpectationPropagation:
+    """Return the posterior of β if each answer is wrong with chance `error_rate`."""
+    assert selection.noise is not None
+    scale = selection.kpi_scale
+    columns = scale * data.kpis.columns if scale else None
+    return ExpectationPropagation.of(
+        rows_of(data.preferences, selection.noise.shape, columns), error_rate
+    )
+
+
+def assembled(
+    data: Dataset, selection: Selection, shape: Shape, v: Float[np.ndarray, " P"]
+) -> Surrogate | Composite:
+    """Return Ĵ of the coefficients `v`: of the N features, then of the KPIs that count."""
+    samples, scale = data.preferences.samples, selection.kpi_scale
+    surrogate = Surrogate(samples, v[: len(samples)], shape)
+    if scale == 0:
+        return surrogate
+    return Composite(surrogate, KPIModel(data.kpis, scale * np.maximum(v[len(samples) :], 0.0)))

@@ -1,0 +1,1 @@
+"""Everything that predicts: surrogates, Gaussian processes, KPI models and how they are trained."""

@@ -1,0 +1,1 @@
+"""The search that minimizes an acquisition over the unit cube."""

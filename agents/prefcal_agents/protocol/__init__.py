@@ -1,0 +1,1 @@
+"""The ask/tell protocol that all agents share."""

@@ -1,0 +1,107 @@
+"""The public face of an agent that takes turns: `Agent` of prefcal_env, told to its `Session`."""
+
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.advice.stopping import Advice, advise
+from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.answer import Answer, Preference, Query
+
+from .session import Session
+
+
+class AgentBase(Protocol):
+    """What every agent here offers beside `tell`; it brings a `Session`, and overrides nothing."""
+
+    _session: Session
+
+    @property
+    def space(self) -> KnobSpace:
+        """The knobs that θ is made of."""
+        return self._session.space
+
+    @property
+    def n_init(self) -> int:
+        """Samples of the space-filling start."""
+        return self._session.n_init
+
+    @property
+    def n_max(self) -> int:
+        """Experiments until the end; fewer than asked for if the space holds fewer θ."""
+        return self._session.n_max
+
+    @property
+    def by_value(self) -> bool:
+        """Whether it is told scores; else preferences."""
+        return self._session.by_value
+
+    @property
+    def done(self) -> bool:
+        """Whether all experiments are answered."""
+        return self._session.done
+
+    @property
+    def best(self) -> Float[np.ndarray, " n"]:
+        """θ of the incumbent, physical, shape (n,). Raises ProtocolError before any answer."""
+        return self._session.best
+
+    @property
+    def best_index(self) -> int | None:
+        """Number of the best sample, the incumbent of the next query; None before any answer."""
+        return self._session.best_index
+
+    @property
+    def samples(self) -> Float[np.ndarray, "N n"]:
+        """θ of all answered queries, physical, in the order tried, shape (N, n)."""
+        return self._session.samples()
+
+    @property
+    def advice(self) -> Advice | None:
+        """What another ten experiments would be expected to gain; None while that is not known."""
+        return advise(self._session.history)
+
+    def ask(self) -> Query:
+        """Return the open query, the same until told. Raises ProtocolError when done."""
+        return self._session.ask()
+
+    def undo(self) -> None:
+        """Take the last answer back and open its query again. Raises ProtocolError if none."""
+        self._session.undo()
+
+    def retract(self, index: int, *, further: bool = False) -> None:
+        """Forget what answer `index` (from 0) taught; all samples stay, the open one too.
+
+        `further` answers, about two samples that had run, are numbered on their own.
+
+        Raises:
+            ProtocolError: there is no such answer, or it is retracted already.
+        """
+        self._session.retract(index, further=further)
+
+
+class PreferenceBased(AgentBase, Protocol):
+    """An agent that learns from preferences."""
+
+    def tell(self, query: Query, answer: Answer | Preference | int | None) -> None:
+        """Close `query`.
+
+        Raises:
+            ProtocolError: it is not the open one.
+            PreferenceError: `answer` is none of -1, 0, 1, None (can't tell) and an Answer.
+        """
+        self._session.tell(query, answer)
+
+
+class ValueBased(AgentBase, Protocol):
+    """An agent that sees the score of every experiment: its queries have no incumbent."""
+
+    def tell(self, query: Query, value: Answer | float | None) -> None:
+        """Close `query` by the score of its experiment, lower is better; None if it has none.
+
+        Raises:
+            ProtocolError: it is not the open one.
+            PreferenceError: `value` is not finite, or holds a preference.
+        """
+        self._session.tell(query, value)

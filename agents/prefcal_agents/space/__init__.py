@@ -1,0 +1,1 @@
+"""Points of the unit cube: the design of the start, and which points are feasible."""

@@ -1,0 +1,53 @@
+"""Warm start: θ that a person has already, the present tuning say, as the first samples."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import KnobError, SettingsError
+from prefcal_env.knobs.knob import KnobSpace
+
+Points = tuple[tuple[float, ...], ...]
+"""Points of the cube, each of length n."""
+Start = Sequence[Float[np.ndarray, " n"]] | Sequence[Sequence[float]] | Sequence[float] | np.ndarray
+"""One physical θ, shape (n,), or several."""
+
+
+def start_points(space: KnobSpace, start: Start | None, n_max: int) -> Points:
+    """Points of the cube of the θ in `start`, in order, each of length n.
+
+    They take the place of the first samples of the initial design.
+
+    Args:
+        space: The knobs.
+        start: One physical θ, shape (n,), or several; None or empty: no warm start.
+        n_max: Experiments in all.
+
+    Raises:
+        KnobError: a θ that is not in `space`; it names the knob, the value and its unit.
+        SettingsError: one θ twice, or more θ than experiments.
+    """
+    if start is None:
+        return ()
+    if isinstance(start, str) or not isinstance(start, (Sequence, np.ndarray)):
+        raise SettingsError(f"start must be one or more physical θ, got {start!r}")
+    if len(start) == 0:
+        return ()
+    thetas = [start] if isinstance(start[0], (int, float, np.number)) else list(start)
+    if len(thetas) > n_max:
+        raise SettingsError(f"start must not hold more θ than n_max {n_max}, got {len(thetas)}")
+    points: dict[bytes, tuple[float, ...]] = {}
+    for number, theta in enumerate(thetas, start=1):
+        try:
+            z = space.encode(space.check_allowed(np.array(theta, dtype=float)))
+        except (TypeError, ValueError, KnobError) as error:
+            which = f"start θ {number}" if len(thetas) > 1 else "start"
+            raise KnobError(f"{which}: {error}") from error
+        key = (space.decode(z) + 0.0).tobytes()
+        if key in points:
+            raise SettingsError(
+                f"start must not hold one θ twice: number {number} is {space.decode(z)} again"
+            )
+        points[key] = tuple(map(float, z))
+    return tuple(points.values())

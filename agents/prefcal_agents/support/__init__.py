@@ -1,0 +1,1 @@
+"""Helpers without preference learning: argument checks, threads, optional extras."""

@@ -1,0 +1,168 @@
+"""Tuning as an environment: one step is one whole closed-loop experiment."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import ExperimentError, KnobError, ProtocolError, SettingsError
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.panels import Panel, plots_of
+from prefcal_env.knobs.knob import KnobSpace
+
+from .canvas import Canvas, Trace
+from .checks import check_render_mode, numbers
+
+Array = np.ndarray[Any, Any]
+
+
+class Run(Protocol):
+    """One closed-loop experiment."""
+
+    def __call__(self, theta: Float[np.ndarray, " n"], seed: int) -> Experiment:
+        """Run θ, physical, shape (n,)."""
+
+
+class TuningEnv(gym.Env[Array, Array]):
+    """Choose θ, see the experiment. One step is one experiment and one episode.
+
+    - Action, float, shape (n,): θ in the unit cube scaled to [-1, 1]; action = 2 z - 1 with
+      z = `space.encode(theta)`. Several actions are one θ where a knob is an integer, or frozen.
+    - Observation, float32, shape (n,): the θ that was run, scaled as the action, snapped to the
+      knobs; zeros before the step. Experiments start afresh: there is no state to observe.
+    - Reward: minus `score`; 0 without one. Whoever has no score wraps this environment in
+      `PreferenceReward`.
+    - Every step terminates the episode (its end is no time limit).
+    - Info: `experiment`, the `Experiment`, and `theta`, physical, shape (n,).
+
+    The seed of the last seeded `reset` (0 at first) goes to every experiment since, so that
+    two θ are compared under the same noise.
+
+    Args:
+        space: The knobs.
+        run: One experiment of a physical θ.
+        score: Of an experiment, lower is better.
+        panels: What to draw; None: all states, inputs and outputs.
+        title: For pictures.
+        render_mode: None or "rgb_array", the last experiment.
+
+    Raises:
+        SettingsError: an unknown render mode, or something that is no knob space or function.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012
+
+    def __init__(
+        self,
+        space: KnobSpace,
+        run: Run,
+        *,
+        score: Callable[[Experiment], float] | None = None,
+        panels: Sequence[Panel] | None = None,
+        title: str = "experiment",
+        render_mode: str | None = None,
+    ) -> None:
+        if not isinstance(space, KnobSpace) or not callable(run):
+            raise SettingsError(
+                f"needs a KnobSpace and a function that runs θ, got {space!r} and {run!r}"
+            )
+        check_render_mode(render_mode, self.metadata)
+        self.space, self.render_mode = space, render_mode
+        self._run, self._score, self._panels = run, score, panels
+        box = (-1.0, 1.0, (len(space),), np.float32)
+        self.action_space, self.observation_space = gym.spaces.Box(*box), gym.spaces.Box(*box)
+        self._canvas = Canvas(title, panels=3 if panels is None else len(panels))
+        self._experiment: Experiment | None = None
+        self._seed, self._open = 0, False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Get ready for an experiment. It has no options: θ is the action."""
+        super().reset(seed=seed)
+        if options:
+            raise SettingsError(f"a tuning environment has no reset options, got {options}")
+        self._seed = self._seed if seed is None else seed
+        self._open = True
+        return np.zeros(len(self.space), np.float32), {}
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Run the experiment of `action`, shape (n,), θ in the unit cube scaled to [-1, 1].
+
+        Raises:
+            KnobError: an action of the wrong shape, NaN, or outside [-1, 1].
+            ExperimentError: the run returned no experiment, or its score is not finite.
+            ProtocolError: the episode, of one step, is over.
+        """
+        if not self._open:
+            raise ProtocolError("an episode is one experiment: call reset() before each")
+        theta = self.theta(action)
+        experiment = self._run(theta, seed=self._seed)
+        if not isinstance(experiment, Experiment):
+            raise ExperimentError(f"a run must return an Experiment, got {experiment!r}")
+        self._experiment, self._open = experiment, False
+        score = 0.0 if self._score is None else float(self._score(experiment))
+        if not np.isfinite(score):
+            raise ExperimentError(f"a score must be finite, got {score} at θ = {theta}")
+        observation = (2 * self.space.encode(theta) - 1).astype(np.float32)
+        info = {"experiment": experiment, "theta": theta}
+        reward = 0.0 - score  # not -score: without a score 0, rather than -0
+        return observation, reward, True, False, info
+
+    def theta(self, action: Array) -> Float[np.ndarray, " n"]:
+        """The physical θ of an action, both shape (n,). Raises KnobError as `step`."""
+        a = numbers(action, "an action", KnobError)
+        if a.shape != (len(self.space),) or not np.all(np.abs(a) <= 1):
+            raise KnobError(
+                f"an action must be {len(self.space)} numbers in [-1, 1], one for each of "
+                f"{self.space.names}, got {a}"
+            )
+        frozen = [low for low, _ in self.space.within]
+        return np.where(self.space.frozen, frozen, self.space.decode((a + 1) / 2))
+
+    def render(self) -> Array | None:
+        """The last experiment as an image, (height, width, 3) uint8; None without render mode."""
+        if self.render_mode is None:
+            return None
+        if self._experiment is None:
+            return self._canvas.frame([])
+        named = self.space.named(self._experiment.theta)
+        note = ", ".join(f"{name} = {value:.4g}" for name, value in named.items())
+        self._canvas.time_label = f"time [{self._experiment.channels.time_unit}]"
+        return self._canvas.frame(_traces(self._experiment, self._panels), note)
+
+    def close(self) -> None:
+        """Let go of the figure."""
+        self._canvas.close()
+
+
+def sampled_at(space: KnobSpace, T_s: float | None) -> KnobSpace:
+    """`space` with its knob "T_s" frozen at `T_s`; as it is for None.
+
+    Raises:
+        KnobError: a sampling time out of the knob's range.
+    """
+    return space if T_s is None else space.narrowed({"T_s": (T_s, T_s)})
+
+
+def _traces(experiment: Experiment, panels: Sequence[Panel] | None) -> list[Trace]:
+    e, t = experiment, experiment.t
+    if panels is None:
+        plots = plots_of(e.channels)
+    else:
+        plots = tuple(p.plot(e) if len(t) else p.absent() for p in panels)
+    return [Trace(p.channel, t, p.values(e), held=p.held) for p in plots]
+
+
+def same_step_vector(env_id: str, num_envs: int, **kwargs: Any) -> gym.vector.SyncVectorEnv:
+    """`num_envs` environments of one-step episodes, reset in the same step that ends them.
+
+    Gymnasium's default resets in the step after, which would make every second step of such
+    environments an idle one. Experiments are in `infos["final_info"]["experiment"]`.
+    """
+    return gym.vector.SyncVectorEnv(
+        [lambda: gym.make(env_id, **kwargs) for _ in range(num_envs)],
+        autoreset_mode=gym.vector.AutoresetMode.SAME_STEP,
+    )

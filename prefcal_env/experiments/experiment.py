@@ -1,0 +1,234 @@
+"""An experiment: everything that one closed-loop run of one θ has left behind, frozen."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from prefcal_env.errors import ExperimentError
+
+from .end import End as End
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One signal: how it is called, its unit, limits and target (in `unit`), and its symbol.
+
+    `band` is the accepted distance from the target, in `unit`; `symbol` is mathtext for plots.
+    """
+
+    name: str
+    unit: str = ""
+    low: float = -np.inf
+    high: float = np.inf
+    target: float | None = None
+    band: float | None = None
+    symbol: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise ExperimentError(
+                f"channel {self.name!r}: low must be below high, "
+                f"got [{self.low}, {self.high}] {self.unit}".rstrip()
+            )
+
+    @property
+    def label(self) -> str:
+        """Name with unit, for an axis."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+@dataclass(frozen=True, slots=True)
+class Channels:
+    """The channels of an experiment: states, inputs and outputs, and the unit of time."""
+
+    x: tuple[Channel, ...]
+    u: tuple[Channel, ...]
+    y: tuple[Channel, ...]
+    time_unit: str = "s"
+
+
+class FrozenMapping(Mapping[str, Any]):
+    """A mapping that cannot be changed, is equal by value (arrays too) and can be pickled."""
+
+    def __init__(self, items: Mapping[str, Any] | None = None) -> None:
+        self._items = dict(items or {})
+
+    def __getitem__(self, key: str) -> Any:
+        return self._items[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Mapping):
+            return NotImplemented
+        return self.keys() == other.keys() and all(_same(v, other[k]) for k, v in self.items())
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._items!r})"
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """One closed-loop run of one θ. Times in `channels.time_unit`.
+
+    K dense instants, N control steps (the last sampling interval may end early). K and N are 0
+    where a run failed and left no record.
+
+    Args:
+        theta: Controller parameters, physical, shape (n,).
+        t: Dense instants, with the sampling instants and the end among them, shape (K,),
+            increasing; how dense does not depend on T_s.
+        x: States at `t`, shape (K, n_x), finite also when the run was stopped.
+        u: Inputs held from `t` on, shape (K, n_u).
+        t_control: Sampling instants at which an input was decided, shape (N,).
+        u_control: Inputs decided there, shape (N, n_u).
+        y_ref: Output references there, shape (N, n_y).
+        iterations: Solver iterations of each step, shape (N,).
+        solve_time: Seconds that each controller step took, shape (N,); not compared by ==.
+        solved: Whether each step's problem was solved, shape (N,); an unsolved one held the input.
+        channels: Names, units, limits and targets.
+        end: Why it ended.
+        kpis: Key performance indicators by name; their units stand in the scenario.
+        signals: Further signals on `t` by name, each shape (K,).
+        y: Outputs at `t`, shape (K, n_y); None where they were not recorded (see `output`).
+        runs: The other fields are those of the first of several seeded variants; all of them.
+
+    Raises:
+        ExperimentError: arrays of the wrong shape, states or inputs that are not finite, KPIs or
+            signals that are no mapping, a KPI that is no number.
+    """
+
+    theta: Float[np.ndarray, " n"]
+    t: Float[np.ndarray, " K"]
+    x: Float[np.ndarray, "K n_x"]
+    u: Float[np.ndarray, "K n_u"]
+    t_control: Float[np.ndarray, " N"]
+    u_control: Float[np.ndarray, "N n_u"]
+    y_ref: Float[np.ndarray, "N n_y"]
+    iterations: Int[np.ndarray, " N"]
+    solve_time: Float[np.ndarray, " N"]
+    solved: Any
+    channels: Channels
+    end: End
+    kpis: Mapping[str, float] = field(default_factory=FrozenMapping)
+    signals: Mapping[str, Float[np.ndarray, " K"]] = field(default_factory=FrozenMapping)
+    runs: tuple["Experiment", ...] = ()
+    y: Float[np.ndarray, "K n_y"] | None = None
+
+    def __post_init__(self) -> None:
+        for name, dtype in _ARRAYS.items():
+            object.__setattr__(self, name, _frozen(getattr(self, name), dtype))
+        if self.y is not None:
+            object.__setattr__(self, "y", _frozen(self.y, float))
+        for name in ("kpis", "signals"):
+            if not isinstance(getattr(self, name), Mapping):
+                raise ExperimentError(
+                    f"{name} must be a mapping from names, got {getattr(self, name)!r}"
+                )
+        object.__setattr__(self, "kpis", FrozenMapping(self.kpis))
+        signals = {k: _frozen(v, float) for k, v in self.signals.items()}
+        object.__setattr__(self, "signals", FrozenMapping(signals))
+        self._check()
+
+    def _check(self) -> None:
+        n_x, n_u, n_y = (len(c) for c in (self.channels.x, self.channels.u, self.channels.y))
+        dense, steps = len(np.atleast_1d(self.t)), len(np.atleast_1d(self.t_control))
+        expected = {
+            "t": (dense,), "x": (dense, n_x), "u": (dense, n_u),
+            "t_control": (steps,), "u_control": (steps, n_u), "y_ref": (steps, n_y),
+            "iterations": (steps,), "solve_time": (steps,), "solved": (steps,),
+        }  # fmt: skip
+        if self.y is not None:
+            expected["y"] = (dense, n_y)
+        shapes = {name: np.shape(getattr(self, name)) for name in expected}
+        expected |= {f"signals[{k!r}]": (dense,) for k in self.signals}
+        shapes |= {f"signals[{k!r}]": np.shape(v) for k, v in self.signals.items()}
+        for name, shape in expected.items():
+            if shapes[name] != shape:
+                raise ExperimentError(f"{name} must have shape {shape}, got {shapes[name]}")
+        for name in ("theta", "t", "x", "u", "t_control", "u_control"):
+            if not np.all(np.isfinite(getattr(self, name))):
+                raise ExperimentError(f"{name} must be finite, also in a run that was stopped")
+        if self.theta.ndim != 1 or not len(self.theta):
+            raise ExperimentError(f"theta must have shape (n,), got {self.theta.shape}")
+        if not isinstance(self.end, End):
+            raise ExperimentError(f"end must be one of {list(End)}, got {self.end!r}")
+        if np.any(np.diff(self.t) <= 0):
+            raise ExperimentError("t must increase strictly")
+        self._check_kpis()
+
+    def _check_kpis(self) -> None:
+        """Here, where the run is to blame, and not when the study can no longer be saved."""
+        for name, value in self.kpis.items():
+            found = np.asarray(value)
+            if not isinstance(name, str) or found.ndim or found.dtype.kind not in "biuf":
+                raise ExperimentError(f"a KPI must be a name and a number, got {name!r}: {value!r}")
+
+    @property
+    def duration(self) -> float:
+        """Time of the last instant, in `channels.time_unit`; 0 without a record."""
+        return float(self.t[-1]) if len(self.t) else 0.0
+
+    def at_control(self) -> Float[np.ndarray, "N1 n_x"]:
+        """States at the N sampling instants and at the end, shape (N + 1, n_x).
+
+        Without a record, of shape (0, n_x).
+        """
+        if not len(self.t):
+            return self.x
+        instants = np.append(self.t_control, self.t[-1])
+        nearest = np.searchsorted(self.t, instants - 1e-9 * max(1.0, self.duration))
+        return np.asarray(self.x[nearest])
+
+    def output(self, index: int) -> Float[np.ndarray, " K"] | None:
+        """Return output `index`, from 0, at `t`, shape (K,).
+
+        If `y` was not recorded: the state of the same name and unit, else the signal of the same
+        name, else None.
+        """
+        if self.y is not None:
+            return np.asarray(self.y[:, index])
+        channel = self.channels.y[index]
+        for i, state in enumerate(self.channels.x):
+            if (state.name, state.unit) == (channel.name, channel.unit):
+                return np.asarray(self.x[:, i])
+        found: Float[np.ndarray, " K"] | None = self.signals.get(channel.name)
+        return found
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Experiment):
+            return NotImplemented
+        names = (f.name for f in fields(self) if f.name != "solve_time")
+        return all(_same(getattr(self, n), getattr(other, n)) for n in names)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+_ARRAYS: dict[str, Any] = {
+    "theta": float, "t": float, "x": float, "u": float, "t_control": float,
+    "u_control": float, "y_ref": float, "iterations": np.int64, "solve_time": float,
+    "solved": bool,
+}  # fmt: skip
+
+
+def _frozen(values: Any, dtype: Any) -> np.ndarray:
+    array = np.array(values, dtype=dtype)
+    array.setflags(write=False)
+    return array
+
+
+def _same(a: Any, b: Any) -> bool:
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f")
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        return False
+    return bool(a == b)

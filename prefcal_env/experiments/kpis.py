@@ -1,0 +1,69 @@
+"""What an experiment with references can be judged by, whatever its plant: errors and moves.
+
+An agent learns which of these a person minds (`Answer.outcomes`); none is a cost by itself.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from .experiment import Experiment
+
+_BAND = 0.03  # of the largest error, where the channel states no band
+_NOTHING = 1e-3  # of the largest error: an error that nobody sees
+
+
+def tracking_kpis(experiment: Experiment) -> dict[str, float]:
+    """Generic KPIs by name, lower is better, in the units of the experiment's channels.
+
+    For each recorded output with a reference (see `Experiment.output`): integrated error, the
+    same weighted with time, time of the last entry into the band (3 % of the largest error
+    where the channel states none; infinite: never), overshoot, and final error beyond a
+    thousandth of the largest. For each input: total, largest and root mean square move. Empty
+    without a record.
+    """
+    if len(experiment.t) < 2:
+        return {}
+    found: dict[str, float] = {}
+    for name, band, error in _errors(experiment):
+        found |= _of_error(name, band, experiment.t - experiment.t[0], error)
+    for j, channel in enumerate(experiment.channels.u):
+        moves = np.abs(np.diff(experiment.u_control[:, j]))
+        if len(moves):
+            found |= {
+                f"total move of {channel.name}": float(moves.sum()),
+                f"largest move of {channel.name}": float(moves.max()),
+                f"RMS move of {channel.name}": float(np.sqrt(np.mean(moves**2))),
+            }
+    return found
+
+
+def _errors(experiment: Experiment) -> Iterator[tuple[str, float | None, Float[np.ndarray, " K"]]]:
+    """Name, band and error of each output with a reference, on the dense grid."""
+    if not len(experiment.t_control):
+        return
+    held = np.searchsorted(experiment.t_control, experiment.t, side="right") - 1
+    for j, channel in enumerate(experiment.channels.y):
+        reference = experiment.y_ref[np.maximum(held, 0), j]
+        curve = experiment.output(j)
+        if curve is not None and np.isfinite(reference).all() and np.isfinite(curve).all():
+            yield channel.name, channel.band, np.asarray(curve - reference)
+
+
+def _of_error(
+    name: str, band: float | None, t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"]
+) -> dict[str, float]:
+    dt, size = np.diff(t), np.abs(error)
+    largest = float(size.max())
+    outside = np.flatnonzero(size > (_BAND * largest if band is None else band))
+    last = int(outside[-1]) if len(outside) else -1
+    # Beyond the reference: on the other side of it than at the start.
+    beyond = -np.sign(error[0]) * error if error[0] else size
+    return {
+        f"integrated error of {name}": float(size[:-1] @ dt),
+        f"late error of {name}": float((size * t)[:-1] @ dt),
+        f"settling time of {name}": float(t[last + 1]) if last + 1 < len(t) else np.inf,
+        f"overshoot of {name}": float(max(beyond.max(), 0.0)),
+        f"final error of {name}": float(max(size[-1] - _NOTHING * largest, 0.0)),
+    }

@@ -1,0 +1,1 @@
+"""The knobs that θ is made of: ranges, scales, constraints, and changes of the space."""

@@ -1,0 +1,80 @@
+"""A space that changes: what a new one must hold so that nothing that was tried is lost."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import KnobError
+
+from .knob import Knob, KnobSpace
+
+
+def respaced(old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None = None) -> KnobSpace:
+    """The space that searches what `new` does, and holds all that `old` and `added` do.
+
+    So a narrowed range is searched in part, and the experiments outside of it still teach.
+
+    Args:
+        old: Of the experiments so far.
+        new: What is to be searched from now on; all knobs of `old` are in it.
+        added: For each knob that is not in `old`: its value, physical, in the experiments so far.
+
+    Raises:
+        KnobError: a knob is missing, has another scale, unit or kind, or its value in the
+            experiments so far is not known.
+    """
+    added = {} if added is None else dict(added)
+    before = {knob.name: knob for knob in old}
+    missing = sorted(set(before) - set(new.names))
+    if missing:
+        raise KnobError(f"knobs {missing} are gone: keep them, frozen to one value")
+    fresh = [name for name in new.names if name not in before]
+    if sorted(added) != sorted(fresh):
+        raise KnobError(
+            f"values in the experiments so far are needed for the added knobs {fresh}, got "
+            f"{sorted(added)}"
+        )
+    knobs = [
+        _wider(knob, before[knob.name]) if knob.name in before else _with(knob, added[knob.name])
+        for knob in new
+    ]
+    within = dict(zip(new.names, new.within, strict=True))
+    return KnobSpace(knobs, new.constraints, within=within)
+
+
+def carried(
+    theta: Float[np.ndarray, " m"],
+    old: KnobSpace,
+    new: KnobSpace,
+    added: Mapping[str, float] | None = None,
+) -> Float[np.ndarray, " n"]:
+    """θ of `old`, physical, shape (m,), as a θ of `new`, shape (n,), with the values `added`.
+
+    Raises:
+        KnobError: `new` does not hold it, or has a knob without a value.
+    """
+    values = {**dict(zip(old.names, theta.tolist(), strict=True)), **(added or {})}
+    unknown = [name for name in new.names if name not in values]
+    if unknown:
+        raise KnobError(f"no value is known for the knobs {unknown}")
+    return new.check(np.array([float(values[name]) for name in new.names]))
+
+
+def _wider(new: Knob, old: Knob) -> Knob:
+    kind, was = (new.unit, new.scale, new.integer), (old.unit, old.scale, old.integer)
+    if kind != was:
+        raise KnobError(
+            f"knob {new.name!r} must keep its unit, scale and kind {was}, got {kind}: "
+            "call it by another name"
+        )
+    return _spanning(new, min(new.low, old.low), max(new.high, old.high))
+
+
+def _with(knob: Knob, value: float) -> Knob:
+    return _spanning(knob, min(knob.low, value), max(knob.high, value))
+
+
+def _spanning(knob: Knob, low: float, high: float) -> Knob:
+    return replace(knob, low=low, high=high)

@@ -1,0 +1,1 @@
+"""Answers of a person, and what follows from them about experiments."""

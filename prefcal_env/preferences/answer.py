@@ -1,0 +1,267 @@
+"""Questions and answers: what passes between an agent and whoever compares experiments.
+
+Source: the preference function is eq. pref_fun, its vector of answers eq. pref-vector.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from typing import Any, Protocol, Self, TypeVar, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import PreferenceError
+from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.plain import from_plain, to_plain
+
+from .kpis import Outcome
+
+ExperimentT = TypeVar("ExperimentT", contravariant=True)
+
+
+Outcomes = tuple[Mapping[str, Any] | None, Mapping[str, Any] | None]
+"""KPIs of the challenger and of the incumbent: names and numbers.
+
+An `Answer` turns both into an `Outcome`. The values are not `float` here, since JSON has no
+infinity: stored outcomes say "inf" or "-inf" instead.
+"""
+
+
+class Preference(IntEnum):
+    """π(challenger, incumbent) of eq. pref_fun."""
+
+    CHALLENGER = -1
+    TIE = 0
+    INCUMBENT = 1
+
+
+class Strength(IntEnum):
+    """How much better one side is, as a person says it: the strength of an `Answer`.
+
+    What it is worth: docs/research/strength.md.
+    """
+
+    BETTER = 1
+    MUCH_BETTER = 3
+
+
+class Mark(Enum):
+    """What a calibrator may say of one side, apart from the verdict."""
+
+    CHALLENGER_UNSAFE = "challenger unsafe"
+    INCUMBENT_UNSAFE = "incumbent unsafe"
+    CHALLENGER_GOOD_ENOUGH = "challenger good enough"
+    INCUMBENT_GOOD_ENOUGH = "incumbent good enough"
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """An answer to a query.
+
+    Args:
+        preference: Which one is better; None is an abstention ("can't tell").
+        strength: How much better the preferred side is, above 0: 1, an ordinary verdict, or a
+            `Strength`. It is the weight c_h of eq. QP-pref, which counts where answers
+            contradict each other. A tie or an abstention has no strength: it is always 1.
+        marks: Marks on either side.
+        outcomes: What came of the challenger's and the incumbent's experiments, where known: KPIs
+            by name, lower is better; infinite means never, NaN or no entry unknown.
+        value: The challenger's score, lower is better, which a value-based agent learns from in
+            place of a preference.
+        automatic: Those of `marks` that nobody gave: they follow from how a run ended, see
+            `completed`.
+
+    Raises:
+        PreferenceError: a preference other than -1, 0, 1 or None, a strength that is not
+            positive and finite, something that is not a mark, an automatic one that is not among
+            them, or a value that is not finite.
+    """
+
+    preference: Preference | None
+    strength: float = 1
+    marks: tuple[Mark, ...] = ()
+    outcomes: Outcomes | None = None
+    value: float | None = None
+    automatic: tuple[Mark, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.preference is not None:
+            object.__setattr__(self, "preference", _preference(self.preference))
+        numeric = isinstance(self.strength, (int, float, np.integer, np.floating))
+        if not (numeric and 0 < self.strength < np.inf):
+            raise PreferenceError(f"strength must be positive and finite, got {self.strength!r}")
+        if not self.preference and self.strength != Strength.BETTER:  # a tie or an abstention
+            object.__setattr__(self, "strength", Strength.BETTER)
+        object.__setattr__(self, "marks", tuple(self.marks))
+        for mark in self.marks:
+            if not isinstance(mark, Mark):
+                raise PreferenceError(f"a mark must be one of {list(Mark)}, got {mark!r}")
+        object.__setattr__(self, "automatic", tuple(self.automatic))
+        if not set(self.automatic) <= set(self.marks):
+            raise PreferenceError(
+                f"automatic must be some of the marks {self.marks}, got {self.automatic}"
+            )
+        if self.outcomes is not None:
+            object.__setattr__(self, "outcomes", _outcomes(self.outcomes))
+        if self.value is not None:
+            object.__setattr__(self, "value", _score(self.value))
+
+    @property
+    def much_better(self) -> bool:
+        """Whether the preferred one is more than just better."""
+        return self.strength > Strength.BETTER
+
+    @classmethod
+    def of(cls, answer: "Answer | Preference | int | None") -> "Answer":
+        """Return `answer` as an Answer; a bare -1, 0, 1 or None (abstain) is accepted.
+
+        Raises:
+            PreferenceError: anything else.
+        """
+        return answer if isinstance(answer, cls) else cls(answer)  # type: ignore[arg-type]
+
+    @classmethod
+    def scored(cls, value: "Answer | float | None") -> "Answer":
+        """Return the score `value` as an Answer; None where an experiment has no score.
+
+        Raises:
+            PreferenceError: it is not a finite number, or an Answer that holds a preference.
+        """
+        answer = value if isinstance(value, cls) else cls(None, value=value)  # type: ignore[arg-type]
+        if answer.preference is not None:
+            raise PreferenceError(
+                f"a value-based agent is told a score, not a preference: got {answer}"
+            )
+        return answer
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for JSON; `from_dict` reads it back."""
+        plain: dict[str, Any] = to_plain(self)
+        return plain
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "Answer":
+        """Read what `to_dict` gave; other keys are ignored.
+
+        Raises:
+            PreferenceError: something is missing or malformed.
+        """
+        return from_plain(data, cls, PreferenceError, "an answer")
+
+
+def _outcomes(given: Any) -> tuple[Outcome | None, Outcome | None]:
+    """A pair of outcomes, or None for one that is not known; one alone is the challenger's."""
+    if isinstance(given, Mapping):
+        given = (given, None)
+    if not isinstance(given, (tuple, list)) or len(given) != 2:
+        raise PreferenceError(
+            f"outcomes must be the challenger's and the incumbent's, got {given!r}"
+        )
+    challenger, incumbent = (
+        o if o is None or isinstance(o, Outcome) else Outcome.from_dict(o) for o in given
+    )
+    return challenger, incumbent
+
+
+def _score(value: Any) -> float:
+    numbers = (int, float, np.integer, np.floating)
+    if isinstance(value, numbers) and not isinstance(value, bool) and np.isfinite(value):
+        return float(value)
+    raise PreferenceError(
+        f"a score must be a finite number, or None where there is none, got {value!r}"
+    )
+
+
+def _preference(value: Any) -> Preference:
+    numbers = (int, float, np.integer, np.floating)  # np.sign gives a float
+    if isinstance(value, numbers) and not isinstance(value, bool) and value in (-1, 0, 1):
+        return Preference(int(value))
+    raise PreferenceError(
+        "an answer must be -1 (challenger better), 0 (as good as), 1 (incumbent better), "
+        f"None (can't tell) or an Answer, got {value!r}"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Suggestion:
+    """Experiment number `index` (from 0), with parameters `theta`, physical, shape (n,)."""
+
+    index: int
+    theta: Float[np.ndarray, " n"]
+
+    def __post_init__(self) -> None:
+        theta = np.array(self.theta, dtype=float)
+        theta.setflags(write=False)
+        object.__setattr__(self, "theta", theta)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Suggestion):
+            return NotImplemented
+        return self.index == other.index and np.array_equal(self.theta, other.theta)
+
+    def __hash__(self) -> int:
+        return hash((self.index, (self.theta + 0.0).tobytes()))  # -0.0 is equal to 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Query:
+    """A question: is the challenger better than the incumbent?
+
+    The incumbent is None in the very first query (there is nothing to compare with; any answer
+    closes it and teaches nothing) and in every query of a value-based agent. A `further` query
+    compares two experiments that have run, and needs no new one.
+    """
+
+    challenger: Suggestion
+    incumbent: Suggestion | None = None
+    further: bool = False
+
+
+class Agent(Protocol):
+    """Proposes θ and learns from preferences; the one mutable object of a study.
+
+    `ask` is pure: asking twice changes nothing. `tell` refuses an answer to a query that is
+    not the open one. The contract suite `tests/contracts/agents.py` is what an agent must pass.
+    """
+
+    @property
+    def space(self) -> KnobSpace:
+        """The knobs that θ is made of."""
+
+    @property
+    def n_max(self) -> int:
+        """Number of experiments after which the agent is done."""
+
+    @property
+    def done(self) -> bool:
+        """Whether all experiments are answered."""
+
+    @property
+    def best(self) -> Float[np.ndarray, " n"]:
+        """θ of the incumbent, physical, shape (n,). Raises ProtocolError before any answer."""
+
+    def ask(self) -> Query:
+        """Return the open query. Raises ProtocolError when done."""
+
+    def tell(self, query: Query, answer: Answer | Preference | int | None) -> None:
+        """Close `query`. Raises ProtocolError if it is not open, PreferenceError if no answer."""
+
+    def undo(self) -> None:
+        """Take the last answer back and open its query again. Raises ProtocolError if none."""
+
+    def retract(self, index: int) -> None:
+        """Forget answer number `index` (from 0), keep its sample. Raises ProtocolError if none."""
+
+    def copy(self) -> Self:
+        """Return an independent twin, for running ahead on each likely answer."""
+
+
+@runtime_checkable
+class Calibrator(Protocol[ExperimentT]):
+    """Compares two experiments: a person's front end or a synthetic judge."""
+
+    def prefer(
+        self, challenger: ExperimentT, incumbent: ExperimentT
+    ) -> Answer | Preference | int | None:
+        """Say which is better: -1, 0 or 1 as in eq. pref_fun, or None to abstain."""

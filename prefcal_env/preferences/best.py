@@ -1,0 +1,185 @@
+"""Who is the best, as a statement about the whole record of answers."""
+
+from collections.abc import Collection, Sequence, Set
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Int
+
+from .answer import Answer, Mark, Preference
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """One answer that stands: experiment `challenger` against experiment `incumbent`.
+
+    A `further` one is about two experiments that had been compared before.
+    """
+
+    challenger: int
+    incumbent: int
+    preference: Preference
+    further: bool = False
+
+    @property
+    def winner(self) -> int | None:
+        """Index of the better experiment; None for a tie."""
+        if self.preference is Preference.TIE:
+            return None
+        return self.challenger if self.preference is Preference.CHALLENGER else self.incumbent
+
+    @property
+    def loser(self) -> int | None:
+        """Index of the worse experiment; None for a tie."""
+        winner = self.winner
+        if winner is None:
+            return None
+        return self.incumbent if winner == self.challenger else self.challenger
+
+
+class Answered(Protocol):
+    """What is needed of a closed query, an agent's or a study's, to read its marks."""
+
+    @property
+    def challenger(self) -> int:
+        """Index of one experiment."""
+
+    @property
+    def incumbent(self) -> int | None:
+        """Index of the other one; None if there was none."""
+
+    @property
+    def answer(self) -> Answer:
+        """What was said."""
+
+    @property
+    def retracted(self) -> bool:
+        """Whether it was taken back."""
+
+
+def unsafe_indices(comparisons: Sequence[Answered], *, automatic: bool = False) -> frozenset[int]:
+    """Return the indices of the experiments that an answer that stands marks unsafe.
+
+    With `automatic`, only of those that were marked by themselves, though nobody said so.
+    """
+    found = set()
+    for c in comparisons:
+        marks = c.answer.automatic if automatic else c.answer.marks
+        if c.retracted or not marks:
+            continue
+        if Mark.CHALLENGER_UNSAFE in marks:
+            found.add(c.challenger)
+        if Mark.INCUMBENT_UNSAFE in marks and c.incumbent is not None:
+            found.add(c.incumbent)
+    return frozenset(found)
+
+
+def best_of(verdicts: Sequence[Verdict], unsafe: Set[int] = frozenset()) -> int:
+    """Return the index of the best experiment: one that nobody standing has beaten.
+
+    The crown starts with experiment 0 and passes to a new experiment that wins, since that met
+    the best so far. A further answer passes it on only if the one wearing it lost: about two
+    others it crowns nobody. Where the crown ends up on an experiment that lost all the same (an
+    answer was retracted, or it was marked unsafe), the undominated experiment that won most
+    recently is the best.
+
+    Args:
+        verdicts: Answers that stand, in the order given.
+        unsafe: Indices marked unsafe; they are the best only where nothing else was compared.
+    """
+    crown = reigns(verdicts)[-1]
+    touched = {i for v in verdicts for i in (v.challenger, v.incumbent) if v.winner != i}
+    if crown not in touched and crown not in unsafe:
+        return crown  # it has never lost, nor tied: no group to be looked for
+    groups = undominated(verdicts, unsafe)
+    known = {index for group in groups for index in group}
+    return crown if not known or crown in known else representative(verdicts, known)
+
+
+def reigns(verdicts: Sequence[Verdict]) -> tuple[int, ...]:
+    """Return everybody who wore the crown, in order; experiment 0 is the first."""
+    crowned = [0]
+    for verdict in verdicts:
+        winner = verdict.winner
+        if winner is None or winner == crowned[-1]:
+            continue
+        if verdict.loser == crowned[-1] or (winner == verdict.challenger and not verdict.further):
+            crowned.append(winner)
+    return tuple(crowned)
+
+
+def undominated(
+    verdicts: Sequence[Verdict], unsafe: Set[int] = frozenset()
+) -> tuple[frozenset[int], ...]:
+    """Return the groups of experiments that lost to nobody outside their group.
+
+    A group is one experiment, or several that are tied or beat each other in a circle. Losing
+    through a chain counts: if 3 beats 2 and 2 is as good as 1, then 3 beats 1. Two groups or more
+    mean that no answer says which is better. (The Schwartz set of the answers, by its parts.)
+
+    Args:
+        verdicts: Answers that stand.
+        unsafe: Indices marked unsafe; left out where anything else was compared.
+    """
+    groups = _sources(verdicts)
+    safe = tuple(g - unsafe for g in groups if g - unsafe)
+    if safe:
+        return safe
+    among_safe = [v for v in verdicts if not {v.challenger, v.incumbent} & unsafe]
+    return _sources(among_safe) or groups
+
+
+def representative(verdicts: Sequence[Verdict], group: Collection[int]) -> int:
+    """Return the member of `group` that won most recently; the first one where none ever won."""
+    for verdict in reversed(verdicts):
+        if verdict.winner in group:
+            return int(verdict.winner)  # type: ignore[arg-type]
+    return min(group)
+
+
+def contradictory(verdicts: Sequence[Verdict]) -> bool:
+    """Return whether some answers cannot all be right: a circle with a strict verdict in it."""
+    edges = _edges(verdicts)
+    if not len(edges):
+        return False
+    labels = _components(edges)
+    strict = [(v.winner, v.loser) for v in verdicts if v.winner is not None]
+    return any(labels[a] == labels[b] for a, b in strict)
+
+
+def _sources(verdicts: Sequence[Verdict]) -> tuple[frozenset[int], ...]:
+    """Strongly connected groups of "at least as good as" that no answer leads into."""
+    edges = _edges(verdicts)
+    if not len(edges):
+        return ()
+    labels = _components(edges)
+    across = labels[edges[:, 0]] != labels[edges[:, 1]]
+    beaten = set(labels[edges[across, 1]].tolist())
+    groups: dict[int, list[int]] = {}
+    for index in np.unique(edges).tolist():
+        if labels[index] not in beaten:
+            groups.setdefault(int(labels[index]), []).append(index)
+    return tuple(sorted((frozenset(g) for g in groups.values()), key=min))
+
+
+def _edges(verdicts: Sequence[Verdict]) -> Int[np.ndarray, "m 2"]:
+    """Pairs (at least as good, the other); a tie is one of each direction."""
+    edges: list[tuple[int, int]] = []
+    for v in verdicts:
+        if v.winner is None:
+            edges += [(v.challenger, v.incumbent), (v.incumbent, v.challenger)]
+        else:
+            edges.append((v.winner, v.challenger + v.incumbent - v.winner))
+    return np.array(edges, dtype=np.int64).reshape(-1, 2)
+
+
+def _components(edges: Int[np.ndarray, "m 2"]) -> Int[np.ndarray, " N"]:
+    """Label of each node's strongly connected component."""
+    from scipy.sparse import csr_array  # takes a tenth of a second to import
+    from scipy.sparse.csgraph import connected_components
+
+    size = int(edges.max()) + 1
+    graph = csr_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(size, size))
+    _, labels = connected_components(graph, directed=True, connection="strong")
+    return np.asarray(labels, dtype=np.int64)

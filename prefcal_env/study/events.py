@@ -1,0 +1,217 @@
+"""The events of a study as frozen data, to and from JSON.
+
+A new event needs its class here, and its rule in `fold.step`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Union
+
+import msgspec
+
+from prefcal_env.errors import StudyError
+from prefcal_env.plain import UNREADABLE, canonical, to_plain
+from prefcal_env.preferences.answer import Answer
+
+Int64 = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
+"""What a study file, and SQLite, can hold as a whole number."""
+
+MARKS = ("unsafe", "good enough")
+"""The marks of an experiment; setting one removes the other."""
+
+
+class Event(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag=str.lower
+):
+    """Base of all events; the JSON text names the class in lower case as its "kind"."""
+
+
+class Created(Event, frozen=True):
+    """Start the study; `configuration` is nested plain data."""
+
+    configuration: Mapping[str, Any]
+
+
+class Suggested(Event, frozen=True):
+    """Propose sample `index`, from 0: `z` in the unit cube, `theta` physical, each (n,).
+
+    After an undo, another sample of the same index takes its place.
+    """
+
+    index: Int64
+    z: tuple[float, ...]
+    theta: tuple[float, ...]
+
+
+class Finished(Event, frozen=True):
+    """Add the experiment of sample `index`: the payload of this event, or of event `same_as`."""
+
+    index: Int64
+    same_as: Int64 | None = None
+
+
+class Dialed(Event, frozen=True):
+    """Run sample `index`, the last one and not yet answered, at another θ than was proposed.
+
+    `z` in the unit cube and `theta` physical, each (n,), are the sample from now on; the proposed
+    values stay in its `Suggested`.
+    """
+
+    index: Int64
+    z: tuple[float, ...]
+    theta: tuple[float, ...]
+
+
+class Replaced(Event, frozen=True):
+    """Replace the record of sample `index`, the wrong one; a Finished with the right one follows.
+
+    Answers that compared the wrong one teach nothing from now on. `outcome` is that of the right
+    record, an empty one if nothing is known, and `unsafe` whether its run was interrupted so.
+    """
+
+    index: Int64
+    outcome: Mapping[str, Any]
+    unsafe: bool
+
+
+class Failed(Event, frozen=True):
+    """Note that the run of sample `index` raised an error; it may be tried again."""
+
+    index: Int64
+    error: str
+
+
+class Shown(Event, frozen=True):
+    """Put a question on show; its id is the number of this event.
+
+    `repeats` is the id of the earlier question that it asks again.
+    """
+
+    challenger: Int64
+    incumbent: Int64
+    challenger_left: bool
+    repeats: Int64 | None = None
+
+
+class Answered(Event, frozen=True):
+    """Close the open question; `question` and `incumbent` are None for the first experiment.
+
+    If a score was given instead of a preference, no question was on show: `question` alone is
+    None.
+    """
+
+    question: Int64 | None
+    challenger: Int64
+    incumbent: Int64 | None
+    answer: Answer
+    comment: str = ""
+    blind: bool = False
+
+
+class Marked(Event, frozen=True):
+    """Set `mark` on experiment `index`, or remove it."""
+
+    index: Int64
+    mark: str
+    on: bool
+
+
+class Retracted(Event, frozen=True):
+    """Ignore closed query number `answer` from now on; all samples stay.
+
+    A negative number -k is the k-th answer to a further question, about two earlier experiments.
+    """
+
+    answer: Int64
+
+
+class Undone(Event, frozen=True):
+    """Take the last answer back: its query is open again, samples after it are dropped."""
+
+
+class Noted(Event, frozen=True):
+    """Add a remark on the study."""
+
+    text: str
+
+
+class Extended(Event, frozen=True):
+    """Change the total number of experiments to `n_max`."""
+
+    n_max: Int64
+
+
+class Ended(Event, frozen=True):
+    """End the study: all is compared, the best is good enough, or the person stopped."""
+
+    reason: str
+
+
+class Reopened(Event, frozen=True):
+    """Continue the study after its end."""
+
+
+class Respaced(Event, frozen=True):
+    """Change the knobs or their ranges; all samples so far stay.
+
+    `space` is plain data: "knobs" and "within" as `spaces.space_of` reads them, and
+    "scenario_knobs", those that the scenario had. `added` has the value of each new knob in the
+    experiments before. `agent` has the values of the agent's configuration that depend on the
+    space, as they are from now on. A sample that has not run yet is dropped.
+    """
+
+    space: Mapping[str, Any]
+    added: Mapping[str, float]
+    agent: Mapping[str, Any] = {}
+
+
+class Adjusted(Event, frozen=True):
+    """Change settings of the agent; those not in `settings` stay.
+
+    The agent decides which settings may change during a study, and what follows from it.
+    """
+
+    settings: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """An event with its number, from 1, and when it was recorded, as the clock said."""
+
+    seq: int
+    at: str
+    event: Event
+
+
+if TYPE_CHECKING:
+    AnyEvent = Event
+else:
+    AnyEvent = Union[tuple(Event.__subclasses__())]  # noqa: UP007
+"""The type of every event above, told apart by its "kind" when it is read."""
+_DECODER: msgspec.json.Decoder[Event] = msgspec.json.Decoder(AnyEvent)
+
+
+def to_text(event: Event) -> str:
+    """Return the JSON text of an event; equal events give equal text.
+
+    Raises:
+        StudyError: it holds something that `from_text` could not read back.
+    """
+    try:
+        text = canonical(to_plain(event))
+        _DECODER.decode(text)  # a field of another type would make the file unreadable
+    except (*UNREADABLE, TypeError) as error:
+        raise StudyError(f"{type(event).__name__} cannot be recorded: {error}") from error
+    return text
+
+
+def from_text(text: str) -> Event:
+    """Read what `to_text` gave, and refuse anything else.
+
+    Raises:
+        StudyError: not JSON, an unknown kind, or a field that does not fit; it names the field.
+    """
+    try:
+        return _DECODER.decode(text)
+    except UNREADABLE as error:
+        raise StudyError(f"an event cannot be read: {error}") from error

@@ -1,0 +1,113 @@
+"""A study as CSV: comparisons, experiments, and a table of each trajectory."""
+
+import csv
+import io
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from prefcal_env.errors import StudyError
+from prefcal_env.experiments.experiment import Channel, Experiment
+
+from .file import StudyFile
+from .fold import Closed, State, counted_unsafe
+from .trouble import told
+
+
+def export_csv(study: StudyFile, folder: Path | str) -> Path:
+    """Write comparisons.csv, experiments.csv and trajectories/experiment-001.csv ... to `folder`.
+
+    Full precision; units in the headings. The folder may exist. Raises StudyError if it cannot
+    be written.
+    """
+    target, state = Path(folder), study.state
+    with told(target, "write", what="the folder"):
+        (target / "trajectories").mkdir(parents=True, exist_ok=True)
+        _write(target / "comparisons.csv", _comparisons(state))
+        experiments = {i: study.experiment(seq) for i, seq in sorted(state.finished.items())}
+        _write(target / "experiments.csv", _experiments(state, experiments))
+        for index, experiment in experiments.items():
+            name = f"experiment-{index + 1:03d}.csv"
+            _write(target / "trajectories" / name, _trajectory(experiment))
+    return target
+
+
+def _write(path: Path, rows: Iterable[Iterable[Any]]) -> None:
+    text = io.StringIO()
+    safe = ([_safe(cell) if isinstance(cell, str) else cell for cell in row] for row in rows)
+    csv.writer(text, lineterminator="\n").writerows(safe)
+    path.write_text(text.getvalue(), encoding="utf-8")
+
+
+def _comparisons(state: State) -> Iterable[list[Any]]:
+    yield ["answer", "at", "challenger", "incumbent", "preference", "strength", "marks",
+           "automatic marks", "challenger on the left", "blind", "comment", "retracted",
+           "repeats question", "question"]  # fmt: skip
+    for closed in state.answers:
+        yield _comparison(closed)
+
+
+def _comparison(closed: Closed) -> list[Any]:
+    answer, rival = closed.answer, closed.incumbent
+    return [
+        closed.challenger if closed.repeats is None and closed.after is None else "",
+        closed.at,
+        closed.challenger + 1,
+        "" if rival is None else rival + 1,
+        "" if answer.preference is None else int(answer.preference),
+        answer.strength,
+        "; ".join(mark.value for mark in answer.marks),
+        "; ".join(mark.value for mark in answer.automatic),
+        closed.challenger_left,
+        closed.blind,
+        closed.comment,
+        closed.retracted,
+        "" if closed.repeats is None else closed.repeats,
+        closed.question,
+    ]
+
+
+def _experiments(state: State, experiments: dict[int, Experiment]) -> Iterable[list[Any]]:
+    knobs = [_with_unit(name, unit) for name, unit in _units(state, "knobs")]
+    units = dict(_units(state, "kpis"))
+    kpis = sorted({name for e in experiments.values() for name in e.kpis})
+    yield ["experiment", *knobs, *(_with_unit(k, units.get(k, "")) for k in kpis), "ended", "marks",
+           "automatic marks", "score"]  # fmt: skip
+    scores = {c.challenger: c.answer.value for c in state.closed if c.answer.value is not None}
+    counted = counted_unsafe(state)
+    for index, e in experiments.items():
+        automatic = "unsafe" if index in counted else ""
+        marks = "; ".join(sorted(state.marks.get(index, ())))
+        values = [e.kpis.get(k, "") for k in kpis]
+        # Not the experiment's own: knobs may have been added since.
+        theta = state.samples[index].theta
+        yield [index + 1, *theta, *values, e.end.value, marks, automatic, scores.get(index, "")]
+
+
+def _units(state: State, what: str) -> list[tuple[str, str]]:
+    """Name and unit of each knob or KPI that the configuration lists; it may come from anybody."""
+    try:
+        return [(str(k["name"]), str(k["unit"])) for k in state.configuration.get(what, ())]
+    except (TypeError, KeyError, IndexError) as error:
+        raise StudyError(f"the configuration's {what!r} must list names and units") from error
+
+
+def _trajectory(e: Experiment) -> Iterable[list[Any]]:
+    names = [_heading(c) for c in (*e.channels.x, *e.channels.u)]
+    yield [_with_unit("time", e.channels.time_unit), *names, *e.signals]
+    for k in range(len(e.t)):
+        signals = [float(values[k]) for values in e.signals.values()]
+        yield [float(e.t[k]), *e.x[k].tolist(), *e.u[k].tolist(), *signals]
+
+
+def _heading(channel: Channel) -> str:
+    return _with_unit(channel.name, channel.unit)
+
+
+def _with_unit(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def _safe(text: str) -> str:
+    """A spreadsheet would take these for formulas, and a study may come from anybody."""
+    return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text

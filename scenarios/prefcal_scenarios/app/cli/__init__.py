@@ -1,0 +1,177 @@
+"""The command line `prefcal`. Starts fast: agents, plants and plots are loaded when needed."""
+
+import os
+import re
+import sys
+from typing import Annotated
+
+import typer
+
+from prefcal_scenarios.app.cli.benchmark.command import EPILOG as BENCH_EPILOG
+from prefcal_scenarios.app.cli.benchmark.command import bench
+from prefcal_scenarios.app.cli.studies.commands import REPORT_EPILOG, report
+from prefcal_scenarios.app.cli.studies.commands import app as studies
+
+from .calibrate import EPILOG, calibrate
+from .check import EPILOG as CHECK_EPILOG
+from .check import check
+from .processor import app as processor
+from .reproduce import EPILOG as REPRODUCE_EPILOG
+from .reproduce import reproduce
+
+app = typer.Typer(
+    name="prefcal",
+    help="Tune a controller by comparing experiments: you say which one went better.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+)
+app.command(epilog=EPILOG)(calibrate)
+app.command(no_args_is_help=True, epilog=CHECK_EPILOG)(check)
+app.command(epilog=REPORT_EPILOG)(report)
+app.command(epilog=BENCH_EPILOG)(bench)
+app.command(no_args_is_help=True, epilog=REPRODUCE_EPILOG)(reproduce)
+app.add_typer(studies)
+app.add_typer(processor)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from prefcal_scenarios.app.report.export import versions
+
+        typer.echo(f"prefcal {versions()['prefcal']}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_version, is_eager=True, help="Print the version."),
+    ] = False,
+) -> None:
+    """Tune a controller by comparing experiments: you say which one went better."""
+    _one_thread()  # before any command loads numpy, which reads the environment once
+
+
+def _one_thread() -> None:
+    """Keep linear algebra on one thread, unless the user has said otherwise.
+
+    Our matrices are small: threads spend twice the time, most of it waiting for each other.
+    """
+    for library in ("OPENBLAS", "OMP", "MKL"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+
+@app.command()
+def scenarios(
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="[SCENARIO]", help="One to describe: task, knobs and KPIs."),
+    ] = None,
+) -> None:
+    """List the scenarios that `prefcal calibrate` knows by name, or describe one."""
+    from prefcal_scenarios.scenario import BUILT_IN, load
+
+    if name is not None:
+        from rich.console import Console
+
+        from prefcal_scenarios.app.terminal.briefing import show_scenario
+
+        show_scenario(load(name), Console())
+        return
+    width = max(map(len, BUILT_IN)) + 2
+    for known in BUILT_IN:
+        scenario = load(known)
+        typer.echo(f"{known:<{width}}{scenario.title}; knobs {', '.join(scenario.space.names)}")
+    typer.echo("Your own: path/to/own.py:name, where name is a prefcal_scenarios.Scenario.")
+
+
+def main() -> None:
+    """Run the command line; a caller's mistake becomes one line and exit code 2."""
+    try:
+        code = app(standalone_mode=False)
+    except (KeyboardInterrupt, typer.Abort):
+        _complain("interrupted")
+        sys.exit(130)
+    except Exception as error:
+        # Here, not above: --help must not wait for it.
+        from prefcal_env.errors import PrefcalError
+
+        wrong = (str(error), 2) if isinstance(error, PrefcalError) else _wrong_call(error)
+        if wrong is None:
+            raise
+        if wrong[0]:
+            _complain(wrong[0])
+        sys.exit(wrong[1])
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _complain(words: str) -> None:
+    """Print one error for people on standard error."""
+    print(f"prefcal: {words}", file=sys.stderr)
+
+
+_MISSING = {
+    "SCENARIO": "name a scenario: {scenarios}, or your own as path/to/own.py:NAME",
+    "STUDY": "name a study: `prefcal studies list` shows yours",
+    "OLD": "name the study to rename and its new name: `prefcal studies list` shows yours",
+    "NEW": "give the new name, too",
+    "FILE": "name the exported file",
+}
+"""What to say if an argument is missing, by its placeholder."""
+_PLAINER = (
+    (r"^invalid value for '(.+?)': (?:value error, )?", r"\1: "),
+    (r"input should be a (valid )?(\w+), unable to parse.*", r"expected an \2"),
+    (r"expected an number", "expected a number"),
+    (
+        r"^no such option: (\S+) \(possible options: ([^,)]+).*\)",
+        r"no such option: \1. Did you mean \2?",
+    ),
+    (r"^got unexpected extra arguments? \((.*)\)", r"too many arguments: \1"),
+    (r"^got unexpected extra argument\(s\) \((.*)\)", r"too many arguments: \1"),
+    (r"^option '(.+?)' requires an argument", r"\1 needs a value"),
+)
+"""The parser's phrases, and what we say instead."""
+
+
+def _wrong_call(error: Exception) -> tuple[str, int] | None:
+    """Return the message and the exit code of an error of the argument parser.
+
+    None for every other error. An empty message: the help is on the screen already. The parser's
+    errors are recognized by what they offer, since their classes move between versions.
+    """
+    told = getattr(error, "format_message", None)
+    if told is None:
+        return None
+    code = int(getattr(error, "exit_code", 2))
+    if type(error).__name__ == "NoArgsIsHelpError":
+        return "", code
+    context = getattr(error, "ctx", None)
+    words = _missing(error) or _sentence(str(told()), context)
+    command = getattr(context, "command_path", "prefcal")
+    return f"{words} (help: {command} --help)", code
+
+
+def _missing(error: Exception) -> str:
+    """Return what to say about a missing argument; empty for any other error."""
+    if type(error).__name__ != "MissingParameter":
+        return ""
+    from prefcal_scenarios.scenario import BUILT_IN
+
+    parameter = getattr(error, "param", None)
+    words = _MISSING.get(str(getattr(parameter, "metavar", "")), "")
+    return words.format(scenarios=", ".join(BUILT_IN))
+
+
+def _sentence(words: str, context: object) -> str:
+    """Return `words` in our style; with the commands that exist if one was misspelled."""
+    words = " ".join(words.split()).rstrip(".")
+    words = words[:1].lower() + words[1:]
+    for phrase, plainer in _PLAINER:
+        words = re.sub(phrase, plainer, words, flags=re.IGNORECASE)
+    commands = getattr(getattr(context, "command", None), "commands", {})
+    if words.startswith("no such command") and "Did you mean" not in words:
+        words += f": expected one of {', '.join(commands)}"
+    return words

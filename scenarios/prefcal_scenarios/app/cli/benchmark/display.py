@@ -1,0 +1,68 @@
+"""Progress of a benchmark on standard error."""
+
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
+
+from prefcal_scenarios.app.presentation.wording import printable
+
+_PERIOD = 900.0
+"""Seconds over which the remaining time is estimated: slow agents take half a minute a cell."""
+
+
+class BenchDisplay:
+    """A bar with the remaining time, and lines above it. A `Watcher`."""
+
+    def __init__(self, console: Console) -> None:
+        self.done = 0
+        self._console = console
+        self._bar = Progress(
+            TextColumn("[bold]{task.fields[what]}"), BarColumn(bar_width=None),
+            MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
+            TextColumn("[dim]{task.description}"), console=console, expand=True,
+            speed_estimate_period=_PERIOD,
+        )  # fmt: skip
+        self._task = self._bar.add_task("", total=None, what="")
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+        if not self._console.is_terminal:
+            self._console.print()  # there, rich leaves the last line open
+
+    def begin(self, what: str, total: int, done: int) -> None:
+        """Start the bar anew, with `done` of `total` there already."""
+        self._bar.remove_task(self._task)
+        self._task = self._bar.add_task("", total=total, completed=done, what=escape(what))
+        if what == "cells":
+            self.done = done
+            if done:
+                self.say(f"{done} of {total} results are there already.")
+
+    def landed(self, what: str) -> None:
+        """Move the bar by one."""
+        self.done += 1
+        self._bar.update(self._task, advance=1, description=escape(printable(what)))
+
+    def say(self, words: str) -> None:
+        """Print a line above the bar."""
+        self._console.print(Text(printable(words)), soft_wrap=True)

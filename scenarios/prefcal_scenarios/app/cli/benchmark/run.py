@@ -1,0 +1,172 @@
+"""Run `prefcal bench`."""
+
+import json as json_
+import shlex
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.text import Text
+
+from prefcal_env.errors import SettingsError
+from prefcal_scenarios.app.cli.interrupt import INTERRUPTED, interruption
+from prefcal_scenarios.app.presentation.wording import printable
+from prefcal_scenarios.app.report.export import jsonable
+from prefcal_scenarios.bench import DaskCluster, Finished, Processes, Store, Suite, run_suite
+from prefcal_scenarios.bench.engine import Workers
+from prefcal_scenarios.bench.executors import usable_cores
+from prefcal_scenarios.bench.results import as_csv, duel_table, print_table, table, write
+
+from .display import BenchDisplay
+
+_TIMEOUT = 3600.0
+"""Seconds of a cell: the slowest agents take some minutes for 50 experiments."""
+_WIDTH = 110
+"""Characters in a line of files and pipes."""
+
+
+@dataclass(frozen=True, slots=True)
+class BenchOptions:
+    """The options of `prefcal bench`; None where the suite's own value holds."""
+
+    quick: bool = False
+    agents: str | None = None
+    problems: str | None = None
+    calibrators: str | None = None
+    seeds: int | None = None
+    n_init: int | None = None
+    n_max: int | None = None
+    jobs: int | None = None
+    dask: str | None = None
+    cell_timeout: float | None = None
+
+    def command(self, out: Path) -> str:
+        """Return the command line that repeats it, wherever it ran."""
+        words = ["prefcal", "bench", *(["--quick"] if self.quick else [])]
+        for name in ("agents", "problems", "calibrators", "seeds", "n_init", "n_max"):
+            if (value := getattr(self, name)) is not None:
+                words += [f"--{name.replace('_', '-')}", str(value)]
+        return shlex.join([*words, "--out", str(out)])
+
+    def suite(self) -> Suite:
+        """Return the suite that the options ask for.
+
+        Raises:
+            SettingsError: an unknown name or an impossible number, or nothing is left to run.
+            ScenarioError: the file of an own agent does not load.
+        """
+        suite = Suite.quick() if self.quick else Suite.full()
+        given: dict[str, Any] = {
+            name: tuple(word.strip() for word in value.split(","))
+            for name in ("agents", "problems", "calibrators")
+            if (value := getattr(self, name)) is not None
+        }
+        for name in ("seeds", "n_max"):
+            if (value := getattr(self, name)) is not None:
+                given[name] = value
+        n_init = self.n_init
+        if n_init is None:
+            n_init = min(suite.n_init, max(1, given.get("n_max", suite.n_max) // 2))
+        n_max = given.get("n_max", suite.n_max)
+        if n_init > n_max:
+            raise SettingsError(
+                f"--n-max must be at least --n-init, got --n-max {n_max} and --n-init {n_init}"
+            )
+        suite = replace(suite, **given, n_init=n_init)
+        if not suite.cells:
+            raise SettingsError(f"there is nothing to run: {'; '.join(suite.left_out)}")
+        return suite
+
+    def workers(self, out: Path) -> Workers:
+        """Return the workers to run it on; `out` is the folder of the results.
+
+        Raises:
+            SettingsError: both a cluster and processes here, an impossible number of them, or an
+                impossible time limit.
+            MissingExtraError: Dask is not installed.
+        """
+        if self.dask is None:
+            return Processes(
+                usable_cores() if self.jobs is None else self.jobs,
+                limit=_TIMEOUT if self.cell_timeout is None else self.cell_timeout,
+                last_words="the benchmark was killed, from outside or by an agent. The results "
+                f"so far are kept in {out}; the same command resumes.",
+            )
+        if self.jobs is not None:
+            raise SettingsError("--jobs is for this machine, --dask for a cluster: give one")
+        if self.cell_timeout is not None:
+            raise SettingsError("--cell-timeout is for this machine: a cluster has its own limits")
+        return DaskCluster(self.dask)
+
+
+def run(options: BenchOptions, out: Path, *, json: bool, csv: bool) -> int:
+    """Run what is missing of the suite, write the page, print the result; return the exit code.
+
+    Raises:
+        PrefcalError: impossible options, or a folder or a cluster that cannot be used.
+    """
+    if json and csv:
+        raise SettingsError("--json and --csv both want standard output: give one")
+    suite, workers = options.suite(), options.workers(out)
+    messages = Console(stderr=True)
+    for words in suite.left_out:
+        _say(messages, f"Left out: {words}")
+    with interruption() as pressed:  # from the first folder on, Ctrl-C has its own words
+        store = Store(out)
+        with BenchDisplay(messages) as display:
+            try:
+                with pressed.allowed():
+                    finished = run_suite(suite, store, workers, display)
+            except KeyboardInterrupt:
+                display.say(
+                    f"Stopped; {display.done} results are kept in {out}. The same command resumes."
+                )
+                return INTERRUPTED
+    page = write(
+        finished.results, finished.duels, store.folder, command=options.command(out),
+        digest=finished.digest, notes=(*suite.left_out, *finished.trouble), baseline=suite.baseline,
+    )  # fmt: skip
+    if json:
+        print(_as_json(finished, suite, page))
+    elif csv:
+        print(as_csv(table(finished.results, baseline=suite.baseline)), end="")
+    else:
+        _show(finished, page, _paper(), suite.baseline)
+    return 1 if finished.failures or finished.trouble else 0
+
+
+def _show(finished: Finished, page: Path, console: Console, baseline: str) -> None:
+    """Print the tables, compared with `baseline`, what failed, digest, and where the page is."""
+    print_table(console, finished.results, finished.duels, baseline=baseline)
+    for words in finished.trouble:
+        console.print(Text(printable(words), style="red"), soft_wrap=True)
+    console.print(Text.assemble("Digest: ", (finished.digest, "bold")), soft_wrap=True)
+    console.print(Text.assemble("Page: ", (str(page), "bold")), soft_wrap=True)
+
+
+def _as_json(finished: Finished, suite: Suite, page: Path) -> str:
+    """Return one JSON object; strict, so null where there is no number."""
+    content: dict[str, Any] = {
+        "digest": finished.digest,
+        "cells": len(finished.results),
+        "table": table(finished.results, baseline=suite.baseline),
+        "duels": duel_table(finished.duels),
+        "failures": [
+            {**result.cell.to_dict(), "failure": result.failure} for result in finished.failures
+        ],
+        "trouble": finished.trouble,
+        "left_out": suite.left_out,
+        "page": str(page),
+    }
+    return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def _paper() -> Console:
+    """Return standard output; wide enough for the names of the agents if it is no terminal."""
+    console = Console()
+    return console if console.is_terminal else Console(width=_WIDTH)
+
+
+def _say(console: Console, words: str) -> None:
+    console.print(Text(words), soft_wrap=True)

@@ -1,0 +1,69 @@
+"""`prefcal calibrate`: one study from start to report."""
+
+from typing import Any
+
+import typer
+
+from .options import Options
+from .parameters import given, takes
+
+EPILOG = """\
+[bold]Examples[/bold]
+
+[cyan]prefcal calibrate cstr[/cyan]
+  The paper's reactor: a page opens and asks 49 times which experiment is better.
+
+[cyan]prefcal calibrate cstr --study mine[/cyan]
+  The same in a study called mine; the same command resumes it.
+
+[cyan]prefcal calibrate cstr --terminal[/cyan]
+  Answer in this terminal, on a machine without a browser.
+
+[cyan]prefcal calibrate cstr --calibrator synthetic --seed 7 --out reactor[/cyan]
+  Unattended: a synthetic calibrator answers; the report goes to reactor.
+
+[cyan]prefcal calibrate cstr --calibrator synthetic --answer-noise 0.05[/cyan]
+  Unattended, with answers that are sometimes wrong.
+
+[cyan]prefcal calibrate cstr --start "T_s=0.5, N_p=30, log_Q=-1"[/cyan]
+  Start from your present tuning: the first experiment runs it.
+
+[cyan]prefcal calibrate cstr --from mine --study second[/cyan]
+  Another person or a similar plant: try the best θ of the study mine early.
+
+[cyan]prefcal calibrate cstr --agent glisp-paper[/cyan]
+  The algorithm as published, without what this project adds.
+
+[cyan]prefcal calibrate cstr --agent glis[/cyan]
+  What optimization finds when it sees the scenario's score.
+
+[cyan]prefcal calibrate cstr --agent glis --cost mine_index.py:cost[/cyan]
+  Unattended, scored by what your answers have taught (`prefcal studies index`).
+
+[cyan]prefcal calibrate overtake --config traffic.json[/cyan]
+  The overtaking on another road, in other traffic (see docs/overtaking.md).
+
+[cyan]prefcal calibrate overtake --processor target.json[/cyan]
+  The controller must run in real time on your own target.
+
+[cyan]prefcal calibrate own.py:plant --agent random --n-max 20[/cyan]
+  Your own scenario, simulated or a rig that you run yourself; random search.
+
+[cyan]prefcal calibrate cstr --host 0.0.0.0 --no-browser[/cyan]
+  Answer from another machine: prints a link for it.
+"""
+
+
+@takes(Options)
+def calibrate(**typed: Any) -> None:
+    """Tune SCENARIO by comparing experiments, and write a report.
+
+    prefcal proposes θ, runs the experiment, shows it next to the best so far, and
+    learns from your answer, on a local page, or from a synthetic calibrator's.
+    Every answer is saved before the next question. Ctrl-C stops and writes a
+    report of the comparisons so far; the same --study resumes.
+    """
+    # Here, not above: --help must not wait for it.
+    from .calibrate_run import run
+
+    raise typer.Exit(run(given(Options, typed)))

@@ -1,0 +1,350 @@
+"""One run of `prefcal calibrate`: open the study, have it answered, report."""
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from jaxtyping import Float
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
+
+from prefcal_env.errors import RunError
+from prefcal_env.mpc.compiling import Compiling
+from prefcal_env.preferences.loop import Comparison
+from prefcal_scenarios.app.isolated import isolation
+from prefcal_scenarios.app.presentation.wording import earlier_text, theta_text
+from prefcal_scenarios.app.report.record import VERDICTS
+from prefcal_scenarios.app.session import Background, Interview, Now, Phase, unattended
+from prefcal_scenarios.own.source import with_config_of
+from prefcal_scenarios.scenario import Scenario, load
+
+from .choices import make_calibrator, on_target
+from .cost_file import with_cost
+from .interrupt import INTERRUPTED, Interruption, interruption
+from .opening import Opened, claim_folder, default_folder, kept_if_worth_it, open_study
+from .options import Options
+from .report import Reporter
+
+RUN_FAILED = 1
+"""Exit code if the code of the user's own scenario has ended an unattended study."""
+GONE = 20.0
+"""Seconds after the last page was closed at which a study that is over ends the command."""
+
+
+def run(given: Mapping[str, Any]) -> int:
+    """Run the study, write its report, print the result; return the exit code.
+
+    Whatever ends the study early, a report of the comparisons so far is left, and a study file
+    can be resumed. `given` holds a value for each field of `Options`, None if it was not typed.
+
+    Raises:
+        PrefcalError: the options do not fit the scenario, the study or the machine.
+    """
+    given = {**given, "scenario": with_config_of(given["scenario"], given["config"])}
+    source = given["scenario"]
+    with interruption(others=True) as ctrl_c:
+        messages = Console(stderr=True)
+        ctrl_c.on_press = lambda: messages.print("Stopping ...", highlight=False)
+        with isolation(source, given["run_timeout"]) as isolated:
+            scenario = isolated(with_cost(load(source), given["cost"]))
+            _check_address(Options.of(given))
+
+            def say(text: str) -> None:
+                _say(messages, text)
+
+            opened = open_study(given, scenario, given["study"])
+            with kept_if_worth_it(opened, scenario, say):
+                judged = on_target(scenario, opened.file.state.configuration)
+                return _run(opened, judged, ctrl_c, messages)
+
+
+def _say(messages: Console, text: str) -> None:
+    messages.print(text, soft_wrap=True, highlight=False, markup=False)
+
+
+def _check_address(options: Options) -> None:
+    """Raise SettingsError if the page cannot be served: a taken port must not cost a study."""
+    if options.by_a_person and not options.terminal:
+        # Here, not above: unattended runs must not wait for a web server.
+        from prefcal_scenarios.app.web.server.binding import bind
+
+        bind(options.host, options.port).close()
+
+
+def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Console) -> int:
+    """Ask and report, in a folder that is the study's own."""
+    claim, file = claim_folder(opened, scenario.name), opened.file
+    options, name = opened.options, opened.name
+    try:
+        interview = Interview(scenario, file, ahead=options.by_a_person)
+        work = CalibrateRun(Reporter(interview, opened, claim, messages), ctrl_c)
+        ctrl_c.on_press = work.stopping
+        work.introduce()
+        return _attended(work) if options.by_a_person else _unattended(work)
+    except KeyboardInterrupt:
+        later = f"; its report: prefcal report {name}" if name and file.state.closed else ""
+        _say(messages, f"Stopped at once. Every answer is saved{later}" if name else
+             "Stopped at once.")  # fmt: skip
+        raise
+    finally:
+        claim.release()
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrateRun:
+    """A study being calibrated, until it is over or somebody stops it.
+
+    Args:
+        reporter: Writes and prints the result.
+        ctrl_c: Handles Ctrl-C.
+    """
+
+    reporter: Reporter
+    ctrl_c: Interruption
+
+    @property
+    def interview(self) -> Interview:
+        """The agent and the study file."""
+        return self.reporter.interview
+
+    @property
+    def opened(self) -> Opened:
+        """How the study was opened."""
+        return self.reporter.opened
+
+    @property
+    def options(self) -> Options:
+        """What was asked for."""
+        return self.opened.options
+
+    @property
+    def again(self) -> str:
+        """The command that resumes the study."""
+        options, name = self.options, self.opened.name or ""
+        cost = [] if options.cost is None else ["--cost", options.cost]
+        return shlex.join(["prefcal", "calibrate", options.scenario, "--study", name, *cost])
+
+    @property
+    def over(self) -> bool:
+        """Whether the study is over."""
+        return self.interview.now().phase is Phase.OVER
+
+    def say(self, text: str) -> None:
+        """Print one line for people."""
+        self.reporter.say(text)
+
+    def introduce(self) -> None:
+        """Say where the report goes and the first θ come from, if that may surprise."""
+        folder = self.reporter.claim.folder
+        default = default_folder(self.opened, self.interview.scenario.name)
+        if folder.name != default.name and self.options.out is None:
+            self.say(f"{default} holds another study's report: this one goes to {folder}.")
+        taken = self.opened.file.state.configuration.get("earlier")
+        if taken and not self.opened.resumed:
+            self.say(f"From {earlier_text(taken)}.")
+
+    def stopping(self) -> None:
+        """Say at once what Ctrl-C does."""
+        what = "Writing the report ..." if self.reporter.reportable else "Stopping ..."
+        self.say(f"{what} (Ctrl-C again ends at once; no answer is lost)")
+
+    def closing(self) -> None:
+        """Say what Ctrl-C does once the report is written."""
+        self.say("Closing ...")
+
+
+def _attended(work: CalibrateRun) -> int:
+    """Let a person answer, who may come back any time; return the exit code."""
+    how = "resumed" if work.opened.resumed else "started"
+    work.say(f"Study {work.opened.name} {how}. Every answer is saved at once.")
+    work.say(f"Stop any time, and resume with: {work.again}")
+    ask = _in_terminal if work.options.terminal else _in_window
+    ask(work)
+    over = work.over
+    if not over and work.reporter.reportable:
+        work.say(f"Stopped; every answer is saved. Resume: {work.again}")
+    return INTERRUPTED if work.ctrl_c.pressed and not over else 0
+
+
+def _in_window(work: CalibrateRun) -> None:
+    """Serve the query window until it is closed."""
+    # Here, not above: unattended runs must not wait for a web server.
+    from prefcal_scenarios.app.web import Window, open_browser
+
+    options, reporter, told = work.options, work.reporter, False
+    with Window(
+        work.interview, host=options.host, port=options.port, again=work.again,
+        command=options.command(),
+    ) as window, Background(work.interview):  # fmt: skip
+        if window.warning:
+            work.say(window.warning)
+        _print_link(window.link, work)
+        if window.link_for_others:
+            work.say("From other machines:")
+            _print_link(window.link_for_others, work)
+        if options.browser and not open_browser(window.link):
+            work.say("No browser found: open the link yourself, or answer here with --terminal.")
+        try:
+            with work.ctrl_c.allowed():
+                while not window.closed.wait(0.1):
+                    over = work.over
+                    if over and not told:
+                        window.reports = _tell_in_passing(work)
+                    told = over
+                    work.ctrl_c.on_press = work.closing if told else work.stopping
+                    away = window.away()
+                    if over and away is not None and away > GONE:
+                        break
+        except KeyboardInterrupt:
+            pass
+    if options.json or not told:
+        reporter.tell(reporter.write())
+
+
+def _tell_in_passing(work: CalibrateRun) -> Path:
+    """Report a study that is over while its page is still open; return the report's folder."""
+    record = work.reporter.write()
+    if not work.options.json:
+        work.reporter.tell(record)
+    work.say("The study is over. This ends when you close its page, or with Ctrl-C.")
+    return work.reporter.claim.folder
+
+
+def _print_link(link: str, work: CalibrateRun) -> None:
+    """Print a link alone on its line, unwrapped and at once: programs read it."""
+    stream = work.reporter.messages.file if work.options.json else None
+    print(link, file=stream, flush=True)
+
+
+def _in_terminal(work: CalibrateRun) -> None:
+    """Ask in the terminal until the person stops."""
+    from prefcal_scenarios.app.terminal import converse, keys_of
+
+    # With --json, standard output belongs to the result.
+    console = work.reporter.messages if work.options.json else Console()
+    with Background(work.interview):
+        try:
+            with work.ctrl_c.allowed():
+                converse(work.interview, console, keys_of(console))
+        except KeyboardInterrupt:
+            pass
+    work.reporter.tell(work.reporter.write())
+
+
+def _unattended(work: CalibrateRun) -> int:
+    """Let a synthetic calibrator answer, as fast as the experiments run; return the exit code."""
+    ctrl_c, failure = work.ctrl_c, None
+    try:
+        with ctrl_c.allowed():
+            _answer_all(work)
+    except (KeyboardInterrupt, Exception) as error:
+        # Whatever a rig raises, its results so far are kept. Compiled code turns a
+        # KeyboardInterrupt into an error of its own, so the press is what counts.
+        if not (ctrl_c.pressed or isinstance(error, KeyboardInterrupt)):
+            failure = error
+        else:
+            done = f"{work.interview.counts.experiments} of {work.interview.n_max} experiments"
+            work.say(f"Interrupted after {done}.")
+    # A rig that has just broken down is not asked for more.
+    record = work.reporter.write(rig_works=failure is None)
+    work.reporter.tell(record)
+    if isinstance(failure, RunError):
+        work.say(failure.trace)
+        work.say(f"prefcal: {failure}")
+        return RUN_FAILED
+    if failure is not None:
+        raise failure
+    if ctrl_c.pressed and not record.stopped:
+        work.say("Interrupted when the study was over: the report is complete.")
+    return INTERRUPTED if ctrl_c.pressed else 0
+
+
+def _answer_all(work: CalibrateRun) -> None:
+    """Have all experiments run and compared, under a progress bar."""
+    interview, scenario = work.interview, work.interview.scenario
+    calibrator = make_calibrator(work.options, scenario)
+    with Display(scenario, interview.n_max, work.reporter.messages) as display:
+        for comparison in interview.comparisons():
+            display.compared(comparison)
+        display.best(interview.now())
+        interview.prepare(display.compiling)
+        for comparison in unattended(interview, calibrator, display.running, work.say):
+            display.compared(comparison)
+            display.best(interview.now())
+            work.ctrl_c.check()
+
+
+class Display:
+    """A progress bar that names the current θ, the best θ and the verdicts so far."""
+
+    def __init__(self, scenario: Scenario, n_max: int, console: Console) -> None:
+        self._scenario, self._console = scenario, console
+        self._counts = dict.fromkeys(VERDICTS, 0)
+        self._current = "none yet"
+        self._best = "none yet"
+        self._compiling = False
+        self._bar = Progress(
+            TextColumn("[bold]{task.description}"), BarColumn(bar_width=None),
+            MofNCompleteColumn(), TimeRemainingColumn(compact=True), console=console,
+            expand=True,
+        )  # fmt: skip
+        self._task = self._bar.add_task(f"calibrating {escape(scenario.name)}", total=n_max)
+        self._live = Live(console=console, get_renderable=self._lines, refresh_per_second=8)
+
+    def __enter__(self) -> Self:
+        self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._live.stop()
+        if not self._console.is_terminal:
+            self._console.print()  # there, rich leaves the last line open
+
+    def compiling(self, part: Compiling) -> None:
+        """Say what is being compiled; only once if there is no live display."""
+        if not self._console.is_terminal and not self._compiling:
+            self._console.print(part.words, markup=False, highlight=False, soft_wrap=True)
+        self._compiling = True
+        self._current = part.words
+
+    def running(self, theta: Float[np.ndarray, " n"]) -> None:
+        """Say which θ is being tried now."""
+        self._current = theta_text(self._scenario.space, theta)
+
+    def compared(self, comparison: Comparison) -> None:
+        """Count one more experiment and its verdict."""
+        if comparison.incumbent is not None:
+            self._counts[comparison.answer.preference] += 1
+        self._bar.advance(self._task)
+
+    def best(self, now: Now) -> None:
+        """Name the best experiment: the one that the study would return if it ended now."""
+        index = now.incumbent
+        if index is not None:
+            theta = np.array(now.state.samples[index].theta)
+            self._best = f"{theta_text(self._scenario.space, theta)} (experiment {index + 1})"
+
+    def _lines(self) -> RenderableType:
+        counts = " · ".join(f"{VERDICTS[v]} {n}" for v, n in self._counts.items())
+        rows = (("θ now", self._current, ""), ("best θ", self._best, "bold blue"),
+                ("verdicts", counts, ""))  # fmt: skip
+        texts = [Text.assemble((f"{name:<9} ", "dim"), (text, look)) for name, text, look in rows]
+        return Group(self._bar, *texts)

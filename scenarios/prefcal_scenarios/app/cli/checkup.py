@@ -1,0 +1,302 @@
+"""A trial run of a scenario: one θ, and everything about it that a study relies on."""
+
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import RecordError, ScenarioError
+from prefcal_env.experiments.experiment import Channels, Experiment
+from prefcal_env.experiments.panels import KINDS
+from prefcal_env.preferences.answer import Answer
+from prefcal_env.rig import Rig
+from prefcal_env.study.codec import decode, encode
+from prefcal_scenarios.app.presentation.wording import measured, quantity, with_unit
+from prefcal_scenarios.app.report.export import jsonable
+from prefcal_scenarios.own.checks import check_experiment, kpi_problems, theta_problems
+from prefcal_scenarios.own.own_line import in_words, located
+from prefcal_scenarios.scenario import KPI, Scenario
+
+_DRAWS = 2000
+"""Random θ among which an allowed one is looked for, if the middle of the box is not."""
+_GOALS = {
+    "lower": "lower is better",
+    "higher": "higher is better",
+    "target": "the middle of its range is best",
+    None: "for information: nothing is learned from it",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What was checked, whether it is in order (None: to be known, no judgment), and why."""
+
+    what: str
+    ok: bool | None
+    words: str
+
+
+@dataclass(slots=True)
+class Checkup:
+    """Checks of one scenario, one after the other; the trial run is kept for those that follow.
+
+    Args:
+        scenario: What is checked.
+        theta: θ of the trial run, physical, shape (n,).
+        seed: Seed of the trial run.
+        clock: Seconds, for how long the run took.
+    """
+
+    scenario: Scenario
+    theta: Float[np.ndarray, " n"]
+    seed: int = 0
+    clock: Callable[[], float] = time.perf_counter
+    experiment: Experiment | None = None
+    findings: list[Finding] = field(default_factory=list)
+
+    @property
+    def failures(self) -> tuple[Finding, ...]:
+        """What is wrong."""
+        return tuple(f for f in self.findings if f.ok is False)
+
+    @property
+    def is_rig(self) -> bool:
+        """Whether only a person can run it: a record is made up then."""
+        return isinstance(self.scenario.run, Rig)
+
+    def steps(self) -> Iterator[tuple[str, Callable[[], None]]]:
+        """Yield what comes next in words, and a function that does it and adds its findings."""
+        yield "looking at the knobs", self._step("knobs", self._knobs)
+        yield "running θ", self._step("run", self._run)
+        if self.experiment is None:
+            return
+        for words, what, check in (
+            ("looking at its record", "record", self._record),
+            ("looking at the panels", "panels", self._panels),
+            ("looking at the KPIs", "KPIs", self._kpis),
+            ("computing the cost", "cost", self._cost),
+            ("asking the calibrators", "calibrators", self._calibrators),
+            ("running θ once more", "same again", self._again),
+            ("running the references", "references", self._references),
+            ("making the controller", "controller", self._controller),
+            ("storing the experiment", "study file", self._stored),
+            ("making the scene", "scene", self._scene),
+        ):
+            yield words, self._step(what, check)
+
+    def _step(self, what: str, check: Callable[[], Iterator[Finding]]) -> Callable[[], None]:
+        def do() -> None:
+            try:
+                self.findings += check()
+            except (Exception, SystemExit) as error:  # whatever own code raises
+                known = error if isinstance(error, Exception) else ScenarioError("it called exit")
+                self.findings.append(Finding(what, False, in_words(located(known))))
+
+        return do
+
+    def _ran(self) -> Experiment:
+        assert self.experiment is not None
+        return self.experiment
+
+    def _knobs(self) -> Iterator[Finding]:
+        space = self.scenario.space
+        yield Finding("knobs", True, f"{len(space)}: {', '.join(space.names)}")
+        if not space.allows(self.theta):
+            yield Finding("constraints", False, f"θ = {space.named(self.theta)} is not allowed")
+
+    def _run(self) -> Iterator[Finding]:
+        start = self.clock()
+        if isinstance(self.scenario.run, Rig):
+            self.experiment = _made_up(self.scenario.run, self.theta)
+            yield Finding("run", None, "only you can run this rig: a made-up record is checked")
+            return
+        result: object = self.scenario.run(self.theta.copy(), seed=self.seed)
+        took = self.clock() - start
+        if not isinstance(result, Experiment):
+            check_experiment(self.scenario, self.theta, result)  # says so
+            return
+        self.experiment = result
+        yield Finding("run", True, f"{took:.2g} s, ended: {result.end.value}")
+        wrong = list(theta_problems(self.scenario.space, self.theta, result))
+        rounded = not wrong and not np.allclose(result.theta, self.theta, rtol=1e-9, atol=0)
+        words = f"it ran {result.theta.tolist()}: rounded" if rounded else "the one that was asked"
+        yield Finding("θ of the experiment", not wrong, "; ".join(wrong) or words)
+
+    def _record(self) -> Iterator[Finding]:
+        e = self._ran()
+        if not len(e.t):
+            yield Finding("record", False, "the run left no record: t is empty")
+            return
+        variants = f", {len(e.runs)} variants" if e.runs else ""
+        unsolved = int(np.sum(~e.solved))
+        held = f"; {unsolved} unsolved, which held the input" if unsolved else ""
+        until = quantity(e.duration, e.channels.time_unit)
+        words = f"{len(e.t)} instants up to {until}, {len(e.t_control)} steps{held}{variants}"
+        yield Finding("record", True, f"{words}; states and inputs are finite")
+        yield from _channels(e.channels)
+
+    def _panels(self) -> Iterator[Finding]:
+        e = self._ran()
+        if not self.scenario.panels:
+            yield Finding("panels", None, "none given: every state, input and further output")
+        for panel in self.scenario.panels:
+            what = f"panel {panel.name!r}"
+            try:
+                plot = panel.plot(e) if len(e.t) else panel.absent()
+            except ScenarioError as error:
+                yield Finding(what, False, str(error).removeprefix(f"{what}: "))
+                continue
+            values = plot.values(e)
+            seen = values[np.isfinite(values)]
+            if not len(seen):
+                yield Finding(what, False, "it has no finite value")
+                continue
+            span = f"from {quantity(float(seen.min()), '')} to"
+            top = quantity(float(seen.max()), plot.channel.unit)
+            yield Finding(what, True, f"one of the {KINDS[plot.kind]}, {span} {top}")
+
+    def _kpis(self) -> Iterator[Finding]:
+        e = self._ran()
+        for words in kpi_problems(self.scenario, e.kpis):
+            yield Finding("KPIs", e.end.interrupted and None, words)
+        for kpi in self.scenario.kpis:
+            if kpi.name in e.kpis:
+                yield _kpi(kpi, e)
+        spare = sorted(set(e.kpis) - {kpi.name for kpi in self.scenario.kpis})
+        if spare:
+            yield Finding(
+                "further KPIs", None, f"returned, but on show nowhere: {', '.join(spare)}"
+            )
+
+    def _cost(self) -> Iterator[Finding]:
+        if self.scenario.cost is None:
+            yield Finding("cost", None, "none: only people, or calibrators, can compare")
+            return
+        value = float(self.scenario.cost(self._ran()))
+        yield Finding("cost", bool(np.isfinite(value)), f"{value:.4g}")
+
+    def _calibrators(self) -> Iterator[Finding]:
+        for name, make in self.scenario.calibrators.items():
+            what = f"calibrator {name!r}"
+            try:
+                given = Answer.of(make(self.seed).prefer(self._ran(), self._ran()))
+            except Exception as error:
+                yield Finding(what, False, in_words(located(error)))
+                continue
+            verdict = "abstains" if given.preference is None else given.preference.name.lower()
+            yield Finding(what, True, f"of twice the same experiment: {verdict}")
+
+    def _again(self) -> Iterator[Finding]:
+        if self.is_rig:
+            return
+        first, second = self._ran(), self.scenario.run(self.theta.copy(), seed=self.seed)
+        if first == second:
+            yield Finding("same again", True, "the same θ and seed give the same experiment")
+            return
+        names = [f.name for f in fields(Experiment) if f.name not in ("solve_time", "runs")]
+        differ = [n for n in names if not _same(getattr(first, n), getattr(second, n))]
+        where = ", ".join(differ) or "runs"
+        yield Finding(
+            "same again", False, f"the same θ and seed give another experiment: {where} differ; "
+            "take randomness from the seed only",
+        )  # fmt: skip
+
+    def _references(self) -> Iterator[Finding]:
+        for name, theta in self.scenario.references.items():
+            what = f"reference {name!r}"
+            if self.is_rig:
+                yield Finding(what, None, "not run: this is a rig")
+                continue
+            try:
+                theta = np.array(theta, dtype=float)
+                result: object = self.scenario.run(theta, seed=self.seed)
+                ended = check_experiment(self.scenario, theta, result).end.value
+            except Exception as error:
+                yield Finding(what, False, in_words(located(error)))
+                continue
+            yield Finding(what, True, f"ended: {ended}")
+
+    def _controller(self) -> Iterator[Finding]:
+        if self.scenario.controller is not None:
+            made = self.scenario.controller(self.theta.copy())
+            missing = [n for n in ("T_s", "move") if not hasattr(made, n)]
+            words = f"it has no {' and no '.join(missing)}" if missing else type(made).__name__
+            yield Finding("controller", not missing, words)
+        if self.scenario.settings is not None:
+            settings = self.scenario.settings(self.theta.copy())
+            json.dumps(jsonable(settings), allow_nan=False)
+            yield Finding("settings", True, f"{len(settings)} for the export")
+
+    def _stored(self) -> Iterator[Finding]:
+        content = encode(self._ran())
+        same = decode(content) == self._ran()
+        yield Finding("study file", same, f"{len(content) / 1000:.0f} kB an experiment, unpacked")
+
+    def _scene(self) -> Iterator[Finding]:
+        e = self._ran()
+        if self.scenario.scene is None or not len(e.t):
+            return
+        json.dumps(self.scenario.scene(e.runs[0] if e.runs else e))
+        yield Finding("scene", True, "it can be animated")
+
+
+def middle_of(scenario: Scenario) -> Float[np.ndarray, " n"]:
+    """Return the middle of the box, physical, shape (n,); what is allowed nearest to it.
+
+    Raises:
+        ScenarioError: the constraints allow none of many random θ.
+    """
+    space = scenario.space
+    lower, upper = space.corners
+    middle = (lower + upper) / 2
+    if space.allows(space.decode(middle)):
+        return space.decode(middle)
+    draws = lower + np.random.default_rng(0).random((_DRAWS, len(space))) * (upper - lower)
+    ordered = draws[np.argsort(np.sum((draws - middle) ** 2, axis=1))]
+    for z in ordered:
+        if space.allows(space.decode(z)):
+            return space.decode(z)
+    names = ", ".join(constraint.name for constraint in space.constraints)
+    raise ScenarioError(f"the constraints ({names}) allow none of {_DRAWS} random θ")
+
+
+def _channels(channels: Channels) -> Iterator[Finding]:
+    for kind in ("x", "u", "y"):
+        names = [channel.name for channel in getattr(channels, kind)]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        units = [c.label for c in getattr(channels, kind)]
+        words = f"{twice} more than once: give them different names" if twice else ", ".join(units)
+        yield Finding(KINDS[kind], not twice, words or "none")
+
+
+def _kpi(kpi: KPI, experiment: Experiment) -> Finding:
+    text = with_unit(measured(kpi, experiment), kpi.unit)
+    met = {True: ", met", False: ", not met", None: ""}[kpi.met(experiment.kpis[kpi.name])]
+    return Finding(f"KPI {kpi.name!r}", True, f"{text}; {_GOALS[kpi.goal]}{met}")
+
+
+def _made_up(rig: Rig, theta: Float[np.ndarray, " n"]) -> Experiment:
+    """An experiment of a rig from a record that nobody has measured: every channel stands still."""
+    columns = rig.columns
+    values = [_plausible(rig, c.name, c.low, c.high) for c in (*rig.channels.x, *rig.channels.u)]
+    rows = [[f"{t:g}", *(f"{v!r}" for v in values)] for t in range(60)]
+    text = columns.template + "\n".join(",".join(row) for row in rows) + "\n"
+    try:
+        return rig.read(text, theta)
+    except RecordError as error:
+        raise ScenarioError(f"a made-up record is refused: {error}") from error
+
+
+def _plausible(rig: Rig, name: str, low: float, high: float) -> float:
+    limits: Sequence[float] = rig.ranges.get(name, (low, high))
+    finite = [float(v) for v in limits if np.isfinite(v)]
+    return sum(finite) / len(finite) if finite else 1.0
+
+
+def _same(a: object, b: object) -> bool:
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+    return bool(np.all(a == b))

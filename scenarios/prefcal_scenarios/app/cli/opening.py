@@ -1,0 +1,264 @@
+"""The study that a command works on: a new one, or one resumed where it stands."""
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from prefcal_env.errors import PrefcalError, StudyError
+from prefcal_env.rig import Rig
+from prefcal_env.study import (
+    Adjusted,
+    Answered,
+    Created,
+    Event,
+    Extended,
+    Failed,
+    Finished,
+    Reopened,
+    Shown,
+    State,
+    StudyFile,
+    Suggested,
+    make_data_folder,
+    remove_study,
+    study_path,
+    to_text,
+)
+from prefcal_scenarios.app.cli.studies.files import open_described, wall_clock
+from prefcal_scenarios.app.report.export import jsonable, versions
+from prefcal_scenarios.app.report.ownership import Claim, Owner, claim_default, claim_given
+from prefcal_scenarios.app.session.memory import (
+    QUESTIONS,
+    agent_as_dict,
+    constraint_names,
+    knobs_as_dicts,
+    questions_of,
+)
+from prefcal_scenarios.scenario import Scenario, is_built_in
+
+from .choices import (
+    check_agent_takes,
+    check_target,
+    make_agent,
+    make_calibrator,
+    on_target,
+    start_of,
+    target_of,
+)
+from .earlier import taken_from
+from .options import Options
+
+IN_MEMORY = ":memory:"
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """An open study.
+
+    Args:
+        file: The study file.
+        options: What it was started with, and what was asked for on top of it.
+        name: What `--study` calls it; None if it is kept in memory only.
+        resumed: Whether it existed before.
+    """
+
+    file: StudyFile
+    options: Options
+    name: str | None
+    resumed: bool
+
+
+def open_study(given: Mapping[str, Any], scenario: Scenario, name: str | None) -> Opened:
+    """Open the study called `name`, a new one if there is none.
+
+    Without a name, a person's study gets the next free one in their data folder. A synthetic
+    calibrator's is kept in memory: it can be run again any time.
+
+    Raises:
+        StudyError: it cannot be opened, is another scenario's, or cannot be written.
+        SettingsError: an option contradicts what the study was started with.
+    """
+    options = Options.of(given, len(scenario.space))
+    if name is None and not options.by_a_person:
+        return Opened(_create(IN_MEMORY, options, scenario), options, None, False)
+    name = _free(scenario.name) if name is None else name
+    path = study_path(name)
+    if path.is_dir():
+        raise StudyError(f"--study must be a name or a file, but {name!r} is a folder")
+    if path.exists():
+        return _resume(path, name, given, scenario)
+    return Opened(_create(path, options, scenario), options, name, False)
+
+
+def identity(file: StudyFile) -> str:
+    """Return a text that two studies share only if they are the same study.
+
+    A file is identified by what it was started with and when; a copy of it is the same study. A
+    study in memory is identified by the former alone: the same command gives the same study, bit
+    for bit.
+    """
+    first = next(iter(file.events()))
+    at = "" if file.path == IN_MEMORY else first.at
+    return sha256(f"{at}\n{to_text(first.event)}".encode()).hexdigest()[:16]
+
+
+def default_folder(opened: Opened, scenario: str) -> Path:
+    """Return the folder of the report unless the user names one: prefcal-STUDY.
+
+    A study that is kept in no file is called by its scenario and its seed.
+    """
+    if opened.name is None:
+        return Path(f"prefcal-{scenario}-{opened.options.seed}")
+    return Path(f"prefcal-{study_path(opened.name).stem}")
+
+
+def claim_folder(opened: Opened, scenario: str) -> Claim:
+    """Claim the folder of the report: the one that was asked for, or a default that is free.
+
+    Raises:
+        SettingsError: it holds another study's report, or cannot be written to.
+    """
+    options = opened.options
+    owner = Owner(identity(opened.file), opened.name, options.scenario)
+    if options.out is not None:
+        return claim_given(options.out, owner)
+    return claim_default(default_folder(opened, scenario), owner)
+
+
+def _create(path: Path | str, options: Options, scenario: Scenario) -> StudyFile:
+    # Everything is refused before there is a file.
+    configuration = _configuration(options, scenario)
+    if not options.by_a_person:
+        make_calibrator(options, on_target(scenario, configuration))
+    if path != IN_MEMORY:
+        make_data_folder(Path(path))
+    return StudyFile.create(path, configuration, clock=wall_clock)
+
+
+def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
+    mine = [start_of(text, scenario) for text in options.start]
+    taken = taken_from(options, scenario.space, mine)
+    theirs = [] if taken is None else taken.beside(mine, scenario.space)
+    configuration = {
+        "scenario": options.scenario,
+        "name": scenario.name,
+        "title": scenario.title,
+        "knobs": knobs_as_dicts(scenario.space),
+        **_constraints(scenario),
+        "kpis": [{"name": k.name, "title": k.title, "unit": k.unit} for k in scenario.kpis],
+        "agent": agent_as_dict(make_agent(options, scenario, [*mine, *theirs])),
+        **({} if taken is None else {"earlier": taken.as_dict()}),
+        **target_of(options.processor, scenario),
+        "n_max": options.n_max,
+        "seed": options.seed,
+        "options": options.as_dict(),
+        "versions": versions(),
+    }
+    plain: dict[str, Any] = jsonable(configuration)
+    return plain
+
+
+def _constraints(scenario: Scenario) -> dict[str, Any]:
+    # Absent if there are none, so that studies with and without them read the same.
+    names = constraint_names(scenario.space)
+    return {"constraints": names} if names else {}
+
+
+def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario) -> Opened:
+    file = open_described(path)
+    try:
+        state = file.state
+        if state.configuration["name"] != scenario.name:
+            raise StudyError(
+                f"study {name!r} calibrates {state.configuration['name']!r}, "
+                f"not {scenario.name!r}: name that scenario, or another study"
+            )
+        if given.get("n_max") == state.configuration["options"]["n_max"]:
+            # The same line again: experiments that the page has added since stay.
+            given = {**given, "n_max": None}
+        check_target(given.get("processor"), state.configuration)
+        options = Options.resumed(by_now(state), {**given, "processor": None})
+        if options.questions_per_experiment != questions_of(state.configuration):
+            check_agent_takes(options)
+            file.append(Adjusted({QUESTIONS: options.questions_per_experiment}))
+        if options.n_max > state.n_max:
+            file.append(Extended(options.n_max), *([Reopened()] if state.ended else []))
+    except BaseException:
+        file.close()
+        raise
+    return Opened(file, options, name, True)
+
+
+def by_now(state: State) -> dict[str, Any]:
+    """Return the options that a study was started with, and what was changed since."""
+    return {
+        **state.configuration["options"],
+        "n_max": state.n_max,
+        QUESTIONS: questions_of(state.configuration),
+    }
+
+
+def _free(scenario: str) -> str:
+    """Return the first of scenario-1, scenario-2, ... that no study is called."""
+    base = re.sub(r"[^A-Za-z0-9_-]+", "-", scenario).strip("-") or "study"
+    number = 1
+    while study_path(f"{base}-{number}").exists():
+        number += 1
+    return f"{base}-{number}"
+
+
+def worth_keeping(file: StudyFile, scenario: Scenario) -> bool:
+    """Return whether a study holds more than what the same command brings back by itself.
+
+    Every answer, mark or note counts, even one that was taken back. So does every experiment,
+    unless the scenario is a built-in one, whose experiments are cheap simulations.
+    """
+    if any(_by_somebody(recorded.event) for recorded in file.events()):
+        return True
+    cheap = is_built_in(file.state.configuration["scenario"]) and not isinstance(scenario.run, Rig)
+    return bool(file.state.finished) and not cheap
+
+
+def _by_somebody(event: Event) -> bool:
+    if isinstance(event, Answered):
+        return event.incumbent is not None  # the first experiment is compared with nothing
+    return not isinstance(event, Created | Suggested | Finished | Failed | Shown)
+
+
+@contextmanager
+def kept_if_worth_it(
+    opened: Opened, scenario: Scenario, say: Callable[[str], None]
+) -> Iterator[Opened]:
+    """Close a study at the end; remove it if it was started here and is not worth keeping.
+
+    Args:
+        opened: The study.
+        scenario: What it calibrates.
+        say: Prints that the study was not kept, unless an error is printed anyway.
+    """
+    keep, refused = opened.resumed or opened.name is None, False
+    try:
+        with opened.file as file:
+            try:
+                yield opened
+            except PrefcalError:
+                refused = True
+                raise
+            finally:
+                keep = keep or worth_keeping(file, scenario)
+    finally:
+        if not keep and _removed(opened.file.path) and not refused:
+            say(f"No answer was given, so study {opened.name} was not kept.")
+
+
+def _removed(path: str) -> bool:
+    """Remove a study; return whether it could be."""
+    try:
+        remove_study(path)
+    except StudyError:
+        return False  # open in another process, which may be about to fill it
+    return True

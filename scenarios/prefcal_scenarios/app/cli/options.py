@@ -1,0 +1,361 @@
+"""The options of `prefcal calibrate`: one field each, and nothing else to write for a new one."""
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Argument, Option
+
+from .parameters import Kept, kept_by, parameters_of
+
+HUMAN = "human"
+"""The calibrator that is a person."""
+
+SCORE = "score"
+"""Stands for the scenario's own score, where the agent learns from that: nobody compares."""
+
+BY_VALUE = ("glis",)
+"""The agents that are told scores."""
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """The options of `prefcal calibrate`, in the order of its help.
+
+    To add an option, add a field: its name, type, help and default. With `Kept` the study file
+    keeps it, checks it, and refuses another value on resuming; without, it is of one run only.
+    None stands for the default of the part that takes the value.
+
+    Raises:
+        SettingsError: a number that is too small, or more initial experiments than experiments.
+    """
+
+    scenario: Annotated[
+        str,
+        Argument(metavar="SCENARIO", help="A name (see `prefcal scenarios`) or own.py:NAME."),
+        Kept(label="scenario", always=True, anew=True),
+    ]
+    calibrator: Annotated[
+        str,
+        Option(
+            metavar="NAME",
+            help="Who compares: human, or one of the scenario's synthetic calibrators.",
+            show_default="human",
+        ),
+        Kept(label="calibrator", always=True),
+    ] = HUMAN
+    agent: Annotated[
+        str,
+        Option(
+            metavar="NAME",
+            help="Who proposes: glisp, glisp-paper (the algorithm as published), glis (learns "
+            "from the scenario's score, asks nobody), random or lhs.",
+            show_default="glisp",
+        ),
+        Kept(label="agent", always=True),
+    ] = "glisp"
+    study: Annotated[
+        str | None,
+        Option(
+            metavar="NAME_OR_PATH",
+            help="Study to start or to resume: a name in your data folder, or a file "
+            "(with a / or a suffix).",
+            show_default="a new one, SCENARIO-1; unattended: none",
+        ),
+    ] = None
+    seed: Annotated[
+        int,
+        Option(
+            metavar="N",
+            help="Seed of the agent, of the calibrator and of the order of the two sides.",
+            show_default="0",
+        ),
+        Kept(label="seed", always=True, least=0),
+    ] = 0
+    n_init: Annotated[
+        int,
+        Option(
+            metavar="N",
+            help="Experiments before learning starts.",
+            show_default="10; glisp: 2 per knob; at most half of --n-max",
+        ),
+        Kept(label="initial experiments", always=True, least=1),
+    ] = 10
+    n_max: Annotated[
+        int,
+        Option(metavar="N", help="Experiments in all; you can add more later.", show_default="50"),
+        Kept(label="experiments", always=True, anew=True, least=1),
+    ] = 50
+    delta: Annotated[
+        float | None,
+        Option(
+            metavar="NUMBER",
+            help="How much glisp explores (δ of the paper).",
+            show_default="the agent's",
+        ),
+        Kept(least=0, agents=("glisp",), feeds="delta"),
+    ] = None
+    questions_per_experiment: Annotated[
+        int,
+        Option(
+            min=1,
+            metavar="N",
+            help="Most comparisons per experiment (glisp only). If experiments are expensive and "
+            "comparing is cheap, 3 or more save experiments. You can change it when you resume.",
+            show_default="1",
+        ),
+        Kept(
+            label="questions per experiment",
+            anew=True,
+            agents=("glisp",),
+            refusal="only the agent glisp takes --questions-per-experiment above 1, not {agent!r}",
+            feeds="settings.questions_per_experiment",
+        ),
+    ] = 1
+    start: Annotated[
+        tuple[str, ...],
+        Option(
+            metavar="THETA",
+            help="θ of the first experiment, for example your present tuning: "
+            '"KNOB=VALUE, ..." for every knob, or the name of one of the scenario\'s references. '
+            "Repeat the option for more.",
+            show_default="the agent's",
+        ),
+        Kept(label="begins with"),
+    ] = ()
+    earlier: Annotated[
+        str | None,
+        Option(
+            "--from",
+            metavar="STUDY",
+            help="An earlier study, of another person or a similar plant: its best θ is one "
+            "of the first experiments. A name or the path of a file.",
+        ),
+        Kept(label="earlier study"),
+    ] = None
+    tie_band: Annotated[
+        float | None,
+        Option(
+            metavar="NUMBER",
+            help="The synthetic calibrator calls costs that are this close a tie.",
+            show_default="the scenario's",
+        ),
+        Kept(label="tie band", least=0),
+    ] = None
+    answer_noise: Annotated[
+        float | None,
+        Option(
+            metavar="NUMBER",
+            help="Standard deviation of the synthetic calibrator's error in each cost.",
+            show_default="the scenario's",
+        ),
+        Kept(label="answer noise", least=0),
+    ] = None
+    outcomes: Annotated[
+        bool,
+        Option(
+            "--no-outcomes",
+            metavar="",
+            help="glisp learns from θ only, not from the KPIs of the experiments.",
+        ),
+        Kept(
+            label="learns from KPIs",
+            agents=("glisp",),
+            refusal="only the agent glisp learns from KPIs: leave --no-outcomes out for {agent!r}",
+            feeds="settings.outcome_scales",
+            convert=lambda learns: (0.0,),
+        ),
+    ] = True
+    cost: Annotated[
+        str | None,
+        Option(
+            metavar="FILE.py:NAME",
+            help="For glis: a function of an experiment, lower is better.",
+            show_default="the scenario's score",
+        ),
+        Kept(
+            label="cost",
+            agents=BY_VALUE,
+            refusal="only an agent that learns from scores (glis) takes --cost, not {agent!r}",
+        ),
+    ] = None
+    config: Annotated[
+        Path | None,
+        Option(
+            metavar="FILE.json",
+            help="Another configuration of the scenario: road and traffic of overtake, say.",
+        ),
+    ] = None
+    processor: Annotated[
+        str | None,
+        Option(
+            metavar="FILE.json",
+            help="Judge computation times on this processor (`prefcal processor` makes the file). "
+            "The study keeps a copy.",
+            show_default="the scenario's",
+        ),
+        Kept(),
+    ] = None
+    out: Annotated[
+        Path | None,
+        Option(
+            metavar="FOLDER",
+            help="Folder of the report; may exist, but not with the report of another study.",
+            show_default="./prefcal-STUDY; unattended: ./prefcal-SCENARIO-SEED",
+        ),
+    ] = None
+    run_timeout: Annotated[
+        float,
+        Option(
+            metavar="SECONDS",
+            help="Most seconds that one run of your own scenario may take; a longer one is ended "
+            "and counts as failed. inf: no limit.",
+            show_default="3600, an hour",
+        ),
+    ] = 3600.0
+    terminal: Annotated[
+        bool,
+        Option("--terminal", metavar="", help="Ask in this terminal instead of on a page."),
+    ] = False
+    browser: Annotated[
+        bool,
+        Option("--no-browser", metavar="", help="Print the link of the page, but open no browser."),
+    ] = True
+    host: Annotated[
+        str,
+        Option(
+            metavar="ADDRESS",
+            help="Address to serve the page on. 0.0.0.0 lets other machines on the network in.",
+        ),
+    ] = "127.0.0.1"
+    port: Annotated[
+        int,
+        Option(min=0, max=65535, metavar="N", help="Port of the page.", show_default="a free one"),
+    ] = 0
+    json: Annotated[
+        bool,
+        Option(
+            "--json",
+            metavar="",
+            help="Print only JSON on standard output (messages go to standard error).",
+        ),
+    ] = False
+
+    def __post_init__(self) -> None:
+        wrong = (p.problem(getattr(self, name)) for name, p in parameters_of(Options).items())
+        problem = next(filter(None, wrong), "")
+        if not problem and self.n_init > self.n_max:
+            problem = (
+                f"--n-max must be at least --n-init, got --n-max {self.n_max} and "
+                f"--n-init {self.n_init}"
+            )
+        if problem:
+            # Here, not above: --help must not wait for numpy.
+            from prefcal_env.errors import SettingsError
+
+            raise SettingsError(problem)
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any], knobs: int = 5) -> "Options":
+        """Return the options as given, with defaults for None; `knobs` are to be calibrated.
+
+        GLISp starts to learn after two experiments per knob, ten at most: on the reactor with its
+        three the index after 15 experiments was 0.714 with six and 0.732 with ten
+        (docs/research/outcomes.md).
+        """
+        said = {name: value for name, value in given.items() if value is not None}
+        n_max: int = said.get("n_max", parameters_of(Options)["n_max"].default)
+        if said.get("agent") in BY_VALUE:
+            said.setdefault("calibrator", SCORE)
+        most = 2 * knobs if said.get("agent", "glisp") == "glisp" else 10
+        said.setdefault("n_init", min(10, most, max(1, n_max // 2)))
+        return cls(**said)
+
+    @classmethod
+    def resumed(cls, stored: Mapping[str, Any], given: Mapping[str, Any]) -> "Options":
+        """Return the options of a study by now: those it was started with, and what may change.
+
+        Raises:
+            SettingsError: any other option is given with another value.
+        """
+        # A study from before KPIs were learned from goes on as it started.
+        kept: dict[str, Any] = {"outcomes": stored.get("agent") != "glisp"}
+        kept |= {name: stored[name] for name in kept_by(cls) if name in stored}
+        kept["start"] = tuple(kept.get("start", ()))  # a list in JSON
+        _check_programs(kept, given)
+        _check_unchanged(kept, given)
+        new = {name: value for name, value in given.items() if value is not None}
+        return cls(**{**kept, **new})
+
+    @property
+    def by_a_person(self) -> bool:
+        """Whether a person compares."""
+        return self.calibrator == HUMAN
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data for the study file: the options that it keeps."""
+        return {name: getattr(self, name) for name in kept_by(Options)}
+
+    def changed(self, name: str) -> bool:
+        """Return whether an option has another value than its default."""
+        return bool(getattr(self, name) != parameters_of(Options)[name].default)
+
+    def settings(self) -> Mapping[str, str | int | float]:
+        """Return what was set, for people."""
+        return {
+            kept.label: parameter.shown(getattr(self, name))
+            for name, (parameter, kept) in kept_by(Options).items()
+            if kept.label and (kept.always or self.changed(name))
+        }
+
+    def command(self) -> str:
+        """Return one command line that repeats the study, the folder aside."""
+        words = ["prefcal", "calibrate", self.scenario]
+        for name, (parameter, kept) in kept_by(Options).items():
+            if name != "scenario" and (kept.always or self.changed(name)):
+                words += parameter.words(getattr(self, name))
+        return shlex.join(words)
+
+
+def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Refuse to run another program or configuration than the user names."""
+    from prefcal_env.errors import SettingsError
+    from prefcal_scenarios.own.source import split_source
+
+    if kept.get("cost") is not None and given.get("cost") is None:
+        # Those who send a study must not choose which program is run here.
+        raise SettingsError(
+            f"the study is scored by a program: if you trust it, add "
+            f"--cost {shlex.quote(str(kept['cost']))}"
+        )
+    # The file of a configuration may have moved, so only what it said counts.
+    then = split_source(str(kept.get("scenario", "")))[1]
+    now = then if given.get("scenario") is None else split_source(given["scenario"])[1]
+    if now != then:
+        said = "no --config" if then is None else f"the configuration {then}"
+        raise SettingsError(
+            f"the study was started with {said}, got {'none' if now is None else now}: give the "
+            "same one, or start another study"
+        )
+
+
+def _check_unchanged(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    """Refuse other values than the study was started with, where they may not change."""
+    from prefcal_env.errors import SettingsError
+
+    for name, (parameter, rule) in kept_by(Options).items():
+        value, then = given.get(name), kept.get(name)
+        if rule.anew or value is None or value == then:
+            continue
+        raise SettingsError(
+            f"the study was started with {parameter.said(then)}, got {parameter.said(value)}: "
+            "leave the option out, or start another study"
+        )
+    wanted = given.get("n_max")
+    if wanted is not None and wanted < kept["n_max"]:
+        raise SettingsError(
+            f"--n-max must not fall below the {kept['n_max']} that the study has by now, "
+            f"got {wanted}"
+        )

@@ -1,0 +1,264 @@
+"""The report of a study, and its result for people (a table) and for programs (JSON)."""
+
+import json as json_
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from prefcal_env.errors import StudyError
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.rig import Rig
+from prefcal_scenarios.app.cli.studies.files import existing, open_described, trusted_source
+from prefcal_scenarios.app.isolated import IsolatedRun, isolation
+from prefcal_scenarios.app.presentation.wording import earlier_text, labelled, measured, number
+from prefcal_scenarios.app.report.export import jsonable
+from prefcal_scenarios.app.report.kpi_importance import Minded
+from prefcal_scenarios.app.report.ownership import Claim
+from prefcal_scenarios.app.report.record import Record
+from prefcal_scenarios.app.session import Interview, Now
+from prefcal_scenarios.app.session.memory import incumbents
+from prefcal_scenarios.app.session.view import GOOD_ENOUGH
+from prefcal_scenarios.scenario import KPI, Scenario, load
+
+from .choices import follows_cost, on_target, target_settings
+from .cost_file import with_cost
+from .opening import Opened, by_now, claim_folder, worth_keeping
+from .options import Options
+
+
+@dataclass(frozen=True, slots=True)
+class Reporter:
+    """Writes and prints the result of a study, any number of times while it goes on.
+
+    Args:
+        interview: The agent and the study file.
+        opened: How the study was opened.
+        claim: The folder of the report.
+        messages: Where people read, standard error.
+    """
+
+    interview: Interview
+    opened: Opened
+    claim: Claim
+    messages: Console
+
+    @property
+    def reportable(self) -> bool:
+        """Whether there is anything to report: a completed experiment of a study that is kept.
+
+        Takes no lock: the handler of Ctrl-C asks, in the middle of anything.
+        """
+        file = self.opened.file
+        if not file.state.closed:
+            return False
+        if not self.opened.options.by_a_person or self.opened.resumed:
+            return True
+        return worth_keeping(file, self.interview.scenario)
+
+    def write(self, *, rig_works: bool = True) -> Record:
+        """Write the report of the study as it stands, if there is anything to report.
+
+        Raises:
+            StudyError: it cannot be written, for example because the disk is full.
+        """
+        options, scenario = self.opened.options, self.interview.scenario
+        wanted = self.reportable
+        shown = references(scenario, options.seed, self.messages) if rig_works and wanted else {}
+        record = record_of(self.interview, options, shown)
+        if wanted:
+            self._write(record)
+        return record
+
+    def _write(self, record: Record) -> None:
+        # Here, not above: plots take half a second to load, and a refused option must not wait.
+        from prefcal_scenarios.app.report.write import write_report
+
+        scenario = self.interview.scenario
+        pictures = () if scenario.pictures is None else scenario.pictures()
+        try:
+            self.claim.renew()
+            write_report(record, self.claim.folder, pictures)
+        except OSError as error:
+            raise StudyError(
+                f"cannot write the report into {self.claim.folder}: {error.strerror or error}. "
+                "The study itself has lost nothing"
+            ) from error
+
+    def tell(self, record: Record) -> None:
+        """Print the result."""
+        options = self.opened.options
+        report = self.claim.folder / "report.html" if self.reportable else None
+        if options.json:
+            print(as_json(record, options, report, self.opened.name), flush=True)
+        elif report is None:
+            self.say("Nothing to report: no experiment was compared.")
+        else:
+            show(record, report, Console())
+            if not options.by_a_person:  # no program gives a person's answers again
+                Console().print(f"Repeat it: {options.command()}", soft_wrap=True, markup=False)
+        if report is not None and record.stopped and not record.good_enough:
+            self.say(
+                f"This is a partial report: {len(record.trials)} of {record.n_max} experiments."
+            )
+
+    def say(self, text: str) -> None:
+        """Print one line for people."""
+        self.messages.print(text, soft_wrap=True, highlight=False, markup=False)
+
+
+def report_of(
+    name: str, source: str | None, cost: str | None, *, out: Path | None, json: bool
+) -> None:
+    """Write the report of the study called `name`.
+
+    `source` and `cost` are the programs that the user trusts, None if none was named.
+
+    Raises:
+        StudyError: no such study, or its scenario has to be named.
+        SettingsError: its cost has to be named.
+    """
+    with open_described(existing(name)) as file, ExitStack() as stack:
+        stored = by_now(file.state)
+        source = trusted_source(name, file.state, source)
+        isolated = stack.enter_context(isolation(source, early=False))
+        scenario = isolated(with_cost(load(source), cost))
+        if cost is not None and stored.get("cost") is not None:
+            stored = {**stored, "cost": cost}  # the file may have moved
+        given = {"scenario": source, "cost": cost, "out": out, "json": json}
+        opened = Opened(file, Options.resumed(stored, given), name, resumed=True)
+        if not file.state.closed:
+            raise StudyError(f"study {name!r} has no completed experiment yet: nothing to report")
+        # A page may be open on it: one event from here, and its next answer would be refused.
+        scenario = on_target(scenario, file.state.configuration)
+        interview = Interview(scenario, file, ahead=False, asks=False)
+        claim = claim_folder(opened, scenario.name)
+        try:
+            reporter = Reporter(interview, opened, claim, Console(stderr=True))
+            reporter.tell(reporter.write())
+        finally:
+            claim.release()
+
+
+def record_of(
+    interview: Interview, options: Options, references: Mapping[str, Experiment]
+) -> Record:
+    """Return the study as it stands, for reports."""
+    now = interview.now()
+    state = now.state
+    agent = state.configuration["agent"]
+    taken = state.configuration.get("earlier")
+    earlier = {} if taken is None else {"earlier study": earlier_text(taken)}
+    return Record(
+        scenario=interview.scenario,
+        source=options.scenario,
+        comparisons=interview.comparisons(),
+        answered=interview.answered(),
+        held=_best_after_each(now),
+        waiting=_waiting(interview, now),
+        references=references,
+        settings=dict(options.settings()) | earlier | target_settings(state.configuration),
+        agent_settings={f"{agent['agent']} {k}": v for k, v in agent["settings"].items()},
+        n_init=options.n_init,
+        n_max=interview.n_max,
+        command=options.command(),
+        surrogate=interview.surrogate,
+        minded=Minded.of(interview.index, interview.importance, interview.scenario),
+        good_enough=state.ended == GOOD_ENOUGH,
+        outlook=interview.outlook,
+        judged=follows_cost(options, interview.scenario),
+    )
+
+
+def _best_after_each(now: Now) -> tuple[int, ...]:
+    """Return the index of the best experiment after each closed query; the last is the best now."""
+    winners = incumbents(now.state)
+    return winners if now.incumbent is None else (*winners[:-1], now.incumbent)
+
+
+def _waiting(interview: Interview, now: Now) -> dict[int, Experiment]:
+    """Return the experiments that ran and are compared with nothing yet, by index."""
+    state = now.state
+    indices = sorted(index for index in state.finished if index >= len(state.closed))
+    return {index: interview.experiment(index) for index in indices}
+
+
+def references(scenario: Scenario, seed: int, messages: Console) -> dict[str, Experiment]:
+    """Run the reference θ; one that fails is left out, for the study itself is done."""
+    experiments: dict[str, Experiment] = {}
+    run = scenario.run
+    if isinstance(run, Rig):
+        return experiments
+    if isinstance(run, IsolatedRun) and run.worker.hangs and scenario.references:
+        messages.print("The references did not run: the last run had to be ended.")
+        return experiments
+    for name, theta in scenario.references.items():
+        try:
+            experiments[name] = scenario.run(theta, seed=seed)
+        except Exception as error:  # whatever a rig raises
+            words = f"The reference {name!r} did not run: {error}"
+            messages.print(words, soft_wrap=True, markup=False)
+    return experiments
+
+
+def as_json(record: Record, options: Options, report: Path | None, study: str | None) -> str:
+    """Return one JSON object on several lines; strict: null if there is no number or report."""
+    best = record.best
+    theta = None if best is None else record.scenario.space.named(best.experiment.theta)
+    content = {
+        "best": theta,
+        "cost": None if best is None else best.cost,
+        "kpis": None if best is None else dict(best.experiment.kpis),
+        "experiments": len(record.trials),
+        "questions": record.questions,
+        "verdicts": record.verdict_counts(),
+        "report": None if report is None else str(report),
+        "scenario": options.scenario,
+        "agent": options.agent,
+        "calibrator": options.calibrator,
+        "seed": options.seed,
+        "study": study,
+        "stopped": record.stopped,
+    }
+    return json_.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def show(record: Record, report: Path, console: Console) -> None:
+    """Print the best θ next to the references, their KPIs, and where the report is."""
+    if record.best is not None:
+        console.print(_table(record, record.best.experiment))
+    if record.outlook is not None:
+        for line in record.outlook.lines:
+            console.print(line, soft_wrap=True, markup=False, highlight=False)
+    console.print(Text.assemble("Report: ", (str(report), "bold")), soft_wrap=True)
+
+
+def _table(record: Record, best: Experiment) -> Table:
+    scenario = record.scenario
+    columns = {"best": best, **record.references}
+    table = Table(title=escape(scenario.title), title_style="bold", title_justify="left")
+    table.add_column("")
+    for i, name in enumerate(columns):
+        table.add_column(escape(name), justify="right", style="bold blue" if i == 0 else "")
+    for i, knob in enumerate(scenario.space):
+        cells = [number(e.theta[i]) for e in columns.values()]
+        table.add_row(escape(labelled(knob.name, knob.unit)), *cells)
+    table.add_section()
+    if record.shows_cost:
+        table.add_row("performance index", *(number(record.cost(e)) for e in columns.values()))
+    for kpi in record.kpis:
+        cells = [_judged(kpi, e) for e in columns.values()]  # type: ignore[misc]
+        table.add_row(escape(labelled(kpi.title, kpi.unit)), *cells)
+    return table
+
+
+def _judged(kpi: KPI, experiment: Experiment) -> Text:
+    value = experiment.kpis.get(kpi.name)
+    met = None if value is None else kpi.met(value)
+    mark = {None: ("  ", ""), True: (" ✓", "green"), False: (" ✗", "red")}[met]
+    return Text.assemble(measured(kpi, experiment), mark)

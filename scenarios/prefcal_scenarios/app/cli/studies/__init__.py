@@ -1,0 +1,1 @@
+"""The commands `prefcal report` and `prefcal studies`."""

@@ -1,0 +1,277 @@
+"""`prefcal studies ...` and `prefcal report`: the commands that work on studies."""
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    name="studies",
+    help="List, show, rename, remove, export, import, verify and change studies.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+)
+
+_Name = Annotated[str, typer.Argument(metavar="STUDY", help="A name, or the path of a file.")]
+_Json = Annotated[
+    bool, typer.Option("--json", metavar="", help="Print only JSON on standard output.")
+]
+_Scenario = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE.py:NAME",
+        help="Where your own scenario is. A study file alone never makes prefcal run a program.",
+        show_default="the built-in one that the study names",
+    ),
+]
+
+
+class Format(Enum):
+    """How a study is exported."""
+
+    JSON = "json"
+    CSV = "csv"
+
+
+def _examples(*pairs: tuple[str, str]) -> str:
+    """Return an epilog that teaches: commands, each with what it is good for."""
+    shown = (f"[cyan]prefcal studies {line}[/cyan]\n  {words}" for line, words in pairs)
+    return "[bold]Examples[/bold]\n\n" + "\n\n".join(shown)
+
+
+@app.command(
+    "list",
+    epilog=_examples(
+        ("list", "All studies in your data folder."),
+        ("list --json", "The same for programs, with the file of each study."),
+    ),
+)
+def list_(json: _Json = False) -> None:
+    """List the studies in your data folder."""
+    from .files import print_list
+
+    print_list(json=json)
+
+
+@app.command(
+    epilog=_examples(
+        ("show mine", "The best θ so far, and every answer."),
+        ("show ./shared.prefcal --json", "A study file from anywhere, for programs."),
+    )
+)
+def show(study: _Name, json: _Json = False) -> None:
+    """Show one study: its progress, its best θ and every answer."""
+    from .files import print_study
+
+    print_study(study, json=json)
+
+
+@app.command(
+    epilog=_examples(
+        ("rename cstr-1 mine", "Call the study cstr-1 mine."),
+        ("rename mine ./mine.prefcal", "Move it out of the data folder, into this one."),
+    )
+)
+def rename(
+    old: Annotated[str, typer.Argument(metavar="OLD", help="A name, or the path of a file.")],
+    new: Annotated[
+        str, typer.Argument(metavar="NEW", help="A name or a path that does not exist yet.")
+    ],
+) -> None:
+    """Rename a study. Reports that were already written keep their folders."""
+    from .changes import rename as rename_study
+
+    typer.echo(f"Renamed: {rename_study(old, new)}")
+
+
+@app.command(
+    epilog=_examples(
+        ("rm cstr-1", "Remove the study cstr-1, after you confirm."),
+        ("rm cstr-1 cstr-2 --yes", "Remove two without a question, in a script."),
+    )
+)
+def rm(
+    study: Annotated[list[str], typer.Argument(metavar="STUDY", help="Names, or paths of files.")],
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", metavar="", help="Remove without asking.")
+    ] = False,
+) -> None:
+    """Remove studies for good. Reports that were already written stay."""
+    from .changes import remove
+
+    raise typer.Exit(remove(study, yes=yes))
+
+
+@app.command(
+    epilog=_examples(
+        ("export mine", "Write mine.json, one file to pass on."),
+        ("export mine --format csv --out tables", "Tables and curves for a spreadsheet or pandas."),
+    )
+)
+def export(
+    study: _Name,
+    format: Annotated[
+        Format,
+        typer.Option(
+            help="json: one file that `import` reads back; csv: a folder of tables and curves."
+        ),
+    ] = Format.JSON,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PATH",
+            help="File (json) or folder (csv).",
+            show_default="STUDY.json or ./STUDY",
+        ),
+    ] = None,
+) -> None:
+    """Write a study as JSON or CSV."""
+    from .changes import export_study
+
+    typer.echo(f"Written: {export_study(study, format.value, out)}")
+
+
+@app.command(
+    epilog=_examples(("index mine", "Write mine_index.py, which scores experiments as you did."))
+)
+def index(
+    study: _Name,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The Python file.", show_default="STUDY_index.py"),
+    ] = None,
+    scenario: _Scenario = None,
+) -> None:
+    """Write what the answers have taught as a Python function, `cost(experiment)`.
+
+    With it an agent runs unattended:
+    prefcal calibrate SCENARIO --agent glis --cost STUDY_index.py:cost
+    """
+    from .changes import export_index
+
+    file, minded = export_index(study, scenario, out)
+    typer.echo(minded.sentence())
+    typer.echo(minded.trust)
+    typer.echo(f"Written: {file}")
+
+
+@app.command(
+    "import",
+    epilog=_examples(
+        ("import mine.json --study second", "Make a study called second of an exported file.")
+    ),
+)
+def import_(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="JSON that `export` has written.")],
+    study: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME_OR_PATH",
+            help="Name or path of the new study.",
+            show_default="the file's name",
+        ),
+    ] = None,
+) -> None:
+    """Make a study of an exported file. It is only data: nothing in it is executed."""
+    from .changes import import_study
+
+    typer.echo(f"Imported: {import_study(file, study)}")
+
+
+@app.command(epilog=_examples(("verify mine", "Check the whole file, for example after a copy.")))
+def verify(study: _Name) -> None:
+    """Check a study file for damage: the file itself and all it holds; exit code 1 if found."""
+    from .changes import findings_of
+
+    count, findings = findings_of(study)
+    for finding in findings:
+        typer.echo(finding)
+    if findings:
+        raise typer.Exit(1)
+    typer.echo(f"Sound: {count} events.")
+
+
+_Texts = list[str] | None
+
+
+@app.command(
+    epilog=_examples(
+        ("respace mine --knob T_s=0.1:0.5", "Search T_s from 0.1 to 0.5 from now on."),
+        ("respace mine --freeze N_p=26", "Keep N_p at 26."),
+    )
+)
+def respace(
+    study: _Name,
+    knob: Annotated[
+        _Texts,
+        typer.Option(metavar="KNOB=LOW:HIGH", help="Search this range, narrower or wider."),
+    ] = None,
+    freeze: Annotated[
+        _Texts, typer.Option(metavar="KNOB=VALUE", help="Keep a knob at this value.")
+    ] = None,
+    add: Annotated[
+        _Texts,
+        typer.Option(
+            metavar="KNOB=VALUE",
+            help="A knob that the scenario has now, and its value in the experiments so far.",
+        ),
+    ] = None,
+    scenario: _Scenario = None,
+) -> None:
+    """Change the knobs of a running study; every experiment and answer stays.
+
+    Close its page first. Experiments outside a narrowed range still count for
+    learning; only new proposals stay inside. Each option can be repeated.
+    """
+    from .changes import Changes, in_words
+    from .changes import respace as respace_study
+
+    space = respace_study(study, scenario, Changes(knob or (), freeze or (), add or ()))
+    for name, words in in_words(space).items():
+        typer.echo(f"{name}: {words}")
+
+
+REPORT_EPILOG = """\
+[bold]Examples[/bold]
+
+[cyan]prefcal report mine[/cyan]
+  Write the report of the study called mine into the folder prefcal-mine.
+
+[cyan]prefcal report plant-1 --scenario own.py:plant --out latest[/cyan]
+  Of a study of your own scenario, into a folder of your choice.
+"""
+
+
+def report(
+    study: _Name,
+    scenario: _Scenario = None,
+    cost: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.py:NAME",
+            help="The cost that the study was started with, if it was: it is a program, too.",
+            show_default="the scenario's score",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder of the report; may exist, but not with the report of another study.",
+            show_default="./prefcal-STUDY",
+        ),
+    ] = None,
+    json: Annotated[
+        bool,
+        typer.Option(
+            "--json",
+            metavar="",
+            help="Print only JSON on standard output (messages go to standard error).",
+        ),
+    ] = False,
+) -> None:
+    """Write the report of a study as it stands, complete or not."""
+    from prefcal_scenarios.app.cli.report import report_of
+
+    report_of(study, scenario, cost, out=out, json=json)

@@ -1,0 +1,75 @@
+"""The run of a scenario in the process of own code, in place of its own."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import SettingsError
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.rig import Rig
+from prefcal_scenarios.scenario import Scenario, is_own
+
+from .worker import DEFAULT_LIMIT, Worker
+
+
+@dataclass(frozen=True, slots=True)
+class IsolatedRun:
+    """Runs θ in the process of `worker`.
+
+    Args:
+        worker: Where it runs.
+        space: Ranges of the study, where they were changed; None: those of the scenario.
+    """
+
+    worker: Worker
+    space: KnobSpace | None = None
+
+    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
+        """Run θ, physical, shape (n,). Raises RunError if that gives no experiment."""
+        return self.worker.run(theta, seed, self.space)
+
+    def within(self, space: KnobSpace) -> "IsolatedRun":
+        """The same with the ranges of `space`."""
+        return replace(self, space=space)
+
+
+@contextmanager
+def isolation(
+    source: str, limit: float = DEFAULT_LIMIT, *, early: bool = True
+) -> Iterator[Callable[[Scenario], Scenario]]:
+    """Give a function that moves the runs of a scenario into a process of their own.
+
+    The process starts `early`, to load the file while prefcal does, or when it is needed.
+    Built-in scenarios, which are known to end, and rigs, which a person runs, stay as they are.
+
+    Args:
+        source: Name of the scenario, or path/to/own.py:NAME.
+        limit: Most seconds of a run; infinite for no limit.
+        early: Whether the process starts at once.
+
+    Raises:
+        SettingsError: a limit that is not above 0.
+    """
+    if not limit > 0:
+        raise SettingsError(f"--run-timeout must be above 0 s, got {limit:g}")
+    if not is_own(source):
+        yield lambda scenario: scenario
+        return
+    worker = Worker(source, limit)
+
+    def isolated(scenario: Scenario) -> Scenario:
+        if isinstance(scenario.run, Rig):
+            worker.close()
+            return scenario
+        return replace(scenario, run=IsolatedRun(worker))
+
+    if early:
+        worker.start()
+    try:
+        yield isolated
+    finally:
+        worker.close()

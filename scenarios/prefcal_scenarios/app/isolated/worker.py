@@ -1,0 +1,199 @@
+"""Runs θ in the process of own code: within a time limit, to be stopped, and after any crash."""
+
+import json
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, final
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import RunError
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.study.codec import decode
+from prefcal_env.study.spaces import knobs_as_dicts, within_as_dict
+
+from .life import GRACE, Life
+from .messages import Kind, Message
+
+DEFAULT_LIMIT = 3600.0
+"""Seconds that a run may take: longer than most simulations, short enough to come back to."""
+_LOADING = 120.0
+"""Seconds that the user's file may take to load at least, however short its runs are."""
+_LONG = 5.0
+"""Seconds after which a run that had to be ended may well never have returned."""
+_LOOK = 1.0
+"""Seconds after which a waiting thread looks whether the process is still there."""
+
+
+@final
+class Worker:
+    """Runs one θ at a time, from whichever thread; all other methods can be called meanwhile.
+
+    The process lives from run to run. If it crashed, or its run was ended, the next run gets a
+    fresh one. `hangs` says that the last run had to be ended, and that the next one may, too.
+
+    Args:
+        source: Of the scenario, path/to/own.py:NAME.
+        limit: Most seconds of a run.
+        clock: Seconds that never run backwards.
+    """
+
+    def __init__(
+        self, source: str, limit: float, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._source, self.limit, self._clock = source, limit, clock
+        self._running = threading.Lock()  # held during a run
+        self._lock = threading.Lock()  # of what follows; never held for long
+        self._life: Life | None = None
+        self._theta: bytes | None = None
+        self._due = np.inf
+        self._why = "late"
+        self._begun = 0.0
+        self._closed = False
+        self.hangs = False
+
+    def start(self) -> None:
+        """Start the process, if there is none: it loads the user's file meanwhile."""
+        with self._lock:
+            if self._life is None and not self._closed:
+                self._life = Life(self._source, self.limit)
+
+    def reserve(self, theta: Float[np.ndarray, " n"]) -> None:
+        """Announce the next run: from now on `busy_with` says so, and `stop` stops it."""
+        with self._lock:
+            self._theta, self._why, self._due = _key(theta), "late", np.inf
+
+    def busy_with(self, theta: Float[np.ndarray, " n"]) -> bool | None:
+        """Whether θ is what is run now; None if nothing is run."""
+        with self._lock:
+            return None if self._theta is None else self._theta == _key(theta)
+
+    def stop(self, why: str, within: float = 0.0) -> None:
+        """End what is run now, `within` so many seconds from now; its run raises RunError."""
+        with self._lock:
+            self._stop(why, within)
+
+    def _stop(self, why: str, within: float) -> None:
+        due = self._clock() + within
+        if self._theta is not None and due < self._due:
+            self._due, self._why = due, why
+            if self._life is not None:
+                self._life.wake()
+
+    def run(self, theta: Float[np.ndarray, " n"], seed: int, space: KnobSpace | None) -> Experiment:
+        """Run θ, physical, shape (n,), in `space`, or in that of the scenario.
+
+        Raises:
+            RunError: it gave no experiment; says why.
+        """
+        with self._running:
+            if not self.busy_with(theta):
+                self.reserve(theta)
+            try:
+                self.start()
+                life = self._life
+                if life is None:
+                    raise RunError("prefcal is closing", "given up")
+                self._begun = self._clock()
+                life.ask(_request(theta, seed, space))
+                experiment = self._answer(life)
+                self.hangs = False
+                return experiment
+            except RunError as error:
+                line = "" if error.why == "raised" else self._renew()
+                self.hangs = error.why != "raised" and self._clock() - self._begun > _LONG
+                if line:
+                    raise RunError(f"{error}. It was in {line}", error.why) from None
+                raise
+            except BaseException:  # Ctrl-C
+                self.hangs = self._clock() - self._begun > _LONG
+                self._renew()
+                raise
+            finally:
+                with self._lock:
+                    self._theta = None
+
+    def close(self) -> None:
+        """End the process; nothing runs any more."""
+        with self._lock:
+            self._stop("given up", 0.0)
+            self._closed, life, self._life = True, self._life, None
+        if life is None:
+            return
+        try:
+            if self._running.acquire(timeout=2 * GRACE):
+                self._running.release()
+                life.leave()
+        finally:
+            life.kill()
+
+    def _answer(self, life: Life) -> Experiment:
+        """Wait for it. The time limit counts from when the user's file is loaded."""
+        self._limit(0.0 if life.loaded else _LOADING)
+        while True:
+            with self._lock:
+                left, why = self._due - self._clock(), self._why
+            if left <= 0:
+                raise RunError(self._words(why), why)
+            message = life.hear(min(left, _LOOK))
+            if message is None and life.gone:
+                raise RunError(f"the run crashed: {life.ended()}", "died")
+            if message is not None and message[0] is Kind.READY:
+                life.loaded = True
+                self._limit(0.0)
+            elif message is not None:
+                return _read(message)
+
+    def _limit(self, least: float) -> None:
+        with self._lock:
+            if self._why == "late":
+                self._due = self._clock() + max(self.limit, least)
+
+    def _words(self, why: str) -> str:
+        if why == "late":
+            return (
+                f"the run took longer than {in_time(self.limit)} and was ended "
+                "(--run-timeout allows more)"
+            )
+        took = in_time(max(round(self._clock() - self._begun), 1))
+        if why == "stopped":
+            return f"you stopped the run after {took}"
+        return f"the run was given up after {took}: nobody waited for it any more"
+
+    def _renew(self) -> str:
+        """End the process, and have the next one ready; the own line that the old one was in."""
+        with self._lock:
+            life, self._life = self._life, None
+        line = "" if life is None else life.end()
+        self.start()
+        return line
+
+
+def in_time(seconds: float) -> str:
+    """Return a time in words: "90 s", "10 min", "1 h"."""
+    for size, unit in ((3600, "h"), (60, "min")):
+        if seconds >= size and seconds % size == 0:
+            return f"{seconds / size:g} {unit}"
+    return f"{seconds:g} s"
+
+
+def _read(message: Message) -> Experiment:
+    kind, content = message
+    if kind is Kind.EXPERIMENT:
+        return decode(content)
+    said = json.loads(content)
+    raise RunError(said["words"], "raised", said["trace"])
+
+
+def _request(theta: Float[np.ndarray, " n"], seed: int, space: KnobSpace | None) -> bytes:
+    ranges: dict[str, Any] | None = None
+    if space is not None:
+        ranges = {"knobs": knobs_as_dicts(space), "within": within_as_dict(space)}
+    return json.dumps({"theta": theta.tolist(), "seed": seed, "space": ranges}).encode()
+
+
+def _key(theta: Float[np.ndarray, " n"]) -> bytes:
+    return bytes((np.asarray(theta, dtype=float) + 0.0).tobytes())  # -0.0 is 0.0

@@ -1,0 +1,122 @@
+"""How numbers and names read, for terminals, HTML and plots alike."""
+
+import re
+from collections.abc import Mapping
+from math import ceil, floor, inf, isfinite, log10
+from typing import Any
+
+from markupsafe import Markup, escape
+
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer, Mark
+from prefcal_scenarios.scenario import KPI
+
+_SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
+
+
+def number(value: float | None) -> str:
+    """Four significant digits with a typographic minus; a dash where there is no number."""
+    if value is None or value != value:
+        return "–"
+    if not isfinite(value):
+        return "∞" if value > 0 else "−∞"
+    text = f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
+    return "0" if text == "-0" else text.replace("-", "−")
+
+
+def knob_number(knob: Knob, value: float) -> str:
+    """A knob's value to the digits that its resolution has, else to a thousandth of its range.
+
+    Two values that read the same are, for whoever turns the knob, the same.
+    """
+    if knob.integer:
+        return number(float(value))
+    if knob.scale == "log10":
+        return f"{value:.3g}"
+    step = knob.resolution
+    digits = _decimals(step) if step else floor(-log10((knob.high - knob.low) / 1000))
+    digits = max(digits, 0)
+    text = f"{round(float(value), digits) + 0.0:.{digits}f}"
+    return (text.rstrip("0").rstrip(".") if digits else text).replace("-", "−")
+
+
+def _decimals(step: float) -> int:
+    """Decimal places that tell neighbours apart, one more where `step` is written with that."""
+    least = ceil(-log10(step) - 1e-9)
+    return next((k for k in (least, least + 1) if abs(round(step, k) - step) < 1e-9), least)
+
+
+def measured(kpi: KPI, experiment: Experiment) -> str:
+    """The value of a KPI; an infinite time is "never"."""
+    value = experiment.kpis.get(kpi.name)
+    if value == inf and kpi.unit == experiment.channels.time_unit:
+        return "never"
+    return number(value)
+
+
+INTERRUPTED = "unsafe: run interrupted"
+"""What is said of an experiment that counts as unsafe though nobody marked it."""
+
+
+def earlier_text(taken: Mapping[str, Any]) -> str:
+    """Return what a study has taken from an earlier one, as its configuration says."""
+    found = f"its best θ of {taken['experiments']} experiments"
+    return f"{taken['study']} ({taken['scenario']}): {found}"
+
+
+def mark_text(mark: Mark, *, automatic: bool = False) -> str:
+    """Return a mark in the words of the tables, which name the challenger first."""
+    words = mark.value.replace("challenger ", "first: ").replace("incumbent ", "second: ")
+    return words.replace("unsafe", INTERRUPTED) if automatic else words
+
+
+def marks_text(answer: Answer) -> list[str]:
+    """The marks of an answer; of those that nobody gave, why they are there."""
+    return [mark_text(mark, automatic=mark in answer.automatic) for mark in answer.marks]
+
+
+def quantity(value: float | None, unit: str) -> str:
+    """A number with its unit."""
+    return with_unit(number(value), unit)
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A number that is written already with its unit; words such as "never" have none."""
+    return f"{text} {unit}" if unit not in ("", "-") and text[:1] in "-−+0123456789" else text
+
+
+def printable(text: object) -> str:
+    """`text` without what would steer a terminal: a study may come from somebody else."""
+    return "".join(c if c.isprintable() else " " for c in str(text))
+
+
+def labelled(name: str, unit: str) -> str:
+    """A name with its unit, for plain text headings."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def theta_text(space: KnobSpace, theta: object) -> str:
+    """θ on one line: name, value and unit of each knob."""
+    values = space.named(theta)  # type: ignore[arg-type]
+    return " · ".join(
+        f"{k.name} {with_unit(knob_number(k, values[k.name]), k.unit)}" for k in space
+    )
+
+
+def mathtext(name: str) -> str:
+    """`name` for matplotlib, with what follows an underscore as a subscript."""
+    return _SUBSCRIPTED.sub(
+        lambda m: f"${m[1]}_{{{m[2].replace('_', ' ')}}}$", name.replace("$", r"\$")
+    )
+
+
+def with_subscripts(name: str) -> Markup:
+    """Return `name` for HTML, escaped, with what follows an underscore as a subscript."""
+    # As plain text: Markup would escape the tags that are put into it.
+    return Markup(_SUBSCRIPTED.sub(r"\1<sub>\2</sub>", str(escape(name))))
+
+
+def knob_axis(knob: Knob) -> str:
+    """Axis label of a knob in mathtext."""
+    return labelled(mathtext(knob.name), knob.unit)

@@ -1,0 +1,114 @@
+"""Figure: the KPIs of every experiment, those of the best so far, and what was answered."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from prefcal_env.preferences.answer import Preference
+from prefcal_scenarios.app.presentation.style import BEST, FAINT, GOOD, LIMIT, canvas, legend
+from prefcal_scenarios.app.presentation.wording import labelled, mathtext
+from prefcal_scenarios.scenario import KPI
+
+from .record import VERDICTS, Record
+
+_ROWS = 4
+"""KPIs that are drawn: the most important ones that differ."""
+_INNER = (0.05, 0.9)
+"""Quantiles of the experiments that are on the scale in any case."""
+
+
+def course(record: Record) -> Figure:
+    """A row for each KPI: a dot an experiment, the best so far as steps; the verdicts below."""
+    kpis = drawn_kpis(record)
+    heights = [1.35] * len(kpis) + [1.05]
+    figure = canvas(0.8 + sum(heights))
+    grid = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)
+    for axes, kpi in zip(grid[:-1, 0], kpis, strict=True):
+        _kpi(axes, record, kpi)
+    _verdicts(grid[-1, 0], record)
+    if kpis:
+        legend(figure, grid[0, 0], 4)
+    return figure
+
+
+def drawn_kpis(record: Record) -> list[KPI]:
+    """The most important KPIs that are known and differ among the experiments."""
+    return [kpi for kpi in record.kpis if len(_distinct(_values(record, kpi))) > 1][:_ROWS]
+
+
+def _values(record: Record, kpi: KPI) -> Float[np.ndarray, " N"]:
+    """Of all experiments; NaN where it is not known."""
+    known = [t.experiment.kpis.get(kpi.name, np.nan) for t in record.trials]
+    return np.array(known, dtype=float)
+
+
+def _distinct(values: Float[np.ndarray, " N"]) -> Float[np.ndarray, " K"]:
+    return np.unique(values[~np.isnan(values)])
+
+
+def _kpi(axes: Axes, record: Record, kpi: KPI) -> None:
+    numbers = np.array([t.number for t in record.trials])
+    values = _values(record, kpi)
+    answered = np.array([c.query.challenger.index + 1 for c in record.comparisons])
+    held = np.array([t.experiment.kpis.get(kpi.name, np.nan) for t in record.incumbents])
+    low, high = _scale(values, held, kpi)
+    axes.plot(
+        answered, np.clip(held, low, high), color=BEST, linewidth=2.0, drawstyle="steps-post",
+        label="best so far", zorder=3,
+    )  # fmt: skip
+    inside = (values >= low) & (values <= high)
+    axes.plot(numbers[inside], values[inside], "o", color=FAINT, alpha=0.6, markersize=4.5,
+              markeredgewidth=0, clip_on=False, label="one experiment")  # fmt: skip
+    _off(axes, numbers, values > high, high, "^")
+    _off(axes, numbers, values < low, low, "v")
+    for i, limit in enumerate(v for v in (kpi.at_least, kpi.at_most) if np.isfinite(v)):
+        if low <= limit <= high:
+            axes.axhline(limit, color=GOOD, linewidth=1.1, linestyle=(0, (5, 3)),
+                         label="objective" if not i else None)  # fmt: skip
+    axes.set_ylim(low, high)
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    axes.set_title(labelled(mathtext(kpi.title), kpi.unit))
+
+
+def _off(
+    axes: Axes, numbers: Int[np.ndarray, " N"], off: Bool[np.ndarray, " N"], at: float, sign: str
+) -> None:
+    if off.any():
+        axes.plot(
+            numbers[off], np.full(off.sum(), at), sign, color=LIMIT, alpha=0.75, markersize=5,
+            markeredgewidth=0, clip_on=False, label="off the scale or never",
+        )  # fmt: skip
+
+
+def _scale(
+    values: Float[np.ndarray, " N"], held: Float[np.ndarray, " H"], kpi: KPI
+) -> tuple[float, float]:
+    """Ends of the axis: most experiments and all that were the best; far ones would flatten it."""
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return 0.0, 1.0
+    shown = [*held[np.isfinite(held)].tolist(), *np.quantile(finite, _INNER).tolist()]
+    low, high = min(shown), max(shown)
+    near = [v for v in (kpi.at_least, kpi.at_most) if low - (high - low) < v < high + (high - low)]
+    low, high = min(low, *near, high), max(high, *near, low)
+    margin = 0.08 * (high - low if high > low else max(abs(high), 1.0))
+    bottom = low - margin
+    return (max(bottom, 0.0) if low >= 0 and bottom < 0 else bottom), high + margin
+
+
+def _verdicts(axes: Axes, record: Record) -> None:
+    """A mark for each answer, in the row of its verdict."""
+    rows = {verdict: -k for k, verdict in enumerate(VERDICTS)}
+    asked = [c for c in record.asked if not c.query.further]
+    for verdict, row in rows.items():
+        at = [c.query.challenger.index + 1 for c in asked if c.answer.preference is verdict]
+        color = BEST if verdict is Preference.CHALLENGER else FAINT
+        axes.plot(at, [row] * len(at), "s", color=color, markersize=4.5, markeredgewidth=0)
+    axes.set_yticks(list(rows.values()), list(VERDICTS.values()))
+    axes.set_ylim(-len(rows) + 0.4, 0.6)
+    axes.set_xlim(0.3, max(t.number for t in record.trials) + 0.7)
+    axes.xaxis.set_major_locator(MaxNLocator(10, integer=True))
+    axes.set_xlabel("experiment")
+    axes.set_title("Answers")

@@ -1,0 +1,168 @@
+"""The tuned controller as a file, `best.json`, and the way back from it to a controller."""
+
+import json
+import platform
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.control import Controller
+from prefcal_env.knobs.knob import KnobSpace
+from prefcal_scenarios.scenario import Scenario, load, with_ranges
+
+from .record import Record
+
+FORMAT = 1
+"""Of best.json; raised when an older prefcal could not read a newer file."""
+
+REBUILD = """\
+from prefcal_scenarios import load_controller
+controller = load_controller("best.json")
+# at every sampling instant: u = controller.move(measurement).u
+"""
+"""What a user writes to have the tuned controller back."""
+
+
+def versions() -> dict[str, str]:
+    """Versions of whatever decides about a result."""
+    found = {"python": platform.python_version()}
+    for package in ("prefcal", "numpy", "scipy", "piqp", "numba"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def best_as_json(record: Record) -> str:
+    """The text of best.json: θ by name, the controller's settings, and where they come from."""
+    best, scenario = record.best, record.scenario
+    if best is None:
+        raise ScenarioError("there is no best θ to export before the first experiment")
+    theta = best.experiment.theta
+    content = {
+        "format": FORMAT,
+        "scenario": record.source,
+        "title": scenario.title,
+        "theta": scenario.space.named(theta),
+        "units": {k.name: k.unit for k in scenario.space},
+        "ranges": {k.name: [k.low, k.high] for k in scenario.space},
+        "settings": {} if scenario.settings is None else scenario.settings(theta),
+        "cost": best.cost,
+        "kpis": dict(best.experiment.kpis),
+        "ended": best.experiment.end.value,
+        "experiment": best.number,
+        "experiments": len(record.trials),
+        "complete": not record.stopped,
+        "study": {**record.settings, **record.agent_settings},
+        "versions": versions(),
+    }
+    return json.dumps(jsonable(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def load_controller(path: str | Path, *, check: bool = True) -> Controller:
+    """Rebuild the controller that `best.json` at `path` describes.
+
+    Args:
+        path: The file.
+        check: Refuse if the scenario of today would set the controller up differently from
+            what the file says, as a newer version or an edited file may.
+
+    Raises:
+        ScenarioError: no such file, not a best.json, an unknown scenario or one without a
+            controller, θ that does not fit it, or other settings than in the file.
+    """
+    content = _read(Path(path))
+    scenario = _scenario(content["scenario"], Path(path).parent)
+    if scenario.controller is None:
+        raise ScenarioError(f"scenario {scenario.name!r} does not say how to build a controller")
+    theta = content["theta"]
+    if not isinstance(theta, Mapping) or list(theta) != list(scenario.space.names):
+        raise ScenarioError(
+            f"theta in {str(path)!r} must name the knobs {list(scenario.space.names)}, got {theta}"
+        )
+    try:
+        scenario = with_ranges(scenario, _widened(scenario.space, content.get("ranges", {})))
+        values = scenario.space.check(np.array(list(theta.values()), dtype=float))
+    except (TypeError, ValueError) as error:
+        raise ScenarioError(f"theta in {str(path)!r} does not fit: {error}") from error
+    if check and scenario.settings is not None:
+        _same_settings(content["settings"], jsonable(scenario.settings(values)), path)
+    assert scenario.controller is not None
+    return scenario.controller(values)
+
+
+def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:
+    """`space`, as wide as the study that found θ had made it."""
+    parts = [(knob, *ranges.get(knob.name, (knob.low, knob.high))) for knob in space]
+    knobs = [replace(k, low=min(k.low, low), high=max(k.high, high)) for k, low, high in parts]
+    return KnobSpace(knobs, space.constraints)
+
+
+def jsonable(value: Any) -> Any:
+    """`value` in strict JSON: lists for arrays and tuples, null for what is no number."""
+    if isinstance(value, Mapping):
+        return {str(k): jsonable(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [jsonable(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return jsonable(value.tolist())
+    if isinstance(value, np.generic):
+        return jsonable(value.item())
+    if isinstance(value, float) and not isfinite(value):
+        return None
+    return value if isinstance(value, (bool, int, float, str, type(None))) else str(value)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ScenarioError(
+            f"cannot read a tuned controller from {str(path)!r}: {error}"
+        ) from error
+    missing = {"format", "scenario", "theta", "settings"} - set(
+        content if isinstance(content, dict) else ()
+    )
+    if missing:
+        raise ScenarioError(f"{str(path)!r} is no best.json: it lacks {sorted(missing)}")
+    if content["format"] != FORMAT:
+        raise ScenarioError(
+            f"{str(path)!r} has format {content['format']}, this prefcal reads {FORMAT}"
+        )
+    return dict(content)
+
+
+def _scenario(source: str, folder: Path) -> Scenario:
+    """Load by name; a file is looked for from here, then from the folder of best.json upwards.
+
+    The folder of a report usually lies below the one that the study was started in.
+    """
+    path, _, attribute = source.rpartition(":")
+    if path.endswith(".py") and not Path(path).is_file():
+        above = folder.resolve()
+        for place in (above, *above.parents):
+            if (place / path).is_file():
+                return load(f"{place / path}:{attribute}")
+    return load(source)
+
+
+def _same_settings(stored: Any, now: Any, path: str | Path) -> None:
+    if stored == now:
+        return
+    keys = sorted({*stored, *now}) if isinstance(stored, Mapping) else []
+    changed = [
+        f"{k}: {stored.get(k, 'missing')} in the file, {now.get(k, 'missing')} now"
+        for k in keys
+        if stored.get(k) != now.get(k)
+    ]
+    raise ScenarioError(
+        f"the controller settings in {str(path)!r} differ from this version's "
+        f"({'; '.join(changed) or stored}); pass check=False to build it with this version's"
+    )

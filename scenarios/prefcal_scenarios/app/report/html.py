@@ -1,0 +1,77 @@
+"""Write report.html: one file that holds everything and asks the network for nothing."""
+
+from base64 import b64encode
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from prefcal_scenarios.app.presentation.wording import number, with_subscripts
+
+from .export import REBUILD, versions
+from .pictures import Drawn
+from .record import Record
+from .tables import comparison_headings, comparison_rows, result_columns, result_rows
+
+
+@cache
+def environment() -> Environment:
+    """Return the templates of this package: every value is escaped unless it is `Markup`."""
+    made = Environment(
+        loader=PackageLoader("prefcal_scenarios", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    made.filters |= {"subscripts": with_subscripts, "listed": _listed, "data_uri": data_uri}
+    made.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
+    css = files("prefcal_scenarios.app.report").joinpath("report.css").read_text(encoding="utf-8")
+    made.globals["css"] = Markup(css)
+    return made
+
+
+def page(record: Record, drawn: Sequence[Drawn]) -> str:
+    """Return the text of report.html."""
+    template = environment().get_template("report/report.html.j2")
+    return template.render(
+        record=record, drawn=drawn, rebuild=REBUILD, versions=versions(), **_view(record)
+    )
+
+
+def data_uri(content: bytes, file: str) -> str:
+    """Return an image as an address that holds it; `file` names its kind (.png, .gif)."""
+    return f"data:image/{file.rpartition('.')[2]};base64,{b64encode(content).decode('ascii')}"
+
+
+def _view(record: Record) -> dict[str, Any]:
+    """Return what the template shows besides the record itself."""
+    view: dict[str, Any] = {"lead": _lead(record)}
+    view["who"] = "You seem" if record.by_a_person else "The calibrator seems"
+    view["comparison_headings"] = comparison_headings(record)
+    view["comparison_rows"] = comparison_rows(record)
+    if record.best is not None:
+        theta = record.scenario.space.named(record.best.experiment.theta)
+        view["best_values"] = [
+            (k.name, number(theta[k.name]), k.unit) for k in record.scenario.space
+        ]
+        view["result_columns"] = result_columns(record)
+        view["result_rows"] = result_rows(record)
+    return view
+
+
+def _lead(record: Record) -> str:
+    tried = f"{len(record.trials)} experiments"
+    if record.scored:
+        return f"Calibrated by its score, nobody was asked: {tried}"
+    verdicts = ", ".join(f"{words} {n}" for words, n in record.verdict_counts().items())
+    return f"Calibrated by preferences: {tried}, {record.questions} comparisons ({verdicts})"
+
+
+def _listed(value: object) -> str:
+    """Return a value as text, a list without its brackets."""
+    return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)

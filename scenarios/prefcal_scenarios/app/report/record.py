@@ -1,0 +1,201 @@
+"""What a report is made of: a study's comparisons, and what follows from them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import inf
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_env.preferences.loop import Comparison
+from prefcal_scenarios.app.summary.outlook import Outlook
+from prefcal_scenarios.scenario import KPI, Scenario
+
+from .kpi_importance import Minded
+
+Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
+"""Learned latent cost of m physical θ; lower is better, only the order has a meaning."""
+
+
+def above(cost: Float[np.ndarray, " m"], lowest: float) -> Float[np.ndarray, " m"]:
+    """Square root of how far `cost` lies above `lowest`, 0 or more."""
+    return np.asarray(np.sqrt(np.maximum(cost - lowest, 0.0)))
+
+
+VERDICTS: Mapping[Preference | None, str] = {
+    Preference.CHALLENGER: "newer better",
+    Preference.TIE: "as good",
+    Preference.INCUMBENT: "older better",
+    None: "can't tell",
+}
+"""How a verdict reads, in the order in which people see the counts. The challenger is the newer one
+of the two; the older one need not be the best so far (further questions)."""
+_MUCH: Mapping[Preference | None, str] = {
+    Preference.CHALLENGER: "newer much better",
+    Preference.INCUMBENT: "older much better",
+}
+
+
+def verdict_text(answer: Answer) -> str:
+    """How an answer reads, with its strength."""
+    if answer.much_better:
+        return _MUCH[answer.preference]
+    return VERDICTS[answer.preference]
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """Experiment number `index` (from 0) and its cost; None where the scenario has no cost."""
+
+    index: int
+    experiment: Experiment
+    cost: float | None
+
+    @property
+    def number(self) -> int:
+        """Number as people count, from 1."""
+        return self.index + 1
+
+
+@dataclass(frozen=True)
+class Record:
+    """A study, complete or not, ready to be shown.
+
+    Args:
+        scenario: What was calibrated.
+        source: The name that loads the scenario again.
+        comparisons: In the order of the answers.
+        references: Experiments of the scenario's reference θ, by name.
+        settings: What the study was started with, name to value, for people.
+        agent_settings: All settings of the agent, name to value, as they are.
+        n_init: Number of experiments before anything was learned.
+        n_max: Number of experiments that were planned.
+        command: One command line that repeats the study.
+        surrogate: What the agent has learned; None if it learns nothing.
+        minded: What the calibrator seems to care about; None where nothing can be said.
+        good_enough: Whether it was ended early because the best is good enough.
+        answered: The comparisons whose answers stand, further ones too, in the order given; None:
+            all of `comparisons` but the first experiment's.
+        held: Index of the best experiment after each of `comparisons`; None: the winner along the
+            answers.
+        waiting: Experiments that ran and are not compared yet, by index.
+        judged: Whether the answers follow the scenario's cost; if not, nobody has chosen that, and
+            it is not shown.
+        outlook: Whether to go on; None if not known.
+    """
+
+    scenario: Scenario
+    source: str
+    comparisons: tuple[Comparison, ...]
+    references: Mapping[str, Experiment] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    agent_settings: Mapping[str, Any] = field(default_factory=dict)
+    n_init: int = 10
+    n_max: int = 50
+    command: str = ""
+    surrogate: Surrogate | None = None
+    minded: Minded | None = None
+    good_enough: bool = False
+    answered: tuple[Comparison, ...] | None = None
+    held: tuple[int, ...] | None = None
+    waiting: Mapping[int, Experiment] = field(default_factory=dict)
+    judged: bool = True
+    outlook: Outlook | None = None
+
+    @cached_property
+    def trials(self) -> tuple[Trial, ...]:
+        """Every experiment once, in the order tried."""
+        experiments: dict[int, Experiment] = dict(self.waiting)
+        for c in self.comparisons:
+            if c.query.incumbent is not None and c.incumbent is not None:
+                experiments.setdefault(c.query.incumbent.index, c.incumbent)
+            experiments.setdefault(c.query.challenger.index, c.challenger)
+        return tuple(Trial(i, e, self.cost(e)) for i, e in sorted(experiments.items()))
+
+    @cached_property
+    def thetas(self) -> Float[np.ndarray, "N n"]:
+        """θ of every trial, physical, shape (N, n)."""
+        return np.array([t.experiment.theta for t in self.trials]).reshape(
+            -1, len(self.scenario.space)
+        )
+
+    @property
+    def asked(self) -> tuple[Comparison, ...]:
+        """The comparisons whose answers stand, in the order given."""
+        if self.answered is not None:
+            return self.answered
+        return tuple(c for c in self.comparisons if c.incumbent is not None)
+
+    @property
+    def questions(self) -> int:
+        """How many questions the calibrator answered."""
+        return 0 if self.scored else len(self.asked)
+
+    @property
+    def by_a_person(self) -> bool:
+        """Whether a person compared."""
+        return self.settings.get("calibrator") == "human"
+
+    @property
+    def shows_cost(self) -> bool:
+        """Whether the cost is shown: there is one, and the answers follow it."""
+        return self.scenario.cost is not None and self.judged
+
+    @property
+    def scored(self) -> bool:
+        """Whether the agent was told scores, and nobody compared anything."""
+        return any(c.answer.value is not None for c in self.comparisons)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the study ended before its planned number of experiments."""
+        return len(self.comparisons) < self.n_max
+
+    @cached_property
+    def best(self) -> Trial | None:
+        """The best experiment; None before any."""
+        return self.incumbents[-1] if self.comparisons else None
+
+    @cached_property
+    def incumbents(self) -> tuple[Trial, ...]:
+        """The best trial after each comparison."""
+        by_index = {t.index: t for t in self.trials}
+        if self.held is not None:
+            return tuple(by_index[index] for index in self.held)
+        winner, winners = 0, []
+        for c in self.comparisons:
+            # Along the answers that stand: a retracted one is an abstention here, and whoever
+            # had won by it may be the incumbent of later questions.
+            if c.incumbent is None or c.answer.preference is Preference.CHALLENGER:
+                winner = c.query.challenger.index
+            winners.append(by_index[winner])
+        return tuple(winners)
+
+    @cached_property
+    def reference_costs(self) -> dict[str, float]:
+        """Cost of each reference, where the scenario has one."""
+        costs = {name: self.cost(e) for name, e in self.references.items()}
+        return {name: cost for name, cost in costs.items() if cost is not None}
+
+    @property
+    def kpis(self) -> tuple[KPI, ...]:
+        """The scenario's KPIs, without the index itself: if at all, it is shown as the cost."""
+        return self.scenario.shown_kpis
+
+    def cost(self, experiment: Experiment) -> float | None:
+        """Latent cost of an experiment; None where the scenario has none.
+
+        Infinite for a run without a record: nobody's cost can be asked of that.
+        """
+        if self.scenario.cost is None:
+            return None
+        return float(self.scenario.cost(experiment)) if len(experiment.t) else inf
+
+    def verdict_counts(self) -> dict[str, int]:
+        """How often each verdict was given, in words."""
+        given = [c.answer.preference for c in self.asked]
+        return {words: given.count(verdict) for verdict, words in VERDICTS.items()}

@@ -1,0 +1,143 @@
+"""Rows and headings of the report's tables, as the templates show them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import isinf
+
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.preferences.answer import Preference
+from prefcal_env.preferences.loop import Comparison
+from prefcal_scenarios.app.presentation.wording import marks_text, measured, number
+from prefcal_scenarios.scenario import KPI
+
+from .record import Record, verdict_text
+
+_MOST = 3
+"""Number of KPIs of one side of a comparison that are shown on the page."""
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """A cell of a table.
+
+    Args:
+        text: What it says.
+        met: Whether it meets its objective; None where there is none.
+    """
+
+    text: str
+    met: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ResultRow:
+    """A row of the result table: a knob, a KPI, the cost or the end.
+
+    Args:
+        name: Heading of the row.
+        unit: Unit of its values; empty for none.
+        aim: Objective in words; empty for none.
+        values: One for each of `result_columns`.
+    """
+
+    name: str
+    values: tuple[Value, ...]
+    unit: str = ""
+    aim: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """One side of a comparison: number of the experiment, from 1, and its values."""
+
+    number: int
+    preferred: bool
+    values: tuple[Value, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ComparisonRow:
+    """A question and its answer; the newer experiment is the first of `sides`."""
+
+    number: int
+    verdict: str
+    marks: tuple[str, ...]
+    sides: tuple[Compared, Compared]
+
+
+def result_columns(record: Record) -> dict[str, Experiment]:
+    """Return the experiments of the result table by heading, the best first."""
+    assert record.best is not None
+    return {
+        "best": record.best.experiment,
+        **record.references,
+        "first experiment": record.trials[0].experiment,
+    }
+
+
+def result_rows(record: Record) -> Iterator[ResultRow]:
+    """Yield a row for each knob, the cost, each KPI, and how the experiments ended."""
+    shown = list(result_columns(record).values())
+    for i, knob in enumerate(record.scenario.space):
+        values = tuple(Value(number(e.theta[i])) for e in shown)
+        yield ResultRow(knob.name, values, knob.unit)
+    if record.shows_cost:
+        yield ResultRow("performance index", tuple(Value(number(record.cost(e))) for e in shown))
+    for kpi in record.kpis:
+        values = tuple(_judged(kpi, e) for e in shown)
+        yield ResultRow(kpi.title, values, kpi.unit, objective(kpi))
+    yield ResultRow("ended", tuple(Value(e.end.value) for e in shown))
+
+
+def objective(kpi: KPI) -> str:
+    """Return the objective of a KPI in words, empty where none is stated."""
+    limits = (("≥", kpi.at_least), ("≤", kpi.at_most))
+    return " and ".join(f"{sign} {number(limit)}" for sign, limit in limits if not isinf(limit))
+
+
+def comparison_headings(record: Record) -> list[tuple[str, str]]:
+    """Return name and unit of each value that one side of a comparison shows."""
+    knobs = [(k.name, k.unit) for k in record.scenario.space]
+    return knobs + [(k.title, k.unit) for k in _columns(record)]
+
+
+def comparison_rows(record: Record) -> Iterator[ComparisonRow]:
+    """Yield every question with its answer, in the order of the answers."""
+    for row, comparison in enumerate(record.asked, start=1):
+        answer = comparison.answer
+        marks = tuple(marks_text(answer))
+        yield ComparisonRow(row, verdict_text(answer), marks, _sides(record, comparison))
+
+
+def _columns(record: Record) -> tuple[KPI, ...]:
+    """Return the KPIs that a comparison has room for: the most important ones."""
+    return record.kpis[:_MOST]
+
+
+def _sides(record: Record, comparison: Comparison) -> tuple[Compared, Compared]:
+    query, preference = comparison.query, comparison.answer.preference
+    assert query.incumbent is not None
+    assert comparison.incumbent is not None
+    return (
+        Compared(
+            query.challenger.index + 1,
+            preference is Preference.CHALLENGER,
+            _values(record, comparison.challenger),
+        ),
+        Compared(
+            query.incumbent.index + 1,
+            preference is Preference.INCUMBENT,
+            _values(record, comparison.incumbent),
+        ),
+    )
+
+
+def _values(record: Record, experiment: Experiment) -> tuple[Value, ...]:
+    theta = [Value(number(v)) for v in experiment.theta]
+    return (*theta, *(_judged(k, experiment) for k in _columns(record)))
+
+
+def _judged(kpi: KPI, experiment: Experiment) -> Value:
+    value = experiment.kpis.get(kpi.name)
+    met = None if value is None else kpi.met(value)
+    return Value(measured(kpi, experiment), None if met is None else bool(met))

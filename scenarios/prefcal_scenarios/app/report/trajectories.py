@@ -1,0 +1,210 @@
+"""Figures of closed-loop runs: overlaid, and side by side."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.panels import Plot
+from prefcal_scenarios.app.presentation.style import (
+    BEST,
+    FAINT,
+    FIRST,
+    GOOD,
+    LIMIT,
+    OTHERS,
+    canvas,
+    legend,
+    style,
+)
+from prefcal_scenarios.app.presentation.wording import mathtext, number
+from prefcal_scenarios.scenario import Scenario, panels_of
+
+from .record import Record
+
+_DASHES: tuple[Any, ...] = ((0, (5, 1.6)), (0, (1.5, 1.2)), "-")
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """One run to draw."""
+
+    experiment: Experiment
+    label: str
+    color: str
+    width: float = 1.7
+    dashes: Any = "-"
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """One panel, or the neighbourhood of its target."""
+
+    panel: Plot
+    zoomed: bool = False
+
+
+def curves_of(record: Record) -> list[Curve]:
+    """First, references' and best; without a run that left no record, so there may be none."""
+    assert record.best is not None
+    first, best = record.trials[0], record.best
+    curves = [Curve(first.experiment, f"first (experiment {first.number})", FIRST, 1.4)]
+    for i, (name, experiment) in enumerate(record.references.items()):
+        color, dashes = OTHERS[i % len(OTHERS)], _DASHES[i % len(_DASHES)]
+        curves.append(Curve(experiment, name, color, 1.5, dashes))
+    curves.append(Curve(best.experiment, f"best (experiment {best.number})", BEST, 2.0))
+    return [curve for curve in curves if len(curve.experiment.t)]
+
+
+def best_against(record: Record) -> Figure:
+    """The best trajectory against the first and the references'; one panel above another."""
+    curves = curves_of(record)
+    panels = panels_of(record.scenario, *(c.experiment for c in curves))
+    rows = list(_rows(panels, curves))
+    heights = [1.25 if row.zoomed else 1.9 for row in rows]
+    figure = canvas(0.7 + sum(heights))
+    grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=heights)
+    axes = list(grid[:, 0])
+    _fill(axes, rows, curves)
+    legend(figure, axes[0], len(curves))
+    return figure
+
+
+def side_by_side(record: Record, other: str) -> Figure:
+    """The best trajectory to the left, the reference `other` to the right, on equal axes."""
+    assert record.best is not None
+    best, rival = record.best.experiment, record.references[other]
+    rows = [_Row(panel) for panel in panels_of(record.scenario, best, rival)]
+    pair = (
+        Curve(best, "preference-based (this study)", BEST, 1.9),
+        Curve(rival, other, OTHERS[0], 1.9),
+    )
+    return _pair(record.scenario, rows, pair)
+
+
+def figure(
+    scenario: Scenario, left: Experiment, right: Experiment, labels: tuple[str, str] = ("1", "2")
+) -> Figure:
+    """Draw two experiments side by side on equal axes.
+
+    Args:
+        scenario: Of both.
+        left: One experiment.
+        right: The other.
+        labels: What the two are called, left and right.
+    """
+    rows = [_Row(panel) for panel in panels_of(scenario, left, right)]
+    pair = (Curve(left, labels[0], BEST, 1.9), Curve(right, labels[1], OTHERS[0], 1.9))
+    with style():
+        return _pair(scenario, rows, pair)
+
+
+def alone(scenario: Scenario, experiment: Experiment) -> Figure:
+    """One experiment, one panel above another, and where its target's band is narrow, a zoom.
+
+    Args:
+        scenario: Its scenario.
+        experiment: A run that left a record.
+    """
+    with style():
+        curve = Curve(experiment, "this run", BEST, 1.9)
+        rows = list(_rows(panels_of(scenario, experiment), [curve]))
+        figure = canvas(0.6 + 1.75 * len(rows))
+        grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)
+        _fill(list(grid[:, 0]), rows, [curve])
+        values = zip(scenario.space.names, experiment.theta, strict=True)
+        theta = ",  ".join(f"{mathtext(n)} = {number(v)}" for n, v in values)
+        _above(grid[0, 0], theta, 21, color=FAINT, fontsize=8.5)
+    return figure
+
+
+def _pair(scenario: Scenario, rows: Sequence[_Row], pair: Sequence[Curve]) -> Figure:
+    figure = canvas(0.8 + 1.75 * len(rows))
+    grid = figure.subplots(len(rows), 2, sharex=True, sharey="row", squeeze=False)
+    names = scenario.space.names
+    for column, curve in enumerate(pair):
+        _fill(list(grid[:, column]), rows, [curve])
+        values = zip(names, curve.experiment.theta, strict=True)
+        theta = ",  ".join(f"{mathtext(n)} = {number(v)}" for n, v in values)
+        _above(grid[0, column], theta, 21, color=FAINT, fontsize=8.5)
+        _above(grid[0, column], curve.label, 36, color=curve.color, fontweight="bold")
+    return figure
+
+
+def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
+    axes.annotate(
+        text, (0, 1), (0, points), xycoords="axes fraction", textcoords="offset points", **look
+    )
+
+
+def _rows(panels: Sequence[Plot], curves: Sequence[Curve]) -> Iterator[_Row]:
+    """Every panel, and a zoomed one after it where the accepted band would be a mere line."""
+    for panel in panels:
+        yield _Row(panel)
+        values = [panel.values(c.experiment) for c in curves]
+        every = np.concatenate(values)
+        spread = np.ptp(every[np.isfinite(every)]) if np.isfinite(every).any() else 0.0
+        band = panel.channel.band
+        if panel.channel.target is not None and band is not None and 2 * band < 0.15 * spread:
+            yield _Row(panel, zoomed=True)
+
+
+def _fill(axes: Sequence[Axes], rows: Sequence[_Row], curves: Sequence[Curve]) -> None:
+    for place, row in zip(axes, rows, strict=True):
+        channel = row.panel.channel
+        _limits(place, channel)
+        for curve in curves:
+            _draw(place, row.panel, curve)
+        place.set_title(panel_title(channel, zoomed=row.zoomed))
+        if row.zoomed and channel.target is not None and channel.band is not None:
+            place.set_ylim(channel.target - 3 * channel.band, channel.target + 3 * channel.band)
+        place.margins(x=0.01)
+    axes[-1].set_xlabel(f"time [{curves[0].experiment.channels.time_unit}]")
+
+
+def _draw(axes: Axes, panel: Plot, curve: Curve) -> None:
+    t, values = curve.experiment.t, panel.values(curve.experiment)
+    if not np.isfinite(values).any():
+        return
+    axes.plot(
+        t, values, label=curve.label, color=curve.color, linewidth=curve.width,
+        linestyle=curve.dashes, drawstyle="steps-post" if panel.held else "default",
+    )  # fmt: skip
+    # Runs end at different times: a cross says it was stopped, a dot that it came to its end.
+    marker = "X" if curve.experiment.end.interrupted else "o"
+    axes.plot(t[-1], values[-1], marker, color=curve.color, markersize=5, markeredgewidth=0)
+
+
+def _limits(axes: Axes, channel: Channel) -> None:
+    if channel.target is not None:
+        axes.axhline(channel.target, color=GOOD, linewidth=0.9, linestyle=(0, (1, 2)))
+        if channel.band is not None:
+            low, high = channel.target - channel.band, channel.target + channel.band
+            axes.axhspan(low, high, color=GOOD, alpha=0.18, linewidth=0)
+    for limit in (channel.low, channel.high):
+        if np.isfinite(limit):
+            axes.axhline(limit, color=LIMIT, linewidth=1.1, linestyle=(0, (6, 3)))
+
+
+def panel_title(channel: Channel, *, zoomed: bool = False) -> str:
+    """What is drawn, its unit, and what it should do."""
+    parts = [channel.name[:1].upper() + channel.name[1:]]
+    if channel.symbol:
+        parts.append(f"${channel.symbol}$")
+    text = " ".join(parts) + (f" [{channel.unit}]" if channel.unit else "")
+    if zoomed:
+        return f"{text} · around the target"
+    if channel.target is not None:
+        text += f" · target {number(channel.target)}"
+        if channel.band is not None:
+            share = channel.band / abs(channel.target) if channel.target else np.inf
+            band = f"{number(100 * share)} %" if share < 1 else number(channel.band)
+            text += f" ± {band}"
+    limits = [number(v) for v in (channel.low, channel.high) if np.isfinite(v)]
+    if not limits:
+        return text
+    return f"{text} · limit{'s' * (len(limits) - 1)} {' to '.join(limits)}"

@@ -1,0 +1,37 @@
+"""Writes the folder of a report. Every file appears whole or not at all."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from prefcal_scenarios.app.presentation.folder import put
+
+from .comparisons import comparisons_as_csv
+from .export import best_as_json
+from .html import page
+from .pictures import PICTURES, Picture, draw
+from .record import Record
+
+
+def write_report(record: Record, folder: Path, extra: Sequence[Picture] = ()) -> Path:
+    """Write best.json, comparisons.csv, figures and report.html; return the last one's path.
+
+    Equal studies write equal bytes. Files of an earlier report in `folder` are replaced.
+
+    Args:
+        record: The study, complete or not.
+        folder: An existing folder.
+        extra: Further figures, a scenario's own.
+    """
+    if record.best is not None:
+        put(folder / "best.json", best_as_json(record).encode())
+    else:
+        (folder / "best.json").unlink(missing_ok=True)
+    put(folder / "comparisons.csv", comparisons_as_csv(record).encode())
+    drawn = draw(record, extra)
+    for stale in {p.file for p in (*PICTURES, *extra)} - {d.picture.file for d in drawn}:
+        (folder / stale).unlink(missing_ok=True)
+    for d in drawn:
+        put(folder / d.picture.file, d.content)
+    report = folder / "report.html"
+    put(report, page(record, drawn).encode())
+    return report

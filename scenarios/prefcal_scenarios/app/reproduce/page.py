@@ -1,0 +1,86 @@
+"""Write the page of the reproduction: one file that asks the network for nothing."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from prefcal_scenarios.app.presentation.folder import put
+from prefcal_scenarios.app.report.export import versions
+from prefcal_scenarios.app.report.html import environment
+
+from .deviations import DEVIATIONS
+from .figures import Pictured, pictures
+from .printed import COMPARISONS, N_MAX
+from .results import Found, Row, found, rows, summary
+from .settings import algorithm, parameters, ranges
+from .studies import Study
+
+TITLES = {
+    "cstr-preferences": "Reactor, calibrated by preferences",
+    "cstr-automated": "Reactor, calibrated automatically",
+    "overtake-preferences": "Car, calibrated by preferences",
+}
+PAPER = "Zhu, Bemporad, Piga: Preference-based MPC calibration (ECC 2021)"
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """The table of one case, and a remark below it; empty for none."""
+
+    title: str
+    heads: tuple[str, ...]
+    rows: tuple[Row, ...]
+    note: str
+
+
+def write_page(studies: Sequence[Study], folder: Path, command: str) -> Path:
+    """Write paper.html and its figures into `folder`, and return the path of the page.
+
+    Args:
+        studies: Studies of all cases, for one or more seeds.
+        folder: An existing folder.
+        command: The command line that repeats it.
+    """
+    results = found(studies)
+    drawn = list(pictures(results))
+    for picture in drawn:
+        put(folder / f"{picture.label.removeprefix('Fig. ')}.png", picture.content)
+    page = folder / "paper.html"
+    put(page, _text(results, drawn, command).encode())
+    return page
+
+
+def _text(results: Sequence[Found], drawn: Sequence[Pictured], command: str) -> str:
+    seeds = len(results[0].studies)
+    return (
+        environment()
+        .get_template("reproduce/paper.html.j2")
+        .render(
+            paper=PAPER,
+            repeated="once, with seed 0"
+            if seeds == 1
+            else f"{seeds} times, with seeds 0 to {seeds - 1}",
+            n_max=N_MAX,
+            comparisons=COMPARISONS,
+            findings=summary(results),
+            results=[_shown(result) for result in results],
+            drawn=drawn,
+            tables=(
+                ("Table CSTR_para", parameters()),
+                ("Settings of the algorithm", algorithm()),
+                ("Ranges of the tuned parameters", ranges()),
+            ),
+            deviations=[(d.paper, d.ours, d.why, d.effect) for d in DEVIATIONS],
+            line=command,
+            versions=versions(),
+        )
+    )
+
+
+def _shown(result: Found) -> Shown:
+    median = f"median of {len(result.studies)}"
+    heads = ("", "printed", "paper's θ here", "seed 0 here", median, "range")
+    asked = result.studies[0].comparisons
+    differs = asked and asked != COMPARISONS
+    note = f"{asked} comparisons here, {COMPARISONS} in the paper." if differs else ""
+    return Shown(TITLES[result.case.name], heads, tuple(rows(result)), note)

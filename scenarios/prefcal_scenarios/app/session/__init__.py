@@ -1,0 +1,20 @@
+"""The interview: an agent's questions and a person's answers, free of any front end.
+
+Page, terminal and unattended run drive the same `Interview`; whatever it acknowledges stands in
+the study file already.
+"""
+
+from prefcal_scenarios.app.summary.consistency import Consistency as Consistency
+from prefcal_scenarios.app.summary.counts import Counts as Counts
+from prefcal_scenarios.app.summary.outlook import Outlook as Outlook
+
+from .background import Background as Background
+from .interview import Interview as Interview
+from .records import Given as Given
+from .records import Preview as Preview
+from .unattended import unattended as unattended
+from .view import Choice as Choice
+from .view import Now as Now
+from .view import Phase as Phase
+from .view import Question as Question
+from .view import Side as Side

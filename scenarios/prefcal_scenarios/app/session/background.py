@@ -1,0 +1,49 @@
+"""The thread that runs an interview's experiments while a person looks at the last one."""
+
+import threading
+from contextlib import suppress
+from types import TracebackType
+from typing import Self
+
+from prefcal_scenarios.app.isolated.life import GRACE
+
+from .interview import Interview
+from .view import Phase
+
+_DRAWN = 0.15
+"""Seconds in which a new question is sent and drawn, before this machine looks further ahead."""
+
+
+class Background:
+    """Runs `interview.work` in one thread of its own: a plant is never run twice at once."""
+
+    def __init__(self, interview: Interview) -> None:
+        self._interview = interview
+        # A daemon: an experiment that takes an hour must not keep a closed program alive.
+        self._thread = threading.Thread(target=self._loop, name="experiments", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._interview.close()
+        self._thread.join(timeout=1.0 + GRACE)
+
+    def _loop(self) -> None:
+        # What cannot be compiled fails again as the first experiment runs, which shows it.
+        with suppress(Exception):
+            self._interview.prepare()
+        seen = None
+        while True:
+            now = self._interview.now()
+            if now.phase is Phase.QUESTION and now.question is not seen:
+                seen = now.question
+                self._interview.wait(now.version, _DRAWN)
+            if not (self._interview.work() or self._interview.wait_for_work()):
+                return

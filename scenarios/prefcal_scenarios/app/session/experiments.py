@@ -1,0 +1,138 @@
+"""The experiments of a study by index, as questions show them."""
+
+from collections import OrderedDict
+from dataclasses import dataclass, field, replace
+from weakref import WeakValueDictionary
+
+import numpy as np
+
+from prefcal_env.errors import StudyError
+from prefcal_env.experiments.experiment import Channels, End, Experiment
+from prefcal_env.preferences.answer import Answer, Query, Suggestion
+from prefcal_env.preferences.kpis import Outcome
+from prefcal_env.preferences.loop import Comparison
+from prefcal_env.rig import Rig
+from prefcal_env.study import Closed, Shown, State, StudyFile
+from prefcal_scenarios.kpis import outcome
+from prefcal_scenarios.scenario import Scenario
+
+from .view import Question, Side
+
+_KEPT = 32
+"""Experiments that stay at hand: those of the last questions. A trajectory may take a megabyte."""
+
+
+@dataclass(slots=True)
+class ExperimentStore:
+    """Reads experiments out of the study file when they are shown.
+
+    The last few stay at hand, and whatever somebody else holds is never read twice. Of all others
+    only what takes no room is kept: what the agent may learn of them, and how they ended.
+    """
+
+    scenario: Scenario
+    study: StudyFile
+    _held: WeakValueDictionary[int, Experiment] = field(default_factory=WeakValueDictionary)
+    _last: OrderedDict[int, Experiment] = field(default_factory=OrderedDict)
+    _outcomes: dict[int, Outcome] = field(default_factory=dict)
+    _ends: dict[int, End] = field(default_factory=dict)
+
+    def experiment(self, index: int) -> Experiment:
+        """Experiment number `index`, from 0. Raises StudyError if there is none."""
+        seq = self._event(index)
+        experiment = self._held.get(seq)
+        if experiment is None:
+            experiment = self._held[seq] = self._read(seq, index)
+        self._last[seq] = experiment
+        self._last.move_to_end(seq)
+        while len(self._last) > _KEPT:
+            self._last.popitem(last=False)
+        return experiment
+
+    def end(self, index: int) -> End:
+        """How experiment number `index`, from 0, ended. Raises StudyError if there is none."""
+        seq = self._event(index)
+        if seq not in self._ends:
+            self._ends[seq] = self.study.end(seq)
+        return self._ends[seq]
+
+    def outcomes(self, challenger: int, incumbent: int | None) -> tuple[Outcome, Outcome | None]:
+        """What the agent may learn of two experiments beside their θ."""
+        rival = None if incumbent is None else self._outcome(incumbent)
+        return self._outcome(challenger), rival
+
+    def _event(self, index: int) -> int:
+        finished = self.study.state.finished
+        if index not in finished:
+            raise StudyError(f"the study has no experiment {index + 1}")
+        return finished[index]
+
+    def _read(self, seq: int, index: int) -> Experiment:
+        experiment, theta = self.study.experiment(seq), self.study.state.samples[index].theta
+        if len(experiment.theta) == len(theta):
+            return experiment
+        return replace(experiment, theta=np.array(theta))  # knobs were added since
+
+    def _outcome(self, index: int) -> Outcome:
+        seq = self._event(index)
+        if seq not in self._outcomes:
+            self._outcomes[seq] = outcome(self.scenario, self.experiment(index))
+        return self._outcomes[seq]
+
+    def failed(self, index: int) -> Experiment:
+        """An experiment without a record, for sample `index`, whose run failed."""
+        theta = np.array(self.study.state.samples[index].theta)
+        if isinstance(self.scenario.run, Rig):
+            return self.scenario.run.failed(theta)
+        known = self.study.state.finished
+        channels = self.experiment(min(known)).channels if known else Channels((), (), ())
+        n_x, n_u, n_y = len(channels.x), len(channels.u), len(channels.y)
+        none = np.zeros(0)
+        return Experiment(
+            theta=theta, t=none, x=np.zeros((0, n_x)), u=np.zeros((0, n_u)), t_control=none,
+            u_control=np.zeros((0, n_u)), y_ref=np.zeros((0, n_y)),
+            iterations=np.zeros(0, dtype=np.int64), solve_time=none,
+            solved=np.zeros(0, dtype=bool), channels=channels, end=End.FAILED,
+        )  # fmt: skip
+
+    def question(self, id_: int, number: int, shown: Shown) -> Question:
+        """The question that `shown` put on show, with the marks of now."""
+        pair, left = (shown.challenger, shown.incumbent), shown.challenger_left
+        marks = self.study.state.marks
+        new, old = (
+            Side(index, self.experiment(index), index == pair[0], marks.get(index, frozenset()))
+            for index in pair
+        )
+        sides = (new, old) if left else (old, new)
+        return Question(id_, number, *sides, shown.repeats)
+
+    def asked(self, closed: Closed) -> Question:
+        """A closed question, as it was shown."""
+        if closed.incumbent is None or closed.question is None:
+            raise StudyError("the first experiment was not compared with anything")
+        left = closed.challenger_left is not False
+        shown = Shown(closed.challenger, closed.incumbent, left, None)
+        question = self.question(closed.question, closed.challenger, shown)
+        return replace(question, further=closed.after is not None)
+
+    def comparison(self, index: int) -> Comparison:
+        """Closed query number `index`, from 0; a retracted answer is an abstention."""
+        return self.compared(self.study.state.closed[index])
+
+    def compared(self, closed: Closed) -> Comparison:
+        """What was compared, and the answer; a retracted one is an abstention."""
+        state, index, rival = self.study.state, closed.challenger, closed.incumbent
+        return Comparison(
+            Query(_suggestion(state, index), None if rival is None else _suggestion(state, rival)),
+            _abstained(closed.answer) if closed.retracted else closed.answer,
+            self.experiment(index),
+            None if rival is None else self.experiment(rival),
+        )
+
+
+def _abstained(answer: Answer) -> Answer:
+    return Answer(None, marks=answer.marks, automatic=answer.automatic)
+
+
+def _suggestion(state: State, index: int) -> Suggestion:
+    return Suggestion(index, np.array(state.samples[index].theta))

@@ -1,0 +1,237 @@
+"""The flow of an interview: from an answer to the next question, as far as it goes at once."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from prefcal_agents.registry import AnyAgent
+from prefcal_env.errors import StudyError
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.mpc.compiling import Compiling
+from prefcal_env.preferences.answer import Answer, Query
+from prefcal_env.preferences.run_facts import completed
+from prefcal_env.rig import Rig
+from prefcal_env.study import (
+    Answered,
+    Ended,
+    Event,
+    Failed,
+    Finished,
+    Shown,
+    State,
+    StudyFile,
+    Suggested,
+)
+from prefcal_scenarios.own.own_line import in_words
+
+from .experiments import ExperimentStore
+from .memory import incumbent
+from .order import challenger_left
+from .prefetch import Prefetch
+from .scores import judged
+from .view import Phase, Question, Side
+
+
+@dataclass(slots=True)
+class Flow:
+    """The mutable part of an interview. Whoever calls it holds the interview's lock."""
+
+    study: StudyFile
+    album: ExperimentStore
+    agent: AnyAgent
+    ahead: Prefetch = field(default_factory=Prefetch)
+    phase: Phase = Phase.RUNNING
+    question: Question | None = None
+    problem: Exception | None = None
+    checked: bool = False
+    """Whether an experiment of this process has been found to fit its scenario."""
+    preparing: Compiling | None = None
+    version: int = 0
+    answered_at: int = 0
+    """Version since which no answer was given or taken back."""
+    stopped: int | None = None
+    """Sample whose run a person has stopped before it began."""
+    draft: str = ""
+    """The comment of the answer that was taken back last, until another one is given."""
+
+    @property
+    def state(self) -> State:
+        """What the study file says."""
+        return self.study.state
+
+    @property
+    def seed(self) -> int:
+        """Of the study."""
+        return int(self.state.configuration["seed"])
+
+    @property
+    def best(self) -> int | None:
+        """Index of the best experiment so far, as the agent believes; None before the first."""
+        if not self.state.closed or self.agent.by_value:
+            return incumbent(self.state)
+        return self.agent.best_index
+
+    @property
+    def pending(self) -> Suggested | None:
+        """The sample that has no answer yet, once it is proposed."""
+        state = self.state
+        return state.samples[-1] if len(state.samples) > len(state.closed) else None
+
+    def move(self, phase: Phase, problem: Exception | None = None) -> None:
+        """Enter `phase`, without a question."""
+        self.phase, self.problem, self.question = phase, problem, None
+        self.version += 1
+
+    def resume(self) -> None:
+        """Take the interview up where the study file stands; an open question stays open."""
+        if self.state.ended or self.is_overtaken():
+            self.proceed()
+        else:
+            self.refresh()
+
+    def is_overtaken(self) -> bool:
+        """Return whether the agent asks something else than the question on show, if any.
+
+        A retraction, a changed setting or a newer algorithm may have changed that, and a crash
+        leaves the old question on show: an answer to it would be about another pair than the one
+        that the agent asks about.
+        """
+        if self.state.open is None:
+            return True
+        _, shown = self.state.open
+        if shown.repeats is not None:
+            return False
+        if shown.challenger < len(self.state.closed):
+            asked = None if self.agent.done else self.agent.ask()
+            return asked is None or pair_of(asked) != (shown.challenger, shown.incumbent)
+        return shown.incumbent != self.best
+
+    def proceed(self) -> None:
+        """Go on until something has to be run, or answered, or all is over.
+
+        What led here is durable, so whatever fails from here on, a full disk or an experiment
+        that no file can hold, is a problem to be shown and tried again, no error of whoever
+        answered: he would be left with a question that is closed already.
+        """
+        self.ahead.forget()
+        try:
+            self._proceed()
+        except Exception as error:
+            self.move(Phase.FAILED, error)
+
+    def _proceed(self) -> None:
+        if not self.state.ended and self.agent.done:
+            self.study.append(Ended("all compared"))
+        if self.state.ended:
+            return self.move(Phase.OVER)
+        query = self.agent.ask()
+        self._suggest(query)
+        index = query.challenger.index
+        if index not in self.state.finished:
+            return self._wait_for(index)
+        if query.incumbent is not None:
+            return self._show(query)
+        if self.agent.by_value:
+            rival, answer = judged(self.state, self.album, index)
+            self.study.append(Answered(None, index, rival, answer))
+            self.agent.tell(query, Answer(None, value=answer.value))
+        else:
+            alone = self.album.experiment(index)
+            first = completed(Answer(None), alone, None, self.album.outcomes(index, None))
+            self.study.append(Answered(None, index, None, first))
+            self.agent.tell(query, first)
+        return self._proceed()
+
+    def _suggest(self, query: Query) -> None:
+        """Store the sample, and its experiment if that is known already, in one step."""
+        index, theta = query.challenger.index, query.challenger.theta
+        if len(self.state.samples) > index:
+            return
+        z = self.agent.state.history.samples[index]
+        suggested = Suggested(index, z, tuple(map(float, theta)))
+        earlier = self.study.find_experiment(theta)
+        foreseen = self.ahead.experiment(theta)
+        finished: list[Event | tuple[Finished, Experiment]] = []
+        if earlier is not None:
+            finished = [Finished(index, same_as=earlier)]
+        elif foreseen is not None:
+            finished = [(Finished(index), foreseen)]
+        self.study.append(suggested, *finished)
+
+    def _wait_for(self, index: int) -> None:
+        if isinstance(self.album.scenario.run, Rig):
+            self.move(Phase.RECORD)
+        else:
+            # Also where its run failed before: whoever starts again has mended the plant.
+            self.move(Phase.RUNNING)
+
+    def _show(self, query: Query) -> None:
+        assert query.incumbent is not None
+        new, old = query.challenger.index, query.incumbent.index
+        left = challenger_left(self.seed, new, old if query.further else None)
+        shown = Shown(new, old, left)
+        self._put(self.study.append(shown)[0], shown)
+
+    def show_again(self, shown: Shown) -> None:
+        """Put an earlier question on show again."""
+        self.ahead.forget()
+        self._put(self.study.append(shown)[0], shown)
+
+    def refresh(self) -> None:
+        """Show the open question with the marks of now."""
+        assert self.state.open is not None
+        self.ahead.forget()
+        self._put(*self.state.open)
+
+    def _put(self, id_: int, shown: Shown) -> None:
+        question = self.album.question(id_, len(self.state.closed), shown)
+        if shown.repeats is None:
+            known = self.album.outcomes(shown.challenger, shown.incumbent)
+            further = shown.challenger < len(self.state.closed)
+            left, right = (
+                self._with_role(side, further) for side in (question.left, question.right)
+            )
+            question = replace(question, left=left, right=right, outcomes=known, further=further)
+        else:
+            further = any(c.question == shown.repeats for c in self.state.further)
+            question = replace(question, further=further)
+        self.move(Phase.QUESTION)
+        self.question = question
+
+    def _with_role(self, side: Side, further: bool) -> Side:
+        """`side`, and whether it is the best so far by the record, or new."""
+        role = "new" if side.challenger and not further else ""
+        return replace(side, role="best so far" if side.index == self.best else role)
+
+    def tell(self, answer: Answer) -> None:
+        """Teach the agent `answer`, which is durable already, and go on if that is quick."""
+        twin = self.ahead.take(answer)
+        if twin is None:
+            self.agent.tell(self.agent.ask(), answer)
+            # The proposal takes its time: `work` computes it.
+            return self.move(Phase.RUNNING)
+        self.agent = twin
+        return self.proceed()
+
+    def ran(self, sample: Suggested, result: Experiment | Exception) -> None:
+        """Take the result of running `sample`, if it is still the one that is waited for."""
+        self.stopped = None
+        if isinstance(result, Experiment):
+            self.ahead.keep(np.array(sample.theta), result)
+        if self.phase is not Phase.RUNNING or self.pending != sample:
+            return None
+        try:
+            if isinstance(result, Experiment):
+                self.study.append((Finished(sample.index), result))
+            else:
+                self.study.append(Failed(sample.index, in_words(result)))
+        except StudyError as error:
+            return self.move(Phase.FAILED, error)
+        if isinstance(result, Experiment):
+            return self.proceed()
+        return self.move(Phase.FAILED, result)
+
+
+def pair_of(query: Query) -> tuple[int, int | None]:
+    """Indices of the challenger and of the incumbent."""
+    return query.challenger.index, None if query.incumbent is None else query.incumbent.index

@@ -1,0 +1,381 @@
+"""The interview: an agent, a study file, and the question that is open between them."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents import Advice, GLISp
+from prefcal_agents.models.kpi_importance import Importance
+from prefcal_agents.models.learned_cost import LearnedCost
+from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.mpc.compiling import Compiling, compile_missing
+from prefcal_env.preferences.answer import Answer, Strength
+from prefcal_env.preferences.loop import Comparison
+from prefcal_env.study import Closed, Noted, StudyFile
+from prefcal_scenarios.app.summary.consistency import Consistency
+from prefcal_scenarios.app.summary.counts import Counts, answered
+from prefcal_scenarios.app.summary.outlook import Outlook, others_unbeaten, outlook
+from prefcal_scenarios.own.own_line import in_words
+from prefcal_scenarios.scenario import Scenario
+
+from . import records, runs, steps
+from .experiments import ExperimentStore
+from .flow import Flow
+from .kpi_importance import importance_of, index_of, known_outcomes
+from .memory import agent_of, as_studied, unbeaten
+from .records import Given, Preview
+from .view import Choice, Now, Phase, Question
+
+Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
+
+
+class Interview:
+    """Asks, takes answers, and lets the agent learn from them.
+
+    Every step is durable in the study file before the next one begins: an answer before the
+    question that follows it, an experiment before it is shown. All methods may be called from
+    any thread. Experiments are run by `work`, which a `Background` calls while a person looks.
+
+    Whatever a person does late, on a page that another tab has overtaken, raises StaleError
+    and records nothing; where the file cannot be written, StudyError, and nothing has changed.
+
+    Args:
+        scenario: What is calibrated.
+        study: An open study file of the same knobs; its state is taken up where it stands.
+        ahead: Whether `work` also runs what each likely answer would lead to.
+        asks: Whether it goes on, which writes to the study file; else it is only looked at.
+
+    Raises:
+        StudyError: the study is of other knobs, or cannot be written.
+    """
+
+    def __init__(
+        self, scenario: Scenario, study: StudyFile, *, ahead: bool = True, asks: bool = True
+    ) -> None:
+        self.scenario, self.study = as_studied(scenario, study.state), study
+        scenario = self.scenario
+        self._runs_ahead = ahead
+        self._changed = threading.Condition(threading.RLock())
+        self._flow = Flow(
+            study, ExperimentStore(scenario, study), agent_of(study.state, scenario.space)
+        )
+        self._closing = False
+        self._idle_at: int | None = None
+        if asks:
+            self._flow.resume()
+
+    # What a front end sees.
+
+    def now(self) -> Now:
+        """One consistent view."""
+        with self._changed:
+            flow, worker = self._flow, runs.worker_of(self._flow)
+            return Now(
+                version=flow.version, phase=flow.phase, question=flow.question,
+                problem=None if flow.problem is None else in_words(flow.problem),
+                pending=flow.pending, incumbent=flow.best,
+                can_undo=steps.can_undo(flow), state=flow.state, preparing=flow.preparing,
+                draft=flow.draft, run_limit=None if worker is None else worker.limit,
+            )  # fmt: skip
+
+    def wait(self, version: int, timeout: float) -> Now:
+        """Return as soon as the version differs from `version`, or after `timeout` seconds."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._flow.version != version or self._closing, timeout)
+            return self.now()
+
+    def experiment(self, index: int) -> Experiment:
+        """Experiment `index`, from 0. Raises StudyError if there is none."""
+        with self._changed:
+            return self._flow.album.experiment(index)
+
+    def end(self, index: int) -> End:
+        """How experiment `index`, from 0, ended. Raises StudyError if there is none."""
+        with self._changed:
+            return self._flow.album.end(index)
+
+    def asked(self, answer: int) -> Question:
+        """Closed question number `answer`, as it was shown. Raises StaleError if there is none."""
+        with self._changed:
+            return self._flow.album.asked(steps.closed(self._flow, answer))
+
+    def closed(self, answer: int) -> Closed:
+        """Answer number `answer`, from 1; -1, -2 ... are further ones.
+
+        Raises:
+            StaleError: there is none.
+        """
+        with self._changed:
+            return steps.closed(self._flow, answer)
+
+    def comparisons(self, start: int = 0) -> tuple[Comparison, ...]:
+        """Every closed query from number `start` on, the first experiment's among them."""
+        with self._changed:
+            count = len(self._flow.state.closed)
+            return tuple(self._flow.album.comparison(i) for i in range(start, count))
+
+    def answered(self) -> tuple[Comparison, ...]:
+        """The comparisons whose answers stand, further ones too, in the order given."""
+        with self._changed:
+            flow = self._flow
+            return tuple(flow.album.compared(closed) for closed in answered(flow.state))
+
+    @property
+    def counts(self) -> Counts:
+        """How many experiments and comparisons there are."""
+        return Counts.of(self.study.state)
+
+    @property
+    def n_max(self) -> int:
+        """Experiments until the end: as asked for, or all θ of a space that holds fewer."""
+        return self._flow.agent.n_max
+
+    @property
+    def questions(self) -> int | None:
+        """Most comparisons for each experiment; None if the agent asks one and no more."""
+        with self._changed:
+            agent = self._flow.agent
+        return agent.settings.questions_per_experiment if isinstance(agent, GLISp) else None
+
+    @property
+    def surrogate(self) -> Surrogate | None:
+        """Learned latent cost of m physical θ, lower is better; None if nothing is learned."""
+        with self._changed:
+            closed = self._flow.state.closed
+            learned = any(c.answer.preference is not None and not c.retracted for c in closed)
+            # A twin: what is learned must not change while it is looked at.
+            return getattr(self._flow.agent.copy(), "surrogate", None) if learned else None
+
+    @property
+    def advice(self) -> Advice | None:
+        """What another ten experiments would be expected to gain; None while not known."""
+        with self._changed:
+            twin = self._flow.agent.copy()
+        return getattr(twin, "advice", None)
+
+    @property
+    def outlook(self) -> Outlook | None:
+        """Whether to go on, and which knobs are at the end of their range; None if unknown."""
+        now, advice = self.now(), self.advice
+        best = None if now.incumbent is None else self.experiment(now.incumbent).theta
+        found = outlook(advice, best, self.scenario.space, self.study.path, now.state)
+        if found is None or self._flow.agent.by_value:
+            return found
+        return replace(found, unbeaten=others_unbeaten(unbeaten(now.state)))
+
+    @property
+    def index(self) -> LearnedCost | None:
+        """What the answers say that a person minds; None while they say nothing of it."""
+        with self._changed:
+            history = known_outcomes(self.study.state, self._flow.album)
+        return index_of(history, self._flow.seed)
+
+    @property
+    def importance(self) -> Importance | None:
+        """Which KPIs stand out in the answers; None while they say nothing of it."""
+        with self._changed:
+            history = known_outcomes(self.study.state, self._flow.album)
+        return importance_of(history, self.scenario)
+
+    @property
+    def consistency(self) -> Consistency:
+        """Repeated questions and cycles."""
+        return Consistency.of(self.study.state)
+
+    # What a person does.
+
+    def answer(
+        self,
+        question: int,
+        choice: Choice,
+        *,
+        strength: float = Strength.BETTER,
+        comment: str = "",
+        blind: bool = False,
+    ) -> Now:
+        """Close the open question, whose id is `question`, by side.
+
+        Args:
+            question: Its id.
+            choice: The verdict.
+            strength: By how much the chosen side is better; of the other verdicts always 1.
+            comment: A remark on it.
+            blind: Whether θ and the roles of the sides were hidden.
+        """
+        with self._change() as flow:
+            asked = steps.open_question(flow, question)
+            steps.close(flow, asked, asked.answer(choice, strength), comment, blind)
+            return self.now()
+
+    def give(self, question: int, answer: Answer) -> Now:
+        """Close the open question by an answer about challenger and incumbent."""
+        with self._change() as flow:
+            steps.close(flow, steps.open_question(flow, question), answer, "", False)
+            return self.now()
+
+    def mark(self, question: int, side: str, mark: str, on: bool) -> Now:
+        """Mark the experiment on `side`, "left" or "right", "unsafe" or "good enough", or not."""
+        with self._change() as flow:
+            steps.mark(flow, steps.open_question(flow, question), side, mark, on)
+            return self.now()
+
+    def undo(self, version: int) -> Now:
+        """Take the last answer back; `version` is what the person saw, who may be late."""
+        with self._change() as flow:
+            steps.undo(flow, version)
+            return self.now()
+
+    def retract(self, answer: int) -> Now:
+        """Forget what answer number `answer` taught (see `closed`); every experiment stays."""
+        with self._change() as flow:
+            steps.retract(flow, answer)
+            return self.now()
+
+    def repeat(self) -> Now:
+        """Ask an earlier question again, sides swapped; the answer teaches nothing."""
+        with self._change() as flow:
+            steps.repeat(flow)
+            return self.now()
+
+    def pace(self, questions: int) -> Now:
+        """Ask at most so many comparisons for each experiment from now on, 1 or more.
+
+        Raises:
+            SettingsError: the agent asks one and no more.
+        """
+        with self._change() as flow:
+            steps.pace(flow, questions)
+            return self.now()
+
+    def note(self, text: str) -> Now:
+        """Keep a remark on the study."""
+        with self._change() as flow:
+            flow.study.append(Noted(text))
+            flow.version += 1
+            return self.now()
+
+    def preview(self, given: Given) -> Preview:
+        """Read a rig's record, and save nothing. Raises RecordError if it is refused."""
+        with self._changed:
+            return records.preview(self._flow, given)
+
+    def record(self, given: Given) -> Now:
+        """Save a rig's record of the pending sample, or the right one of an earlier experiment.
+
+        Raises:
+            RecordError: it is refused.
+        """
+        with self._change() as flow:
+            records.record(flow, given)
+            return self.now()
+
+    def fail(self, index: int, reason: str = "") -> Now:
+        """Count the run of the pending sample as failed: an experiment without a record."""
+        with self._change() as flow:
+            runs.fail(flow, index, reason)
+            return self.now()
+
+    def stop_run(self, index: int) -> Now:
+        """Stop the run of the pending sample, which then has failed.
+
+        Raises:
+            ScenarioError: it runs inside prefcal, as those of built-in scenarios do.
+        """
+        with self._change() as flow:
+            runs.stop(flow, index)
+            return self.now()
+
+    def retry(self, index: int = 0) -> Now:
+        """Try again what has failed, in phase FAILED: a run, or writing the study file."""
+        with self._change() as flow:
+            runs.retry(flow)
+            return self.now()
+
+    def finish(self) -> Now:
+        """End the study, since the person says so."""
+        with self._change() as flow:
+            runs.finish(flow)
+            return self.now()
+
+    def go_on(self, more: int = 0) -> Now:
+        """Reopen an ended study, with `more` further experiments."""
+        with self._change() as flow:
+            runs.go_on(flow, more)
+            return self.now()
+
+    # Work in the background.
+
+    def prepare(self, told: Callable[[Compiling], None] = lambda part: None) -> None:
+        """Compile what the scenario needs and no earlier run has left; `told` hears of each part.
+
+        Without it the first experiment compiles as it runs, and nobody sees how far it is.
+        """
+
+        def tell(part: Compiling | None) -> None:
+            with self._change() as flow:
+                flow.preparing = part
+                flow.version += 1
+            if part is not None:
+                told(part)
+
+        try:
+            compile_missing(tell)
+        finally:
+            if self._flow.preparing is not None:
+                tell(None)
+
+    def work(self) -> bool:
+        """Do the next piece of work; False if there is none. The long part holds no lock."""
+        with self._change() as flow:
+            # Whoever has closed the window may stand at the plant by now: it is not started again.
+            attempt = None if self._closing else runs.due(flow, ahead=self._runs_ahead)
+            self._idle_at = flow.version if attempt is None else None
+        if attempt is None:
+            return False
+        try:
+            finish = attempt()
+            with self._change():
+                finish()
+        except Exception as error:
+            # The thread must live on: what went wrong is shown, and can be tried again.
+            with self._change() as flow:
+                flow.move(Phase.FAILED, error)
+        return True
+
+    def wait_for_work(self, timeout: float = 0.5) -> bool:
+        """Wait until something may be due; False once the interview is closed."""
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._closing or self._flow.version != self._idle_at, timeout
+            )
+            return not self._closing
+
+    def raise_problem(self) -> None:
+        """In phase FAILED, raise what went wrong."""
+        with self._changed:
+            if self._flow.phase is Phase.FAILED and self._flow.problem is not None:
+                raise self._flow.problem
+
+    def close(self) -> None:
+        """Take no more work, and give up the run of an own scenario; the study file stays open."""
+        with self._changed:
+            self._closing = True
+            worker = runs.worker_of(self._flow)
+            if worker is not None:
+                worker.stop("given up")
+            self._changed.notify_all()
+
+    @contextmanager
+    def _change(self) -> Iterator[Flow]:
+        with self._changed:
+            version = self._flow.version
+            try:
+                yield self._flow
+            finally:
+                if self._flow.version != version:
+                    runs.make_way(self._flow)
+                    self._changed.notify_all()

@@ -1,0 +1,164 @@
+"""Records of a rig: looked at before they are saved, replaced when they were the wrong ones."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import KnobError, RecordError, StaleError
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.preferences.kpis import Outcome
+from prefcal_env.preferences.run_facts import counts_as_unsafe
+from prefcal_env.rig import Rig
+from prefcal_env.study import Dialed, Finished, Replaced
+from prefcal_scenarios.kpis import outcome
+from prefcal_scenarios.own.checks import check_experiment
+
+from .flow import Flow
+from .memory import agent_of
+from .view import Phase
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """A record as the person brings it.
+
+    Args:
+        index: Of the experiment that it is of, from 0.
+        content: Bytes of the CSV.
+        unsafe: Whether the run became unsafe and was stopped.
+        theta: What was really set, physical, one number a knob; None: what was proposed.
+        again: Whether it may hold the same curves as another experiment's.
+    """
+
+    index: int
+    content: bytes
+    unsafe: bool = False
+    theta: tuple[float, ...] | None = None
+    again: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Preview:
+    """What would be saved.
+
+    Args:
+        experiment: As it was read.
+        same: Index of another experiment with the very same curves; None if there is none.
+        retracts: How many answers would teach nothing any more.
+    """
+
+    experiment: Experiment
+    same: int | None
+    retracts: int
+
+
+def preview(flow: Flow, given: Given) -> Preview:
+    """Read a record, and save nothing.
+
+    Raises:
+        StaleError: it is not waited for, nor can it replace one.
+        RecordError: it is refused, or what was set is.
+    """
+    _check_due(flow, given.index)
+    rig = flow.album.scenario.run
+    assert isinstance(rig, Rig)
+    theta = _dialed(flow, given)
+    if theta is None:
+        theta = np.array(flow.state.samples[given.index].theta)
+    experiment = rig.read(rig.read_bytes(given.content), theta, unsafe=given.unsafe)
+    check_experiment(flow.album.scenario, experiment.theta, experiment)
+    return Preview(experiment, _same(flow, given.index, experiment), len(_about(flow, given.index)))
+
+
+def record(flow: Flow, given: Given) -> None:
+    """Save the record of the pending sample, or the right one of an earlier experiment.
+
+    Raises:
+        StaleError: as `preview`.
+        RecordError: as `preview`, or it holds the curves of another experiment and is not said to.
+        StudyError: it cannot be written.
+    """
+    seen, index = preview(flow, given), given.index
+    if seen.same is not None and not given.again:
+        raise RecordError(
+            f"these are the curves of experiment {seen.same + 1}: is it the file of another run?"
+        )
+    theta = _dialed(flow, given)
+    events: list[Dialed | Replaced] = []
+    if theta is not None:
+        z = flow.album.scenario.space.encode(theta)
+        events.append(Dialed(index, tuple(z.tolist()), tuple(theta.tolist())))
+    replaces = index in flow.state.finished
+    if replaces:
+        known = Outcome(outcome(flow.album.scenario, seen.experiment)).to_dict()
+        events.append(Replaced(index, known, counts_as_unsafe(seen.experiment)))
+    flow.study.append(*events, (Finished(index), seen.experiment))
+    if events:
+        flow.agent = agent_of(flow.state, flow.album.scenario.space)
+    if not replaces or flow.phase is Phase.QUESTION:
+        flow.proceed()  # a question about the wrong curves is put anew, under another id
+    else:
+        flow.version += 1
+
+
+def _check_due(flow: Flow, index: int) -> None:
+    """Refuse a record that is neither waited for nor can replace one."""
+    pending = flow.pending
+    if not isinstance(flow.album.scenario.run, Rig):
+        raise StaleError("the plant is simulated: nobody has to bring a record")
+    if flow.phase is Phase.RECORD and pending is not None and pending.index == index:
+        return
+    if index not in flow.state.finished or flow.phase not in (Phase.RECORD, Phase.QUESTION):
+        raise StaleError(f"experiment {index + 1} is not waited for (any more)")
+
+
+def _dialed(flow: Flow, given: Given) -> Float[np.ndarray, " n"] | None:
+    """θ that was really set, shape (n,); None where it is what the sample has."""
+    if given.theta is None:
+        return None
+    index, space = given.index, flow.album.scenario.space
+    try:
+        theta = space.decode(space.encode(space.check_allowed(np.array(given.theta))))
+    except KnobError as error:
+        raise RecordError(f"what you set cannot be learned from: {error}") from error
+    samples = flow.state.samples
+    if np.array_equal(theta, samples[index].theta):
+        return None
+    if index != len(flow.state.closed):
+        raise RecordError(f"experiment {index + 1} was compared already: its θ stays")
+    return _new(theta, [s.theta for s in samples[:index]])
+
+
+def _new(
+    theta: Float[np.ndarray, " n"], earlier: Sequence[tuple[float, ...]]
+) -> Float[np.ndarray, " n"]:
+    for i, other in enumerate(earlier):
+        if np.array_equal(theta, other):
+            raise RecordError(f"experiment {i + 1} was run with exactly the θ that you set")
+    return theta
+
+
+def _same(flow: Flow, index: int, experiment: Experiment) -> int | None:
+    """Another experiment with the same curves. A copy that was only saved anew is found, too."""
+    for other in sorted(flow.state.finished):
+        known = flow.album.experiment(other)
+        if other != index and len(known.t) and all(
+            np.array_equal(mine, theirs)
+            for mine, theirs in (
+                (experiment.t, known.t), (experiment.x, known.x), (experiment.u, known.u)
+            )
+        ):  # fmt: skip
+            return other
+    return None
+
+
+def _about(flow: Flow, index: int) -> list[int]:
+    """Numbers of the events of the answers that compared experiment `index`, and still teach."""
+    answers = (*flow.state.closed, *flow.state.further)
+    return [
+        c.seq
+        for c in answers
+        if c.incumbent is not None and not c.retracted and index in (c.challenger, c.incumbent)
+    ]

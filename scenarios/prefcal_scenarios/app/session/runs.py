@@ -1,0 +1,230 @@
+"""Experiments of an interview: what has to run, a rig's record, a run that failed; and the end."""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import RunError, ScenarioError, StaleError
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.study import Ended, Extended, Finished, Noted, Reopened, Suggested
+from prefcal_scenarios.app.isolated import IsolatedRun, Worker
+from prefcal_scenarios.own.checks import check_experiment
+from prefcal_scenarios.own.own_line import located
+
+from .flow import Flow
+from .memory import agent_of
+from .view import GOOD_ENOUGH, Phase
+
+UNBIDDEN = ("late", "died")
+"""Why a run gave no experiment, where neither a person nor the code has said so."""
+_COURTESY = 2.0
+"""Seconds that a run on suspicion may still take while another one is waited for: it may be as
+good as done, and a fresh process takes a second."""
+Attempt = Callable[[], Callable[[], None]]
+"""What is long, to be called without the lock; it gives what is to be done with the lock."""
+
+
+def due(flow: Flow, *, ahead: bool) -> Attempt | None:
+    """The next piece of work; None if there is none."""
+    if flow.phase is Phase.RUNNING:
+        pending = flow.pending
+        if pending is None or pending.index in flow.state.finished:
+            return lambda: lambda: _go_on_running(flow)
+        known = _known(flow, pending)
+        if known is None:
+            reserve(flow, np.array(pending.theta))
+        return lambda: _running(flow, pending, known)
+    if flow.phase is Phase.QUESTION and ahead:
+        return _looking_ahead(flow)
+    return None
+
+
+def _known(flow: Flow, sample: Suggested) -> Experiment | RunError | None:
+    """What is known already of running `sample`."""
+    if flow.stopped == sample.index:
+        flow.stopped = None
+        return RunError("you stopped the run before it began", "stopped")
+    theta = np.array(sample.theta)
+    return flow.ahead.experiment(theta) or flow.ahead.take_failure(theta)
+
+
+def _go_on_running(flow: Flow) -> None:
+    """Proceed, unless somebody has done so (undone, retracted, finished) before the lock was had.
+
+    Twice, the question that is on show already would be put on show again, under another id.
+    """
+    if flow.phase is Phase.RUNNING:
+        flow.proceed()
+
+
+def _running(
+    flow: Flow, sample: Suggested, known: Experiment | RunError | None
+) -> Callable[[], None]:
+    result = known or attempt(flow, np.array(sample.theta))
+    if isinstance(result, RunError) and result.why == "given up":
+        return lambda: None  # that is no failure; if it is waited for again, it is run again
+    return lambda: flow.ran(sample, result)
+
+
+def attempt(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment | Exception:
+    """Run θ. Whatever the user's plant raises is a result too, and so is what it should not give.
+
+    The first experiment that was not interrupted also shows whether the scenario fits it.
+    SystemExit as well: a plant that calls exit() would end the thread, and all would wait for ever.
+    """
+    scenario = flow.album.scenario
+    try:
+        result: object = scenario.run(theta.copy(), seed=flow.seed)
+        if flow.checked and isinstance(result, Experiment):
+            return result
+        experiment = check_experiment(scenario, theta, result)
+    except Exception as error:
+        return located(error)
+    except SystemExit as error:
+        return ScenarioError(f"run called exit: {error}")
+    flow.checked = not experiment.end.interrupted
+    return experiment
+
+
+def _looking_ahead(flow: Flow) -> Attempt | None:
+    """Tell a twin the next likely answer; then run what it proposes.
+
+    What goes wrong here has cost nothing, and perhaps is never asked for: the question stays open.
+    If that answer is given, it is computed again, and told if it fails again.
+    """
+    asked = flow.question
+    assert asked is not None
+    if asked.repeats is not None:
+        return None
+    if flow.ahead.next is not None:
+        return _running_ahead(flow, flow.ahead.next)
+    answer = flow.ahead.missing(asked)
+    if answer is None:
+        return None
+    query, twin = flow.agent.ask(), flow.agent.copy()
+
+    def look() -> Callable[[], None]:
+        try:
+            twin.tell(query, answer)
+            theta = None if twin.done else twin.ask().challenger.theta
+        except Exception:
+            return lambda: None
+
+        def keep() -> None:
+            if flow.question is asked:
+                flow.ahead.keep_twin(answer, twin)
+                if theta is not None and not _is_known(flow, theta):
+                    flow.ahead.next = theta
+
+        return keep
+
+    return look
+
+
+def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
+    """Run θ before anybody waits for it."""
+    flow.ahead.next = None
+    reserve(flow, theta)
+
+    def run() -> Callable[[], None]:
+        result = attempt(flow, theta)
+
+        def keep() -> None:
+            if isinstance(result, Experiment):
+                flow.ahead.keep(theta, result)
+            elif isinstance(result, RunError) and result.why in UNBIDDEN:
+                flow.ahead.keep_failure(theta, result)
+
+        return keep
+
+    return run
+
+
+def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
+    """Whether θ was run: in the study (before an undo, or a night), or on suspicion."""
+    return flow.study.find_experiment(theta) is not None or flow.ahead.is_known(theta)
+
+
+def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:
+    """The pending sample. Raises StaleError unless it is `index`, and waited for in a phase."""
+    pending = flow.pending
+    if pending is None or pending.index != index or flow.phase not in phases:
+        raise StaleError(f"experiment {index + 1} is not waited for (any more)")
+    return pending
+
+
+def worker_of(flow: Flow) -> Worker | None:
+    """The process in which experiments run; None if they run in this one."""
+    run = flow.album.scenario.run
+    return run.worker if isinstance(run, IsolatedRun) else None
+
+
+def reserve(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
+    """Say what is run next before the lock is given up: from then on it can be stopped."""
+    worker = worker_of(flow)
+    if worker is not None:
+        worker.reserve(theta)
+
+
+def stop(flow: Flow, index: int) -> None:
+    """Stop the run of the pending sample, which then has failed."""
+    theta = np.array(awaited(flow, index, Phase.RUNNING).theta)
+    worker = worker_of(flow)
+    if worker is None:
+        raise ScenarioError("experiments of a built-in scenario run in seconds: wait for this one")
+    if worker.busy_with(theta):
+        return worker.stop("stopped")
+    flow.stopped = index  # an earlier one is still in its way
+    return worker.stop("given up")
+
+
+def make_way(flow: Flow) -> None:
+    """If something is waited for, give up the run that nobody waits for, soon."""
+    worker = worker_of(flow)
+    if worker is None or flow.phase is not Phase.RUNNING:
+        return
+    pending = flow.pending
+    if pending is None or worker.busy_with(np.array(pending.theta)) is False:
+        worker.stop("given up", within=_COURTESY)
+
+
+def fail(flow: Flow, index: int, reason: str) -> None:
+    """Count the run of the pending sample as failed."""
+    awaited(flow, index, Phase.RECORD, Phase.FAILED)
+    if index in flow.state.finished:
+        # What failed is the step after it, on a full disk say: its experiment must not be replaced.
+        raise StaleError(f"experiment {index + 1} is saved, it has not failed: try again")
+    noted = [Noted(f"experiment {index + 1} failed: {reason}")] if reason else []
+    flow.study.append(*noted, (Finished(index), flow.album.failed(index)))
+    flow.proceed()
+
+
+def retry(flow: Flow) -> None:
+    """Try again what has failed."""
+    if flow.phase is not Phase.FAILED:
+        raise StaleError("nothing has failed that could be tried again")
+    flow.move(Phase.RUNNING)
+
+
+def finish(flow: Flow) -> None:
+    """End the study, since the person says so."""
+    if flow.phase is Phase.OVER:
+        raise StaleError("the study has ended already")
+    best, marks = flow.best, flow.state.marks
+    good = best is not None and GOOD_ENOUGH in marks.get(best, frozenset())
+    flow.study.append(Ended(GOOD_ENOUGH if good else "stopped"))
+    flow.proceed()
+
+
+def go_on(flow: Flow, more: int) -> None:
+    """Reopen the study, with `more` further experiments."""
+    state = flow.state
+    if flow.phase is not Phase.OVER:
+        raise StaleError("the study has not ended")
+    if more < 0 or (more == 0 and len(state.closed) >= state.n_max):
+        raise StaleError(f"all {state.n_max} experiments are compared: say how many more")
+    extended = [Extended(state.n_max + more)] if more else []
+    flow.study.append(*extended, Reopened())
+    flow.agent = agent_of(flow.state, flow.album.scenario.space)
+    flow.proceed()

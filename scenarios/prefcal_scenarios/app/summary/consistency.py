@@ -1,0 +1,80 @@
+"""How consistent a person's answers are: repeated questions, and cycles."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, shortest_path
+
+from prefcal_env.preferences.answer import Preference
+from prefcal_env.study import Closed, State
+
+
+@dataclass(frozen=True, slots=True)
+class Consistency:
+    """What the answers say of each other.
+
+    Args:
+        repeated: Questions that were asked again.
+        agreed: Of these, how many got the same answer.
+        cycles: Experiments, by index, each better than the next and the last better than (or
+            as good as) the first; one for each group of experiments that contradict each other.
+    """
+
+    repeated: int
+    agreed: int
+    cycles: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def of(cls, state: State) -> "Consistency":
+        """Of a study. Abstentions and retracted answers say nothing."""
+        by_question = {c.question: c for c in (*state.closed, *state.further)}
+        pairs = [(c, o) for c in state.repeats if (o := by_question.get(c.repeats)) is not None]
+        agreed = sum(c.answer.preference == o.answer.preference for c, o in pairs)
+        return cls(len(pairs), agreed, _cycles([*state.closed, *state.further, *state.repeats]))
+
+
+def _cycles(answers: Iterable[Closed]) -> tuple[tuple[int, ...], ...]:
+    """One shortest cycle through a strict verdict, of each strongly connected group."""
+    better = set()  # (a, b): a is better than b
+    as_good = set()
+    for c in answers:
+        if c.incumbent is None or c.retracted or c.answer.preference is None:
+            continue
+        pair = (c.challenger, c.incumbent)
+        if c.answer.preference is Preference.TIE:
+            as_good |= {pair, pair[::-1]}
+        else:
+            better.add(pair if c.answer.preference is Preference.CHALLENGER else pair[::-1])
+    if not better:
+        return ()
+    edges = np.array(sorted(better | as_good))
+    groups = _groups(edges)
+    found = {}
+    for a, b in sorted(better):
+        if groups[a] == groups[b] and groups[a] not in found:
+            found[groups[a]] = (a, *_path(edges, b, a))
+    return tuple(found.values())
+
+
+def _graph(edges: Int[np.ndarray, "m 2"]) -> csr_array:
+    size = int(edges.max()) + 1
+    return csr_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(size, size))
+
+
+def _groups(edges: Int[np.ndarray, "m 2"]) -> list[int]:
+    _, labels = connected_components(_graph(edges), directed=True, connection="strong")
+    return [int(label) for label in labels]
+
+
+def _path(edges: Int[np.ndarray, "m 2"], start: int, end: int) -> tuple[int, ...]:
+    """Nodes from `start` to `end`, both included."""
+    _, before = shortest_path(
+        _graph(edges), unweighted=True, indices=start, return_predecessors=True
+    )
+    path = [end]
+    while path[-1] != start:
+        path.append(int(before[path[-1]]))
+    return tuple(reversed(path))

@@ -1,0 +1,42 @@
+"""The briefing in a terminal: what the task is, what knobs and KPIs mean, how long it takes."""
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from prefcal_scenarios.app.presentation.wording import labelled
+from prefcal_scenarios.app.session import Interview
+from prefcal_scenarios.app.web.view.brief import how, knob_view, kpi_view
+from prefcal_scenarios.scenario import Scenario
+
+
+def show_brief(interview: Interview, console: Console) -> None:
+    """Everything that a person should know before the first question."""
+    show_scenario(interview.scenario, console)
+    console.print(Text(how(interview)))
+
+
+def show_scenario(scenario: Scenario, console: Console) -> None:
+    """What a scenario is about: its task, its knobs and its KPIs."""
+    console.rule(Text(scenario.title, style="bold"))
+    if scenario.brief:
+        console.print(Text(scenario.brief))
+    knobs = [knob_view(knob) for knob in scenario.space]
+    _table(
+        "Knobs", [(labelled(k["name"], k["unit"]), k["about"], k["range"]) for k in knobs], console
+    )
+    kpis = [kpi_view(kpi) for kpi in scenario.shown_kpis]
+    _table(
+        "KPIs", [(labelled(k["title"], k["unit"]), k["about"], k["wanted"]) for k in kpis], console
+    )
+
+
+def _table(title: str, rows: list[tuple[str, str, str]], console: Console) -> None:
+    if not rows:
+        return
+    table = Table(
+        title=title, title_justify="left", title_style="bold", box=None, show_header=False
+    )
+    for name, about, wanted in rows:
+        table.add_row(Text(name, style="bold"), Text(about), Text(wanted, style="dim"))
+    console.print(table)

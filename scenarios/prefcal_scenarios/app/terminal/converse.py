@@ -1,0 +1,293 @@
+"""The conversation in a terminal: show, read a key, do it; until the study is over or stopped."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
+from dataclasses import dataclass, field, replace
+from math import isfinite
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from prefcal_env.errors import PrefcalError, RecordError, StaleError
+from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.answer import Strength
+from prefcal_env.study import Suggested
+from prefcal_scenarios.app.isolated import in_time
+from prefcal_scenarios.app.presentation.wording import theta_text
+from prefcal_scenarios.app.session import Choice, Given, Interview, Now, Phase
+from prefcal_scenarios.app.session.view import GOOD_ENOUGH, UNSAFE
+from prefcal_scenarios.app.web.view import Seen, preview_view
+
+from .briefing import show_brief
+from .keys import END, ESCAPE, ask_line, pressed
+from .looking import show_history, show_status
+from .showing import show_comparison, show_keys, show_next, show_question
+
+# A key that the page has too means the same there.
+CHOICES = {
+    "l": Choice.LEFT, "left": Choice.LEFT, "r": Choice.RIGHT, "right": Choice.RIGHT,
+    "=": Choice.SAME, "same": Choice.SAME, "s": Choice.CANNOT_TELL,
+}  # fmt: skip
+MUCH = {
+    "L": Choice.LEFT, "much left": Choice.LEFT, "R": Choice.RIGHT, "much right": Choice.RIGHT,
+}  # fmt: skip
+MARKS = {
+    "q": ("left", UNSAFE), "e": ("right", UNSAFE),
+    "a": ("left", GOOD_ENOUGH), "d": ("right", GOOD_ENOUGH),
+}  # fmt: skip
+STOP = ("x", "stop")
+STOP_RUN = "k"
+_LOOK = 0.2
+"""Seconds after which a waiting conversation looks at the keys."""
+_LARGEST = 20 << 20
+"""Bytes of a record, as on the page."""
+
+
+@dataclass(slots=True)
+class _Conversation:
+    interview: Interview
+    console: Console
+    keys: Callable[[], str]
+    line: Callable[[str], str]
+    blind: bool = False
+    comment: str = ""
+    shown: int = -1
+    seen: Seen = field(default_factory=Seen)
+    compiles: bool = False
+    dialed: tuple[float, ...] | None = None
+    pressed: Callable[[], AbstractContextManager[Callable[[], str]]] = pressed
+
+    def run(self) -> None:
+        """Go on until it is over or stopped."""
+        if self.interview.scenario.brief and len(self.interview.now().state.closed) <= 1:
+            show_brief(self.interview, self.console)
+        while (now := self.interview.now()).phase is not Phase.OVER:
+            if now.phase is Phase.RUNNING:
+                self._wait(now)
+            elif not self._one(now):
+                return
+        self._say(f"The study is over: {now.state.ended}.")
+
+    def _wait(self, now: Now) -> None:
+        with self.console.status(_waiting(now)) as status, self.pressed() as pressed:
+            while now.phase is Phase.RUNNING:
+                self._compiling(now)
+                status.update(_waiting(now))
+                stops = pressed() == STOP_RUN and now.run_limit is not None
+                if stops and now.pending is not None:
+                    with suppress(StaleError):  # it has just ended
+                        self.interview.stop_run(now.pending.index)
+                now = self.interview.wait(now.version, _LOOK)
+
+    def _compiling(self, now: Now) -> None:
+        """Say it once where nothing can move: a file, or a pipe."""
+        if now.preparing is not None and not self.console.is_terminal and not self.compiles:
+            self.compiles = True
+            self._say(now.preparing.words)
+
+    def _one(self, now: Now) -> bool:
+        """One step of the person; False if he stops."""
+        try:
+            if now.phase is Phase.QUESTION:
+                return self._question(now)
+            if now.phase is Phase.RECORD:
+                return self._record(now)
+            return self._failed(now)
+        except PrefcalError as error:
+            self._say(f"{error}")
+            return True
+
+    def _question(self, now: Now) -> bool:
+        assert now.question is not None
+        if self.shown != now.version:
+            show_question(self.interview, now, self.console, blind=self.blind, seen=self.seen)
+            self.shown = now.version
+        key = self.keys()
+        if key in STOP:
+            return False
+        if key in CHOICES:
+            self._answer(now.question.id, CHOICES[key], Strength.BETTER)
+        elif key in MUCH:
+            self._answer(now.question.id, MUCH[key], Strength.MUCH_BETTER)
+        elif key in MARKS:
+            side, mark = MARKS[key]
+            on = mark not in getattr(now.question, side).marks
+            self.interview.mark(now.question.id, side, mark, on)
+            self._say(f"{side.capitalize()}: {mark}" + ("." if on else ", no longer."))
+        else:
+            self._other(key, now)
+        return True
+
+    def _answer(self, question: int, choice: Choice, strength: Strength) -> None:
+        self.interview.answer(
+            question, choice, strength=strength, comment=self.comment, blind=self.blind
+        )
+        self.comment = ""  # not before: on a full disk the answer is given again
+        much = ", much better" if strength is Strength.MUCH_BETTER else ""
+        self._say(f"Saved: {choice.value}{much}.")
+
+    def _other(self, key: str, now: Now) -> None:
+        if key == "z" or (key == ESCAPE and now.question and now.question.repeats is not None):
+            self._undo(now)
+        elif key == "c":
+            said = self.line("comment on the next answer")
+            # Ctrl-D says END: the person wants no comment.
+            self.comment = "" if said == END else said
+        elif key == "b":
+            self.blind, self.shown = not self.blind, -1
+        elif key == "t" and now.question is not None:
+            show_comparison(self.interview, now.question, self.console, self.seen)
+        elif key == "p":
+            self.interview.repeat()
+        elif key == "f":
+            # It lies beside the keys of the marks.
+            self._say("Press f again to finish the study.")
+            if self.keys() == "f":
+                self.interview.finish()
+        elif key in ("h", "w") and self.blind:
+            self._say("That would show which experiment is which: end blind first (b).")
+        elif key == "h":
+            show_history(self.interview, self.console)
+        elif key == "w":
+            show_status(self.interview, self.console)
+        else:
+            show_brief(self.interview, self.console)
+            show_keys(self.console)
+
+    def _undo(self, now: Now) -> None:
+        """Take the last answer back, with its comment; a question asked again is put away."""
+        skipped = now.question is not None and now.question.repeats is not None
+        self.comment = self.interview.undo(now.version).draft or self.comment
+        kept = f" Its comment is kept for the next one: {self.comment}" if self.comment else ""
+        self._say("Skipped." if skipped else f"The last answer is taken back.{kept}")
+
+    def _record(self, now: Now) -> bool:
+        assert now.pending is not None
+        if self.shown != now.version:
+            show_next(self.interview, now, self.console)
+            self.shown = now.version
+        said = self.line(
+            "its file, or: failed, unsafe FILE, set KNOB=VALUE, replace N FILE, undo, stop"
+        )
+        if said in STOP:
+            return False
+        if said in ("z", "undo"):
+            self.interview.undo(now.version)
+        elif said == "failed":
+            self.interview.fail(now.pending.index)
+        elif said.startswith("set "):
+            self.dialed = dialed(
+                said.removeprefix("set "), self.interview.scenario.space, now.pending
+            )
+            self._say(f"Its θ is now {theta_text(self.interview.scenario.space, self.dialed)}.")
+        elif said:
+            self._file(said, now.pending)
+        return True
+
+    def _file(self, said: str, pending: Suggested) -> None:
+        """Save a record: of the pending experiment, or with "replace N" of an earlier one."""
+        index, theta = pending.index, self.dialed
+        if said.startswith("replace "):
+            number, _, said = said.removeprefix("replace ").strip().partition(" ")
+            if not number.isdecimal() or not said:
+                self._say("Say which record and the right file: replace 2 run-2.csv")
+                return
+            index, theta = int(number) - 1, None
+        unsafe = said.startswith("unsafe ")
+        content = self._content(said.removeprefix("unsafe ").strip().strip("\"'"))
+        if content is None:
+            return
+        given = Given(index, content, unsafe, theta)
+        view = preview_view(self.interview, given)
+        self._say(f"Experiment {index + 1}: {view['text']}.")
+        for warning in view["warnings"]:
+            self._say(warning)
+        if view["warnings"] and self.line("save it all the same? yes or no") != "yes":
+            self._say("Nothing was saved.")
+            return
+        self.interview.record(replace(given, again=True))
+        self.dialed = None
+        self._say("The record is saved.")
+
+    def _content(self, name: str) -> bytes | None:
+        """Of a file; None, said in words, if it cannot be read."""
+        try:
+            with Path(name).expanduser().open("rb") as file:
+                content = file.read(_LARGEST + 1)
+        except (OSError, ValueError, RuntimeError) as error:  # no such file, NUL, no such user
+            self._say(f"cannot read {name}: {getattr(error, 'strerror', None) or error}")
+            return None
+        if len(content) > _LARGEST:
+            self._say(f"{name} is larger than {_LARGEST >> 20} MiB")
+            return None
+        return content
+
+    def _failed(self, now: Now) -> bool:
+        self._say(f"That did not work: {now.problem}")
+        self._say("[t] try again   [f] count it as failed   [z] undo   [x] stop")
+        key = self.keys()
+        if key in STOP:
+            return False
+        if key == "t":
+            self.interview.retry()
+        elif key == "f" and now.pending is not None:
+            self.interview.fail(now.pending.index, now.problem or "")
+        elif key == "z":
+            self.interview.undo(now.version)
+        return True
+
+    def _say(self, words: str) -> None:
+        self.console.print(words, markup=False, highlight=False, soft_wrap=True)
+
+
+def _waiting(now: Now) -> str:
+    """Say what is waited for."""
+    if now.preparing is not None:
+        return now.preparing.words
+    if now.pending is None:
+        return "choosing the next experiment"
+    words = f"running experiment {now.pending.index + 1}"
+    if now.run_limit is None:
+        return words
+    limit = f"at most {in_time(now.run_limit)}; " if isfinite(now.run_limit) else ""
+    return f"{words} ({limit}k stops it)"
+
+
+def dialed(text: str, space: KnobSpace, sample: Suggested) -> tuple[float, ...]:
+    """θ of `sample` with what was really set: "KNOB=VALUE, ...", a _ in place of a space.
+
+    Raises:
+        RecordError: an unknown knob, or no number.
+        KnobError: it is outside the space.
+    """
+    values = dict(zip(space.names, sample.theta, strict=True))
+    plain = {name.replace(" ", "_"): name for name in space.names}
+    for part in text.split(","):
+        word, _, value = (piece.strip() for piece in part.partition("="))
+        name = plain.get(word.replace(" ", "_"))
+        if name is None:
+            raise RecordError(f"a knob must be one of {list(plain)}, got {word!r}")
+        try:
+            values[name] = float(value)
+        except ValueError as error:
+            raise RecordError(f"knob {name!r} must be a number, got {value!r}") from error
+    return tuple(space.check(np.array(list(values.values()))).tolist())
+
+
+def converse(
+    interview: Interview,
+    console: Console,
+    keys: Callable[[], str],
+    line: Callable[[str], str] | None = None,
+) -> None:
+    """Ask in a terminal until the study is over or the person stops.
+
+    Args:
+        interview: Whose background work is done by somebody else, a `Background` say.
+        console: Where to print; 80 columns are enough.
+        keys: Gives the next key.
+        line: Asks for a whole line; from standard input if None.
+    """
+    asks = line or (lambda words: ask_line(console, words))
+    _Conversation(interview, console, keys, asks).run()

@@ -1,0 +1,58 @@
+"""History and state of a study in a terminal."""
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from prefcal_scenarios.app.presentation.wording import printable, theta_text
+from prefcal_scenarios.app.report.kpi_importance import Minded
+from prefcal_scenarios.app.session import Interview
+from prefcal_scenarios.app.web.view.history import history_view
+from prefcal_scenarios.app.web.view.status import in_words
+
+_WIDTH = 24
+"""Characters of a bar that stands for 100 %."""
+
+
+def show_history(interview: Interview, console: Console) -> None:
+    """Every answer."""
+    answers = history_view(interview)["answers"]
+    if not answers:
+        console.print("No answers yet.")
+        return
+    table = Table(title="History", title_justify="left")
+    for heading in ("", "experiment", "against", "verdict", "marks", "comment"):
+        table.add_column(heading, overflow="fold")
+    for answer in answers:
+        said = "retracted" if answer["retracted"] else "again" if answer["repeated"] else ""
+        number = f"+{-answer['answer']}" if answer["further"] else str(answer["answer"])
+        table.add_row(
+            number, str(answer["challenger"]), str(answer["incumbent"]),
+            answer["text"] + (f" ({said})" if said else ""), escape(", ".join(answer["marks"])),
+            escape(printable(answer["comment"])),
+        )  # fmt: skip
+    console.print(table)
+
+
+def show_status(interview: Interview, console: Console) -> None:
+    """The best so far, how far it is, and how consistent the answers are."""
+    now = interview.now()
+    counts = interview.counts
+    plural = "" if counts.comparisons == 1 else "s"
+    lines = [
+        f"{counts.experiments} of {interview.n_max} experiments, "
+        f"{counts.comparisons} comparison{plural}"
+    ]
+    if now.incumbent is not None:
+        best = theta_text(interview.scenario.space, interview.experiment(now.incumbent).theta)
+        lines.append(f"best so far, experiment {now.incumbent + 1}: {best}")
+    lines.append(in_words(interview.consistency))
+    if (outlook := interview.outlook) is not None:
+        lines += outlook.lines
+    minded = Minded.of(interview.index, interview.importance, interview.scenario)
+    if minded is not None:
+        lines += [minded.sentence(), minded.caption]
+        lines += [f"  {drawn} {bar.text:>5}  {bar.title}" for drawn, bar in minded.drawn(_WIDTH)]
+        lines.append(minded.trust)
+    for line in lines:
+        console.print(printable(line), markup=False, highlight=False, soft_wrap=True)

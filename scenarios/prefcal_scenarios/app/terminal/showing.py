@@ -1,0 +1,207 @@
+"""A question in a terminal: two experiments in words and curves."""
+
+from typing import Any
+
+import numpy as np
+from rich.columns import Columns
+from rich.console import Console, Group, RenderableType
+from rich.panel import Panel as Box
+from rich.table import Table
+from rich.text import Text
+
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.rig import Rig
+from prefcal_scenarios.app.presentation.wording import INTERRUPTED, with_unit
+from prefcal_scenarios.app.session import Interview, Now, Question, Side
+from prefcal_scenarios.app.web.view import Seen, comparison_view
+from prefcal_scenarios.app.web.view.sides import numbers_view, theta_view
+from prefcal_scenarios.scenario import Scenario, panels_of
+
+from .drawing import LEAST, MOST, ROWS, curves, lines_beside_plots
+
+WIDE = 110
+"""Columns from which both sides stand beside each other."""
+STYLES = {"left": "blue", "right": "dark_orange3"}
+_MOST, _FEW = 6, 3
+"""KPIs of a side that are shown; and where the screen is low."""
+
+KEYS = (
+    ("← or l", "left is better"), ("→ or r", "right is better"),
+    ("shift ← or L", "left is much better"), ("shift → or R", "right is much better"),
+    ("↓ or =", "about the same"), ("s", "can't tell"), ("z", "undo"),
+    ("q / e", "mark left / right unsafe or very bad"),
+    ("a / d", "mark left / right good enough"), ("c", "comment on the next answer"),
+    ("b", "blind: hide θ and which one is new"), ("h", "history"), ("w", "where are we"),
+    ("t", "all KPIs of both sides, those that differ most first"),
+    ("p", "ask an earlier question again"), ("f f", "finish the study"),
+    ("x", "stop for now; everything is saved"), ("?", "what this is about, and these keys"),
+)  # fmt: skip
+
+
+def show_question(
+    interview: Interview, now: Now, console: Console, *, blind: bool, seen: Seen | None = None
+) -> None:
+    """Both sides, side by side where there is room, and the keys.
+
+    Curves of both sides begin in the same line, on the axes of the study; on a terminal they are
+    as high as lets the headline stay in sight.
+    """
+    question = now.question
+    assert question is not None
+    seen = (Seen() if seen is None else seen).look(interview)
+    wide = console.width >= WIDE
+    console.rule(_headline(interview, question))
+    sides = _sides(question, interview.scenario, console, seen, blind=blind)
+    if wide:
+        grid = Table.grid(expand=True)
+        grid.add_column(ratio=1)
+        grid.add_column(ratio=1)
+        grid.add_row(*sides)
+        console.print(grid)
+    else:
+        for side in sides:
+            console.print(side)
+    much = "[L] [R] much better  " if wide else ""  # 80 columns hold no more
+    console.print(
+        f"[←] left  [→] right  {much}[↓] same  [s] can't tell  [z] undo  [?] all keys  [x] stop",
+        markup=False, highlight=False,
+    )  # fmt: skip
+
+
+def _headline(interview: Interview, question: Question) -> str:
+    head = f"Comparison {question.number} of {interview.n_max - 1}"
+    if question.repeats is not None:
+        head = "An earlier question again (Esc or z skips it)"
+    elif question.further:
+        head = "A further comparison of two that you have seen"
+    return f"{head}: which experiment is better?"
+
+
+def _sides(
+    question: Question, scenario: Scenario, console: Console, seen: Seen, *, blind: bool
+) -> list[RenderableType]:
+    """Both boxes, of equal heights above their curves."""
+    wide = console.width >= WIDE
+    width = (console.width // 2 if wide else console.width) - 6
+    pair = {"left": question.left, "right": question.right}
+    both = [side.experiment for side in pair.values()]
+    panels = panels_of(scenario, *both)
+    for most in (_MOST, _FEW):
+        heads = [
+            _head(side.experiment, other, scenario, most, blind=blind)
+            for side, other in zip(pair.values(), both[::-1], strict=True)
+        ]
+        heights = [len(console.render_lines(h, console.options.update(width=width))) for h in heads]
+        beside = max(lines_beside_plots(e, panels) for e in both) + max(heights) + 2
+        rows = _rows(console, len(panels), beside, stacked=1 if wide else 2)
+        if rows >= LEAST:
+            break
+    axes, rows = seen.frame(panels, *both), max(rows, LEAST)
+    boxes: list[RenderableType] = []
+    for (name, side), head, height in zip(pair.items(), heads, heights, strict=True):
+        drawn = curves(
+            side.experiment, panels, axes, width=width, rows=rows, style=STYLES[name]
+        )  # fmt: skip
+        gap = [Text("")] * (max(heights) - height if wide else 0)
+        title = _title(name, side, blind=blind)
+        boxes.append(Box(Group(head, *gap, drawn), title=Text(title), border_style=STYLES[name],
+                         title_align="left"))  # fmt: skip
+    return boxes
+
+
+def _rows(console: Console, panels: int, beside: int, *, stacked: int) -> int:
+    """Lines of each plot with which all of a question is in sight; as usual if not on a screen."""
+    if not console.is_terminal or not panels:
+        return ROWS
+    left = console.height - 3 - stacked * beside  # the headline, the keys, and the next line
+    return min(left // (stacked * panels), MOST)
+
+
+def _head(
+    experiment: Experiment, other: Experiment, scenario: Scenario, most: int, *, blind: bool
+) -> RenderableType:
+    """KPIs and θ of one side."""
+    parts: list[RenderableType] = [_kpis(numbers_view(experiment, scenario)["kpis"][:most])]
+    if not blind:
+        parts.append(_theta(theta_view(scenario.space, experiment, other)))
+    return Group(*parts)
+
+
+def _title(name: str, side: Side, *, blind: bool) -> str:
+    title = name.upper()
+    if not blind:
+        title += f" · experiment {side.index + 1}" + (f" · {side.role}" if side.role else "")
+    if side.marks:
+        title += f" · marked {', '.join(sorted(side.marks))}"
+    if side.counts_as_unsafe:
+        title += f" · {INTERRUPTED}"
+    elif side.experiment.end.interrupted:
+        title += f" · {side.experiment.end.value}"
+    return title
+
+
+def show_comparison(interview: Interview, question: Question, console: Console, seen: Seen) -> None:
+    """All KPIs of both sides, those that differ most first; the better value is bold."""
+    table = Table(title_justify="left", expand=False)
+    for heading, style in (("KPI", ""), ("LEFT", STYLES["left"]), ("RIGHT", STYLES["right"])):
+        table.add_column(heading, header_style=style, justify="right" if style else "left")
+    table.add_column("right − left", justify="right")
+    for row in comparison_view(question, interview.scenario, seen.look(interview)):
+        values = []
+        for name in ("left", "right"):
+            sign = {True: " ✓", False: " ✗", None: ""}[row[name]["met"]]
+            text = with_unit(row[name]["text"], row["unit"]) + sign
+            values.append(Text(text, style="bold" if row["better"] == name else ""))
+        table.add_row(Text(row["title"]), *values, row["difference"] or "–")
+    console.print(table)
+
+
+def _kpis(kpis: list[dict[str, Any]]) -> RenderableType:
+    """One a line: what, how much, whether it meets its objective, and the objective."""
+    table = Table.grid(padding=(0, 2, 0, 0))
+    table.add_column(overflow="fold")
+    table.add_column(justify="right", no_wrap=True)
+    table.add_column(no_wrap=True)
+    for kpi in kpis:
+        style = {True: "green", False: "red", None: ""}[kpi["met"]]
+        sign = {True: "✓ ", False: "✗ ", None: ""}[kpi["met"]]
+        value = Text(with_unit(kpi["text"], kpi["unit"]), style="bold")
+        table.add_row(Text(kpi["title"]), value, Text(sign + kpi["objective"], style=style))
+    return table
+
+
+def _theta(knobs: list[dict[str, Any]]) -> RenderableType:
+    """What differs is set off by brackets, not by style alone."""
+    values = []
+    for knob in knobs:
+        value = f"{knob['name']} = {with_unit(knob['text'], knob['unit'])}"
+        differs = knob["differs"]
+        values.append(Text(f"[{value}]" if differs else value, style="bold" if differs else "dim"))
+    table = Table.grid(padding=(0, 2, 0, 0))
+    table.add_row(Text("θ"), Columns(values, padding=(0, 2)))
+    return table
+
+
+def show_keys(console: Console) -> None:
+    """All keys."""
+    table = Table.grid(padding=(0, 2))
+    for key, words in KEYS:
+        table.add_row(Text(key, style="bold"), words)
+    console.print(table)
+
+
+def show_next(interview: Interview, now: Now, console: Console) -> None:
+    """The next θ of a rig, and what its record has to hold."""
+    rig, sample = interview.scenario.run, now.pending
+    assert isinstance(rig, Rig)
+    assert sample is not None
+    console.rule(f"Experiment {sample.index + 1}: run your plant with")
+    for knob, value in zip(interview.scenario.space, np.array(sample.theta), strict=True):
+        line = f"  {knob.name} = {with_unit(repr(float(value)), knob.unit)}"
+        console.print(line, style="bold", markup=False, highlight=False)
+    if rig.instructions:
+        console.print(rig.instructions, markup=False)
+    columns = ", ".join(rig.columns.headings)
+    console.print(
+        f"Its record: a CSV file with the columns {columns}", markup=False, soft_wrap=True
+    )

@@ -1,0 +1,83 @@
+"""What a person can do on the page: the fields of each request, and what is done with them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+from prefcal_env.preferences.answer import Strength
+from prefcal_scenarios.app.session import Choice, Interview
+
+from .bodies import Check, at_most, between, flag, numbered, one_of, text, whole
+
+MOST_MORE = 10_000
+"""Further experiments that can be asked for at once."""
+MOST_QUESTIONS = 99
+"""Comparisons for each experiment: more than any place takes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """One kind of request.
+
+    Args:
+        fields: Of its body, all of them required.
+        do: Called with the interview, and the fields by name.
+    """
+
+    fields: Mapping[str, Check]
+    do: Callable[..., Any]
+
+
+# "much left" rather than a strength beside the choice: nobody can ask for a stronger tie.
+_MUCH = {f"much {side.value}": side for side in (Choice.LEFT, Choice.RIGHT)}
+
+
+def _answer(interview: Interview, choice: str, **rest: Any) -> Any:
+    much = _MUCH.get(choice)
+    strength = Strength.BETTER if much is None else Strength.MUCH_BETTER
+    question = rest.pop("question")
+    return interview.answer(question, much or Choice(choice), strength=strength, **rest)
+
+
+def _method(name: str) -> Callable[..., Any]:
+    """The interview's method, which takes the fields by name."""
+
+    def do(interview: Interview, **given: Any) -> Any:
+        return getattr(interview, name)(**given)
+
+    return do
+
+
+ACTIONS: Mapping[str, Action] = MappingProxyType(
+    {
+        "answer": Action(
+            {
+                "question": whole,
+                "choice": one_of(*(choice.value for choice in Choice), *_MUCH),
+                "comment": text,
+                "blind": flag,
+            },
+            _answer,
+        ),
+        "mark": Action(
+            {
+                "question": whole,
+                "side": one_of("left", "right"),
+                "mark": one_of("unsafe", "good enough"),
+                "on": flag,
+            },
+            _method("mark"),
+        ),
+        "undo": Action({"version": whole}, _method("undo")),
+        "retract": Action({"answer": numbered}, _method("retract")),
+        "repeat": Action({}, _method("repeat")),
+        "pace": Action({"questions": between(1, MOST_QUESTIONS)}, _method("pace")),
+        "note": Action({"text": text}, _method("note")),
+        "stop_run": Action({"index": whole}, _method("stop_run")),
+        "retry": Action({"index": whole}, _method("retry")),
+        "fail": Action({"index": whole, "reason": text}, _method("fail")),
+        "finish": Action({}, _method("finish")),
+        "go_on": Action({"more": at_most(MOST_MORE)}, _method("go_on")),
+    }
+)

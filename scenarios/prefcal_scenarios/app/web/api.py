@@ -1,0 +1,205 @@
+"""What the page's script asks for, and what it sends."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial, wraps
+from typing import Any
+
+import anyio
+from starlette.background import BackgroundTask
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+
+from prefcal_env.errors import StaleError
+from prefcal_scenarios.app.session import Given, Interview, Now, Phase
+
+from .actions import Action
+from .answers import Handler, as_json, error_response, refused
+from .bodies import MalformedError, bit, digits, number_of_answer, numbers, read_json, read_query
+from .views import Views
+from .watch import Watch
+
+_BLIND = {"blind": bit}
+_RECORD = {"index": digits, "unsafe": bit, "again": bit, "theta": numbers, **_BLIND}
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How long a page is let wait, in seconds.
+
+    Args:
+        poll: For a change, when nothing has changed yet.
+        after_answer: For the next question, which often is there in less.
+    """
+
+    poll: float = 10.0
+    after_answer: float = 1.0
+
+
+def _answering(handler: Callable[..., Any]) -> Callable[..., Any]:
+    """Errors as sentences for the person, with where things stand if something has gone by."""
+
+    @wraps(handler)
+    async def answering(self: "Api", request: Request, *args: Any) -> Response:
+        try:
+            response: Response = await handler(self, request, *args)
+            return response
+        except HTTPException:
+            raise
+        except Exception as error:
+            status, words, kind = refused(error)
+            return error_response(status, words, kind, await self.stand(request, error))
+
+    return answering
+
+
+@dataclass(frozen=True, slots=True)
+class Api:
+    """Handlers of the JSON addresses. Whatever touches the interview runs in a thread.
+
+    Args:
+        interview: What is answered.
+        views: What is shown of it.
+        watch: Waits for its changes.
+        closed: Set when the person closes the window.
+        seen: Called whenever a page asks how things stand, with whether it waits for a change.
+        pace: How long pages are let wait.
+    """
+
+    interview: Interview
+    views: Views
+    watch: Watch
+    closed: threading.Event
+    seen: Callable[[bool], None]
+    pace: Pace
+
+    @_answering
+    async def now(self, request: Request) -> Response:
+        """How things stand; with `after`, once they differ from that version."""
+        query = _query(request, {"after": digits, **_BLIND})
+        after = query.get("after")
+        self.seen(after is not None)
+        if after is not None and (await self._now()).version == after:
+            await self.watch.changed(after, self.pace.poll)
+            self.seen(True)
+        return await self._shown(query)
+
+    @_answering
+    async def brief(self, request: Request) -> Response:
+        """What the task is, what knobs and KPIs mean, and how long it takes."""
+        _query(request, _BLIND)
+        return as_json(await run_in_threadpool(self.views.brief))
+
+    @_answering
+    async def history(self, request: Request) -> Response:
+        """Every question and answer."""
+        _query(request, _BLIND)
+        return as_json(await run_in_threadpool(self.views.history))
+
+    @_answering
+    async def asked(self, request: Request) -> Response:
+        """A closed question, as it was shown."""
+        query = _query(request, _BLIND)
+        try:
+            answer = number_of_answer("answer", request.path_params["answer"])
+            blind = query.get("blind", False)
+            return as_json(await run_in_threadpool(self.views.asked, answer, blind))
+        except (MalformedError, StaleError) as error:
+            raise HTTPException(404) from error
+
+    @_answering
+    async def status(self, request: Request) -> Response:
+        """Where we are."""
+        _query(request, _BLIND)
+        return as_json(await run_in_threadpool(self.views.status))
+
+    def acting(self, action: Action) -> Handler:
+        """The handler of an action with a JSON body."""
+
+        async def handler(request: Request) -> Response:
+            response: Response = await self._act(request, action)
+            return response
+
+        return handler
+
+    @_answering
+    async def _act(self, request: Request, action: Action) -> Response:
+        query = _query(request, _BLIND)
+        if not _sent_as(request, "application/json"):
+            return error_response(415, "The request must be JSON.", "refused")
+        given = read_json(await request.body(), action.fields)
+        return await self._done(query, partial(action.do, self.interview, **given))
+
+    @_answering
+    async def record(self, request: Request) -> Response:
+        """Save the record of an experiment that the person has run."""
+        query, given = await _given(request)
+        return await self._done(query, partial(self.interview.record, given))
+
+    @_answering
+    async def preview(self, request: Request) -> Response:
+        """What would be saved of a record, with its curves."""
+        _, given = await _given(request)
+        return as_json(await run_in_threadpool(self.views.preview, given))
+
+    @_answering
+    async def close(self, request: Request) -> Response:
+        """Close the window, after this answer is sent."""
+        query = _query(request, _BLIND)
+        if not _sent_as(request, "application/json"):
+            return error_response(415, "The request must be JSON.", "refused")
+        read_json(await request.body(), {})
+        response = await self._shown(query)
+        response.background = BackgroundTask(self.closed.set)
+        return response
+
+    async def stand(self, request: Request, error: Exception) -> bytes:
+        """NOW for whoever was too late; null for all else."""
+        if not isinstance(error, StaleError):
+            return b"null"
+        try:
+            query = _query(request, _RECORD)
+            return bytes((await self._shown(query)).body)
+        except Exception as second:
+            refused(second)
+            return b"null"
+
+    async def _now(self) -> Now:
+        return await run_in_threadpool(self.interview.now)
+
+    async def _shown(self, query: dict[str, Any]) -> Response:
+        return as_json(await run_in_threadpool(self.views.now, query.get("blind", False)))
+
+    async def _done(self, query: dict[str, Any], do: Callable[[], Now]) -> Response:
+        """Do it; then the next question, if that is there soon."""
+        now = await run_in_threadpool(do)
+        with anyio.move_on_after(self.pace.after_answer):
+            while now.phase is Phase.RUNNING:
+                await self.watch.changed(now.version, self.pace.after_answer)
+                now = await self._now()
+        return await self._shown(query)
+
+
+def _query(request: Request, fields: dict[str, Any]) -> dict[str, Any]:
+    return read_query(request.scope["query_string"], fields)
+
+
+async def _given(request: Request) -> tuple[dict[str, Any], Given]:
+    """The parameters and the record of a request that brings one."""
+    query = _query(request, _RECORD)
+    if not _sent_as(request, "text/csv"):
+        raise HTTPException(415, "A record is sent as a CSV file (text/csv).")
+    if "index" not in query:
+        raise MalformedError("The request does not say of which experiment the record is.")
+    given = Given(
+        query["index"], await request.body(), query.get("unsafe", False), query.get("theta"),
+        query.get("again", False),
+    )  # fmt: skip
+    return query, given
+
+
+def _sent_as(request: Request, media_type: str) -> bool:
+    return request.headers.get("content-type", "").partition(";")[0].strip().lower() == media_type

@@ -1,0 +1,1 @@
+"""The server of the query window: binding, security, static files."""

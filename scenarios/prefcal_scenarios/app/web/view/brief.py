@@ -1,0 +1,62 @@
+"""The briefing: what the task is, what its knobs and KPIs mean, and how long it takes."""
+
+from typing import Any
+
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.rig import Rig
+from prefcal_scenarios.app.presentation.wording import number
+from prefcal_scenarios.app.report.tables import objective
+from prefcal_scenarios.app.session import Interview
+from prefcal_scenarios.scenario import KPI, Scenario
+
+_SECONDS = 15
+"""For one comparison, at a calm pace."""
+
+
+def brief_view(interview: Interview) -> dict[str, Any]:
+    """BRIEF, as page and terminal take it."""
+    scenario = interview.scenario
+    return {
+        "title": scenario.title,
+        "text": scenario.brief,
+        "how": how(interview),
+        "knobs": [knob_view(knob) for knob in scenario.space],
+        "kpis": [kpi_view(kpi) for kpi in scenario.shown_kpis],
+        "panels": [panel.title or panel.name for panel in scenario.panels],
+    }
+
+
+def knob_view(knob: Knob) -> dict[str, str]:
+    """A knob in words."""
+    between = f"{number(knob.low)} to {number(knob.high)}"
+    return {"name": knob.name, "unit": knob.unit, "about": knob.about, "range": between}
+
+
+def how(interview: Interview) -> str:
+    """What is asked of the person, and for how long."""
+    questions = interview.n_max - 1
+    asked = (
+        f"You are shown two experiments at a time and say which one went better: {questions} "
+        f"question{'' if questions == 1 else 's'}"
+    )
+    minutes = max(round(questions * _SECONDS / 60), 1)
+    pace = f"about {minutes} minute{'' if minutes == 1 else 's'} at {_SECONDS} s each"
+    took = "at the pace of your experiments" if _by_hand(interview.scenario) else pace
+    return (
+        f"{asked}, {took}. Follow your own judgment: there is no right answer, and “about the "
+        "same” and “can't tell” are answers too. Every answer is saved at once; stop and go on "
+        "any time, and finish as soon as one experiment is good enough."
+    )
+
+
+def _by_hand(scenario: Scenario) -> bool:
+    return isinstance(scenario.run, Rig)
+
+
+def kpi_view(kpi: KPI) -> dict[str, str]:
+    """A KPI in words, and what is wanted of it."""
+    words = objective(kpi)
+    wanted = f"{words} {kpi.unit}".strip() if words else ""
+    if not words and kpi.goal is not None:
+        wanted = f"{kpi.goal} is better"
+    return {"title": kpi.title, "unit": kpi.unit, "about": kpi.about, "wanted": wanted}

@@ -1,0 +1,83 @@
+"""Both experiments KPI by KPI, those that differ most first: for the page and the terminal."""
+
+from math import inf, isfinite, isnan
+from typing import Any
+
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_scenarios.app.presentation.wording import measured, with_unit
+from prefcal_scenarios.app.report.tables import objective
+from prefcal_scenarios.app.session import Question
+from prefcal_scenarios.scenario import KPI, Scenario
+
+from .seen import Seen
+
+NOTICED = 0.02
+"""Share of a value itself: where all experiments are within that, no difference is large."""
+
+
+def comparison_view(question: Question, scenario: Scenario, seen: Seen) -> list[dict[str, Any]]:
+    """A row for each KPI that either side has.
+
+    `size` is the difference as a share of what is usual in this study (`Seen.spread`), 1 at most;
+    values that read the same do not differ. `better` names the side by the KPI's goal; None where
+    it has none. `difference` is the right value minus the left one.
+    """
+    left, right = question.left.experiment, question.right.experiment
+    kpis = [k for k in scenario.shown_kpis if k.name in left.kpis or k.name in right.kpis]
+    rows = [(_size(kpi, left, right, seen), kpi) for kpi in kpis]
+    rows.sort(key=lambda row: -row[0])  # stable: of equals, the more important one
+    return [_row(kpi, left, right, size) for size, kpi in rows]
+
+
+def _row(kpi: KPI, left: Experiment, right: Experiment, size: float) -> dict[str, Any]:
+    words = objective(kpi)
+    return {
+        "title": kpi.title,
+        "about": kpi.about,
+        "unit": kpi.unit,
+        "objective": f"{words} {kpi.unit}".strip() if words else "",
+        "left": _value(kpi, left),
+        "right": _value(kpi, right),
+        "difference": _difference(kpi, left, right) if size else "",
+        "better": _better(kpi, left, right) if size else None,
+        "size": round(min(size, 1.0), 3),
+    }  # fmt: skip
+
+
+def _value(kpi: KPI, experiment: Experiment) -> dict[str, Any]:
+    value = experiment.kpis.get(kpi.name)
+    met = None if value is None else kpi.met(value)
+    return {"text": measured(kpi, experiment), "met": None if met is None else bool(met)}
+
+
+def _pair(kpi: KPI, left: Experiment, right: Experiment) -> tuple[float, float]:
+    return tuple(float(e.kpis.get(kpi.name, float("nan"))) for e in (left, right))  # type: ignore[return-value]
+
+
+def _size(kpi: KPI, left: Experiment, right: Experiment, seen: Seen) -> float:
+    """How large the difference is; 0 where both read the same."""
+    if measured(kpi, left) == measured(kpi, right):
+        return 0.0
+    a, b = _pair(kpi, left, right)
+    if not (isfinite(a) and isfinite(b)):
+        return inf
+    usual = max(seen.spread(kpi.name, a, b), NOTICED * max(abs(a), abs(b)))
+    return abs(b - a) / usual
+
+
+def _difference(kpi: KPI, left: Experiment, right: Experiment) -> str:
+    a, b = _pair(kpi, left, right)
+    if not (isfinite(a) and isfinite(b)):
+        return ""
+    size = abs(b - a)
+    text = f"{size:.3g}" if size < 1e3 else f"{size:.0f}"
+    return with_unit(("+" if b > a else "−") + text, kpi.unit)
+
+
+def _better(kpi: KPI, left: Experiment, right: Experiment) -> str | None:
+    if kpi.goal is None:
+        return None
+    a, b = (kpi.badness(v) for v in _pair(kpi, left, right))
+    if isnan(a) or isnan(b) or a == b:
+        return None
+    return "left" if a < b else "right"

@@ -1,0 +1,23 @@
+"""What is drawn of one experiment: its curves, what held beside them, and its scene."""
+
+from typing import Any
+
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_scenarios.scenario import Scenario, panels_of
+
+from .panels import curves, limits, reference, story
+
+
+def drawn_view(experiment: Experiment, scenario: Scenario) -> dict[str, Any]:
+    """Curves by panel, references and limits that changed in time, all in words, and the scene."""
+    panels = panels_of(scenario, experiment)
+    empty = not len(experiment.t)
+    first = experiment.runs[0] if experiment.runs else experiment
+    return {
+        "runs": max(len(experiment.runs), 1),
+        "curves": [curves(p, experiment) for p in panels] if not empty else [[] for _ in panels],
+        "references": [reference(p, first) for p in panels],
+        "limits": [limits(p, first) for p in panels],
+        "stories": [story(p, first) for p in panels],
+        "scene": None if scenario.scene is None or empty else scenario.scene(first),
+    }

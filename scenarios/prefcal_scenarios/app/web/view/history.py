@@ -1,0 +1,67 @@
+"""Every question and answer."""
+
+from typing import Any
+
+from prefcal_env.preferences.answer import Preference
+from prefcal_env.study import Closed
+from prefcal_scenarios.app.presentation.wording import marks_text
+from prefcal_scenarios.app.report.record import verdict_text
+from prefcal_scenarios.app.session import Interview
+
+from .seen import Seen
+from .sides import question_view
+
+_WINNERS = {Preference.CHALLENGER: "new", Preference.INCUMBENT: "best", Preference.TIE: "none"}
+
+
+def history_view(interview: Interview) -> dict[str, Any]:
+    """The answers in the order given, those to repeated questions too, and the remarks."""
+    state = interview.now().state
+    numbers = {c.question: c.challenger for c in state.closed}
+    numbers |= {c.question: -k for k, c in enumerate(state.further, start=1)}
+    return {
+        "answers": [_answer_view(c, numbers) for c in state.answers],
+        "notes": [{"at": at, "text": text} for at, text in state.notes],
+    }
+
+
+def _answer_view(closed: Closed, numbers: dict[int | None, int]) -> dict[str, Any]:
+    again = closed.repeats is not None
+    return {
+        # The number by which it is looked at and retracted; that of the original if repeated.
+        "answer": numbers.get(closed.repeats if again else closed.question, closed.challenger),
+        "at": closed.at,
+        "challenger": closed.challenger + 1,
+        "incumbent": None if closed.incumbent is None else closed.incumbent + 1,
+        "text": verdict_text(closed.answer),
+        "winner": _WINNERS.get(closed.answer.preference, "none"),  # type: ignore[arg-type]
+        "comment": closed.comment,
+        "blind": closed.blind,
+        "marks": marks_text(closed.answer),
+        "retracted": closed.retracted,
+        "repeated": again,
+        "further": closed.after is not None,
+    }
+
+
+def asked_view(
+    interview: Interview, answer: int, *, blind: bool = False, seen: Seen | None = None
+) -> dict[str, Any]:
+    """Closed question number `answer`, as it was shown, on the axes that the study has by now.
+
+    Raises:
+        StaleError: there is none.
+    """
+    question = interview.asked(answer)
+    closed = interview.closed(answer)
+    return {
+        "answer": answer,
+        "question": question_view(
+            question, interview.scenario, blind=blind, seen=(seen or Seen()).look(interview)
+        ),
+        "verdict": question.choice(closed.answer.preference).value,
+        "much": closed.answer.much_better,
+        "retracted": closed.retracted,
+        "comment": closed.comment,
+        "time_unit": question.left.experiment.channels.time_unit,
+    }

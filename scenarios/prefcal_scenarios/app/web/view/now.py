@@ -1,0 +1,160 @@
+"""How things stand: the phase, the open question, what is waited for, and the end."""
+
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from prefcal_env.rig import Rig
+from prefcal_env.study import State, Suggested, counted_unsafe
+from prefcal_scenarios.app.isolated import in_time
+from prefcal_scenarios.app.presentation.wording import INTERRUPTED, knob_number, with_unit
+from prefcal_scenarios.app.session import Interview, Now, Phase
+from prefcal_scenarios.app.session.view import GOOD_ENOUGH
+from prefcal_scenarios.scenario import Scenario
+
+from .end import over_view
+from .seen import Seen
+from .sides import numbers_view, question_view, theta_view
+
+
+def now_view(
+    interview: Interview,
+    *,
+    blind: bool = False,
+    again: str = "",
+    command: str = "",
+    report: Path | None = None,
+    seen: Seen | None = None,
+) -> dict[str, Any]:
+    """NOW, as the page takes it.
+
+    Args:
+        interview: What is shown.
+        blind: Whether θ and roles are hidden; they are not even sent.
+        again: The command that takes the study up again.
+        command: The command that repeats it from the start.
+        report: Folder of the finished report.
+        seen: What was computed of this study's experiments before; nothing if None.
+    """
+    now, scenario = interview.now(), interview.scenario
+    asked = None
+    if now.question is not None:
+        asked = question_view(
+            now.question, scenario, blind=blind, seen=(seen or Seen()).look(interview)
+        )
+    return {
+        "version": now.version,
+        "phase": now.phase.value,
+        "blind": blind,
+        "scenario": {"name": scenario.name, "title": scenario.title, "time_unit": _time(now)},
+        "study": {"place": interview.study.path, "again": again},
+        "progress": _progress(interview, now),
+        "can_undo": now.can_undo,
+        "question": asked,
+        "problem": now.problem,
+        "stopping": _stopping(now),
+        "preparing": _preparing(now),
+        "draft": now.draft,
+        "rig": _rig(scenario, now.state),
+        "pending": _pending(now.pending, scenario, blind=blind),
+        "good_enough": _good_enough(now, blind=blind),
+        "over": None if now.phase is not Phase.OVER else over_view(
+            interview, now, best_view(interview, now), command, report
+        ),
+    }  # fmt: skip
+
+
+def _preparing(now: Now) -> dict[str, Any] | None:
+    """What is compiled before the first experiment; None once all is there."""
+    part = now.preparing
+    return None if part is None else {"part": part.part, "parts": part.parts, "title": part.title}
+
+
+def _stopping(now: Now) -> str | None:
+    """Say when a run is stopped, and what then; None where runs cannot be stopped."""
+    if now.run_limit is None:
+        return None
+    limit = "Runs have no time limit"
+    if isfinite(now.run_limit):
+        limit = f"A run is stopped after {in_time(now.run_limit)}"
+    return (
+        f"{limit} (--run-timeout). After a stop, try again or count the run as failed: "
+        "the study goes on."
+    )
+
+
+def _time(now: Now) -> str:
+    return "" if now.question is None else now.question.left.experiment.channels.time_unit
+
+
+def _progress(interview: Interview, now: Now) -> dict[str, int]:
+    """Comparisons are one fewer than experiments: the first is compared with nothing."""
+    answered = max(len(now.state.closed) - 1, 0)
+    return {
+        "answered": answered,
+        "comparisons": interview.n_max - 1,
+        "given": interview.counts.comparisons,
+        "experiments": interview.counts.experiments,
+        "n_max": interview.n_max,
+    }
+
+
+def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> Any:
+    """The sample that is run, awaited or failed. A rig's person has to see θ: he runs it."""
+    if sample is None:
+        return None
+    rig = scenario.run if isinstance(scenario.run, Rig) else None
+    knobs = list(zip(scenario.space, sample.theta, strict=True))
+    hidden = blind and rig is None
+    return {
+        "index": sample.index,
+        "number": sample.index + 1,
+        "theta": [] if hidden else [
+            {"name": k.name, "unit": k.unit, "text": knob_number(k, v), "exact": repr(float(v))}
+            for k, v in knobs
+        ],
+        "copy": "" if hidden else "\n".join(
+            f"{k.name} = {with_unit(repr(float(v)), k.unit)}" for k, v in knobs
+        ),
+        "instructions": "" if rig is None else rig.instructions,
+    }  # fmt: skip
+
+
+def _rig(scenario: Scenario, state: State) -> dict[str, Any] | None:
+    """Of a plant that a person runs: what a record has to hold, and which can be replaced."""
+    if not isinstance(scenario.run, Rig):
+        return None
+    return {
+        "columns": list(scenario.run.columns.headings),
+        "recorded": [] if state.ended else [index + 1 for index in sorted(state.finished)],
+    }
+
+
+def _good_enough(now: Now, *, blind: bool) -> Any:
+    best = now.incumbent
+    if best is None or GOOD_ENOUGH not in now.state.marks.get(best, frozenset()):
+        return None
+    if best in counted_unsafe(now.state):
+        return None
+    return {"number": None if blind else best + 1}
+
+
+def best_view(interview: Interview, now: Now) -> Any:
+    """The best experiment so far in numbers; None before the first."""
+    if now.incumbent is None:
+        return None
+    scenario, experiment = interview.scenario, interview.experiment(now.incumbent)
+    knobs = zip(scenario.space, experiment.theta, strict=True)
+    return {
+        **numbers_view(experiment, scenario),
+        "number": now.incumbent + 1,
+        "theta": theta_view(scenario.space, experiment),
+        "copy": "\n".join(f"{k.name} = {with_unit(repr(float(v)), k.unit)}" for k, v in knobs),
+        "marks": marks_of(now.state, now.incumbent),
+    }
+
+
+def marks_of(state: State, index: int) -> list[str]:
+    """What experiment `index` is marked as, by the person, and by how its run ended."""
+    counted = [INTERRUPTED] if index in counted_unsafe(state) else []
+    return sorted(state.marks.get(index, ())) + counted

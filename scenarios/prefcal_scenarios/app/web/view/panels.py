@@ -1,0 +1,131 @@
+"""The panels of a question: axes that both sides share, and the curves on them."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.panels import Plot
+from prefcal_scenarios.app.presentation.wording import number, quantity
+
+_MOST = 4000
+"""Points of a curve; above, each stretch is given by its smallest and its largest value."""
+
+
+def panel_view(panel: Plot) -> dict[str, Any]:
+    """Title, unit, and what is drawn beside the curve."""
+    channel = panel.channel
+    symbol = channel.symbol
+    return {
+        "title": channel.name if symbol in ("", channel.name) else f"{channel.name} {symbol}",
+        "symbol": symbol or channel.name,
+        "unit": channel.unit,
+        "shape": "step" if panel.held else "line",
+        "low": _finite(channel.low),
+        "high": _finite(channel.high),
+        "changing": [bool(panel.low_signal), bool(panel.high_signal)],
+        "target": channel.target,
+        "band": channel.band,
+    }
+
+
+def curves(panel: Plot, experiment: Experiment) -> list[dict[str, Any]]:
+    """One curve for each run of an experiment; none without a record."""
+    runs = experiment.runs or (experiment,)
+    found = [(run.t, panel.values(run)) for run in runs]
+    return [curve(t, y, held=panel.held) for t, y in found if np.isfinite(y).any()]
+
+
+def reference(panel: Plot, experiment: Experiment) -> dict[str, Any] | None:
+    """The reference that changes in time, where the panel names one."""
+    values = reference_of(panel, experiment)
+    return None if values is None else curve(experiment.t, values, held=True)
+
+
+def limits(panel: Plot, experiment: Experiment) -> list[dict[str, Any] | None]:
+    """The lower and the upper limit that held at each time, where the panel names them."""
+    found = limits_of(panel, experiment)
+    return [None if v is None else curve(experiment.t, v, held=True) for v in found]
+
+
+def reference_of(panel: Plot, experiment: Experiment) -> Float[np.ndarray, " K"] | None:
+    """Values of the reference that changes in time, in the panel's unit."""
+    return _signal(panel, panel.reference, experiment)
+
+
+def limits_of(panel: Plot, experiment: Experiment) -> list[Float[np.ndarray, " K"] | None]:
+    """Values of the lower and the upper limit that change in time, in the panel's unit."""
+    return [_signal(panel, key, experiment) for key in (panel.low_signal, panel.high_signal)]
+
+
+def _signal(panel: Plot, key: str, experiment: Experiment) -> Float[np.ndarray, " K"] | None:
+    """None too where an experiment of an older study does not hold the signal."""
+    if not key or not len(experiment.t) or key not in experiment.signals:
+        return None
+    return panel.scale * np.asarray(experiment.signals[key])
+
+
+def curve(t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"], *, held: bool) -> dict[str, Any]:
+    """Points to draw, to six digits: where a held value changes, or the dense grid."""
+    kept = _changes(y) if held else _extremes(y)
+    return {"t": _rounded(t[kept]), "y": _rounded(y[kept])}
+
+
+def _changes(y: Float[np.ndarray, " K"]) -> np.ndarray:
+    changed = np.flatnonzero(y[1:] != y[:-1]) + 1
+    return np.unique(np.concatenate([[0], changed, [len(y) - 1]]))
+
+
+def _extremes(y: Float[np.ndarray, " K"]) -> np.ndarray:
+    if len(y) <= _MOST:
+        return np.arange(len(y))
+    parts = np.array_split(np.arange(len(y)), _MOST // 2)
+    low, high = np.where(np.isnan(y), np.inf, y), np.where(np.isnan(y), -np.inf, y)
+    kept = [k for p in parts for k in (p[np.argmin(low[p])], p[np.argmax(high[p])])]
+    return np.unique(np.concatenate([[0], kept, [len(y) - 1]]))
+
+
+def _rounded(values: Float[np.ndarray, " K"]) -> list[float | None]:
+    """To six digits, all at once; what is no number is null in JSON, a gap in the curve."""
+    values = np.asarray(values, dtype=float)
+    finite = np.isfinite(values)
+    if not finite.all():
+        drawn = zip(_rounded(np.where(finite, values, 0.0)), finite, strict=True)
+        return [value if there else None for value, there in drawn]
+    size = np.where(values == 0, 1.0, np.abs(values))
+    places = 5 - np.floor(np.log10(size))
+    # Whole powers of ten on both sides of the point: quotients of exact numbers have no tail.
+    up, down = 10.0 ** np.maximum(places, 0), 10.0 ** np.maximum(-places, 0)
+    rounded: list[float | None] = (np.round(values * up / down) * down / up + 0.0).tolist()
+    return rounded
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def story(panel: Plot, experiment: Experiment) -> str:
+    """A curve in words, for whoever does not see it."""
+    channel = panel.channel
+    if not len(experiment.t):
+        return f"{channel.name}: no record"
+    t, y = experiment.t, panel.values(experiment)
+    t, y = t[np.isfinite(y)], y[np.isfinite(y)]
+    if not len(y):
+        return f"{channel.name}: no values"
+    time_unit = experiment.channels.time_unit
+    words = (
+        f"{channel.name}: from {number(float(y[0]))} to {quantity(float(y[-1]), channel.unit)}, "
+        f"lowest {number(float(y.min()))}, highest {number(float(y.max()))}"
+    )
+    if channel.target is None or channel.band is None:
+        return words
+    outside = np.flatnonzero(np.abs(y - channel.target) > channel.band)
+    target = f"the band around {number(channel.target)}"
+    if not len(outside):
+        return f"{words}, inside {target} all the time"
+    if outside[-1] == len(t) - 1:
+        return f"{words}, outside {target} at the end"
+    since = quantity(float(t[outside[-1] + 1]), time_unit)
+    return f"{words}, inside {target} from {since} on"

@@ -1,0 +1,44 @@
+"""A rig's record before it is saved: its curves, its KPIs, and what speaks against it."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from prefcal_scenarios.app.presentation.wording import quantity
+from prefcal_scenarios.app.session import Given, Interview, Preview, Side
+from prefcal_scenarios.scenario import panels_of
+
+from .panels import panel_view
+from .seen import Seen
+from .sides import side_view
+
+
+def preview_view(interview: Interview, given: Given) -> dict[str, Any]:
+    """PREVIEW, as the page takes it."""
+    scenario, seen = interview.scenario, interview.preview(given)
+    experiment = seen.experiment
+    panels = panels_of(scenario, experiment)
+    side = Side(given.index, experiment, challenger=True)
+    study = Seen().look(interview)
+    unit = experiment.channels.time_unit
+    return {
+        "panels": [panel_view(panel) for panel in panels],
+        "axes": study.frame(panels, experiment),
+        "side": side_view(side, experiment, scenario, study, blind=False),
+        "time_unit": unit,
+        "text": f"{len(experiment.t)} rows, from {quantity(float(experiment.t[0]), unit)} to "
+        f"{quantity(float(experiment.t[-1]), unit)}",
+        "same": seen.same is not None,
+        "warnings": list(warnings(seen)),
+    }
+
+
+def warnings(seen: Preview) -> Iterator[str]:
+    """What speaks against saving it."""
+    if seen.same is not None:
+        yield (
+            f"These are exactly the curves of experiment {seen.same + 1}: is it the file of "
+            "another run?"
+        )
+    if seen.retracts:
+        what = "1 answer" if seen.retracts == 1 else f"{seen.retracts} answers"
+        yield f"{what} about the record that it replaces will teach nothing any more."

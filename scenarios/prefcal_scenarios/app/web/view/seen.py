@@ -1,0 +1,162 @@
+"""What all experiments of a study reach so far: the axes of every question, and the KPIs."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.panels import Plot
+from prefcal_scenarios.app.session import Interview
+from prefcal_scenarios.scenario import Scenario, panels_of
+
+from .drawn import drawn_view
+from .panels import limits_of, reference_of
+
+_PAD = 0.04
+"""Of an axis, left free at both of its ends."""
+_GRAIN = 20
+"""Axes end at steps, so many of them or up to twice as many: a little growth moves nothing."""
+_FEW = 4
+"""Experiments from which on their spread says what a large difference is."""
+_KEPT = 8
+"""Experiments whose curves stay at hand as the page takes them: those of the last questions."""
+
+_AT_ONCE = 200
+"""Experiments that one look takes in: nobody waits for thousands to be read from the disk."""
+
+Range = tuple[float, float]
+_NOTHING: Range = (np.inf, -np.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class _Reach:
+    """How far one experiment goes in time, and each of its panels."""
+
+    t: Range
+    y: tuple[Range, ...]
+
+
+@dataclass(slots=True)
+class Seen:
+    """Keeps what was computed of a study's experiments: each is looked at once.
+
+    Axes only ever grow, so that a height on the screen means the same in every question.
+    """
+
+    _reach: dict[int, _Reach] = field(default_factory=dict)
+    _kpis: dict[int, dict[str, float]] = field(default_factory=dict)
+    _drawn: dict[int, tuple[Experiment, dict[str, Any]]] = field(default_factory=dict)
+
+    def look(self, interview: Interview) -> "Seen":
+        """Take in the experiments that were finished since; itself.
+
+        Of a long study that was opened again only the latest ones: each look takes in some more.
+        """
+        finished = interview.now().state.finished.items()
+        new = sorted((index, seq) for index, seq in finished if seq not in self._reach)
+        for index, seq in new[-_AT_ONCE:]:
+            experiment = interview.experiment(index)
+            panels = panels_of(interview.scenario, experiment)
+            self._reach[seq] = _reach(experiment, panels)
+            self._kpis[seq] = dict(experiment.kpis)
+        return self
+
+    def frame(self, panels: Sequence[Plot], *shown: Experiment) -> dict[str, Any]:
+        """Axes of all experiments so far, those of `shown` at least: `x`, and `y` by panel."""
+        reached = [r for r in self._reach.values() if len(r.y) == len(panels)]
+        reached += [_reach(experiment, panels) for experiment in shown]
+        t = _union(r.t for r in reached)
+        y = [
+            _axis(panel.channel, _union(r.y[i] for r in reached)) for i, panel in enumerate(panels)
+        ]
+        return {
+            "x": list(_snapped(*t)) if t[0] < t[1] else [0.0, 1.0],
+            "y": [list(range_) for range_ in y],
+        }
+
+    def spread(self, kpi: str, *values: float) -> float:
+        """How far apart this KPI's values usually are, in its unit.
+
+        The range of the middle half of all experiments so far, or of all where that is nothing;
+        while there are fewer than four, the larger of `values`.
+        """
+        known = np.array([kpis[kpi] for kpis in self._kpis.values() if kpi in kpis])
+        known = known[np.isfinite(known)]
+        if len(known) < _FEW:
+            return max((abs(v) for v in values), default=0.0)
+        low, high = np.percentile(known, [25, 75])
+        return float(high - low) or float(np.ptp(known)) or max(abs(v) for v in values)
+
+    def drawn(self, experiment: Experiment, scenario: Scenario) -> dict[str, Any]:
+        """`drawn_view`, made once: the best so far comes back question after question."""
+        kept = self._drawn.get(id(experiment))
+        if kept is None or kept[0] is not experiment:
+            while len(self._drawn) >= _KEPT:
+                del self._drawn[next(iter(self._drawn))]
+            kept = self._drawn[id(experiment)] = (experiment, drawn_view(experiment, scenario))
+        return kept[1]
+
+
+def _reach(experiment: Experiment, panels: Sequence[Plot]) -> _Reach:
+    runs = [run for run in experiment.runs or (experiment,) if len(run.t)]
+    t = _union((float(run.t[0]), float(run.t[-1])) for run in runs)
+    return _Reach(t, tuple(_union(_ranges(panel, runs)) for panel in panels))
+
+
+def _ranges(panel: Plot, runs: Sequence[Experiment]) -> Iterator[Range]:
+    for run in runs:
+        beside = (reference_of(panel, run), *limits_of(panel, run))
+        for values in (panel.values(run), *(b for b in beside if b is not None)):
+            yield _range(values)
+
+
+def _range(values: Float[np.ndarray, " K"]) -> Range:
+    finite = values[np.isfinite(values)]
+    return (float(finite.min()), float(finite.max())) if len(finite) else _NOTHING
+
+
+def _union(ranges: Iterator[Range]) -> Range:
+    low, high = _NOTHING
+    for a, b in ranges:
+        low, high = min(low, a), max(high, b)
+    return low, high
+
+
+def _axis(channel: Channel, reached: Range) -> Range:
+    """From what was reached, and the target with its band, to the axis of a panel."""
+    low, high = reached
+    if channel.target is not None:
+        band = channel.band or 0.0
+        low, high = min(low, channel.target - band), max(high, channel.target + band)
+    low, high = _framed(channel, low, high)
+    if not low < high:
+        middle = low if low == high else 0.0
+        return middle - 1.0, middle + 1.0
+    low, high = _snapped(low, high)
+    pad = _PAD * (high - low)
+    return low - pad, high + pad
+
+
+def _snapped(low: float, high: float) -> Range:
+    """Outwards to whole steps of 1, 2 or 5 times a power of ten."""
+    rough = (high - low) / _GRAIN
+    power = 10.0 ** np.floor(np.log10(rough))
+    step = float(next(m for m in (5, 2, 1) if m * power <= rough) * power)
+    return step * float(np.floor(low / step + 1e-9)), step * float(np.ceil(high / step - 1e-9))
+
+
+def _framed(channel: Channel, low: float, high: float) -> Range:
+    """Limits that curves come near are part of the picture; those far away would flatten it.
+
+    But nothing is magnified beyond a tenth of what is allowed: that would be noise.
+    """
+    limits = [limit for limit in (channel.low, channel.high) if np.isfinite(limit)]
+    if not low <= high:
+        return (limits[0], limits[-1]) if limits else (low, high)
+    allowed = (channel.high - channel.low) / 10 if len(limits) > 1 else 0.0
+    middle, span = (low + high) / 2, max(high - low, allowed)
+    near = [limit for limit in limits if max(low - limit, limit - high) <= 2 * span]
+    return min(low, middle - span / 2, *near), max(high, middle + span / 2, *near)

@@ -1,0 +1,142 @@
+"""Where we are: the best so far, what was tried, what was learned, how consistent the answers."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_scenarios.app.presentation.wording import knob_number
+from prefcal_scenarios.app.report.kpi_importance import Minded
+from prefcal_scenarios.app.report.record import VERDICTS, above
+from prefcal_scenarios.app.session import Consistency, Interview, Now
+from prefcal_scenarios.app.session.memory import incumbents
+from prefcal_scenarios.app.session.order import to_repeat
+
+from .end import outlook_view, report_view
+from .now import best_view, marks_of
+
+_POINTS = 81
+"""Of a slice through the surrogate."""
+
+
+def status_view(interview: Interview, *, report: Path | None = None) -> dict[str, Any]:
+    """STATUS, as the page takes it."""
+    now = interview.now()
+    consistency = interview.consistency
+    seed = int(now.state.configuration["seed"])
+    return {
+        "best": best_view(interview, now),
+        "tried": _tried(interview, now),
+        "slices": _slices(interview, now),
+        "consistency": {
+            "repeated": consistency.repeated,
+            "agreed": consistency.agreed,
+            "cycles": [[i + 1 for i in cycle] for cycle in consistency.cycles],
+            "text": in_words(consistency),
+            "can_repeat": now.question is not None and to_repeat(now.state, seed) is not None,
+        },
+        "outlook": outlook_view(interview.outlook),
+        "verdicts": _verdicts(interview),
+        "questions": interview.questions,
+        "minded": _minded(interview),
+        "report": report_view(report),
+    }
+
+
+def in_words(consistency: Consistency) -> str:
+    """Repeats and cycles as sentences."""
+    if not consistency.repeated:
+        repeats = "No question was asked twice yet."
+    else:
+        repeats = (
+            f"{consistency.agreed} of {consistency.repeated} repeated questions got the same "
+            "answer."
+        )
+    if not consistency.cycles:
+        return f"{repeats} The answers contradict each other nowhere."
+    circles = "; ".join(" over ".join(str(i + 1) for i in cycle) for cycle in consistency.cycles)
+    return f"{repeats} Preferred in a circle: {circles}."
+
+
+def _knob_view(knob: Knob) -> dict[str, Any]:
+    return {
+        "name": knob.name, "unit": knob.unit, "scale": knob.scale, "low": float(knob.low),
+        "high": float(knob.high), "integer": bool(knob.integer),
+    }  # fmt: skip
+
+
+def _tried(interview: Interview, now: Now) -> dict[str, Any]:
+    state, space = now.state, interview.scenario.space
+    winners = set(incumbents(state))
+    return {
+        "knobs": [_knob_view(knob) for knob in space],
+        "experiments": [
+            {
+                "number": index + 1,
+                "theta": list(state.samples[index].theta),
+                "text": [
+                    knob_number(k, v)
+                    for k, v in zip(space, state.samples[index].theta, strict=True)
+                ],
+                "best": index == now.incumbent,
+                "was_best": index in winners,
+                "ended": interview.end(index).value,
+                "marks": marks_of(state, index),
+            }
+            for index in sorted(state.finished)
+        ],
+    }
+
+
+def _slices(interview: Interview, now: Now) -> Any:
+    """What was learned along each knob through the best θ; None if nothing is learned."""
+    surrogate = interview.surrogate
+    if surrogate is None or now.incumbent is None:
+        return None
+    space, best = interview.scenario.space, interview.experiment(now.incumbent).theta
+    tried = np.array([now.state.samples[index].theta for index in sorted(now.state.finished)])
+    base = space.encode(best)
+    paths = [_path(space, base, k) for k in range(len(space))]
+    costs = [surrogate(thetas) for thetas in (tried, *paths)]
+    lowest = float(min(cost.min() for cost in costs))
+    seen = above(costs[0], lowest).tolist()
+    slices = []
+    for k, knob in enumerate(space):
+        slices.append(
+            {
+                "knob": _knob_view(knob),
+                "x": paths[k][:, k].tolist(),
+                "y": above(costs[k + 1], lowest).tolist(),
+                "samples": {"x": tried[:, k].tolist(), "y": seen},
+                "best": float(best[k]),
+            }
+        )
+    return slices
+
+
+def _path(space: KnobSpace, base: Float[np.ndarray, " n"], k: int) -> Float[np.ndarray, "m n"]:
+    """θ over the whole range of knob `k` through the cube point `base`, each once, upwards."""
+    z = np.repeat(base[None], _POINTS, axis=0)
+    z[:, k] = np.linspace(0.0, 1.0, _POINTS)
+    thetas = np.unique(np.array([space.decode(row) for row in z]), axis=0)
+    return np.asarray(thetas[np.argsort(thetas[:, k])])
+
+
+def _minded(interview: Interview) -> Any:
+    """What the person seems to care about; None while nothing can be said."""
+    minded = Minded.of(interview.index, interview.importance, interview.scenario)
+    if minded is None:
+        return None
+    return {
+        "sentence": minded.sentence(),
+        "caption": minded.caption,
+        "trust": minded.trust,
+        "bars": [{"title": b.title, "text": b.text, "share": b.share} for b in minded.bars],
+    }
+
+
+def _verdicts(interview: Interview) -> dict[str, int]:
+    counted = interview.counts.verdicts
+    return {words: counted[verdict] for verdict, words in VERDICTS.items()}

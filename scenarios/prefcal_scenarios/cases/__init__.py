@@ -1,0 +1,1 @@
+"""The cases that come with prefcal: the reactor, the overtaking and test functions."""

@@ -1,0 +1,76 @@
+"""What is measured in an experiment of the CSTR, and the paper's performance index."""
+
+from math import inf
+
+import numpy as np
+
+from prefcal_env.envs.cstr import BAND, HORIZON, MAX_MOVE, START, TARGET
+from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.plants import CSTR
+from prefcal_scenarios.scenario import KPI
+
+_INTERRUPTED = 1000.0
+_, _T_C_START = CSTR().steady_state_at_concentration(START)
+
+KPIS = (
+    KPI("settling_time", "time to steady state t_f", "h", at_most=HORIZON),
+    KPI("final_concentration", "final C_A", "kgmol/m³", TARGET + BAND, TARGET - BAND),
+    KPI("largest_move", "largest move |ΔT_c|", "K", better="lower"),
+    KPI("mean_square_move", "mean square move", "K²", better="lower"),
+    KPI("peak_temperature", "peak reactor T", "K", better="lower"),
+    KPI("undershoot", "peak undershoot of C_A", "kgmol/m³", better="lower"),
+    KPI("band_entry", "settling time (within ±3 %)", "h", better="lower"),
+    KPI("index", "performance index"),
+    KPI("unsolved", "unsolved QPs", at_most=0.0),
+)
+"""Most important first. Infinite times mean never.
+
+`settling_time` is the paper's t_f, which an engineer would not call so: the end of the first step
+at which C_A is inside the ±3 % band and C_A, T and T_c hardly change any more. `band_entry` is what
+is called settling time: the time from which on C_A stays within the band.
+"""
+
+
+def indicators(experiment: Experiment) -> dict[str, float]:
+    """The values of `KPIS`, in their units."""
+    moves = _moves(experiment)
+    C_A = experiment.x[:, 1]
+    return {
+        "settling_time": experiment.duration if experiment.end is End.SETTLED else inf,
+        "final_concentration": float(C_A[-1]),
+        "largest_move": float(np.abs(moves).max()),
+        "mean_square_move": float(np.mean(moves**2)),
+        "peak_temperature": float(experiment.x[:, 0].max()),
+        "undershoot": float(max(TARGET - C_A.min(), 0.0)),
+        "band_entry": _band_entry(experiment),
+        "index": performance_index(experiment),
+        "unsolved": float(np.sum(~experiment.solved)),
+    }
+
+
+def performance_index(experiment: Experiment) -> float:
+    """Eq. perf_index: duration, moves and final error, each relative to what is acceptable.
+
+    t_f is when the experiment settled, else 48 h. The first move is that from the initial steady
+    state. Deviation (the paper names no value): an interrupted experiment costs 1000 and the
+    share of the 48 h that it did not survive, so the longer of two is better.
+    """
+    if experiment.end.interrupted:
+        return _INTERRUPTED + max(1.0 - experiment.duration / HORIZON, 0.0)
+    t_f = experiment.duration if experiment.end is End.SETTLED else HORIZON
+    final = abs(float(experiment.x[-1, 1]) - TARGET)
+    return t_f / HORIZON + float(np.mean(_moves(experiment) ** 2)) / MAX_MOVE + final / BAND
+
+
+def _moves(experiment: Experiment) -> np.ndarray:
+    """ΔT_c of the N_T steps, K, shape (N_T,)."""
+    return np.diff(experiment.u_control[:, 0], prepend=_T_C_START)
+
+
+def _band_entry(experiment: Experiment) -> float:
+    """The first recorded time from which on C_A stays within the band, h; infinite if never."""
+    outside = np.flatnonzero(np.abs(experiment.x[:, 1] - TARGET) > BAND)
+    if len(outside) == 0:
+        return 0.0
+    last = int(outside[-1])
+    return inf if last == len(experiment.t) - 1 else float(experiment.t[last + 1])

@@ -1,0 +1,126 @@
+"""The CSTR as a scenario: the steady-state switch of section IV-A."""
+
+from functools import partial
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.calibrators import Criterion, LatentCost, Lexicographic
+from prefcal_env.envs.cstr import BAND, TARGET, UNSAFE_TEMPERATURE, cstr_env
+from prefcal_env.envs.rendering import makes
+from prefcal_env.envs.tuning_env import TuningEnv, same_step_vector, sampled_at
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.rollout import rollout
+from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.plants.cstr import CSTR
+from prefcal_scenarios.scenario import Panel, Scenario, described
+
+from . import wording as words
+from .controller import SPACE, controller, settings
+from .kpis import KPIS, indicators, performance_index
+
+PANELS = (
+    Panel("concentration", target=TARGET, band=BAND),
+    Panel("coolant temperature"),
+    Panel("temperature", high=UNSAFE_TEMPERATURE),
+)
+REFERENCES = {
+    "paper, preferences": np.array([0.31, 26.0, -1.79]),
+    "paper, automated": np.array([0.25, 26.0, -0.91]),
+}
+
+
+def run(
+    theta: Float[np.ndarray, " 3"], seed: int = 0, space: KnobSpace = SPACE, **options: Any
+) -> Experiment:
+    """One experiment of θ = (T_s [h], N_p, log10 Q_Δu), shape (3,), physical, in `space`.
+
+    From the steady state with C_A = 8.56; nothing in it is random. Options are those of
+    `cstr_env`.
+
+    Raises:
+        KnobError: θ of the wrong shape, NaN or outside the box.
+    """
+    theta = space.check(theta)
+    loop = cstr_env(**options)
+    return rollout(loop, controller(theta, space=space), theta, seed=seed, kpis=indicators)
+
+
+def synthetic(seed: int = 0) -> LatentCost:
+    """Prefers the lower performance index; sure of himself, so `seed` changes nothing."""
+    return LatentCost(performance_index, seed=seed)
+
+
+def lexicographic(seed: int = 0) -> Lexicographic:
+    """The paper's guidelines in order: target met, then sooner, then with calmer moves.
+
+    Differences that nobody would see on the plots are ties. Deterministic, whatever the `seed`.
+    """
+    return Lexicographic(
+        [
+            Criterion("target missed by", _missed_by, 0.01),
+            Criterion("time to steady state t_f [h]", partial(_kpi, "settling_time"), 0.5),
+            Criterion(
+                "mean square move [K²]", partial(_kpi, "mean_square_move"), just_noticeable=0.05
+            ),
+            Criterion("undershoot [kgmol/m³]", partial(_kpi, "undershoot"), 0.02),
+        ]
+    )
+
+
+def _missed_by(experiment: Experiment) -> float:
+    """Distance of the final C_A from the band around the target, kgmol/m³."""
+    return max(abs(float(experiment.x[-1, 1]) - TARGET) - BAND, 0.0)
+
+
+def _kpi(name: str, experiment: Experiment) -> float:
+    return float(experiment.kpis[name])
+
+
+cstr = Scenario(
+    name="cstr",
+    title="CSTR steady-state switch",
+    space=SPACE.described(words.KNOBS),
+    run=run,
+    cost=performance_index,
+    kpis=described(KPIS, words.KPIS),
+    panels=PANELS,
+    references=REFERENCES,
+    calibrators={"synthetic": synthetic, "lexicographic": lexicographic},
+    controller=controller,
+    settings=settings,
+    brief=words.BRIEF,
+)
+
+
+@makes(TuningEnv)
+def make_tuning_env(
+    *,
+    T_s: float | None = None,
+    x0: Any = None,
+    max_move: float | None = None,
+    plant: CSTR | None = None,
+    render_mode: str | None = None,
+) -> TuningEnv:
+    """`prefcal/CSTRTuning-v0`: one step is one experiment; reward = -(eq. perf_index).
+
+    Args:
+        T_s: Freezes the sampling time of θ [h].
+        x0: Of `cstr_env`, as `max_move` and `plant`: what every experiment runs on.
+        max_move: See `cstr_env`.
+        plant: See `cstr_env`; the MPC keeps its own model.
+        render_mode: None or "rgb_array".
+    """
+    options = {"x0": x0, "max_move": max_move, "plant": plant}
+    cstr_env(**options)  # refuses what is wrong now, not in the first experiment
+    return TuningEnv(
+        sampled_at(SPACE, T_s), partial(run, **options), score=performance_index, panels=PANELS,
+        title=cstr.title, render_mode=render_mode,
+    )  # fmt: skip
+
+
+def make_tuning_vector(num_envs: int = 1, **options: Any) -> gym.vector.VectorEnv:
+    """Several of them, without wasted steps (see `same_step_vector`)."""
+    return same_step_vector("prefcal/CSTRTuning-v0", num_envs, **options)

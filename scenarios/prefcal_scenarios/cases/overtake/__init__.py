@@ -1,0 +1,11 @@
+"""The room of lane keeping and overtaking, section IV-B."""
+
+from .criteria import calibrator as calibrator
+from .kpis import indicators as indicators
+from .robust import overtake_robust as overtake_robust
+from .robust import overtake_variants as overtake_variants
+from .scenario import make_tuning_env as make_tuning_env
+from .scenario import make_tuning_vector as make_tuning_vector
+from .scenario import overtake as overtake
+from .supervisor import Supervisor as Supervisor
+from .target import overtake_on as overtake_on

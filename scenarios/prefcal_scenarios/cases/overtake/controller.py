@@ -1,0 +1,136 @@
+"""The knobs of the car's MPC, and the controller of a θ (section IV-B)."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from math import inf, pi
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.envs.overtake.road.rules import (
+    KEEPING_SPEEDS,
+    MIN_LATERAL_DISTANCE,
+    OVERTAKING_SPEEDS,
+    T_S_RANGE,
+    Phase,
+)
+from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.mpc import EstimatorSettings, MPCSettings, control_horizon
+from prefcal_env.mpc.settings import Linearisation
+from prefcal_env.plants.bicycle import Bicycle
+
+from .supervisor import Supervisor
+
+SPACE = KnobSpace(
+    [
+        Knob("T_s", *T_S_RANGE, "s"),
+        Knob("ε_c", 0.1, 1.0, step=0.03),  # about one free move at N_p = 30
+        Knob("N_p", 10, 30, integer=True),
+        Knob("log q_u11", -5.0, 3.0),
+        Knob("log q_u22", -5.0, 3.0),
+    ]
+)
+"""The logarithms themselves are the knobs.
+
+Deviation: to base 10; the paper states none (docs/deviations.md).
+"""
+
+_ANGLE = pi / 4
+
+
+@dataclass(frozen=True, slots=True)
+class Fixed:
+    """What the tuning leaves alone.
+
+    Deviation: the paper states ±π/4 and 0.0873 rad/s for θ. Here ±π/4 holds for θ (soft) and for
+    δ_s (hard), 0.0873 rad/s for the rate of δ_s (hard), so 0.0873 T_s a step: a yaw rate is no
+    input.
+
+    Args:
+        steering_rate: Largest rate of δ_s from one step to the next [rad/s].
+        steering_move: Largest move of δ_s in one step [rad].
+        speed_move: Largest move of v in one step [m/s]; the paper has none.
+        Q_eps: Weight of the slack. Deviation: the paper has no value. With 1e5, a toolbox's
+            default, the one slack makes the car swerve off the road at the paper's optimum.
+        softness: Share of ε by which the limits of (x_f, y_f, θ) give way.
+        linearisation: Of the model, "point" or "trajectory".
+    """
+
+    steering_rate: float = 0.0873
+    steering_move: float = inf
+    speed_move: float = inf
+    Q_eps: float = 10.0
+    softness: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    linearisation: Linearisation = "point"
+
+
+PAPER = Fixed()
+"""As the case study has it."""
+STEERING_LIMITS: Mapping[str, Fixed] = {
+    "per second": PAPER,
+    "per step": Fixed(steering_rate=inf, steering_move=0.0873),
+}
+"""What 0.0873 limits: the rate of δ_s, or its move in a step, however long that is."""
+
+ESTIMATOR = EstimatorSettings(
+    noise=(0.1, 0.05, 0.01), process=(0.1, 0.05, 0.02), drift=(0.01,), on_inputs=(1,)
+)
+"""Beyond the paper: for a pose measured with 0.1 m, 0.05 m and 0.01 rad of noise. What integrates
+is a disturbance of δ_s: one of a position cannot be told from the position, and v needs none, since
+the reference of x_f runs ahead of the car."""
+
+
+def mpc_settings(
+    theta: Float[np.ndarray, " 5"],
+    phase: Phase,
+    fixed: Fixed = PAPER,
+    space: KnobSpace = SPACE,
+) -> MPCSettings:
+    """Settings of the MPC of one phase, θ = (T_s [s], ε_c, N_p, log10 q_u11, log10 q_u22).
+
+    Outputs (x_f, y_f [m], θ [rad]), y_f from the obstacle's centre line on while overtaking;
+    inputs (v [m/s], δ_s [rad]). Q_y = diag(1, 1, 0), Q_u = 0, Q_Δu = diag(q_u11, q_u22).
+
+    Raises:
+        KnobError: θ of the wrong shape, NaN or outside the box.
+    """
+    T_s, share, N_p, log_q11, log_q22 = (float(v) for v in space.check(theta))
+    overtaking = phase is Phase.OVERTAKING
+    low, high = OVERTAKING_SPEEDS if overtaking else KEEPING_SPEEDS
+    beside = MIN_LATERAL_DISTANCE if overtaking else -inf
+    steering_move = min(fixed.steering_rate * T_s, fixed.steering_move)
+    return MPCSettings(
+        T_s=T_s, N_p=int(N_p), N_u=control_horizon(share, int(N_p)),
+        Q_y=np.diag([1.0, 1.0, 0.0]), Q_u=np.zeros((2, 2)),
+        Q_du=np.diag([10.0**log_q11, 10.0**log_q22]),
+        u_min=[low, -_ANGLE], u_max=[high, _ANGLE],
+        du_min=[-fixed.speed_move, -steering_move],
+        du_max=[fixed.speed_move, steering_move],
+        y_min=[-inf, beside, -_ANGLE], y_max=[inf, inf, _ANGLE],
+        Q_eps=fixed.Q_eps, softness=fixed.softness, linearisation=fixed.linearisation,
+    )  # fmt: skip
+
+
+def controller(
+    theta: Float[np.ndarray, " 5"],
+    fixed: Fixed = PAPER,
+    estimator: EstimatorSettings | None = None,
+    space: KnobSpace = SPACE,
+) -> Supervisor:
+    """A fresh supervised MPC tuned by θ, shape (5,), physical. Raises as `mpc_settings`.
+
+    The paper's has no estimator; `ESTIMATOR` is one.
+    """
+    tuned = {phase: mpc_settings(theta, phase, fixed, space) for phase in Phase}
+    return Supervisor(Bicycle(), tuned, estimator)
+
+
+def settings(
+    theta: Float[np.ndarray, " 5"], space: KnobSpace = SPACE, fixed: Fixed = PAPER
+) -> dict[str, Any]:
+    """The same settings as plain data, those of each phase under its name."""
+    return {
+        p.name.lower().replace("_", " "): asdict(mpc_settings(theta, p, fixed, space))
+        for p in Phase
+    }

@@ -1,0 +1,76 @@
+"""The calibrator of section IV-B: criteria (i) to (vi), with what he can tell apart."""
+
+from collections.abc import Callable
+from functools import partial
+
+from prefcal_env.calibrators import Criterion, Lexicographic
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.mpc.computation import Processor
+
+from .computation_time import PAPER_PROCESSOR, SERVER_CORE, overrun
+from .kpis import SHORTEST_DISTANCE
+
+
+def calibrator(processor: Processor) -> Lexicographic:
+    """Criteria (i) to (v) in the priority of (vi).
+
+    Deviation: the just noticeable differences, and the order among (ii) to (v), are ours. What
+    other differences change is in docs/deviations.md.
+
+    Real time first: whether the worst t_comp on `processor` is below T_s, and of two that are
+    not, the smaller excess. Then whether it was interrupted (collision, off the road; the longer
+    survived), then distance and road, where a lack of safety is noticed and more than enough is
+    not; then comfort, speed and steering.
+
+    A difference that he does not notice leaves the word to the next criterion. So no cost function
+    has his preferences, not even one with a tie band: they can go round in a circle (a test shows
+    three θ that do).
+    """
+    real_time = Criterion(
+        "(i) worst t_comp above T_s [share]", partial(overrun, processor=processor)
+    )
+    return Lexicographic(
+        [
+            Criterion("(iii) lateral distance too small by [m]", _too_near),
+            Criterion("(iii) off the road by [m]", _kpi("off_road")),
+            Criterion("(iii) overshoot of y_f [m]", _kpi("overshoot"), 0.05),
+            Criterion("(ii) |y_f| in lane keeping [m]", _kpi("lane_deviation"), 0.05),
+            Criterion(
+                "(iii) largest lateral acceleration [m/s²]", _kpi("lateral_acceleration"), 1.0
+            ),
+            Criterion("(iii) RMS lateral jerk [m/s³]", _kpi("lateral_jerk_rms"), 1.0),
+            Criterion("(iv) RMS error of v [km/h]", _kpi("speed_error"), 0.2),
+            Criterion("(iv) total variation of v [km/h]", _kpi("speed_variation"), 1.0),
+            Criterion("(v) RMS rate of δ_s [°/s]", _kpi("steering_rate_rms"), 1.0),
+            Criterion("(v) largest move of δ_s [°]", _kpi("steering_move"), 0.2),
+        ],
+        first=[real_time],
+    )
+
+
+def on_processor(processor: Processor, seed: int = 0) -> Lexicographic:
+    """The calibrator before `processor`; whatever the `seed`."""
+    return calibrator(processor)
+
+
+def synthetic(seed: int = 0) -> Lexicographic:
+    """The calibrator before the paper's slow processor: criterion (i) bites. Sure of himself."""
+    return calibrator(PAPER_PROCESSOR)
+
+
+def fast(seed: int = 0) -> Lexicographic:
+    """The same before a processor of today: every tuning runs in real time."""
+    return calibrator(SERVER_CORE)
+
+
+def _too_near(experiment: Experiment) -> float:
+    """How much closer than `SHORTEST_DISTANCE` beside the obstacle [m]."""
+    return max(SHORTEST_DISTANCE - float(experiment.kpis["lateral_distance"]), 0.0)
+
+
+def _kpi(name: str) -> Callable[[Experiment], float]:
+    return partial(_value, name)
+
+
+def _value(name: str, experiment: Experiment) -> float:
+    return float(experiment.kpis[name])

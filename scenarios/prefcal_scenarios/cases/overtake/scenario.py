@@ -1,0 +1,121 @@
+"""The overtaking as a scenario: section IV-B."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.envs.overtake import Course
+from prefcal_env.envs.rendering import makes
+from prefcal_env.envs.tuning_env import TuningEnv, same_step_vector, sampled_at
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.rollout import rollout
+from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.plants.bicycle import KMH
+from prefcal_scenarios.cases.overtake.pictures.drawing import animation
+from prefcal_scenarios.scenario import Panel, Scenario, described
+
+from . import wording as words
+from .controller import SPACE, controller, settings
+from .criteria import fast, synthetic
+from .kpis import KPIS, indicators
+
+if TYPE_CHECKING:
+    from prefcal_env.mpc.computation import Processor
+    from prefcal_scenarios.app.report.pictures import Picture
+
+PANELS = (
+    Panel("lateral position", reference="lateral_reference"),
+    Panel(
+        "speed", unit="km/h", low=40.0, high=70.0, scale=1 / KMH,
+        reference="speed_reference", low_signal="speed_low",
+    ),
+    Panel("steering angle", unit="°", low=-45.0, high=45.0, scale=180 / np.pi),
+)  # fmt: skip
+"""On time, in the units of the paper's figures, with the references and limits that held."""
+REFERENCES = {"paper, preferences": np.array([0.085, 0.31, 16.0, 0.261, 0.918])}
+
+
+def run(theta: Float[np.ndarray, " 5"], seed: int = 0, space: KnobSpace = SPACE) -> Experiment:
+    """One experiment of θ = (T_s [s], ε_c, N_p, log10 q_u11, log10 q_u22), shape (5,), in `space`.
+
+    15 s of the paper's scene; nothing in it is random.
+
+    Raises:
+        KnobError: θ of the wrong shape, NaN or outside the box.
+    """
+    theta = space.check(theta)
+    driver = controller(theta, space=space)
+    return rollout(Course(), driver, theta, seed=seed, kpis=indicators)
+
+
+def _pictures() -> "Sequence[Picture]":
+    from prefcal_scenarios.cases.overtake.pictures.pictures import PICTURES  # loads the plots
+
+    return PICTURES
+
+
+def _configured(config: Mapping[str, Any]) -> Scenario:
+    from .configured import configured  # which needs this module
+
+    return configured(overtake, None, 1, config)
+
+
+def _on_processor(scenario: Scenario, processor: "Processor") -> Scenario:
+    from .target import on_target  # which needs this module
+
+    return on_target(scenario, processor)
+
+
+overtake = Scenario(
+    name="overtake",
+    title="Lane keeping and overtaking",
+    space=SPACE.described(words.KNOBS),
+    run=run,
+    kpis=described(KPIS, words.KPIS),
+    panels=PANELS,
+    references=REFERENCES,
+    calibrators={"synthetic": synthetic, "fast-processor": fast},
+    controller=controller,
+    settings=settings,
+    pictures=_pictures,
+    scene=animation,
+    brief=words.BRIEF,
+    configured=_configured,
+    on_processor=_on_processor,
+)
+"""No single score exists: there is no cost."""
+
+
+@makes(TuningEnv)
+def make_tuning_env(
+    config: Mapping[str, Any] | None = None,
+    *,
+    T_s: float | None = None,
+    x0: Any = None,
+    render_mode: str | None = None,
+) -> TuningEnv:
+    """`prefcal/OvertakeTuning-v0`: one step is one experiment; the reward is 0, there is no score.
+
+    `PreferenceReward` with a calibrator of the scenario makes rewards of preferences.
+
+    Args:
+        config: The scene, as of `prefcal/Overtake-v0`, and what belongs to a study: "scenes" and
+            "steering_limit".
+        T_s: Freezes the sampling time of θ [s].
+        x0: The pose (x_f, y_f [m], θ [rad]) at the start of every experiment.
+        render_mode: None or "rgb_array".
+    """
+    changes = dict(config or {}) if x0 is None else dict(config or {}, x0=x0)
+    scenario = _configured(changes) if changes else overtake
+    return TuningEnv(
+        sampled_at(SPACE, T_s), scenario.run, panels=PANELS, title=overtake.title,
+        render_mode=render_mode,
+    )  # fmt: skip
+
+
+def make_tuning_vector(num_envs: int = 1, **options: Any) -> gym.vector.VectorEnv:
+    """Several of them, without wasted steps (see `same_step_vector`)."""
+    return same_step_vector("prefcal/OvertakeTuning-v0", num_envs, **options)

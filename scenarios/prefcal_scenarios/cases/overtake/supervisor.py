@@ -1,0 +1,116 @@
+"""Two MPCs behind one controller: lane keeping, and overtaking while an obstacle is near."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.envs.overtake.road.rules import (
+    KEEPING_SPEED,
+    MIN_LATERAL_DISTANCE,
+    OVERTAKING_SPEED,
+    Phase,
+    beside,
+    next_phase,
+)
+from prefcal_env.errors import PlantError
+from prefcal_env.experiments.control import Measurement, Move
+from prefcal_env.mpc import DisturbanceEstimator, EstimatorSettings, LinearMPC, MPCSettings
+from prefcal_env.plants.bicycle import Bicycle
+from prefcal_env.plants.plant import Plant
+
+
+class Supervisor:
+    """A `Controller` of the bicycle that keeps its lane and overtakes (section IV-B).
+
+    It decides about the phase itself (`next_phase`), from the obstacles in `Measurement.d`,
+    (x_o, y_o [m], v_o [m/s]) of one after the other; `Measurement.y_ref` is not used.
+
+    - Lane keeping: y_ref = 0, 50 km/h.
+    - Overtaking: y_ref = y_o + 3 m, 60 km/h, y_f >= y_o + 3 m (soft); y_o of the leftmost obstacle
+      that is `beside`.
+    - The reference of x_f runs ahead of the current position at the reference speed, previewed:
+      x_f + v_ref T_s k. The speed is tracked, lost ground is not caught up.
+
+    Nothing in the model depends on where the car is, so the MPC sees positions relative to its own
+    front end and, while overtaking, to the obstacle's centre line: an obstacle that moves sideways
+    needs no change of limits.
+
+    At a switch of phases the last v may be below the new limit; see `mpc._plan.input_rows`: what is
+    reachable is the bound, and the QP stays feasible.
+
+    Args:
+        plant: The model.
+        settings: Of the MPC in each phase, of one sampling time; y_min of y_f is relative to the
+            obstacle's centre line while overtaking.
+        estimator: Then `Measurement.x` is noisy, and phases and MPCs go by the estimated pose and
+            disturbances. None, as in the paper: by what is measured.
+
+    Raises:
+        SettingsError: settings that do not fit the plant.
+    """
+
+    def __init__(
+        self,
+        plant: Bicycle,
+        settings: Mapping[Phase, MPCSettings],
+        estimator: EstimatorSettings | None = None,
+    ) -> None:
+        T_s = settings[Phase.LANE_KEEPING].T_s
+        seeing = None if estimator is None else DisturbanceEstimator(plant, estimator, T_s)
+        model: Plant = plant if seeing is None else seeing.model
+        self._estimator = seeing
+        self._mpc = {phase: LinearMPC(model, settings[phase]) for phase in Phase}
+        self._ahead = {
+            Phase.LANE_KEEPING: _ahead(settings[Phase.LANE_KEEPING], KEEPING_SPEED, 0.0),
+            Phase.OVERTAKING: _ahead(
+                settings[Phase.OVERTAKING], OVERTAKING_SPEED, MIN_LATERAL_DISTANCE
+            ),
+        }
+        self._phase, self._y_o = Phase.LANE_KEEPING, 0.0
+
+    @property
+    def T_s(self) -> float:
+        """Sampling time [s]."""
+        return self._mpc[Phase.LANE_KEEPING].T_s
+
+    @property
+    def phase(self) -> Phase:
+        """The phase of the last move."""
+        return self._phase
+
+    def move(self, measurement: Measurement) -> Move:
+        """Decide the next input (v [m/s], δ_s [rad]).
+
+        Raises:
+            PlantError: `measurement.d` does not hold three numbers for each obstacle.
+        """
+        m = measurement
+        if m.d.ndim != 1 or len(m.d) % 3:
+            raise PlantError(
+                f"d must hold x_o, y_o and v_o of each obstacle, shape (3 n,), got {m.d.shape}"
+            )
+        obstacles = m.d.reshape(-1, 3)
+        m = replace(m, d=np.zeros(0))
+        if self._estimator is not None:
+            m = self._estimator.see(replace(m, x=m.x[:3]))
+        phase = next_phase(self._phase, float(m.x[0]), obstacles)
+        if phase is not self._phase:
+            self._mpc[phase].forget()
+        self._phase = phase
+        line = 0.0
+        if self._phase is Phase.OVERTAKING:
+            near = beside(float(m.x[0]), obstacles)
+            if len(near):  # else the one that was
+                self._y_o = float(near[:, 1].max())
+            line = self._y_o
+        x = np.array([0.0, m.x[1] - line, m.x[2]])  # a richer plant has its pose first
+        y_ref = self._ahead[self._phase]
+        return self._mpc[self._phase].move(replace(m, x=x, y_ref=y_ref))
+
+
+def _ahead(settings: MPCSettings, speed: float, y: float) -> Float[np.ndarray, "N_p 3"]:
+    """References of (x_f, y_f, θ) for the coming N_p samples, from the present front end on."""
+    k = np.arange(1, settings.N_p + 1)
+    return np.column_stack([speed * settings.T_s * k, np.full(len(k), y), np.zeros(len(k))])

@@ -1,0 +1,54 @@
+"""The overtaking with its computation times judged on another processor."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.worst_case import worst_of
+from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.mpc.computation import Processor
+from prefcal_scenarios.scenario import Scenario
+
+from .controller import SPACE
+from .criteria import on_processor
+from .kpis import indicators
+from .robust import HIGHER_IS_BETTER
+from .scenario import overtake
+
+
+def overtake_on(processor: Processor) -> Scenario:
+    """Return the overtaking with criterion (i) judged on `processor`."""
+    return on_target(overtake, processor)
+
+
+def on_target(scenario: Scenario, processor: Processor) -> Scenario:
+    """Return `scenario`, an overtaking, with criterion (i) judged on `processor`.
+
+    Its KPIs of t_comp are those of `processor`, and so is its one synthetic calibrator.
+    """
+    return replace(
+        scenario,
+        run=partial(_run, scenario.run, processor),
+        calibrators={"synthetic": partial(on_processor, processor)},
+    )
+
+
+def _run(
+    run: Callable[..., Experiment],
+    processor: Processor,
+    theta: Float[np.ndarray, " 5"],
+    seed: int = 0,
+    space: KnobSpace = SPACE,
+) -> Experiment:
+    return _judged(run(theta, seed=seed, space=space), processor)
+
+
+def _judged(experiment: Experiment, processor: Processor) -> Experiment:
+    """The same experiment; of several runs the worst counts."""
+    if experiment.runs:
+        return worst_of([_judged(run, processor) for run in experiment.runs], HIGHER_IS_BETTER)
+    return replace(experiment, kpis=indicators(experiment, processor))

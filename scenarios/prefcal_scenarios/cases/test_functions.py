@@ -1,0 +1,195 @@
+"""Latent test functions: what a synthetic calibrator may secretly minimise.
+
+Each is defined on its usual box. Optima are known; where no formula gives them, they were
+computed to 1e-9 or better by descent from the published minimiser.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.knobs.knob import Knob, KnobSpace
+
+Latent = Callable[[Float[np.ndarray, " n"]], float]
+
+
+@dataclass(frozen=True, slots=True)
+class TestFunction:
+    """A function of physical θ, shape (n,), whose global minimum is known.
+
+    Args:
+        name: How the benchmark calls it.
+        f: The latent function, without unit.
+        space: Its box.
+        optimum: Its smallest value there.
+        minimizers: Points where it takes that value, each of length n.
+    """
+
+    __test__ = False  # a value, not a test, whatever its name suggests to pytest
+
+    name: str
+    f: Latent
+    space: KnobSpace
+    optimum: float
+    minimizers: tuple[tuple[float, ...], ...]
+
+    def __call__(self, theta: Float[np.ndarray, " n"]) -> float:
+        """Value at physical `theta`, shape (n,)."""
+        return float(self.f(np.asarray(theta, dtype=float)))
+
+    def gap(self, theta: Float[np.ndarray, " n"]) -> float:
+        """How far the value at `theta` lies above the optimum."""
+        return self(theta) - self.optimum
+
+    def prefer(self, a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> int:
+        """Preference of the latent function, as in eq. pref_fun-f: -1 if `a` is lower."""
+        return int(np.sign(self(a) - self(b)))
+
+
+def box(*bounds: tuple[float, float]) -> KnobSpace:
+    """Return a space of linear knobs x1, x2, ...
+
+    They have no step: a calibrator that compares values of a function tells any difference.
+    """
+    knobs = [Knob(f"x{k}", low, high, step=0) for k, (low, high) in enumerate(bounds, start=1)]
+    return KnobSpace(knobs)
+
+
+def camel(x: Float[np.ndarray, " 2"]) -> float:
+    """Six-hump camel: two global and four local minima."""
+    a, b = x
+    return float((4 - 2.1 * a**2 + a**4 / 3) * a**2 + a * b + (4 * b**2 - 4) * b**2)
+
+
+_HARTMAN_ALPHA = np.array([1.0, 1.2, 3.0, 3.2])
+_HARTMAN3_A = np.array([[3, 10, 30], [0.1, 10, 35], [3, 10, 30], [0.1, 10, 35]])
+_HARTMAN3_P = 1e-4 * np.array(
+    [[3689, 1170, 2673], [4699, 4387, 7470], [1091, 8732, 5547], [381, 5743, 8828]]
+)
+_HARTMAN6_A = np.array(
+    [
+        [10, 3, 17, 3.5, 1.7, 8],
+        [0.05, 10, 17, 0.1, 8, 14],
+        [3, 3.5, 1.7, 10, 17, 8],
+        [17, 8, 0.05, 10, 0.1, 14],
+    ]
+)
+_HARTMAN6_P = 1e-4 * np.array(
+    [
+        [1312, 1696, 5569, 124, 8283, 5886],
+        [2329, 4135, 8307, 3736, 1004, 9991],
+        [2348, 1451, 3522, 2883, 3047, 6650],
+        [4047, 8828, 8732, 5743, 1091, 381],
+    ]
+)
+
+
+def hartman3(x: Float[np.ndarray, " 3"]) -> float:
+    """Hartman 3-d: four Gaussian wells."""
+    return float(-_HARTMAN_ALPHA @ np.exp(-np.sum(_HARTMAN3_A * (x - _HARTMAN3_P) ** 2, axis=1)))
+
+
+def hartman6(x: Float[np.ndarray, " 6"]) -> float:
+    """Hartman 6-d: four Gaussian wells, six local minima."""
+    return float(-_HARTMAN_ALPHA @ np.exp(-np.sum(_HARTMAN6_A * (x - _HARTMAN6_P) ** 2, axis=1)))
+
+
+def branin(x: Float[np.ndarray, " 2"]) -> float:
+    """Branin: three global minima."""
+    a, b = x
+    bowl = b - 5.1 / (4 * np.pi**2) * a**2 + 5 / np.pi * a - 6
+    return float(bowl**2 + 10 * (1 - 1 / (8 * np.pi)) * np.cos(a) + 10)
+
+
+def rosenbrock(x: Float[np.ndarray, " n"]) -> float:
+    """Rosenbrock: a curved valley."""
+    return float(np.sum(100 * (x[1:] - x[:-1] ** 2) ** 2 + (1 - x[:-1]) ** 2))
+
+
+def ackley(x: Float[np.ndarray, " n"]) -> float:
+    """Ackley: a funnel covered by a lattice of local minima."""
+    funnel = 20 * np.exp(-0.2 * np.sqrt(np.mean(x**2)))
+    return float(20 + np.e - funnel - np.exp(np.mean(np.cos(2 * np.pi * x))))
+
+
+def adjiman(x: Float[np.ndarray, " 2"]) -> float:
+    """Adjiman: smooth, with its minimum on the edge of the box."""
+    a, b = x
+    return float(np.cos(a) * np.sin(b) - a / (b**2 + 1))
+
+
+def levy(x: Float[np.ndarray, " n"]) -> float:
+    """Levy: waves on a bowl."""
+    w = 1 + (x - 1) / 4
+    middle = (w[:-1] - 1) ** 2 * (1 + 10 * np.sin(np.pi * w[:-1] + 1) ** 2)
+    last = (w[-1] - 1) ** 2 * (1 + np.sin(2 * np.pi * w[-1]) ** 2)
+    return float(np.sin(np.pi * w[0]) ** 2 + np.sum(middle) + last)
+
+
+def styblinski_tang(x: Float[np.ndarray, " n"]) -> float:
+    """Styblinski-Tang: a minimum in each corner region, one of them global; mean over knobs."""
+    return float(0.5 * np.mean(x**4 - 16 * x**2 + 5 * x))
+
+
+def terraces(x: Float[np.ndarray, " 3"]) -> float:
+    """Flat terraces around a bowl: no answer on one of them says where it goes down.
+
+    The second knob is an integer. The lowest terrace, where the value is 0, lies around (0.3,
+    25, -1) and is some 0.3 % of the box.
+    """
+    offset = (x - np.array([0.3, 25.0, -1.0])) / np.array([0.15, 10.0, 1.2])
+    return float(np.floor(2 * offset @ offset) / 2)
+
+
+_WELL = (0.11458888111058596, 0.5556488965584945, 0.8525469846916554)
+_WELL_6 = (
+    0.2016895106414348, 0.15001069461424155, 0.4768739765861194,
+    0.2753324285232711, 0.31165161724300744, 0.6573005330010271,
+)  # fmt: skip
+_HUMP = (0.0898420131, -0.7126564030)
+
+
+def _make() -> Mapping[str, TestFunction]:
+    mixed = KnobSpace(
+        [
+            Knob("period", 0.1, 1.0),
+            Knob("horizon", 5, 60, integer=True),
+            Knob("weight", -5.0, 3.0),
+        ]
+    )
+    functions = (
+        TestFunction(
+            "camel", camel, box((-2, 2), (-1, 1)), -1.0316284534898774,
+            (_HUMP, (-_HUMP[0], -_HUMP[1])),
+        ),
+        TestFunction("hartman3", hartman3, box(*[(0, 1)] * 3), -3.862779787332663, (_WELL,)),
+        TestFunction("hartman6", hartman6, box(*[(0, 1)] * 6), -3.3223680114155147, (_WELL_6,)),
+        TestFunction(
+            "branin", branin, box((-5, 10), (0, 15)), 0.39788735772973816,
+            ((-np.pi, 12.275), (np.pi, 2.275), (3 * np.pi, 2.475)),
+        ),
+        TestFunction(
+            "adjiman", adjiman, box((-1, 2), (-1, 1)), -2.021806783359787,
+            ((2.0, 0.1057834735),),
+        ),
+        TestFunction("rosenbrock2", rosenbrock, box(*[(-2, 2)] * 2), 0.0, ((1.0,) * 2,)),
+        TestFunction("rosenbrock4", rosenbrock, box(*[(-2, 2)] * 4), 0.0, ((1.0,) * 4,)),
+        TestFunction("rosenbrock8", rosenbrock, box(*[(-2, 2)] * 8), 0.0, ((1.0,) * 8,)),
+        TestFunction("ackley2", ackley, box(*[(-3.7, 6.3)] * 2), 0.0, ((0.0,) * 2,)),
+        TestFunction("ackley5", ackley, box(*[(-3.7, 6.3)] * 5), 0.0, ((0.0,) * 5,)),
+        TestFunction("levy4", levy, box(*[(-10, 10)] * 4), 0.0, ((1.0,) * 4,)),
+        TestFunction("levy8", levy, box(*[(-10, 10)] * 8), 0.0, ((1.0,) * 8,)),
+        TestFunction(
+            "styblinski3", styblinski_tang, box(*[(-5, 5)] * 3), -39.16616570377142,
+            ((-2.9035340277,) * 3,),
+        ),
+        TestFunction("terraces3", terraces, mixed, 0.0, ((0.3, 25.0, -1.0),)),
+    )  # fmt: skip
+    return MappingProxyType({function.name: function for function in functions})
+
+
+FUNCTIONS = _make()
+"""The test functions by name."""

@@ -1,0 +1,230 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prefcal_agents import GLISp, GLISpSettings
+from prefcal_agents.acquisition.penalty import (
+    Penalized,
+    Penalty,
+    SafetyModel,
+    penalized,
+    unsafe_penalty,
+)
+from prefcal_agents.history.history import History
+from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer, Mark
+from prefcal_scenarios.cases.test_functions import FUNCTIONS
+from support.studies import drive
+
+NEW, OLD = Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE
+NEW_GOOD, OLD_GOOD = Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH
+SQUARE = KnobSpace([Knob("a", -2.0, 2.0), Knob("b", -1.0, 1.0)])
+CAMEL = FUNCTIONS["camel"]
+OFF = GLISpSettings(unsafe_weight=0.0)
+SAMPLES = np.random.default_rng(0).random((9, 3))
+points = st.tuples(*[st.floats(0, 1)] * 3).map(np.array)
+
+
+def history(*answers):
+    book = History()
+    for h, answer in enumerate(answers):
+        book = book.with_pending(np.array([0.1 * h, 0.5])).told(Answer.of(answer), book.incumbent)
+    return book
+
+
+def marked(book):
+    """Numbers of the samples looked at, of the unsafe and of the good enough ones."""
+    marks = book.marks()
+    numbers = np.round(10 * marks.samples[:, 0]).astype(int)
+    return [numbers[which].tolist() for which in (numbers >= 0, marks.unsafe, marks.good)]
+
+
+def test_a_mark_on_either_side_is_of_that_side_s_sample():
+    book = history(None, Answer(1, marks=(NEW, OLD_GOOD)), -1, Answer(1, marks=(OLD, NEW_GOOD)))
+    assert marked(book) == [[0, 1, 2, 3], [1, 2], [0, 3]]
+
+
+def test_a_sample_that_was_shown_without_the_mark_is_safe_also_if_nobody_can_tell():
+    assert marked(history(None, None, 1)) == [[0, 1, 2], [], []]
+
+
+def test_the_first_query_shows_nothing_but_its_mark_counts():
+    assert marked(history(None)) == [[], [], []]
+    assert marked(history(Answer(None, marks=(NEW,)))) == [[0], [0], []]
+
+
+def test_marks_of_a_retracted_answer_no_longer_count():
+    book = history(None, Answer(1, marks=(NEW,)), Answer(1, marks=(NEW, OLD_GOOD)))
+    assert marked(book.retracted(1)) == [[0, 2], [2], [0]]
+
+
+def test_one_answer_that_says_unsafe_is_enough_and_outdoes_good_enough():
+    book = history(None, Answer(1, marks=(OLD,)), Answer(1, marks=(OLD_GOOD,)), 1)
+    assert marked(book) == [[0, 1, 2, 3], [0], []]
+
+
+def test_marks_of_a_further_comparison_count_too():
+    book = history(None, 1, 1).told_further(Answer(1, marks=(NEW, OLD_GOOD)), 2, 1)
+    assert marked(book) == [[0, 1, 2], [2], [1]]
+    assert marked(book.retracted(0, further=True)) == [[0, 1, 2], [], []]
+
+
+def differences(f, z, step=1e-6):
+    steps = step * np.eye(len(z))
+    return (f(z + steps) - f(z - steps)) / (2 * step)
+
+
+@given(points, st.lists(st.booleans(), min_size=9, max_size=9))
+def test_a_chance_lies_between_0_and_1_and_its_gradient_agrees_with_differences(z, labels):
+    chance = SafetyModel.of(SAMPLES, np.array(labels))
+    assert 0 < chance(z[None])[0] < 1
+    assert chance.gradient(z) == pytest.approx(differences(chance, z), rel=1e-4, abs=1e-7)
+
+
+def test_a_chance_agrees_with_the_labels_and_forgets_them_far_away():
+    labels = np.array([True, False, True])
+    centres = np.array([[0.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    chance = SafetyModel.of(centres, labels)
+    assert np.array_equal(chance(centres) > 0.5, labels)
+    assert chance(np.array([[1e3, 1e3]]))[0] == pytest.approx(3 / 5, abs=1e-3)  # (2+1) to (1+1)
+
+
+def test_many_samples_are_learned_from_in_full():
+    samples = np.random.default_rng(2).random((150, 2))
+    labels = samples[:, 0] > 0.5
+    chance = SafetyModel.of(samples, labels)
+    assert len(chance.alpha) == 150
+    assert np.mean((chance(samples) > 0.5) == labels) > 0.95
+
+
+def test_exchanging_the_labels_exchanges_the_chances():
+    labels = np.arange(9) % 3 == 0
+    there, back = SafetyModel.of(SAMPLES, labels), SafetyModel.of(SAMPLES, ~labels)
+    z = np.random.default_rng(1).random((20, 3))
+    assert there(z) == pytest.approx(1 - back(z))
+
+
+class Bowl:
+    def __call__(self, z):
+        return np.sum(z * z, axis=1)
+
+    def gradient(self, z):
+        return 2 * z
+
+
+@given(points, st.floats(0.1, 0.99), st.floats(0, 50))
+def test_the_gradient_of_a_steered_acquisition_agrees_with_differences(z, least, weight):
+    chance = SafetyModel.of(SAMPLES, SAMPLES[:, 0] > 0.6)
+    objective = Penalized(Bowl(), Penalty(chance, least, weight))
+    assert objective.gradient(z) == pytest.approx(differences(objective, z), rel=1e-3, abs=1e-5)
+
+
+def test_a_worry_costs_its_weight_at_most_and_nothing_where_all_is_well():
+    chance = SafetyModel.of(SAMPLES, SAMPLES[:, 0] > 0.6)
+    p, cost = chance(SAMPLES), Penalty(chance, 0.7, 5.0)(SAMPLES)
+    assert p.min() < 0.7 < p.max()
+    assert np.all(cost[p >= 0.7] == 0)
+    assert np.all((cost[p < 0.7] > 0) & (cost[p < 0.7] < 5))
+    best = SAMPLES[np.argmax(p)]
+    assert np.array_equal(Penalty(chance, 0.7, 5.0).gradient(best), np.zeros(3))
+
+
+def test_unsafe_experiments_make_careful_for_a_while():
+    settings = GLISpSettings(least_safe=0.8)
+    few = history(None, Answer(1, marks=(NEW,)), 1, 1)
+    more = history(None, Answer(1, marks=(NEW,)), Answer(1, marks=(NEW,)), 1)
+    past = history(None, Answer(1, marks=(NEW,)), *[1] * 30)
+    found = [unsafe_penalty(book, settings).least for book in (few, more, past)]
+    assert found == pytest.approx([0.9, 0.95, 0.8])
+
+
+def test_without_marks_or_weights_there_is_nothing_to_steer_by():
+    bowl, unsafe = Bowl(), history(None, Answer(1, marks=(NEW, OLD_GOOD)))
+    assert penalized(bowl, history(None, 1), GLISpSettings()) is bowl
+    assert penalized(bowl, unsafe, OFF) is bowl
+    assert penalized(bowl, unsafe, GLISpSettings.paper()) is bowl
+    assert penalized(bowl, unsafe, GLISpSettings()) is not bowl
+
+
+def test_good_enough_alone_changes_no_proposal():
+    bowl, good = Bowl(), history(None, 1, 1, Answer(-1, marks=(NEW_GOOD,)))
+    assert penalized(bowl, good, GLISpSettings()) is bowl
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"unsafe_weight": -1.0},
+        {"unsafe_weight": np.nan},
+        {"least_safe": 0.0},
+        {"least_safe": 1.0},
+        {"least_safe": "high"},
+    ],
+)
+def test_impossible_settings_are_refused_by_name(options):
+    from prefcal_env.errors import SettingsError
+
+    with pytest.raises(SettingsError, match=next(iter(options))):
+        GLISpSettings(**options)
+
+
+def study(unsafe, *, settings=None, n_max=24, seed=0, told=True):
+    """θ of a study of the camel; `unsafe` says of a θ whether it is marked, and then it loses."""
+    agent = GLISp(SQUARE, n_init=6, n_max=n_max, seed=seed, settings=settings)
+    drive(
+        agent,
+        lambda new, old: int(unsafe(new)) - int(unsafe(old)) or CAMEL.prefer(new, old),
+        unsafe=unsafe if told else lambda theta: False,
+    )
+    return agent
+
+
+def test_without_marks_every_proposal_is_the_one_of_before():
+    runs = [study(lambda theta: False, settings=s, n_max=16) for s in (None, OFF)]
+    assert np.array_equal(runs[0].samples, runs[1].samples)
+
+
+def test_once_its_answer_is_retracted_a_mark_steers_nothing():
+    bowl, book = Bowl(), history(None, Answer(1, marks=(NEW, OLD_GOOD)), 1)
+    assert penalized(bowl, book, GLISpSettings()) is not bowl
+    assert penalized(bowl, book.retracted(1), GLISpSettings()) is bowl
+    assert unsafe_penalty(book.retracted(1), GLISpSettings()) is None
+
+
+@pytest.mark.unchecked
+def test_marks_keep_out_of_the_unsafe_half():
+    def unsafe(theta):
+        return theta[0] > 0  # one of the two minima, and up to 0.09 beside the other
+
+    counts = []
+    for told in (True, False):
+        runs = [study(unsafe, seed=s, told=told) for s in range(3)]
+        counts.append(sum(unsafe(theta) for agent in runs for theta in agent.samples[6:]))
+        assert not any(unsafe(agent.best) for agent in runs)
+    assert counts[1] > 0
+    assert counts[0] <= counts[1] / 2
+
+
+@pytest.mark.unchecked
+def test_where_everything_is_marked_unsafe_proposals_go_on_and_spread_out():
+    agent = study(lambda theta: True)
+    assert len({theta.tobytes() for theta in agent.samples}) == 24
+    assert np.all(np.ptp(agent.samples, axis=0) > [3.0, 1.5])
+
+
+@pytest.mark.unchecked
+def test_the_optimum_is_found_although_the_first_sample_beside_it_was_marked_wrongly():
+    def bowl(theta):
+        return (theta[0] - 0.5) ** 2 + (theta[1] + 0.2) ** 2
+
+    agent, wrong = GLISp(SQUARE, n_init=6, n_max=50, seed=0), 0
+    while not agent.done:
+        query = agent.ask()
+        new, old = query.challenger.theta, query.incumbent and query.incumbent.theta
+        beside = bowl(new) < 0.5 and not wrong
+        wrong += beside
+        verdict = None if old is None else int(np.sign(bowl(new) - bowl(old)))
+        agent.tell(query, Answer(verdict, marks=(NEW,) if beside else ()))
+    assert wrong == 1
+    assert bowl(agent.best) < 1e-3

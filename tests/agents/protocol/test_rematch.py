@@ -1,0 +1,106 @@
+"""Questions about who is the best, where the answers leave it open."""
+
+import numpy as np
+import pytest
+
+from prefcal_agents import GLISp, GLISpSettings, RandomSearch
+from prefcal_agents.history.history import History
+from prefcal_agents.protocol.rematch import FINALS, final, rematch
+from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer, Preference
+
+LINE = KnobSpace([Knob("x", 0.0, 1.0)])
+
+
+def line(*answers):
+    """Samples on a line, each compared with the one that is named."""
+    history = History().with_pending(np.zeros(1)).told(Answer(None), None)
+    for k, (rival, answer) in enumerate(answers, start=1):
+        history = history.with_pending(np.array([k / 50])).told(Answer(answer), rival)
+    return history
+
+
+def reigning(changes, *others):
+    """A record in which the best changes so often, after `others`."""
+    history = line(*others)
+    for _ in range(changes):
+        history = history.with_pending(np.array([history.answered / 50]))
+        history = history.told(Answer(-1), history.incumbent)
+    return history
+
+
+def test_nothing_is_open_while_each_new_sample_meets_the_best():
+    assert rematch(History()) is None
+    assert rematch(line((0, -1), (1, 1), (1, 0), (1, None))) is None
+
+
+def test_two_that_never_lost_are_compared_once():
+    history = line((0, -1), (1, -1), (1, None)).told_further(Answer(-1), 3, 0)
+    assert history.incumbent == 2
+    assert rematch(history) == (3, 2)
+    for answer in (-1, 0, 1, None):
+        assert rematch(history.told_further(Answer(answer), 3, 2)) is None
+    assert history.told_further(Answer(-1), 3, 2).incumbent == 3
+    assert history.told_further(Answer(None), 3, 2).incumbent == 2
+
+
+@pytest.mark.parametrize("agent", [GLISp, GLISp.paper, RandomSearch])
+def test_after_the_last_experiment_the_unbeaten_ones_meet(agent):
+    """Taking back that 2 beat 1 leaves both unbeaten: 1 beat 0, and 2 beat 3 and 4."""
+    study = agent(LINE, n_init=3, n_max=5, seed=0)
+    for answer in (None, -1, -1, 1, 1):
+        study.tell(study.ask(), answer)
+    assert study.done
+    study.retract(2)
+    query = study.ask()
+    assert not study.done
+    assert query.further
+    assert (query.challenger.index, query.incumbent.index, study.best_index) == (2, 1, 1)
+    study.tell(query, -1)
+    assert study.done
+    assert study.best_index == 2
+
+
+def test_a_pair_that_cannot_be_told_apart_is_not_asked_again():
+    history = line((0, -1), (1, -1), (1, None)).told_further(Answer(-1), 3, 0)
+    history = history.told_further(Answer(None), 3, 2)
+    assert rematch(history) is None
+    assert rematch(history.retracted(1, further=True)) == (3, 2)
+
+
+def test_small_steps_add_up_so_former_bests_are_asked_about_at_the_end():
+    history = reigning(4, (0, 0))
+    best = history.incumbent
+    assert final(history) == (best, 0)
+    won = history.told_further(Answer(1), best, 0)
+    assert won.incumbent == 0
+    asked, kept = [], history
+    while (pair := final(kept)) is not None:
+        asked.append(pair)
+        kept = kept.told_further(Answer(-1), *pair)
+    assert asked == [(best, 0), (best, 2), (best, 3)]  # the one before it was met already
+    assert kept.incumbent == best
+
+
+def test_no_more_than_three_questions_come_after_the_last_experiment():
+    history, count = reigning(9, (0, 0)), 0
+    while (pair := final(history)) is not None:
+        history, count = history.told_further(Answer(-1), *pair), count + 1
+    assert count == FINALS == 3
+
+
+def test_someone_who_always_sees_a_difference_is_not_asked_again():
+    assert final(reigning(6)) is None
+
+
+@pytest.mark.parametrize(("settings", "least"), [(GLISpSettings.paper(), 11), (None, 14)])
+def test_the_papers_agent_takes_every_answer_for_true(settings, least):
+    agent = GLISp(LINE, n_init=2, n_max=12, seed=0, settings=settings)
+    asked = 0
+    while not agent.done:
+        query = agent.ask()
+        asked += query.incumbent is not None
+        tie = query.challenger.index == 1
+        agent.tell(query, Preference.TIE if tie else Preference.CHALLENGER)
+    # Others may ask on a suspicion, too.
+    assert asked == least or (asked > least and settings is None)

@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prefcal_agents.history.history import History
+from prefcal_agents.space.capacity import capacity
+from prefcal_agents.space.design import Tried, encode_all, latin_hypercube, snap_all
+from prefcal_env.errors import KnobError, ProtocolError
+from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer
+
+SPACE = KnobSpace(
+    [
+        Knob("real", 2.0, 5.0, step=0),
+        Knob("count", 3, 17, integer=True),
+        Knob("decades", 1, 5000, scale="log10", integer=True),
+    ]
+)
+GRID = KnobSpace([Knob("a", 0, 2, integer=True), Knob("b", 0, 1, integer=True)])
+coordinate = st.floats(0, 1)
+
+
+@given(st.tuples(coordinate, coordinate, coordinate))
+def test_snapping_many_agrees_with_snapping_one(z):
+    snapped, one = snap_all(SPACE, np.array([z]))[0], SPACE.snap(np.array(z))
+    assert snapped[0] == z[0]
+    assert SPACE.check(SPACE.decode(snapped))[1:] == pytest.approx(SPACE.decode(one)[1:], abs=1)
+    half_way = [(3 + 14 * z[1]) % 1, 5000 ** z[2] % 1]
+    for k, part in enumerate(half_way, start=1):
+        # Just between two integers, rounding may take either.
+        assert abs(part - 0.5) < 1e-9 or snapped[k] == pytest.approx(one[k], abs=1e-12)
+
+
+@given(st.lists(st.tuples(coordinate, coordinate, coordinate), max_size=5))
+def test_encoding_many_agrees_with_encoding_one(points):
+    thetas = np.array([SPACE.decode(np.array(z)) for z in points]).reshape(-1, 3)
+    z = encode_all(SPACE, thetas)
+    assert z.shape == thetas.shape
+    for theta, found in zip(thetas, z, strict=True):
+        assert found == pytest.approx(SPACE.encode(theta), abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("theta", "words"),
+    [
+        ((1.9, 3, 1), "'real' must be in"),
+        ((2.0, 3.5, 1), "'count' must be an integer"),
+        ((2.0, 3, np.nan), "must be finite"),
+        ((2.0, 3, np.inf), "must be finite"),
+        ((2.0, 3, 0), "'decades' must be in"),
+        ((2.0, 3), "must have shape"),
+    ],
+)
+def test_of_many_the_first_that_cannot_be_is_refused(theta, words):
+    fine = (2.0, 3.0, 1.0)[: len(theta)]
+    with pytest.raises(KnobError, match=words):
+        encode_all(SPACE, np.array([fine, theta, np.full(len(theta), 9e9)], dtype=float))
+
+
+def test_a_latin_hypercube_has_one_sample_in_every_stratum_of_every_knob():
+    points = latin_hypercube(SPACE, 10, seed=3)
+    for column in points.T:
+        assert sorted(np.floor(10 * column)) == list(range(10))
+
+
+def test_capacity_counts_theta():
+    assert capacity(GRID) == 6
+    assert capacity(SPACE) == np.inf
+    assert capacity(KnobSpace([Knob("x", 0, 1, step=0.3), *GRID])) == 6 * 4  # 0, 0.3, 0.6, 0.9
+    assert capacity(KnobSpace([Knob("x", 0, 1)], within={"x": (0.2, 0.3)})) == 11
+
+
+def tried(*points):
+    book = History()
+    for z in points:
+        book = book.with_pending(np.array(z)).told(Answer(0), book.incumbent)
+    return Tried(GRID, book)
+
+
+def test_two_points_of_one_theta_count_as_one():
+    seen = tried((0.0, 0.0))
+    assert np.array([0.2, 0.4]) in seen
+    assert np.array([0.3, 0.4]) not in seen
+
+
+def test_a_fresh_point_is_taken_as_it_is_and_a_tried_one_replaced():
+    rng = np.random.default_rng(0)
+    seen = tried((0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.0, 1.0), (0.5, 1.0))
+    assert seen.fresh(np.array([0.9, 0.9]), rng).tolist() == [0.9, 0.9]
+    assert GRID.decode(seen.fresh(np.array([0.0, 0.0]), rng)).tolist() == [2.0, 1.0]
+
+
+def test_when_every_theta_is_tried_it_says_so():
+    seen = tried(*[(a, b) for a in (0.0, 0.5, 1.0) for b in (0.0, 1.0)])
+    with pytest.raises(ProtocolError, match="every one of the 6 θ"):
+        seen.fresh(np.array([0.0, 0.0]), np.random.default_rng(0))

@@ -1,0 +1,109 @@
+"""Bodies overlap when they share a point, and the road ends where it ends."""
+
+from math import pi
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prefcal_env.envs.overtake.road.geometry import (
+    centres,
+    corners,
+    lateral_distance,
+    outside,
+    overlap,
+    separation,
+)
+
+TINY = 1e-9
+poses = st.tuples(st.floats(-7, 7), st.floats(-7, 7), st.floats(-pi, pi)).map(
+    lambda pose: np.array([pose])
+)
+
+
+def boundary(pose: np.ndarray, n: int = 40) -> np.ndarray:
+    """Points on the sides of a body, corners included."""
+    c = corners(pose)[0]
+    share = np.linspace(0, 1, n)[:, None]
+    return np.concatenate([c[i] + share * (c[(i + 1) % 4] - c[i]) for i in range(4)])
+
+
+def holds_a_corner(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether the body at a holds a corner of the one at b, by polar angles of its own frame."""
+    c, s = np.cos(a[0, 2]), np.sin(a[0, 2])
+    for corner in corners(b)[0]:
+        x, y = np.array([[c, s], [-s, c]]) @ (corner - a[0, :2])
+        if -4.5 - TINY <= x <= TINY and abs(y) <= 0.9 + TINY:
+            return True
+    return False
+
+
+def sides_cross(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether a side of one crosses a side of the other, by the signs of four areas."""
+
+    def area(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> float:
+        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+
+    A, B = corners(a)[0], corners(b)[0]
+    for i in range(4):
+        for j in range(4):
+            p, q, r, s = A[i], A[(i + 1) % 4], B[j], B[(j + 1) % 4]
+            if area(p, q, r) * area(p, q, s) < 0 and area(r, s, p) * area(r, s, q) < 0:
+                return True
+    return False
+
+
+@given(a=poses, b=poses)
+def test_bodies_overlap_when_they_share_a_point(a, b):
+    apart = separation(a, b)[0]
+    if abs(apart) < 2 * TINY:
+        return  # they just touch: rounding decides
+    shared = holds_a_corner(a, b) or holds_a_corner(b, a) or sides_cross(a, b)
+    assert overlap(a, b)[0] == shared
+
+
+@given(a=poses, b=poses)
+def test_bodies_are_never_closer_than_their_separation(a, b):
+    points = boundary(a)[:, None] - boundary(b)[None]
+    assert np.hypot(*np.moveaxis(points, -1, 0)).min() >= separation(a, b)[0] - 1e-9
+
+
+@given(a=poses, b=poses)
+def test_separation_is_mutual(a, b):
+    assert separation(a, b) == pytest.approx(separation(b, a), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "heading", "apart"),
+    [
+        (4.5, 0.0, 0.0, 0.0),  # nose to tail
+        (14.5, 0.0, 0.0, 10.0),
+        (0.0, 3.0, 0.0, 1.2),  # side by side
+        (-0.9, 0.0, pi / 2, -0.9),  # across its nose
+        (3.15, 0.0, pi / 2, 3.15 - 0.9),  # across its way: from x = 2.25 on
+    ],
+)
+def test_separations_by_hand(x, y, heading, apart):
+    here, there = np.zeros((1, 3)), np.array([[x, y, heading]])
+    assert separation(here, there)[0] == pytest.approx(apart)
+
+
+def test_the_body_is_behind_its_front_end():
+    pose = np.array([[10.0, 1.0, pi / 2]])
+    assert centres(pose) == pytest.approx(np.array([[10.0, -1.25]]))
+    expected = np.array([[9.1, 1.0], [9.1, -3.5], [10.9, -3.5], [10.9, 1.0]])
+    assert corners(pose)[0] == pytest.approx(expected)
+
+
+@given(pose=poses)
+def test_outside_is_that_of_the_outermost_corner(pose):
+    y = corners(pose)[0, :, 1]
+    assert outside(pose)[0] == pytest.approx(max(y.max() - 6, -2 - y.min()))
+
+
+def test_beside_each_other_the_lateral_distance_counts():
+    own = np.array([[10.0, 3.0, 0.0], [14.4, 3.0, 0.0], [14.5, 3.0, 0.0], [5.4, 3.0, 0.0]])
+    other = np.tile([10.0, 0.5, 0.0], (4, 1))
+    expected = [2.5, 2.5, np.nan, np.nan]
+    assert lateral_distance(own, other) == pytest.approx(expected, nan_ok=True)

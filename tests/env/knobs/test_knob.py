@@ -1,0 +1,143 @@
+"""Knobs: what is refused at birth, and the way between the cube and physics."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prefcal_env.errors import KnobError
+from prefcal_env.knobs.knob import Knob, KnobSpace
+
+SPACE = KnobSpace(
+    [
+        Knob("T_s", 0.25, 1.5, "h", step=0),
+        Knob("N_p", 4, 40, integer=True),
+        Knob("gain", 1e-3, 1e3, scale="log10", step=0),
+    ]
+)
+cube = st.lists(st.floats(0, 1), min_size=3, max_size=3).map(np.array)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"low": 2.0, "high": 1.0, "unit": "h"}, r"low must be below high, got \[2.0, 1.0\] h"),
+        ({"low": 1.0, "high": 1.0}, "low must be below high"),
+        ({"low": -np.inf, "high": 1.0}, "must be finite"),
+        ({"low": 0.0, "high": np.nan}, "must be finite"),
+        ({"low": "0", "high": 1.0}, "must be numbers"),
+        ({"low": None, "high": 1.0}, "must be numbers"),
+        ({"low": -1.7e308, "high": 1.7e308}, "high minus low must be below"),
+        ({"low": -1e308, "high": 1e308}, "high minus low must be below 1.8e308, got"),
+        ({"low": 0.0, "high": 5e-324}, "too close"),
+        ({"low": 1.0, "high": 1 + 2.5e-16}, "too close"),
+        ({"low": 1.0, "high": 1 + 8 * math.ulp(1.0)}, "too close"),
+        ({"low": 2.0**60, "high": 2.0**60 + 2**10, "integer": True}, "too close"),
+        ({"low": 1.0, "high": 1 + 8 * math.ulp(1.0), "scale": "log10"}, "too close"),
+        ({"low": 0.0, "high": 1.0, "scale": "log10"}, "log10 scale needs low above 0"),
+        ({"low": 0.0, "high": 1.0, "scale": "log"}, "scale must be one of"),
+        ({"low": 0.5, "high": 3.0, "integer": True}, "integer bounds"),
+    ],
+)
+def test_an_impossible_knob_is_refused_with_name_value_and_unit(arguments, message):
+    with pytest.raises(KnobError, match=message) as caught:
+        Knob("T_s", **arguments)
+    assert "'T_s'" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "knob",
+    [
+        Knob("k", 0, 5e-319), Knob("k", 1, 1 + 2e-12), Knob("k", 1e12, 1e12 + 5, integer=True),
+        Knob("k", 0, 2**60, integer=True), Knob("k", -8e307, 8e307),
+        Knob("k", 1.0, 1 + 2e-12, scale="log10"),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_the_narrowest_and_the_widest_ranges_hold_enough_numbers(knob):
+    space = KnobSpace([knob])
+    values = {space.decode(np.array([z]))[0] for z in np.linspace(0, 1, 501)}
+    assert len(values) > (5 if knob.integer else 90)
+
+
+def test_a_part_of_a_range_that_holds_hardly_a_number_is_refused():
+    with pytest.raises(KnobError, match=r"knob 'k': .* too narrow"):
+        KnobSpace([Knob("k", 1, 1 + 1e-11)], within={"k": (1.0, 1 + 4e-16)})
+
+
+def test_a_knob_without_a_name_is_refused():
+    with pytest.raises(KnobError, match="needs a name"):
+        Knob("  ", 0, 1)
+
+
+@pytest.mark.parametrize(
+    "knobs", [[], 5, Knob("a", 0, 1), ["T_s"], [Knob("a", 0, 1), Knob("a", 0, 2)]]
+)
+def test_an_impossible_space_is_refused(knobs):
+    with pytest.raises(KnobError):
+        KnobSpace(knobs)
+
+
+def test_corners_decode_to_the_bounds_exactly():
+    np.testing.assert_array_equal(SPACE.decode(np.zeros(3)), [0.25, 4, 1e-3])
+    np.testing.assert_array_equal(SPACE.decode(np.ones(3)), [1.5, 40, 1e3])
+
+
+def test_a_log_knob_is_even_in_decades():
+    assert SPACE.decode(np.array([0, 0, 0.5]))[2] == pytest.approx(1.0)
+
+
+def test_integers_round_half_up():
+    two = KnobSpace([Knob("n", 0, 3, integer=True)])
+    assert [two.decode(np.array([z]))[0] for z in (0.5 / 3, 1.5 / 3, 2.4999 / 3)] == [1, 2, 2]
+
+
+@given(z=cube)
+def test_decode_stays_in_the_box_and_encode_leads_back(z):
+    theta = SPACE.decode(z)
+    np.testing.assert_array_equal(SPACE.check(theta), theta)
+    np.testing.assert_allclose(SPACE.decode(SPACE.encode(theta)), theta, rtol=1e-12)
+
+
+@given(z=cube)
+def test_snap_is_idempotent_and_names_the_experiment(z):
+    snapped = SPACE.snap(z)
+    np.testing.assert_allclose(SPACE.snap(snapped), snapped, atol=1e-12)
+    np.testing.assert_allclose(SPACE.decode(snapped), SPACE.decode(z), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("theta", "message"),
+    [
+        ([0.2, 10, 1], r"'T_s' must be in \[0.25, 1.5\] h, got 0.2"),
+        ([0.5, 41, 1], "'N_p' must be in"),
+        ([0.5, 10.5, 1], "'N_p' must be an integer, got 10.5"),
+        ([0.5, 10, np.nan], "must be finite"),
+        ([0.5, 10], r"shape \(3,\).*got shape \(2,\)"),
+        ([[0.5, 10, 1]], r"got shape \(1, 3\)"),
+        ("abc", "must be numbers"),
+    ],
+)
+def test_theta_that_does_not_fit_is_refused(theta, message):
+    with pytest.raises(KnobError, match=message):
+        SPACE.check(theta)
+
+
+@pytest.mark.parametrize("z", [[-0.1, 0, 0], [0, 1.1, 0], [0, 0, np.nan], [0, 0]])
+def test_a_point_outside_the_cube_is_refused(z):
+    with pytest.raises(KnobError):
+        SPACE.decode(np.array(z))
+
+
+def test_named_gives_integers_as_integers_in_order():
+    named = SPACE.named(np.array([0.25, 26.0, 1.0]))
+    assert list(named) == ["T_s", "N_p", "gain"]
+    assert isinstance(named["N_p"], int)
+
+
+def test_spaces_are_values():
+    assert KnobSpace(SPACE.knobs) == SPACE
+    assert hash(KnobSpace(SPACE.knobs)) == hash(SPACE)
+    assert len(SPACE) == 3

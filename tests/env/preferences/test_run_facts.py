@@ -1,0 +1,98 @@
+"""What comes with every answer unasked: marks of interrupted runs, and outcomes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prefcal_agents import RandomSearch
+from prefcal_env import completed
+from prefcal_env.experiments.end import End
+from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.preferences.answer import Answer, Mark
+from prefcal_env.preferences.loop import calibrate
+from prefcal_env.preferences.run_facts import counts_as_unsafe
+from support.studies import experiment
+
+NEW, OLD = Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE
+SAFE, UNSAFE = experiment(0.1), experiment(0.2, end=End.UNSAFE)
+
+
+@pytest.mark.parametrize("end", End)
+def test_only_a_run_that_became_unsafe_counts(end):
+    assert counts_as_unsafe(experiment(0.1, end=end)) == (end is End.UNSAFE)
+
+
+@pytest.mark.parametrize("worst", [End.UNSAFE, End.FAILED])
+def test_of_several_runs_one_is_enough_even_if_another_one_failed(worst):
+    assert counts_as_unsafe(replace(SAFE, end=worst, runs=(SAFE, UNSAFE)))
+    assert not counts_as_unsafe(replace(SAFE, runs=(SAFE, SAFE)))
+
+
+@pytest.mark.parametrize(
+    ("pair", "marks"),
+    [
+        ((SAFE, SAFE), ()), ((UNSAFE, SAFE), (NEW,)), ((SAFE, UNSAFE), (OLD,)),
+        ((UNSAFE, UNSAFE), (NEW, OLD)), ((UNSAFE, None), (NEW,)), ((SAFE, None), ()),
+    ],
+)  # fmt: skip
+def test_each_side_has_the_mark_of_its_own_run(pair, marks):
+    answer = completed(Answer(1), *pair)
+    assert answer == Answer(1, marks=marks, automatic=marks)
+
+
+def test_what_was_said_is_kept_and_told_apart():
+    said = Answer(-1, 3.0, (OLD,))
+    answer = completed(said, UNSAFE, UNSAFE)
+    assert answer.marks == (*said.marks, NEW)
+    assert answer.automatic == (NEW,)
+    assert (answer.preference, answer.strength) == (said.preference, said.strength)
+
+
+@given(
+    st.lists(st.sampled_from(Mark), unique=True),
+    st.sampled_from([SAFE, UNSAFE]),
+    st.sampled_from([SAFE, UNSAFE, None]),
+)
+def test_twice_is_as_good_as_once(marks, new, old):
+    once = completed(Answer(0, marks=tuple(marks)), new, old, ({"late": 1.0}, None))
+    assert completed(once, new, old, ({"late": 2.0}, None)) == once
+
+
+def test_outcomes_that_came_along_are_kept():
+    own = Answer(1, outcomes=({"late": 1.0}, None))
+    assert completed(own, SAFE, SAFE, ({"late": 2.0}, None)) == own
+    assert completed(Answer(1), SAFE, SAFE, ({"late": 2.0}, None)).outcomes[0] == {"late": 2.0}
+    assert completed(Answer(1), SAFE, SAFE).outcomes is None
+
+
+class Silent:
+    """Prefers the smaller θ and marks nothing."""
+
+    def prefer(self, challenger, incumbent):
+        return int(np.sign(challenger.theta[0] - incumbent.theta[0]))
+
+
+def test_the_loop_in_memory_tells_the_agent():
+    def run(theta):
+        return experiment(float(theta[0]), end=End.UNSAFE if theta[0] > 0.5 else End.TIME_UP)
+
+    agent = RandomSearch(KnobSpace([Knob("gain", 0.0, 1.0)]), n_max=12, seed=0)
+    steps = list(calibrate(agent, run, Silent()))
+    ends = [step.challenger.end for step in steps]
+    assert {End.UNSAFE, End.TIME_UP} == set(ends)
+    for step, told in zip(steps, agent.state.history.comparisons, strict=True):
+        assert told.answer == step.answer
+        assert (NEW in told.answer.automatic) == (step.challenger.end is End.UNSAFE)
+    marks = agent.state.history.marks()
+    assert marks.unsafe.tolist() == [end is End.UNSAFE for end in ends]
+
+
+def test_what_is_unsafe_is_not_good_enough():
+    both = (Mark.CHALLENGER_UNSAFE, Mark.CHALLENGER_GOOD_ENOUGH, Mark.INCUMBENT_GOOD_ENOUGH)
+    kept = completed(Answer(None, marks=both), SAFE, SAFE).marks
+    assert kept == (Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_GOOD_ENOUGH)
+    said = Answer(None, marks=(Mark.INCUMBENT_GOOD_ENOUGH,))
+    assert completed(said, SAFE, UNSAFE).marks == (OLD,)

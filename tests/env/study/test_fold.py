@@ -1,0 +1,160 @@
+"""The fold: a state for every possible sequence of events, and a clear refusal of all others."""
+
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from prefcal_env.errors import StudyError
+from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_env.study import (
+    Adjusted,
+    Answered,
+    Created,
+    Ended,
+    Event,
+    Extended,
+    Failed,
+    Finished,
+    Marked,
+    Noted,
+    Reopened,
+    Retracted,
+    Shown,
+    StudyFile,
+    Suggested,
+    Undone,
+)
+from prefcal_env.study.fold import begin, step
+from support.interviews import clock
+from support.studies import CONFIGURATION, experiment, small_study
+
+CANDIDATES = (
+    "answer", "undo", "retract", "mark", "note", "end", "reopen", "extend", "repeat", "adjust",
+)  # fmt: skip
+
+
+def possible(state, dice):
+    """Some events, each possible in `state` or refused."""
+    due = len(state.closed)
+    kind = dice.choice(CANDIDATES)
+    if kind == "answer":
+        if len(state.samples) == due:
+            return Suggested(due, (dice.random(),), (dice.random(),))
+        if due not in state.finished:
+            return Finished(due)
+        if due == 0:
+            return Answered(None, 0, None, Answer(None))
+        if state.open is None:
+            return Shown(due, dice.randrange(due), dice.random() < 0.5)
+        shown = state.open[1]
+        answer = Answer(dice.choice((-1, 0, 1, None)))
+        return Answered(state.open[0], shown.challenger, shown.incumbent, answer)
+    index = dice.randrange(max(due, 1))
+    return {
+        "undo": Undone(), "retract": Retracted(index), "note": Noted("so"), "end": Ended("stopped"),
+        "mark": Marked(index, dice.choice(("unsafe", "good enough")), dice.random() < 0.7),
+        "adjust": Adjusted({"questions": dice.randrange(4)}), "reopen": Reopened(),
+        "extend": Extended(dice.randrange(5, 40)),
+        "repeat": Shown(max(due - 1, 0), 0, True, dice.randrange(30)),
+    }[kind]  # fmt: skip
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=40)
+def test_the_kept_state_is_the_fold_of_all_events(tmp_path_factory, seed):
+    path = tmp_path_factory.mktemp("fold") / "a.prefcal"
+    dice = random.Random(seed)
+    adjustable = {**CONFIGURATION, "agent": {"settings": {}}}
+    with StudyFile.create(path, adjustable, clock=clock()) as file:
+        for _ in range(60):
+            event = possible(file.state, dice)
+            before = file.state
+            try:
+                if isinstance(event, Finished):
+                    file.append((event, experiment(0.5)))
+                else:
+                    file.append(event)
+            except StudyError:
+                assert file.state == before
+        state = file.state
+    with StudyFile.open(path, clock=clock()) as again:
+        assert again.state == state
+    assert [c.challenger for c in state.closed] == list(range(len(state.closed)))
+    assert len(state.closed) <= len(state.samples) <= len(state.closed) + 1
+    assert all(i < len(state.samples) for i in state.finished)
+    assert all(c.challenger in state.finished for c in state.closed)
+
+
+def test_undo_reopens_the_query_and_drops_what_came_after():
+    with small_study(":memory:", answers=3) as file:
+        file.append(
+            Suggested(4, (0.9,), (0.9,)), (Finished(4), experiment(0.9)), Marked(4, "unsafe", True)
+        )
+        file.append(Undone())
+        state = file.state
+    assert len(state.closed) == 3
+    assert len(state.samples) == 4
+    assert set(state.finished) == {0, 1, 2, 3}
+    assert state.marks == {}
+
+
+def test_a_repeat_teaches_nothing_and_closes_nothing():
+    with small_study(":memory:", answers=3) as file:
+        first = file.state.closed[1]
+        (shown,) = file.append(Shown(1, first.incumbent, not first.challenger_left, first.question))
+        file.append(Answered(shown, 1, first.incumbent, Answer(1)))
+        state = file.state
+    assert len(state.closed) == 4
+    assert state.repeats[0].repeats == first.question
+    assert state.repeats[0].answer.preference is Preference.INCUMBENT
+
+
+def test_a_failed_run_is_forgotten_once_it_has_run():
+    with small_study(":memory:", answers=1) as file:
+        file.append(Suggested(2, (0.9,), (0.9,)), Failed(2, "pump"))
+        assert file.state.failures == {2: "pump"}
+        file.append((Finished(2), experiment(0.9)))
+        assert file.state.failures == {}
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        Created({"n_max": 3}),
+        Suggested(3, (0.5,), (0.5,)),
+        Suggested(2, (0.5,), (0.5, 0.6)),
+        Finished(7),
+        Failed(-1, "pump"),
+        Shown(2, 0, True),
+        Shown(1, 1, True),
+        Answered(3, 1, 0, Answer(0)),
+        Answered(None, 0, None, Answer(None)),
+        Marked(5, "unsafe", True),
+        Retracted(2),
+        Retracted(-1),
+        Extended(1),
+        Adjusted({}),
+    ],
+    ids=repr,
+)
+def test_an_impossible_event_is_refused_by_its_number(event):
+    with small_study(":memory:", answers=1) as file:
+        state = file.state
+    with pytest.raises(StudyError, match=r"event \d+"):
+        step(state, 99, "now", event)
+
+
+@pytest.mark.parametrize("event", [Noted("x"), Created({}), Created({"n_max": "many"})])
+def test_a_study_begins_with_its_configuration_or_is_refused(event):
+    with pytest.raises(StudyError, match="begins with its configuration"):
+        begin(1, "now", event)
+
+
+def test_an_event_without_a_rule_is_refused():
+    class Surprised(Event, frozen=True):
+        pass
+
+    with small_study(":memory:", answers=1) as file, pytest.raises(StudyError, match="no rule for"):
+        file.append(Surprised())

@@ -1,0 +1,160 @@
+"""`prefcal check`: what it finds, what it prints, and how it ends."""
+
+import json
+
+import pytest
+
+from prefcal_scenarios.own.own_line import in_words, located, own_line
+from toy_study import TOY_FILE
+
+HEAD = f"""
+from dataclasses import replace
+import sys
+sys.path.insert(0, {str(TOY_FILE.parent)!r})
+import numpy as np
+import toy_scenario as t
+from prefcal_env import Channels, Constraint, KnobSpace, Panel, Rig
+from prefcal_scenarios import KPI
+count = []
+"""
+
+
+@pytest.fixture
+def check(prefcal, tmp_path):
+    """Write own.py with the toy scenario, changed, and check it; gives code and JSON."""
+
+    def run(text, *words):
+        (tmp_path / "own.py").write_text(HEAD + text, encoding="utf-8")
+        code, out, err = prefcal("check", "own.py:own", "--json", *words)
+        assert "Traceback" not in err
+        return code, json.loads(out)
+
+    return run
+
+
+def found(result, what):
+    return next((c["ok"], c["words"]) for c in result["checks"] if c["what"] == what)
+
+
+def test_a_scenario_in_order_passes_and_is_drawn(check, tmp_path):
+    code, result = check("own = t.toy")
+    assert (code, result["ok"]) == (0, True)
+    assert result["theta"] == {"T_s": 0.875, "N_p": 22, "gain": 1.0}
+    assert found(result, "panel 'valve'")[0]
+    assert found(result, "same again")[0]
+    assert found(result, "calibrator 'latent'") == (True, "of twice the same experiment: tie")
+    assert found(result, "reference 'paper'")[0]
+    assert found(result, "controller") == (True, "Proportional")
+    assert (tmp_path / result["picture"]).read_bytes()[:4] == b"\x89PNG"
+
+
+def test_theta_and_the_picture_can_be_chosen(check, tmp_path):
+    code, result = check("own = t.toy", "--theta", "paper", "--out", "new/a.png")
+    assert (code, result["theta"]["T_s"]) == (0, 0.31)
+    assert (tmp_path / "new" / "a.png").exists()
+    assert check("own = t.toy", "--theta", "T_s=1, N_p=9, gain=2")[1]["theta"]["N_p"] == 9
+
+
+@pytest.mark.parametrize(
+    ("text", "what", "words"),
+    [
+        ("own = replace(t.toy, panels=(Panel('levl <h>'),))", "panel 'levl <h>'",
+         "did you mean 'level <h>'?"),
+        ("own = replace(t.toy, kpis=(KPI('tf', 't'),))", "KPIs", "no run returns the KPI 'tf'"),
+        ("own = replace(t.toy, cost=lambda e: np.nan)", "cost", "nan"),
+        ("own = replace(t.toy, cost=lambda e: e.kpis['no'])", "cost", "in own.py:10: own ="),
+        ("own = replace(t.toy, calibrators={'me': lambda seed: 3})", "calibrator 'me'", "prefer"),
+        ("def run(theta, seed=0):\n    e = t.run(theta)\n    count.append(1)\n"
+         "    return replace(e, x=e.x + len(count))\nown = replace(t.toy, run=run)",
+         "same again", "give another experiment: x differ"),
+        ("def run(theta, seed=0):\n    return t.run([1.0, 9, 2.0])\nown = replace(t.toy, run=run)",
+         "θ of the experiment", "ran N_p = 9, but 22 was to be run"),
+        ("def run(theta, seed=0):\n    return t.run(theta).nothing\nown = replace(t.toy, run=run)",
+         "run", "(in own.py:11: return t.run(theta).nothing)"),
+        ("def run(theta, seed=0):\n    exit(1)\nown = replace(t.toy, run=run)", "run", "exit"),
+        ("def run(theta, seed=0):\n    t.run(theta)\nown = replace(t.toy, run=run)",
+         "run", "got NoneType: is a return missing?"),
+        ("def run(theta, seed=0):\n    if theta[0] == 0.31:\n        1 / 0\n"
+         "    return t.run(theta)\nown = replace(t.toy, run=run)",
+         "reference 'paper'", "in own.py:12: 1 / 0"),
+        ("own = replace(t.toy, scene=lambda e: {'a': object()})", "scene", "object"),
+        ("own = replace(t.toy, controller=lambda theta: 3)", "controller", "no T_s and no move"),
+        ("own = 1 / 0", "scenario", "(line 10), in own.py:10: own = 1 / 0"),
+        ("own = replace(t.toy, panels=(Panel('z', t.LEVEL),))", "scenario", "got 'z'"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named_with_its_place_and_fails_the_command(check, text, what, words):
+    code, result = check(text)
+    assert (code, result["ok"]) == (1, False)
+    ok, said = found(result, what)
+    assert ok is False
+    assert words in said
+
+
+def test_a_middle_that_a_constraint_forbids_gives_way_to_an_allowed_theta(check):
+    space = "KnobSpace(t.SPACE.knobs, [Constraint('late', lambda k: k['T_s'] - {})])"
+    code, result = check(f"own = replace(t.toy, space={space.format(0.5)}, references={{}})")
+    assert code == 0
+    assert 0.4 < result["theta"]["T_s"] <= 0.5
+    code, result = check(f"own = replace(t.toy, space={space.format(0.0)}, references={{}})")
+    assert code == 1
+    assert "constraints (late) allow none" in found(result, "scenario")[1]
+
+
+def test_a_rig_is_checked_with_a_made_up_record(check):
+    kpis = "kpis=(KPI('top', 'top'),)"
+    rig = "Rig(t.CHANNELS, (2.0,), kpis=lambda e: {'{}': e.x.max()}, ranges={'valve': (0, 10)})"
+    own = f"own = replace(t.toy, run={rig}, cost=None, calibrators={{}}, {kpis})"
+    code, result = check(own.replace("{}", "top", 1).replace("{{", "{").replace("}}", "}"))
+    assert (code, result["picture"]) == (0, None)
+    assert "made-up record" in found(result, "run")[1]
+    assert found(result, "reference 'paper'")[0] is None
+    code, result = check(own.replace("{}", "peak", 1).replace("{{", "{").replace("}}", "}"))
+    assert code == 1
+    assert "no run returns the KPI 'top'" in found(result, "KPIs")[1]
+
+
+def test_people_get_a_table_and_what_to_do_next(prefcal, tmp_path):
+    (tmp_path / "own.py").write_text(HEAD + "own = t.toy", encoding="utf-8")
+    code, out, _ = prefcal("check", "own.py:own")
+    assert code == 0
+    assert "✓  panel 'level <h>'" in out
+    assert "Picture: check-toy.png" in out
+    assert "prefcal calibrate own.py:own" in out
+    (tmp_path / "own.py").write_text(HEAD + "own = replace(t.toy, run=lambda theta, seed=0: 1/0)")
+    code, out, _ = prefcal("check", "own.py:own")
+    assert code == 1
+    assert "✗  run" in out
+    assert "Nothing else can be checked without a run" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [(["--theta", "T_s=1"], "every knob needs a value"), (["--out", "a.jpg"], "ends in .png")],
+)
+def test_an_option_that_cannot_be_is_refused(prefcal, tmp_path, words, message):
+    (tmp_path / "own.py").write_text(HEAD + "own = t.toy", encoding="utf-8")
+    code, _, err = prefcal("check", "own.py:own", *words)
+    assert code == 2
+    assert message in err
+
+
+def test_help_teaches(prefcal):
+    code, out, _ = prefcal("check", "--help")
+    assert code == 0
+    assert "prefcal check own.py:plant" in out
+    assert "exit code 1" in out
+
+
+def test_the_last_own_line_of_an_error_is_found_below_other_peoples_code():
+    def broken():
+        json.loads("{")  # raises deep in the standard library
+
+    with pytest.raises(ValueError, match="Expecting") as caught:
+        broken()
+    line = own_line(caught.value)
+    assert line.startswith("test_cli_check.py:")
+    assert 'json.loads("{")' in line
+    assert in_words(located(caught.value)).endswith(f"(in {line})")
+    assert len(located(caught.value).__notes__) == 1
+    assert own_line(ValueError("never raised")) == ""

@@ -1,0 +1,212 @@
+"""KPIs on the command line: switched off, from before they were, and taken along as a cost."""
+
+import json
+import shlex
+
+import pytest
+
+from prefcal_env import Answer
+from prefcal_env.errors import SettingsError
+from prefcal_env.study import StudyFile
+from prefcal_scenarios.app.cli.opening import open_study
+from prefcal_scenarios.app.cli.options import Options
+from prefcal_scenarios.app.cli.report import record_of
+from prefcal_scenarios.app.session import Interview
+from support.interviews import clock
+from toy_study import TOY_FILE, toy_scenario
+
+TOY = f"{TOY_FILE}:toy"
+SYNTHETIC = ["--calibrator", "synthetic"]
+SHORT = [*SYNTHETIC, "--n-init", "4", "--n-max", "7"]
+
+
+@pytest.fixture(autouse=True)
+def _data_folder(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    # No figures: they take most of the time, and nothing here is about them.
+    monkeypatch.setattr("prefcal_scenarios.app.report.write.draw", lambda record, extra: ())
+
+
+def thetas(prefcal, *words):
+    """All θ of a study of the toy."""
+    code, _, err = prefcal("calibrate", TOY, *SHORT, *words)
+    assert code == 0, err
+    name = words[words.index("--study") + 1]
+    with StudyFile.open(name, clock=clock()) as file:
+        return [sample.theta for sample in file.state.samples]
+
+
+def test_without_outcomes_the_agent_learns_from_theta_alone(prefcal, tmp_path):
+    on = thetas(prefcal, "--study", str(tmp_path / "on.prefcal"))
+    off = thetas(prefcal, "--study", str(tmp_path / "off.prefcal"), "--no-outcomes")
+    assert on[:4] == off[:4]
+    with StudyFile.open(tmp_path / "off.prefcal", clock=clock()) as file:
+        configuration = file.state.configuration
+        assert configuration["options"]["outcomes"] is False
+        assert configuration["agent"]["settings"]["outcome_scales"] == [0.0]
+    with StudyFile.open(tmp_path / "on.prefcal", clock=clock()) as file:
+        assert file.state.configuration["options"]["outcomes"] is True
+
+
+def test_the_line_that_repeats_a_study_says_so_and_does(prefcal, tmp_path):
+    path = str(tmp_path / "mine.prefcal")
+    first = thetas(prefcal, "--study", path, "--no-outcomes", "--out", "first")
+    page = (tmp_path / "first" / "report.html").read_text("utf-8")
+    line = Options.of({"scenario": TOY, "calibrator": "synthetic", "n_init": 4, "n_max": 7,
+                       "outcomes": False}).command()  # fmt: skip
+    assert line.endswith("--no-outcomes")
+    assert line in page
+    again = str(tmp_path / "again.prefcal")
+    assert prefcal(*shlex.split(line)[1:], "--study", again)[0] == 0
+    with StudyFile.open(again, clock=clock()) as file:
+        assert [sample.theta for sample in file.state.samples] == first
+
+
+def test_a_study_goes_on_as_it_began(prefcal, tmp_path):
+    path = str(tmp_path / "mine.prefcal")
+    thetas(prefcal, "--study", path, "--no-outcomes")
+    code, _, err = prefcal("calibrate", TOY, "--study", path, "--n-max", "8", "--no-outcomes")
+    assert code == 0, err
+    began = Options(TOY).as_dict()
+    given = {"scenario": TOY, "outcomes": False}
+    with pytest.raises(SettingsError, match="started with --no-outcomes off"):
+        Options.resumed(began, given)
+    assert not Options.resumed({**began, "outcomes": False}, given).outcomes
+
+
+def old_study(path, agent, answers):
+    """A study as it was written before KPIs taught."""
+    scenario = toy_scenario()
+    given = {"scenario": TOY, "agent": agent, "calibrator": "synthetic", "n_init": 4, "n_max": 12}
+    off = False if agent == "glisp" else None
+    opened = open_study({**given, "outcomes": off}, scenario, None)
+    configuration = json.loads(json.dumps(dict(opened.file.state.configuration)))
+    opened.file.close()
+    for option in ("outcomes", "cost"):
+        del configuration["options"][option]
+    file = StudyFile.create(path, configuration, clock=clock())
+    interview, judge = Interview(scenario, file, ahead=False), scenario.calibrators["synthetic"](0)
+    while len(interview.now().state.closed) <= answers:
+        while interview.work():
+            pass
+        question = interview.now().question
+        new, old = question.challenger.experiment, question.incumbent.experiment
+        interview.give(question.id, Answer(judge.prefer(new, old), outcomes=(None, None)))
+    file.close()
+
+
+@pytest.mark.parametrize("agent", ["glisp", "random"])
+def test_a_study_from_before_goes_on_without_outcomes(prefcal, tmp_path, agent):
+    path = tmp_path / "old.prefcal"
+    old_study(path, agent, 6)
+    code, out, err = prefcal("calibrate", TOY, "--study", str(path), "--out", "there", "--json")
+    assert code == 0, err
+    assert json.loads(out)["experiments"] == 12
+    words = ["--agent", agent, *SYNTHETIC, "--n-init", "4", "--n-max", "12"]
+    off = ["--no-outcomes"] if agent == "glisp" else []
+    fresh = str(tmp_path / "fresh.prefcal")
+    assert prefcal("calibrate", TOY, *words, *off, "--study", fresh)[0] == 0
+    with StudyFile.open(path, clock=clock()) as a, StudyFile.open(fresh, clock=clock()) as b:
+        assert [s.theta for s in a.state.samples] == [s.theta for s in b.state.samples]
+    page = (tmp_path / "there" / "report.html").read_text("utf-8")
+    assert ("--no-outcomes" in page) == (agent == "glisp")
+    assert "What counts" in page  # its experiments are there, and say what the answers follow
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--agent", "random", "--no-outcomes"], "only the agent glisp learns from KPIs"),
+        (["--agent", "glis", "--no-outcomes"], "only the agent glisp learns from KPIs"),
+        (["--cost", "mine.py:cost"], "an agent that learns from scores"),
+        (["--agent", "glis", "--cost", "no.py:cost"], "no file 'no.py'"),
+        (["--agent", "glis", "--cost", "mine.py:other"], "nothing of that name"),
+        (["--agent", "glis", "--cost", "mine.py:three"], "got 3"),
+        (["--agent", "glis", "--cost", "mine.py"], "path/to/own.py:NAME"),
+        (["--agent", "glis", "--cost", "mine.py:lost", "--n-max", "3"], "a finite number, got nan"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line(prefcal, tmp_path, words, message):
+    mine = "three = 3\ncost = lambda e: e.theta[0]\nlost = lambda e: float('nan')\n"
+    (tmp_path / "mine.py").write_text(mine)
+    code, out, err = prefcal("calibrate", TOY, *words)
+    assert code == 2
+    assert [line for line in err.splitlines() if message in line]
+    assert "Traceback" not in err + out
+
+
+@pytest.fixture
+def answered(prefcal):
+    words = [*SYNTHETIC, "--agent", "lhs", "--n-max", "14", "--study", "mine"]
+    code, _, err = prefcal("calibrate", TOY, *words)
+    assert code == 0, err
+    return "mine"
+
+
+def test_what_was_learned_is_taken_along_and_runs_unattended(prefcal, answered, tmp_path):
+    code, out, err = prefcal("studies", "index", answered, "--scenario", TOY, "--out", "mine.py")
+    assert code == 0, err
+    assert "Nothing stands out yet" in out
+    assert "Written: mine.py" in out
+    assert prefcal("studies", "index", answered, "--scenario", TOY, "--out", "mine.py")[0] == 0
+    plain = f"{TOY_FILE}:plain"  # a scenario that has no cost of its own
+    words = ["--agent", "glis", "--cost", "mine.py:cost", "--n-max", "5", "--study", "by-it"]
+    code, out, err = prefcal("calibrate", plain, *words, "--json", "--out", "there")
+    assert code == 0, err
+    assert json.loads(out)["cost"] is not None
+    line = f"prefcal calibrate {plain} --calibrator score --agent glis"
+    page = (tmp_path / "there" / "report.html").read_text("utf-8")
+    assert f"{line} --seed 0 --n-init 2 --n-max 5 --cost mine.py:cost" in page
+
+
+def test_a_study_never_chooses_which_cost_is_run(prefcal, tmp_path):
+    (tmp_path / "mine.py").write_text("cost = lambda e: e.theta[0]\n")
+    (tmp_path / "moved.py").write_text("cost = lambda e: e.theta[0]\n")
+    words = ["--agent", "glis", "--cost", "mine.py:cost", "--n-max", "4", "--study", "mine"]
+    assert prefcal("calibrate", TOY, *words)[0] == 0
+    code, _, err = prefcal("calibrate", TOY, "--study", "mine", "--n-max", "5")
+    assert code == 2
+    assert "--cost mine.py:cost" in err
+    code, _, err = prefcal("report", "mine", "--scenario", TOY)
+    assert code == 2
+    assert "--cost mine.py:cost" in err
+    assert prefcal("report", "mine", "--scenario", TOY, "--cost", "moved.py:cost")[0] == 0
+
+
+def test_an_index_overwrites_nobody_s_program(prefcal, answered, tmp_path):
+    (tmp_path / "own.py").write_text("mine = 1\n")
+    code, _, err = prefcal("studies", "index", answered, "--scenario", TOY, "--out", "own.py")
+    assert code == 2
+    assert "take another --out" in err
+    assert (tmp_path / "own.py").read_text() == "mine = 1\n"
+    code, _, err = prefcal("studies", "index", answered)
+    assert code == 2
+    assert "which is a program" in err
+
+
+def test_an_index_of_no_answers_is_told(prefcal):
+    words = ["--agent", "glis", "--n-max", "4", "--study", "scored"]
+    assert prefcal("calibrate", TOY, *words)[0] == 0
+    code, _, err = prefcal("studies", "index", "scored", "--scenario", TOY)
+    assert code == 2
+    assert "says nothing of KPIs" in err
+
+
+def test_the_report_draws_what_counts(prefcal, answered, tmp_path):
+    assert prefcal("report", answered, "--scenario", TOY, "--out", "there")[0] == 0
+    page = (tmp_path / "there" / "report.html").read_text("utf-8")
+    assert "What counts" in page
+    assert "Nothing stands out yet" in page
+    assert "answers that it had not learned from" in page
+    assert 'class="bar" aria-hidden="true"><span style="width:' in page
+    assert "level <h>" not in page  # names are data, never markup
+
+
+def test_the_record_of_a_person_s_study_speaks_to_him():
+    scenario = toy_scenario()
+    opened = open_study(
+        {"scenario": TOY, "calibrator": "synthetic", "agent": "lhs"}, scenario, None
+    )
+    with opened.file as file:
+        record = record_of(Interview(scenario, file, ahead=False), opened.options, {})
+    assert record.minded is None  # nothing is answered

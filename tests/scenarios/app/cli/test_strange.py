@@ -1,0 +1,43 @@
+"""Studies that somebody else made, whose configuration is not what calibrate writes."""
+
+import json
+
+import pytest
+
+from prefcal_env.study import StudyFile, export_json
+from support.interviews import clock
+
+
+@pytest.fixture(autouse=True)
+def _data_folder(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+
+
+WHOLE = {
+    "n_max": 5, "scenario": "cstr", "name": "cstr", "title": "", "seed": 0, "knobs": [],
+    "agent": {"agent": "GLISp"}, "options": {"calibrator": "human"}, "versions": {},
+}  # fmt: skip
+STRANGE = {
+    "bare": {"n_max": 5},
+    "another name": {**WHOLE, "name": {}},
+    "no options": {**WHOLE, "options": 3},
+    "no calibrator": {**WHOLE, "options": {}},
+    "text for a number": {**WHOLE, "options": {"calibrator": "human", "n_init": "x"}},
+    "knobs of numbers": {**WHOLE, "knobs": [1]},
+    "no agent": {**WHOLE, "agent": {"agent": None}},
+    "seed": {**WHOLE, "seed": "a"},
+}
+
+
+@pytest.mark.parametrize("configuration", STRANGE.values(), ids=STRANGE)
+def test_a_strange_study_breaks_nothing_but_itself(prefcal, tmp_path, configuration):
+    with StudyFile.create(":memory:", configuration, clock=clock()) as file:
+        (tmp_path / "odd.json").write_text(export_json(file))
+    assert prefcal("studies", "import", "odd.json")[0] == 0
+    for words in (["studies", "show"], ["report"], ["calibrate", "cstr", "--terminal", "--study"]):
+        code, _, err = prefcal(*words, "odd")
+        assert code == 2
+        assert "no study of prefcal calibrate" in err
+    code, out, _ = prefcal("studies", "list", "--json")
+    assert code == 0
+    assert "cannot be read" in json.loads(out)[0]["state"]

@@ -1,0 +1,99 @@
+"""best.json and the way back to a controller."""
+
+import json
+
+import numpy as np
+import pytest
+
+from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.control import Measurement
+from prefcal_scenarios.app.report.export import REBUILD, best_as_json, jsonable, load_controller
+from toy_study import TOY_FILE, toy_record
+
+
+@pytest.fixture
+def best(tmp_path):
+    path = tmp_path / "best.json"
+    path.write_text(best_as_json(toy_record()), encoding="utf-8")
+    return path
+
+
+def changed(path, **changes):
+    content = json.loads(path.read_text("utf-8")) | changes
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
+
+
+def test_best_json_says_all_about_the_tuned_controller(best):
+    record = toy_record()
+    content = json.loads(best.read_text("utf-8"))
+    theta = record.best.experiment.theta
+    assert list(content["theta"]) == ["T_s", "N_p", "gain"]
+    assert content["theta"]["T_s"] == theta[0]
+    assert isinstance(content["theta"]["N_p"], int)
+    assert content["settings"]["gain"] == theta[2]
+    assert content["cost"] == record.best.cost
+    assert content["complete"]
+    assert set(content["versions"]) >= {"prefcal", "python", "numpy"}
+
+
+def test_three_lines_rebuild_the_controller(best, monkeypatch):
+    monkeypatch.chdir(best.parent)
+    names = {}
+    code = [line for line in REBUILD.splitlines() if line]
+    assert len(code) == 3
+    exec(REBUILD, names)
+    state = Measurement(0.0, np.array([1.0]), np.zeros(1), np.zeros(0), np.array([2.0]))
+    exec(code[2].partition(": ")[2], names | {"measurement": state}, names)
+    assert names["u"] == pytest.approx(toy_record().best.experiment.theta[2])
+
+
+def test_a_scenario_file_is_also_found_beside_best_json(best):
+    (best.parent / "moved.py").write_text(TOY_FILE.read_text("utf-8"), encoding="utf-8")
+    assert load_controller(changed(best, scenario="moved.py:toy")).T_s > 0
+
+
+def test_other_settings_than_todays_are_refused_unless_wanted(best):
+    changed(best, settings={"T_s": 9.0})
+    with pytest.raises(ScenarioError, match=r"T_s: 9\.0 in the file"):
+        load_controller(best)
+    assert load_controller(best, check=False).T_s > 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "words"),
+    [
+        ({"scenario": "nowhere"}, ScenarioError, "no scenario is called 'nowhere'"),
+        ({"scenario": f"{TOY_FILE}:plain"}, ScenarioError, "how to build a controller"),
+        ({"format": 99}, ScenarioError, "format 99"),
+        ({"theta": {"T_s": 1.0}}, ScenarioError, "must name the knobs"),
+        ({"theta": {"T_s": 9.0, "N_p": 4, "gain": 1.0}}, ScenarioError, "must be in"),
+        ({"theta": {"T_s": "x", "N_p": 4, "gain": 1.0}}, ScenarioError, "does not fit"),
+    ],
+)
+def test_a_best_json_that_does_not_fit_is_refused(best, changes, error, words):
+    with pytest.raises(error, match=words):
+        load_controller(changed(best, **changes))
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", "not json"])
+def test_something_that_is_no_best_json_is_refused(tmp_path, text):
+    path = tmp_path / "best.json"
+    path.write_text(text)
+    with pytest.raises(ScenarioError, match=r"best\.json"):
+        load_controller(path)
+
+
+def test_a_missing_file_is_refused(tmp_path):
+    with pytest.raises(ScenarioError, match="cannot read"):
+        load_controller(tmp_path / "best.json")
+
+
+def test_nothing_can_be_exported_before_the_first_experiment():
+    with pytest.raises(ScenarioError, match="before the first experiment"):
+        best_as_json(toy_record(stop_after=0))
+
+
+def test_json_stays_strict():
+    value = {"a": np.inf, "b": np.array([1.5, np.nan]), "c": (np.int64(2), True), "d": None}
+    assert jsonable(value) == {"a": None, "b": [1.5, None], "c": [2, True], "d": None}

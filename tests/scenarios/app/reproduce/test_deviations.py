@@ -1,0 +1,41 @@
+"""The deviations from the paper: the page shows exactly the rows, and each can be measured."""
+
+import re
+from pathlib import Path
+
+from prefcal_scenarios.app.reproduce.deviations import DEVIATIONS, Deviation, deviations_as_markdown
+
+ROOT = Path(__file__).parents[4]
+PAGE = (ROOT / "docs" / "deviations.md").read_text("utf-8")
+
+
+def test_the_page_shows_exactly_these_rows():
+    tables = re.findall(r"(?:^\|.*\n)+", PAGE, re.M)
+    assert [table.rstrip("\n") for table in tables] == [deviations_as_markdown()]
+
+
+def test_every_part_is_one_that_the_script_has_and_every_other_row_says_where_to_look():
+    script = (ROOT / "benchmarks" / "deviations.py").read_text("utf-8")
+    parts = re.findall(r"^([a-z]+) {2,}\S", script, re.M)
+    assert {row.part for row in DEVIATIONS} - {""} == set(parts)
+    for row in DEVIATIONS:
+        for page in re.findall(r"docs/[\w/]+\.md", row.effect):
+            assert (ROOT / page).exists()
+
+
+def test_no_cell_is_empty_and_a_bar_in_one_breaks_no_table():
+    for row in DEVIATIONS:
+        assert all((row.paper, row.ours, row.why, row.effect))
+    line = deviations_as_markdown([Deviation("|y|", "b", "c", "d", "box")]).splitlines()[-1]
+    assert line == r"| \|y\| | b | c | d | `box` |"
+
+
+def test_the_code_names_the_deviations_where_they_stand():
+    for path, words in (
+        ("prefcal_env/mpc/controller.py", "Deviation: eq. MPC weighs y_0"),
+        ("prefcal_env/mpc/controller.py", "N_u + 1"),
+        ("prefcal_env/knobs/knob.py", "Deviation: [0, 1]"),
+        ("agents/prefcal_agents/space/design.py", "Deviation: plain"),
+        ("agents/prefcal_agents/glisp/agent.py", "Deviation: the box"),
+    ):
+        assert words in (ROOT / path).read_text("utf-8"), path

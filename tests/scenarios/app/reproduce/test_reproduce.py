@@ -1,0 +1,102 @@
+"""The paper's studies done again: what runs, what is compared, what the page shows."""
+
+import json
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+from prefcal_agents import GLISpSettings
+from prefcal_env.plants.cstr import CSTRParams
+from prefcal_scenarios import load
+from prefcal_scenarios.app.reproduce import CASES, settings, studies
+from prefcal_scenarios.app.reproduce.figures import pictures
+from prefcal_scenarios.app.reproduce.page import write_page
+from prefcal_scenarios.app.reproduce.printed import THETA
+from prefcal_scenarios.app.reproduce.results import found, rows, summary
+
+
+@pytest.fixture(scope="module")
+def short():
+    """Every case with a few experiments, once."""
+    patch = pytest.MonkeyPatch()
+    patch.setattr(studies, "N_INIT", 4)
+    patch.setattr(studies, "N_MAX", 6)
+    done = [task() for task in studies.tasks(range(1))]
+    patch.undo()
+    return done
+
+
+def test_each_case_uses_the_papers_algorithm_and_asks_once_per_further_experiment(short):
+    assert [s.case for s in short] == [case.name for case in CASES]
+    assert [s.experiments for s in short] == [6, 6, 6]
+    assert short[0].comparisons == 5
+    assert short[1].comparisons == 0
+    for one in short:
+        scenario = load(next(c.scenario for c in CASES if c.name == one.case))
+        assert scenario.space.check(np.array(one.best)).tolist() == list(one.best)
+
+
+def test_the_better_one_of_each_pair_has_the_lower_index(short):
+    scenario = load("cstr")
+    assert short[0].asked
+    for asked in short[0].asked:
+        better, worse = (scenario.run(np.array(t)) for t in (asked.better, asked.worse))
+        assert scenario.cost(better) < scenario.cost(worse)
+
+
+def test_the_tables_put_the_printed_value_beside_the_simulated_one(short):
+    results = found(short)
+    reactor = {row[0]: row[1:] for row in rows(results[0])}
+    assert reactor["T_s [h]"][:2] == ("0.31", "0.31")
+    assert float(reactor["performance index"][1]) == pytest.approx(0.8217, abs=0.01)
+    automated = {row[0]: row[1:] for row in rows(results[1])}
+    assert float(automated["performance index"][1]) == pytest.approx(0.6996, abs=0.01)
+    car = {row[0]: row[1:] for row in rows(results[2])}
+    printed, here, *_ = car["worst t_comp, modelled [s]"]
+    assert float(printed) == pytest.approx(float(here), rel=0.01)
+    assert len(summary(results)) == 3
+
+
+def test_parameters_settings_and_ranges_are_those_of_the_paper():
+    for name, printed, here in (*settings.algorithm(), *settings.ranges()):
+        assert printed == here, name
+    table = {row[0].split(" [")[0]: row[1:] for row in settings.parameters()}
+    assert len(table) == 1 + len(CSTRParams.__dataclass_fields__)
+    started = table.pop("T_c0")
+    assert all(printed == here for printed, here in table.values())
+    # Named in design and docs: C_A = 8.56 needs a little less than the printed 298 K.
+    assert float(started[1]) == pytest.approx(297.6, abs=0.05)
+    assert GLISpSettings.paper().validate_at == (10, 20, 30, 40)
+
+
+def test_the_page_holds_every_figure_and_asks_the_network_for_nothing(short, tmp_path):
+    drawn = list(pictures(found(short)))
+    assert [p.label for p in drawn] == [
+        "Fig. CSTR_query", "Fig. CSTR_final_performance", "Fig. car_comparison",
+        "Fig. car_finalPerf",
+    ]  # fmt: skip
+    page = write_page(short, tmp_path, "prefcal reproduce paper --seeds 1").read_text("utf-8")
+    assert page.count("<img ") == 6  # two of them at the paper's θ, too
+    assert 'src="http' not in page
+    assert "prefcal reproduce paper --seeds 1" in page
+    assert sorted(p.suffix for p in tmp_path.iterdir()) == [".html", *[".png"] * 4]
+    for theta in THETA.values():
+        assert f"{theta[0]:g}" in page
+
+
+def test_the_command_writes_the_page_and_says_where(prefcal, tmp_path, monkeypatch, short):
+    module = import_module("prefcal_scenarios.app.cli.reproduce")  # not the command of that name
+    monkeypatch.setattr(module, "_studies", lambda *args: short)
+    code, out, _ = prefcal("reproduce", "paper", "--seeds", "1", "--out", "there", "--json")
+    result = json.loads(out)
+    assert code == 0
+    assert result["page"] == "there/paper.html"
+    assert len(result["studies"]) == 3
+    assert (tmp_path / "there" / "paper.html").is_file()
+
+
+def test_something_else_than_the_paper_is_refused(prefcal):
+    code, _, err = prefcal("reproduce", "thesis")
+    assert code == 2
+    assert "paper" in err

@@ -1,0 +1,384 @@
+"""The terminal front end, with recorded consoles and typed keys."""
+
+import io
+import re
+from contextlib import nullcontext
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from prefcal_env.errors import StudyError
+from prefcal_env.experiments.end import End
+from prefcal_env.experiments.experiment import Channels
+from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.preferences.answer import Strength
+from prefcal_env.rig import Rig
+from prefcal_env.study import Answered, StudyFile
+from prefcal_scenarios.app.isolated import isolation
+from prefcal_scenarios.app.report.kpi_importance import Bar, Minded
+from prefcal_scenarios.app.session import Background, Phase
+from prefcal_scenarios.app.terminal import converse
+from prefcal_scenarios.app.terminal.converse import _Conversation, _waiting
+from prefcal_scenarios.app.terminal.keys import END
+from prefcal_scenarios.app.terminal.showing import KEYS, show_question
+from prefcal_scenarios.app.web.view import Seen, comparison_view
+from prefcal_scenarios.scenario import Panel, Scenario, load
+from support.interviews import begin, proceed
+from toy_scenario_tools import CHANNELS, record_of_toy
+from toy_study import toy_scenario
+
+
+def talk(interview, keys, lines=(), width=140):
+    """The conversation with these keys and lines; what was printed."""
+    console = Console(file=io.StringIO(), width=width, record=True, force_terminal=False)
+    typed, written = iter(keys), iter(lines)
+    with Background(interview):
+        converse(interview, console, lambda: next(typed), lambda words: next(written))
+    return console.export_text()
+
+
+def _many(theta, seed=0):
+    """A run of the toy, whatever its nine knobs are."""
+    return replace(toy_scenario().run(np.array([0.4, 20.0, 1.0])), theta=theta)
+
+
+@pytest.fixture
+def interview():
+    return begin(toy_scenario(), n_max=5)
+
+
+def test_a_whole_study_by_keys(interview):
+    out = talk(interview, "lr=s")
+    assert interview.now().phase is Phase.OVER
+    assert "Comparison 1 of 4: which experiment is better?" in out
+    assert "The study is over: all compared." in out
+    given = [c.answer.preference for c in interview.now().state.closed[1:]]
+    assert given[2:] == [0, None]
+
+
+def test_a_capital_is_much_better(interview):
+    out = talk(interview, "Lrx")
+    strong, plain = [c.answer for c in interview.now().state.closed[1:]]
+    assert (strong.strength, plain.strength) == (Strength.MUCH_BETTER, 1)
+    assert "Saved: left, much better." in out
+    assert "Saved: right." in out
+    assert "much better" in talk(interview, "hx")
+
+
+@pytest.mark.parametrize("width", [80, 140])
+def test_both_sides_are_shown_with_curves_and_numbers(interview, width):
+    out = talk(interview, "x", width=width)
+    assert all(len(line) <= width for line in out.splitlines())
+    assert re.search(r"can't tell .*\[x\] stop", out)  # on one line
+    for words in (
+        "LEFT · experiment",
+        "RIGHT · experiment",
+        "settling time t_f",
+        "T_s =",
+        "level <h>",
+    ):
+        assert words in out
+    braille = [c for c in out if "\u2801" <= c <= "\u28ff"]
+    assert len(braille) > 100
+    side_by_side = [line for line in out.splitlines() if "LEFT" in line and "RIGHT" in line]
+    assert bool(side_by_side) == (width == 140)
+
+
+def test_keys_mean_what_they_mean_on_the_page():
+    """Somebody who changes the front end must not give a verdict that he does not mean."""
+    page = (files("prefcal_scenarios.app.web") / "static" / "keys.js").read_text("utf-8")
+    on_page = {k.lower(): v for k, v in re.findall(r'\["([A-Z])", "([^"]+)"', page)}
+    same = {
+        "p": "ask",
+        "t": "all KPIs",
+        "s": "can't tell",
+        "c": "comment",
+        "b": "blind",
+        "z": "undo",
+        "h": "history",
+    }
+    here = dict(KEYS)
+    for key, words in {**same, "w": "where are we"}.items():
+        assert here[key].startswith(words)
+        assert words in on_page[key] or (key, on_page[key]) == ("z", "take the last answer back")
+
+
+@pytest.mark.parametrize("width", [80, 140])
+def test_the_headline_stays_in_sight_on_a_screen_of_fifty_rows(interview, width):
+    with Background(interview):
+        while (now := interview.now()).phase is not Phase.QUESTION:
+            interview.wait(now.version, 1.0)
+    console = Console(file=io.StringIO(), width=width, height=50, record=True, force_terminal=True)
+    show_question(interview, now, console, blind=False)
+    lines = console.export_text().splitlines()
+    assert "Comparison 1 of 4" in lines[0]
+    assert len(lines) <= 48  # the answer's key and what it says fit as well
+
+
+def test_curves_of_both_sides_begin_in_the_same_line_where_theta_wraps():
+    narrow = Scenario(
+        "many",
+        "Many",
+        KnobSpace([Knob(f"knob {i}", 0.0, 1.0, step=0.001) for i in range(9)]),
+        _many,
+    )
+    interview = begin(narrow)
+    now = proceed(interview)
+    asked = now.question
+    short, long = (
+        replace(asked.left, experiment=replace(asked.left.experiment, theta=np.full(9, value)))
+        for value in (0.0, 0.123)
+    )
+    now = replace(now, question=replace(asked, left=short, right=long))
+    console = Console(file=io.StringIO(), width=112, record=True)
+    show_question(interview, now, console, blind=False)
+    lines = console.export_text().splitlines()
+    columns = [m.start() < 56 for line in lines for m in re.finditer("knob 0", line)]
+    assert columns == [True, False]
+    rows = [sum("knob" in line[part] for line in lines) for part in (slice(56), slice(56, None))]
+    assert rows[0] < rows[1]  # it wraps on one side only
+    for panel in ("level <h>", "valve"):
+        found = [line for line in lines if panel in line]
+        assert len(found) == 1
+        assert found[0].count(panel) == 2
+
+
+def test_t_shows_all_indicators_those_that_differ_most_first(interview):
+    out = talk(interview, "tx")
+    table = out[out.index("right − left") :]
+    assert "settling time t_f" in table
+    rows = comparison_view(interview.now().question, interview.scenario, Seen())
+    places = [table.index(row["title"]) for row in rows]
+    assert places == sorted(places)
+
+
+def test_it_stops_and_loses_nothing(interview):
+    talk(interview, "lx")
+    assert interview.now().phase is Phase.QUESTION
+    assert len(interview.now().state.closed) == 2
+
+
+def test_undo_marks_comment_and_blind(interview):
+    out = talk(interview, "l" + "z" + "qcb" + "r" + "x", ["quieter"])
+    closed = interview.now().state.closed[1]
+    assert (closed.comment, closed.blind) == ("quieter", True)
+    assert closed.answer.marks != ()
+    assert "The last answer is taken back." in out
+    blind = out[out.rindex("better?") :]
+    assert "experiment 1" not in blind.split("Saved")[0]
+
+
+def test_a_comment_survives_an_answer_that_could_not_be_saved(interview, monkeypatch):
+    append, full = StudyFile.append, iter([True])
+
+    def once_full(self, *events):
+        if isinstance(events[0], Answered) and events[0].question and next(full, False):
+            raise StudyError("the disk is full")
+        return append(self, *events)
+
+    monkeypatch.setattr(StudyFile, "append", once_full)
+    assert "the disk is full" in talk(interview, "cllx", ["quieter"])
+    assert interview.now().state.closed[1].comment == "quieter"
+
+
+def test_ctrl_d_at_a_comment_leaves_no_comment(interview):
+    talk(interview, "clx", [END])
+    assert interview.now().state.closed[1].comment == ""
+
+
+def test_history_status_keys_and_a_repeat(interview):
+    out = talk(interview, "lrhw?plx")
+    for words in ("History", "best so far, experiment", "No question was asked twice", "undo"):
+        assert words in out
+    assert interview.consistency.repeated == 1
+
+
+def test_a_study_without_answers_has_no_history(interview):
+    assert "No answers yet." in talk(interview, "hx")
+
+
+def test_every_number_stands_beside_its_unit_and_objective(interview):
+    out = talk(interview, "x", width=80)
+    assert re.search(r"settling time t_f +(never|[\d.]+ h) +[✓✗] ≤ 20 h", out)
+    assert re.search(r"T_s = [\d.]+ h\]", out)
+
+
+def test_the_time_axis_begins_and_ends_with_its_curve(interview):
+    lines = talk(interview, "x", width=80).splitlines()
+    axis = next(line for line in lines if re.search(r" 0 +48", line))
+    bar = next(line for line in lines if "\u2800" in line).index("│", 1)
+    assert axis.index(" 0 ") == bar
+    assert "limits 0 to 10" in "".join(lines)
+
+
+def test_one_press_does_not_finish_a_study_and_two_do(interview):
+    assert "Press f again" in talk(interview, "fxx")
+    assert interview.now().phase is Phase.QUESTION
+
+
+def test_a_study_is_finished_by_two_presses(interview):
+    assert "The study is over: stopped." in talk(interview, "ff")
+
+
+def test_a_comment_of_somebody_else_does_not_steer_the_terminal(interview):
+    out = talk(interview, "clhx", ["a\x1b]0;b\x07[red]c"])
+    assert "[red]c" in out
+    assert "\x1b" not in out
+
+
+def test_an_undo_too_many_is_told(interview):
+    assert "there is no answer to undo" in talk(interview, "zx")
+
+
+def test_a_run_that_fails_is_tried_again_or_counted(interview):
+    toy, broken = toy_scenario(), [True, True, False]
+
+    def run(theta, seed=0):
+        if broken and broken.pop(0):
+            raise OSError("the pump does not answer")
+        return toy.run(theta, seed)
+
+    interview = begin(replace(toy, run=run), n_max=4)
+    out = talk(interview, "tfx")
+    assert "That did not work: OSError: the pump does not answer" in out
+    assert interview.now().state.finished
+
+
+def test_a_rigs_records_are_asked_for(tmp_path):
+    rig = Rig(CHANNELS, (2.0,), instructions="Open the tap first.")
+    interview = begin(replace(toy_scenario(), run=rig, kpis=()), n_max=3)
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    files[0].write_text(record_of_toy(), encoding="utf-8")
+    files[1].write_text(record_of_toy(20), encoding="utf-8")
+    (tmp_path / "bad.csv").write_text("time [s]\n0\n", encoding="utf-8")
+    lines = [
+        str(tmp_path / "no.csv"),
+        str(tmp_path / "bad.csv"),
+        str(files[0]),
+        f"unsafe {files[0]}",
+        "no",
+        "set T_s=9",
+        "set T_s=1.07",
+        f"unsafe {files[1]}",
+        "stop",
+    ]
+    out = talk(interview, "l", lines)
+    assert "cannot read" in out
+    assert "column 'level <h>' is missing" in out
+    assert "Open the tap first." in out
+    assert "exactly the curves of experiment 1" in out
+    assert "theta of knob 'T_s' must be in [0.25, 1.5] h, got 9" in out
+    assert "20 rows, from 0 h to 9.5 h" in out
+    assert interview.experiment(1).end.interrupted
+    assert interview.experiment(1).theta[0] == pytest.approx(1.07)
+    assert interview.now().phase is Phase.RECORD
+    assert isinstance(CHANNELS, Channels)
+
+
+@pytest.mark.parametrize(
+    ("rows", "start", "end"),
+    [
+        ("-2,1,1\n-1,2,1", "−2", "−1"),
+        ("-1,1,1\n0,2,1", "−1", "0"),
+        ("0,1e29,1\n1,-1e29,1", "0", "1"),
+        ("0,1e9,1\n1,1e9,1", "0", "1"),
+        ("5,1,1\n6,1,2", "5", "6"),
+    ],
+)
+def test_whatever_a_record_holds_is_drawn(rows, start, end, tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text(f"time [h],level <h> [m],valve [%]\n{rows}\n", encoding="utf-8")
+    interview = begin(replace(toy_scenario(), run=Rig(CHANNELS, (2.0,)), kpis=()), n_max=3)
+    out = talk(interview, "x", [str(file), str(file), "yes"])
+    lines = out[out.index("LEFT") :].splitlines()
+    axis = next(k for k, line in enumerate(lines) if re.search(rf" {start} +{end} h", line))
+    curve = "".join(lines[axis - 5 : axis])
+    assert sum("\u2801" <= c <= "\u28ff" for c in curve) > 50
+
+
+def test_an_experiment_of_one_instant_is_drawn():
+    toy = toy_scenario()
+
+    def run(theta, seed=0):
+        e = toy.run(theta, seed)
+        dense = {name: getattr(e, name)[:1] for name in ("t", "x", "u")}
+        return replace(e, **dense, signals={})
+
+    out = talk(begin(replace(toy, run=run), n_max=3), "x")
+    assert any("\u2801" <= c <= "\u28ff" for c in out)
+
+
+def test_what_cannot_be_read_is_asked_for_again(tmp_path):
+    large = tmp_path / "large.csv"
+    large.write_bytes(b"0" * (20 * 2**20 + 1))
+    interview = begin(replace(toy_scenario(), run=Rig(CHANNELS, (2.0,)), kpis=()), n_max=3)
+    out = talk(interview, "", ["", "~nobody-here/a.csv", "a\0b", str(tmp_path), str(large), "stop"])
+    assert out.count("cannot read") == 3
+    assert "is larger than 20 MiB" in out
+    assert interview.now().phase is Phase.RECORD
+
+
+def test_values_that_are_no_number_leave_a_hole_in_the_curve():
+    toy = toy_scenario()
+
+    def run(theta, seed=0):
+        e = toy.run(theta, seed)
+        hole = np.where((e.t > 10) & (e.t < 20), np.nan, e.t)
+        return replace(e, signals={"gap": hole, "nothing": np.full(len(e.t), np.nan)})
+
+    panels = (
+        Panel("gap", unit="m"),
+        Panel("nothing"),
+    )
+    out = talk(begin(replace(toy, run=run, panels=panels), n_max=3), "x")
+    assert "no values" in out
+    assert "gap [m]" in out
+
+
+def test_an_answer_is_taken_back_while_a_record_is_waited_for(tmp_path):
+    file = tmp_path / "a.csv"
+    file.write_text(record_of_toy(), encoding="utf-8")
+    interview = begin(replace(toy_scenario(), run=Rig(CHANNELS, (2.0,)), kpis=()), n_max=4)
+    talk(interview, "lx", [str(file), str(file), "yes", "z"])
+    assert interview.now().phase is Phase.QUESTION
+    assert len(interview.now().state.closed) == 1
+
+
+def test_where_are_we_says_what_counts_once_the_answers_tell(interview):
+    assert "care most about" not in talk(interview, "wx")
+    told = Minded(
+        named=("a", "b"),
+        bars=(Bar("a", 0.75), Bar("b", 0.5)),
+        explained=True,
+        predicted=8,
+        answers=9,
+    )
+    with patch("prefcal_scenarios.app.terminal.looking.Minded.of", lambda *_: told):
+        out = talk(interview, "wx")
+    assert "You seem to care most about: a and b." in out
+    assert f"  {'█' * 18}{'·' * 6}  75 %  a" in out
+    assert f"  {'█' * 12}{'·' * 12}  50 %  b" in out
+    assert "predicted 8 of 9" in out
+
+
+def test_a_run_that_hangs_is_stopped_by_a_key():
+    wild = str(Path(__file__).parents[3] / "support" / "wild_runs.py") + ":hangs"
+    typed = iter("fx")
+    console = Console(file=io.StringIO(), width=140, record=True)
+    with isolation(wild) as isolated:
+        interview = begin(isolated(load(wild)), seed=5)  # its first run hangs
+        talk = _Conversation(interview, console, lambda: next(typed), lambda words: "")
+        talk.pressed = lambda: nullcontext(lambda: "k")
+        with Background(interview):
+            talk.run()
+    out = console.export_text()
+    assert "That did not work: you stopped the run after" in out
+    assert interview.experiment(0).end is End.FAILED
+    assert _waiting(replace(interview.now(), run_limit=600.0)).endswith(
+        "(at most 10 min; k stops it)"
+    )

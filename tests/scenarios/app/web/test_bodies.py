@@ -1,0 +1,102 @@
+"""What the page sends is read strictly: either it is what was agreed on, or it is refused."""
+
+import json
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prefcal_scenarios.app.web.bodies import (
+    LONGEST_TEXT,
+    MalformedError,
+    at_most,
+    bit,
+    digits,
+    flag,
+    one_of,
+    read_json,
+    read_query,
+    text,
+    whole,
+)
+
+FIELDS = {"n": whole, "word": one_of("left", "right"), "on": flag, "note": text}
+GOOD = {"n": 3, "word": "left", "on": True, "note": "θ is fine\n"}
+
+
+def test_an_agreed_body_is_read():
+    assert read_json(json.dumps(GOOD).encode(), FIELDS) == GOOD
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"n": 3.0}, {"n": True}, {"n": "3"}, {"n": None}, {"n": -1}, {"n": 2**53}, {"n": [3]},
+        {"word": "up"}, {"word": ["left"]}, {"word": None}, {"on": 1}, {"on": "true"},
+        {"note": 3}, {"note": "a\0b"}, {"note": "\ud800"}, {"note": "\x1b[31m"},
+        {"note": "x" * (LONGEST_TEXT + 1)}, {"more": 1},
+    ],
+)  # fmt: skip
+def test_another_value_or_field_is_refused(change):
+    with pytest.raises(MalformedError, match=r"\.$"):
+        read_json(json.dumps({**GOOD, **change}).encode(), FIELDS)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_a_missing_field_is_refused_and_named(name):
+    rest = {key: value for key, value in GOOD.items() if key != name}
+    with pytest.raises(MalformedError, match=f"lacks {name}"):
+        read_json(json.dumps(rest).encode(), FIELDS)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"", b"[]", b"3", b"null", b"{", b'{"n": 1', b'{"n": NaN}', b'{"n": -Infinity}', b"\xff",
+        b'{"n": 1, "n": 1}', b"[" * 50_000, b'{"n":' * 9_000, b'{"n": ' + b"9" * 60_000 + b"}",
+        b'{"n": 1e999}', '{"n": 1}'.encode("utf-16"), b"\xef\xbb\xbf{}", b"{}\0", b"{} {}",
+    ],
+)  # fmt: skip
+def test_what_is_no_json_object_is_refused(body):
+    with pytest.raises(MalformedError):
+        read_json(body, {"n": whole})
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_read_or_refused(body):
+    with suppress(MalformedError):
+        assert read_json(body, {}) == {}
+
+
+@given(st.binary(max_size=60))
+def test_any_query_is_read_or_refused(query):
+    with suppress(MalformedError):
+        assert read_query(query, {"after": digits, "blind": bit}).keys() <= {"after", "blind"}
+
+
+def test_a_query_is_read():
+    assert read_query(b"after=12&blind=1", {"after": digits, "blind": bit}) == {
+        "after": 12, "blind": True,
+    }  # fmt: skip
+    assert read_query(b"", {"after": digits}) == {}
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        b"after=", b"after=-1", b"after=1.0", b"after=1&after=1", b"after", b"x=1", b"&",
+        b"after=+1", b"after=%D9%A3", b"after=%00", b"after=" + b"9" * 40, b"blind=2",
+        b"blind=true", b"a=%ff",
+        b"&".join(b"after=1" for _ in range(1000)),
+    ],
+)  # fmt: skip
+def test_another_query_is_refused(query):
+    with pytest.raises(MalformedError):
+        read_query(query, {"after": digits, "blind": bit})
+
+
+def test_numbers_are_bounded():
+    assert at_most(10)("more", 10) == 10
+    with pytest.raises(MalformedError, match="at most 10"):
+        at_most(10)("more", 11)

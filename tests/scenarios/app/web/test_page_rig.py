@@ -1,0 +1,133 @@
+"""The page for a rig, and for a plant that breaks down, in a real browser."""
+
+import pytest
+
+from prefcal_env.study import StudyFile
+from support.browser import CHROMIUM, Watched
+from support.interviews import clock
+from toy_scenario_tools import record_of_toy
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
+
+RIG = """
+from dataclasses import replace
+from pathlib import Path
+import numpy as np
+from prefcal_env import Channel, Channels, Rig
+from prefcal_scenarios import Scenario, load
+toy = load({toy!r})
+LEVEL = Channel("level <h>", "m", target=2.0, band=0.06)
+channels = Channels(x=(LEVEL,), u=(Channel("valve", "%"),), y=(LEVEL,), time_unit="h")
+rig = Rig(channels, (2.0,), instructions="Open the tap.")
+rig = replace(toy, references={{}}, cost=None, kpis=(), run=rig)
+runs = []
+def run(theta, seed=0):
+    runs.append(theta)
+    if len(runs) > 2 and not Path("mended").exists():
+        raise OSError("the pump does not answer")
+    return toy.run(theta, seed)
+pump = replace(toy, run=run)
+"""
+
+
+@pytest.fixture
+def own(tmp_path):
+    from support.windows import TOY_STUDY
+
+    (tmp_path / "own.py").write_text(RIG.format(toy=TOY_STUDY), encoding="utf-8")
+    return tmp_path
+
+
+def state_of(served):
+    with StudyFile.open(served.study, clock=clock()) as file:
+        return file.state
+
+
+def test_a_rigs_records_are_dropped_refused_and_compared(browser, window, own):
+    served, watched = window("own.py:rig", n_max=4), Watched(browser)
+    page = watched.page
+    page.goto(served.link)
+    watched.phase("record")
+    assert "Experiment 1" in page.inner_text("#record-title")
+    assert "Open the tap." in page.inner_text("#view-record")
+    assert "level <h> [m]" in page.inner_text("#view-record")
+    bad = {"name": "bad.csv", "mimeType": "text/csv", "buffer": b"time [s],valve [%]\n0,1\n1,2\n"}
+    page.set_input_files("#record-file", bad)
+    page.wait_for_selector(".refused:not([hidden])")
+    told = page.inner_text(".refused")
+    assert "column 'level <h>' is missing" in told
+    assert "column 'time' is in s, expected h" in told
+    watched.shot("rig-refused")
+    assert state_of(served).finished == {}
+    good = {"name": "good.csv", "mimeType": "text/csv", "buffer": record_of_toy().encode()}
+    page.set_input_files("#record-file", good)
+    page.wait_for_selector("#record-save")
+    assert "30 rows, from 0 h to 14.5 h" in page.inner_text("#record-preview")
+    assert state_of(served).finished == {}
+    watched.shot("rig-preview")
+    page.click("#record-save")
+    page.wait_for_function(
+        "() => document.getElementById('record-title').textContent.includes('2')"
+    )
+    page.set_input_files("#record-file", good)
+    page.wait_for_selector(".warning")
+    assert "exactly the curves of experiment 1" in page.inner_text(".warning")
+    watched.shot("rig-same")
+    other = {**good, "buffer": record_of_toy(20).encode()}
+    page.click("text=I set other values")
+    page.fill(".dials input >> nth=0", "1.07")
+    page.check("#became-unsafe")
+    page.set_input_files("#record-file", other)
+    page.wait_for_function(
+        "() => document.getElementById('record-preview').textContent.includes('20 rows')"
+    )
+    watched.shot("rig-dialed")
+    page.click("#record-save")
+    watched.question()
+    assert state_of(served).samples[1].theta[0] == pytest.approx(1.07)
+    assert "unsafe" in page.inner_text("#pair")
+    watched.shot("rig-question")
+    page.click("#replace")
+    right = {**good, "buffer": record_of_toy(25).encode()}
+    page.set_input_files("#replace-file", right)
+    page.wait_for_selector("#replace-save")
+    watched.shot("rig-replace")
+    page.click("#replace-save")
+    page.wait_for_function("() => !document.getElementById('dialog').open")
+    watched.question()
+    assert len(list(state_of(served).finished)) == 2
+    assert "unsafe" not in page.inner_text("#pair")
+    page.keyboard.press("ArrowLeft")
+    watched.phase("record")
+    page.click("text=The run failed")
+    page.click("text='It failed'")
+    watched.question()
+    assert "left no record" in page.inner_text("#pair")
+    watched.shot("rig-no-record")
+    assert watched.errors == []
+
+
+def test_a_record_that_takes_days_is_waited_for(browser, window, own):
+    served, watched = window("own.py:rig", n_max=4), Watched(browser)
+    watched.page.goto(served.link)
+    watched.phase("record")
+    served.kill()
+    theta = watched.page.inner_text("#view-record .values")
+    again = window("own.py:rig", n_max=4)
+    watched.page.goto(again.link)
+    watched.phase("record")
+    assert watched.page.inner_text("#view-record .values") == theta
+
+
+def test_a_plant_that_breaks_down_is_tried_again(browser, window, own):
+    served, watched = window("own.py:pump", n_max=4), Watched(browser)
+    watched.open(served.link)
+    watched.page.keyboard.press("ArrowLeft")
+    watched.phase("failed")
+    assert "the pump does not answer" in watched.page.inner_text("#view-failed")
+    watched.shot("failed")
+    assert len(state_of(served).closed) == 2
+    (own / "mended").touch()
+    watched.page.click("button:has-text('Try again')")
+    watched.question()
+    assert len(state_of(served).finished) == 3

@@ -1,0 +1,31 @@
+"""The name that was probably meant."""
+
+import pytest
+
+from prefcal_scenarios.own.nearest import did_you_mean
+
+SCENARIOS = ("cstr", "overtake", "overtake-robust")
+
+
+@pytest.mark.parametrize(
+    ("word", "names", "meant"),
+    [
+        ("cst", SCENARIOS, "cstr"),
+        ("CSTR", SCENARIOS, "cstr"),
+        ("overtke", SCENARIOS, "overtake"),
+        ("overtake_robust", SCENARIOS, "overtake-robust"),
+        ("Ts", ("T_s", "N_p", "log Q_Δu"), "T_s"),
+        ("glips", ("glis", "glisp", "random"), "glisp"),  # letters that changed places
+    ],
+)
+def test_the_nearest_name_is_offered(word, names, meant):
+    assert did_you_mean(word, names) == f" Did you mean {meant!r}?"
+
+
+@pytest.mark.parametrize("word", ["nowhere", "", "x"])
+def test_nothing_is_offered_where_nothing_resembles_it(word):
+    assert did_you_mean(word, SCENARIOS) == ""
+
+
+def test_without_names_there_is_no_hint():
+    assert did_you_mean("mine", []) == ""

@@ -1,0 +1,230 @@
+"""KPIs of a scenario for an agent, what they say about a person, and how he takes it along."""
+
+import json
+
+import numpy as np
+import pytest
+
+from prefcal_agents import GLISp, LatinHypercube
+from prefcal_agents.models.kpi_importance import Importance
+from prefcal_agents.models.learned_cost import LearnedCost, Term
+from prefcal_env import End, Preference
+from prefcal_env.errors import ScenarioError, StudyError
+from prefcal_env.study import StudyFile, export_csv, export_json, import_json
+from prefcal_scenarios import KPI, load, outcome
+from prefcal_scenarios.app.cli.cost_file import with_cost
+from prefcal_scenarios.app.cli.studies.changes import module
+from prefcal_scenarios.app.report.kpi_importance import Minded
+from prefcal_scenarios.kpis import INTERRUPTED, titles
+from support.interviews import answer_all, begin, clock, reopened
+from toy_study import toy_scenario
+
+TOY = toy_scenario()
+FINE, UNSAFE = TOY.run(np.array([0.4, 20, 1.0])), TOY.run(np.array([0.4, 20, 80.0]))
+
+
+def test_the_scenario_s_kpis_come_with_the_generic_ones_lower_is_better():
+    known = outcome(TOY, FINE)
+    assert known["t_f"] == FINE.kpis["t_f"]
+    assert known["final"] == pytest.approx(abs(FINE.kpis["final"] - 2.0))  # from the middle
+    assert known["total move of valve"] > 0
+    assert known[INTERRUPTED] == 0.0
+    assert "largest" not in known  # no objective: nobody knows which way is better
+
+
+def test_of_a_run_that_was_stopped_everything_is_as_bad_as_can_be():
+    known = outcome(TOY, UNSAFE)
+    assert UNSAFE.end is End.UNSAFE
+    assert set(known) == set(outcome(TOY, FINE))
+    assert all(v == np.inf for name, v in known.items() if name != INTERRUPTED)
+    assert known[INTERRUPTED] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("kpi", "value", "badness"),
+    [
+        (KPI("k", "k", at_most=3.0), 5.0, 5.0),
+        (KPI("k", "k", at_least=3.0), 5.0, -5.0),
+        (KPI("k", "k", at_least=3.0, at_most=5.0), 5.0, 1.0),
+        (KPI("k", "k", better="higher", at_most=9.0), 5.0, -5.0),
+        (KPI("k", "k", better="lower"), np.inf, np.inf),
+        (KPI("k", "k", at_least=3.0), np.inf, None),  # nothing came near: no distance to speak of
+        (KPI("k", "k", at_least=3.0), -np.inf, np.inf),
+    ],
+)
+def test_badness_is_lower_for_the_better(kpi, value, badness):
+    found = kpi.badness(value)
+    assert np.isnan(found) if badness is None else found == badness
+
+
+def test_a_kpi_is_better_lower_or_higher_or_nobody_knows():
+    assert KPI("k", "k").goal is None
+    with pytest.raises(ScenarioError, match="better"):
+        KPI("k", "k", better="smaller")
+
+
+@pytest.mark.parametrize("name", ["cstr", "overtake"])
+def test_titles_read_like_words(name):
+    scenario = load(name)
+    assert all("_" not in title or "_{" in title or len(title.split()) > 1
+               for title in titles(scenario).values())  # fmt: skip
+    assert set(titles(scenario)) >= {kpi.name for kpi in scenario.kpis}
+
+
+@pytest.fixture(scope="module")
+def interview():
+    interview = begin(TOY, n_max=16)
+    answer_all(interview, lambda number: None)
+    return interview
+
+
+def test_every_answer_is_recorded_with_what_happened(interview):
+    for closed in interview.now().state.closed:
+        new, old = closed.answer.outcomes
+        assert new == outcome(TOY, interview.experiment(closed.challenger))
+        rival = closed.incumbent
+        assert old == (None if rival is None else outcome(TOY, interview.experiment(rival)))
+
+
+def test_an_export_with_outcomes_is_read_back_and_its_tables_are_written(interview, tmp_path):
+    text = export_json(interview.study)
+    assert "Infinity" not in text
+    json.loads(text, parse_constant=pytest.fail)
+    path = import_json(text, tmp_path / "again.prefcal")
+    with StudyFile.open(path, clock=clock()) as file:
+        assert file.state.closed == interview.now().state.closed
+        export_csv(file, tmp_path / "tables")
+    rows = (tmp_path / "tables" / "comparisons.csv").read_text().splitlines()
+    assert len(rows) == len(interview.now().state.answers) + 1  # and the heading
+    assert "t_f" in (tmp_path / "tables" / "experiments.csv").read_text()
+
+
+def test_a_study_goes_on_with_its_outcomes_and_the_identical_next_question(tmp_path):
+    first = begin(TOY, n_max=9, path=tmp_path / "a.prefcal")
+    for _ in range(6):
+        while first.work():
+            pass
+        question = first.now().question
+        better = TOY.cost(question.challenger.experiment) < TOY.cost(question.incumbent.experiment)
+        first.answer(question.id, question.choice(Preference(-1 if better else 1)))
+    while first.work():
+        pass
+    there = first.now().question.challenger.experiment.theta
+    index = first.index
+    first.study.close()
+    again = reopened(TOY, tmp_path / "a.prefcal")
+    assert again.now().question.challenger.experiment.theta == pytest.approx(there, abs=0)
+    assert again.index == index
+
+
+def test_whatever_the_agent_the_answers_say_what_counts():
+    interview = begin(TOY, n_max=20, agent=LatinHypercube)
+    answer_all(interview, lambda number: None)
+    index = interview.index
+    assert index.explains
+    assert index(outcome(TOY, FINE)) < index(outcome(TOY, UNSAFE))
+    assert begin(TOY).index is None
+
+
+def minded(right, *named, **agreement):
+    """What is said of these KPIs, where a weighted sum predicts `right` of 44 answers."""
+    index = LearnedCost({"t_f": Term(1.0, 0.0, 1.0)}, right, 44)
+    return Minded.of(index, Importance(agreement, named, 44), TOY)
+
+
+def test_what_stands_out_is_named_by_title_and_bars_run_from_0_to_100_percent():
+    found = minded(31, "t_f", "final", t_f=0.95, final=0.9, a=0.8, b=0.7, c=0.6, d=0.5, e=0.4)
+    assert found.sentence() == (
+        "You seem to care most about: settling time t_f and final level near its target."
+    )
+    assert found.trust.endswith("predicted 31 of 44 answers that it had not learned from.")
+    assert [b.title for b in found.bars][:2] == [
+        "settling time t_f",
+        "final level near its target",
+    ]
+    assert len(found.bars) == 6
+    assert (found.bars[0].share, found.bars[0].text) == (0.95, "95 %")
+    assert "of the 44 answers" in found.caption
+
+
+def test_of_equal_shares_nothing_is_named():
+    equal = minded(40, t_f=0.75, final=0.74, a=0.74, b=0.73, c=0.73)
+    assert equal.named == ()
+    assert equal.sentence().startswith("Nothing stands out yet: several KPIs count")
+
+
+def test_what_predicts_like_a_coin_is_said_to():
+    found = minded(23, t_f=0.5)
+    assert "no KPI explains the answers clearly better than chance" in found.sentence()
+    assert "23 of 44" in found.trust
+    assert Minded.of(None, None, TOY) is None
+
+
+def test_the_exported_cost_is_the_index_of_the_outcome(interview, tmp_path):
+    index = interview.index
+    assert index is not None
+    source = f"{toy_file()}:toy"
+    file = tmp_path / "mine.py"
+    file.write_text(module(index, source), encoding="utf-8")
+    scenario = with_cost(toy_scenario("plain"), f"{file}:cost")
+    for experiment in (FINE, UNSAFE):
+        assert scenario.cost(experiment) == pytest.approx(index(outcome(TOY, experiment)))
+    assert scenario.cost(FINE) < scenario.cost(UNSAFE)
+
+
+def toy_file():
+    from toy_study import TOY_FILE
+
+    return TOY_FILE
+
+
+COSTS = """
+from math import inf, nan
+three = 3
+def infinite(experiment): return inf
+def unknown(experiment): return nan
+def words(experiment): return "good"
+def yes(experiment): return True
+def fine(experiment): return experiment.theta[0]
+"""
+
+
+@pytest.mark.parametrize("name", ["infinite", "unknown", "words", "yes"])
+def test_a_cost_that_is_no_finite_number_is_refused(tmp_path, name):
+    (tmp_path / "costs.py").write_text(COSTS)
+    scenario = with_cost(TOY, f"{tmp_path}/costs.py:{name}")
+    with pytest.raises(ScenarioError, match="must give a finite number"):
+        scenario.cost(FINE)
+    assert with_cost(TOY, f"{tmp_path}/costs.py:fine").cost(FINE) == 0.4
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("no.py:cost", "no file"),
+        ("costs.py", "path/to/own.py:NAME"),
+        ("costs.py:", "path/to/own.py:NAME"),
+        ("cost", "path/to/own.py:NAME"),
+        ("costs.py:nothing", "nothing of that name"),
+        ("costs.py:three", "got 3"),
+    ],
+)
+def test_a_cost_that_is_not_there_is_refused(tmp_path, monkeypatch, source, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "costs.py").write_text(COSTS)
+    with pytest.raises(ScenarioError, match=message):
+        with_cost(TOY, source)
+
+
+def test_glisp_sees_the_outcomes_in_an_interview(interview):
+    agent = interview._flow.agent
+    assert isinstance(agent, GLISp)
+    assert agent.index == interview.index
+
+
+def test_an_index_of_nothing_is_an_error_of_ours(tmp_path, monkeypatch):
+    from prefcal_scenarios.app.cli.studies.changes import export_index
+
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    with pytest.raises(StudyError, match="there is no study"):
+        export_index("mine", None, None)
