@@ -28,7 +28,33 @@ PACKAGES = {
     "prefcal_scenarios": ROOT / "scenarios",
 }
 COMPILED_ELSEWHERE = {"prefcal_env.plants.integrate"}
-WHOLE_STUDIES = {"agents/acquisition/test_expected_improvement", "agents/acquisition/test_penalty", "agents/models/test_learned_cost", "agents/test_appeal", "agents/test_peers", "agents/test_placing", "env/experiments/test_worst_case", "env/test_environments", "scenarios/app/cli/test_cli", "scenarios/app/cli/test_config", "scenarios/app/cli/test_earlier", "scenarios/app/cli/test_outcomes", "scenarios/app/cli/test_own", "scenarios/app/cli/test_pace", "scenarios/app/cli/test_processor", "scenarios/app/cli/test_respace", "scenarios/app/cli/test_studies", "scenarios/app/reproduce/test_reproduce", "scenarios/app/session/test_further", "scenarios/app/session/test_interview", "scenarios/app/session/test_pacing", "scenarios/app/session/test_resuming", "scenarios/cases/overtake/test_robust", "scenarios/test_failed_runs", "test_own_plant"}  # fmt: skip
+WHOLE_STUDIES = {
+    "agents/acquisition/test_expected_improvement",
+    "agents/acquisition/test_penalty",
+    "agents/models/test_learned_cost",
+    "agents/test_appeal",
+    "agents/test_peers",
+    "agents/test_placing",
+    "env/experiments/test_worst_case",
+    "env/test_environments",
+    "scenarios/app/cli/test_cli",
+    "scenarios/app/cli/test_config",
+    "scenarios/app/cli/test_earlier",
+    "scenarios/app/cli/test_outcomes",
+    "scenarios/app/cli/test_own",
+    "scenarios/app/cli/test_pace",
+    "scenarios/app/cli/test_processor",
+    "scenarios/app/cli/test_respace",
+    "scenarios/app/cli/test_studies",
+    "scenarios/app/reproduce/test_reproduce",
+    "scenarios/app/session/test_further",
+    "scenarios/app/session/test_interview",
+    "scenarios/app/session/test_pacing",
+    "scenarios/app/session/test_resuming",
+    "scenarios/cases/overtake/test_robust",
+    "scenarios/test_failed_runs",
+    "test_own_plant",
+}  # fmt: skip
 """Files of tests that make the same calls thousands of times: checking each takes most of their
 time, and the tests of the parts check the same shapes."""
 UNCHECKED = "JAXTYPING_DISABLE" in os.environ

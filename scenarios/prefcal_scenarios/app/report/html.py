@@ -37,7 +37,7 @@ def environment() -> Environment:
 
 def page(record: Record, drawn: Sequence[Drawn]) -> str:
     """Return the text of report.html."""
-    template = environment().get_template("report/report.html.j2")
+    template = environment().get_template("app/report/report.html.j2")
     return template.render(
         record=record, drawn=drawn, rebuild=REBUILD, versions=versions(), **_view(record)
     )

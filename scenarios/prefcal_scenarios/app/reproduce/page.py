@@ -54,7 +54,7 @@ def _text(results: Sequence[Found], drawn: Sequence[Pictured], command: str) -> 
     seeds = len(results[0].studies)
     return (
         environment()
-        .get_template("reproduce/paper.html.j2")
+        .get_template("app/reproduce/paper.html.j2")
         .render(
             paper=PAPER,
             repeated="once, with seed 0"

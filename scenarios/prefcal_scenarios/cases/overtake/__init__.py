@@ -7,5 +7,5 @@ from .robust import overtake_variants as overtake_variants
 from .scenario import make_tuning_env as make_tuning_env
 from .scenario import make_tuning_vector as make_tuning_vector
 from .scenario import overtake as overtake
+from .scenario import overtake_on as overtake_on
 from .supervisor import Supervisor as Supervisor
-from .target import overtake_on as overtake_on

@@ -12,7 +12,7 @@ from prefcal_scenarios.scenario import Scenario
 
 from . import wording as words
 from .controller import PAPER, STEERING_LIMITS, Fixed
-from .robust import Scenes
+from .scenes import Scenes
 
 
 @dataclass(frozen=True, slots=True)

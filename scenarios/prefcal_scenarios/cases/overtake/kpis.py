@@ -22,6 +22,9 @@ from prefcal_scenarios.scenario import KPI
 from .computation_time import PAPER_PROCESSOR, t_comp
 from .scene import clearance, in_lane, obstacles, phase_at_control
 
+HIGHER_IS_BETTER = ("lateral_distance", "clearance")
+"""KPIs whose smallest value is the worst; of the others it is the largest."""
+
 SHORTEST_DISTANCE = MIN_LATERAL_DISTANCE - 0.1
 """Beside the obstacle, still the "reasonable safety distance" of criterion (iii) [m]."""
 

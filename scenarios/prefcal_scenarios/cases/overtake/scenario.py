@@ -13,17 +13,19 @@ from prefcal_env.envs.tuning_env import TuningEnv, same_step_vector, sampled_at
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.rollout import rollout
 from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.mpc.computation import Processor
 from prefcal_env.plants.bicycle import KMH
 from prefcal_scenarios.cases.overtake.pictures.drawing import animation
 from prefcal_scenarios.scenario import Panel, Scenario, described
 
 from . import wording as words
+from .configured import configured
 from .controller import SPACE, controller, settings
 from .criteria import fast, synthetic
 from .kpis import KPIS, indicators
+from .target import on_target
 
 if TYPE_CHECKING:
-    from prefcal_env.mpc.computation import Processor
     from prefcal_scenarios.app.report.pictures import Picture
 
 PANELS = (
@@ -58,15 +60,7 @@ def _pictures() -> "Sequence[Picture]":
 
 
 def _configured(config: Mapping[str, Any]) -> Scenario:
-    from .configured import configured  # which needs this module
-
     return configured(overtake, None, 1, config)
-
-
-def _on_processor(scenario: Scenario, processor: "Processor") -> Scenario:
-    from .target import on_target  # which needs this module
-
-    return on_target(scenario, processor)
 
 
 overtake = Scenario(
@@ -84,9 +78,14 @@ overtake = Scenario(
     scene=animation,
     brief=words.BRIEF,
     configured=_configured,
-    on_processor=_on_processor,
+    on_processor=on_target,
 )
 """No single score exists: there is no cost."""
+
+
+def overtake_on(processor: Processor) -> Scenario:
+    """Return the overtaking with criterion (i) judged on `processor`."""
+    return on_target(overtake, processor)
 
 
 @makes(TuningEnv)

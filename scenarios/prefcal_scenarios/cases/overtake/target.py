@@ -15,14 +15,7 @@ from prefcal_scenarios.scenario import Scenario
 
 from .controller import SPACE
 from .criteria import on_processor
-from .kpis import indicators
-from .robust import HIGHER_IS_BETTER
-from .scenario import overtake
-
-
-def overtake_on(processor: Processor) -> Scenario:
-    """Return the overtaking with criterion (i) judged on `processor`."""
-    return on_target(overtake, processor)
+from .kpis import HIGHER_IS_BETTER, indicators
 
 
 def on_target(scenario: Scenario, processor: Processor) -> Scenario:

@@ -16,7 +16,8 @@ from prefcal_env.plants.function_plant import FunctionPlant
 from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.cases.overtake import overtake, overtake_variants
 from prefcal_scenarios.cases.overtake.controller import ESTIMATOR, STEERING_LIMITS, controller
-from prefcal_scenarios.cases.overtake.robust import HIGHER_IS_BETTER, VARIANTS
+from prefcal_scenarios.cases.overtake.kpis import HIGHER_IS_BETTER
+from prefcal_scenarios.cases.overtake.robust import VARIANTS
 from prefcal_scenarios.scenario import load
 
 PAPER = overtake.references["paper, preferences"]

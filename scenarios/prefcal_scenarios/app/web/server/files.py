@@ -61,7 +61,7 @@ class Assets:
     """
 
     def __init__(self, folder: Traversable | None = None) -> None:
-        own = files(__package__) / "static" if folder is None else folder
+        own = files("prefcal_scenarios.app.web") / "static" if folder is None else folder
         self._assets = {name: Asset(content, _type(name)) for name, content in _read(own).items()}
         plotly = _plotly()
         if plotly is not None:

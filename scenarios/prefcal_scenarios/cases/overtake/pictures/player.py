@@ -32,7 +32,7 @@ def player(record: Record) -> Markup:
         for s, drawing in zip(shown, drawings, strict=True)
     ]
     data = {"still": time, "behind": BEHIND, "seen": SEEN, "runs": [d.as_json() for d in drawings]}
-    template = environment().get_template("overtake/player.html.j2")
+    template = environment().get_template("cases/overtake/pictures/player.html.j2")
     return Markup(
         template.render(
             runs=pictured,
@@ -47,5 +47,5 @@ def player(record: Record) -> Markup:
 
 def _static(name: str) -> Markup:
     """Return a file of the query window, as it is."""
-    static = files("prefcal_scenarios").joinpath("window", "static")
+    static = files("prefcal_scenarios").joinpath("app", "web", "static")
     return Markup(static.joinpath(name).read_text(encoding="utf-8"))
