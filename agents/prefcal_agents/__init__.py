@@ -1,37 +1,55 @@
 """Agents: they propose θ and learn from preferences, or from scores.
 
-Those that need an extra (`optional.OPTIONAL`) are loaded when first named.
+Everything below is loaded when it is first used, so that a list of the agents costs nothing.
 """
 
+from importlib import import_module as _import_module
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
-from prefcal_agents.advice.stopping import Advice as Advice
-from prefcal_agents.advice.transfer import Earlier as Earlier
-from prefcal_agents.baselines.glis import GLIS as GLIS
-from prefcal_agents.baselines.glis_settings import GLISSettings as GLISSettings
-from prefcal_agents.baselines.latin_hypercube import LatinHypercube as LatinHypercube
-from prefcal_agents.baselines.random_search import RandomSearch as RandomSearch
-from prefcal_agents.glisp.agent import GLISp as GLISp
-from prefcal_agents.glisp.settings import GLISpSettings as GLISpSettings
-from prefcal_agents.history.agent_state import AgentState as AgentState
-
-from .minimize import Minimum as Minimum
-from .minimize import minimize_by_preference as minimize_by_preference
-from .optional import OPTIONAL as _OPTIONAL
-from .optional import optional as _optional
+from .registry import AGENTS as AGENTS
+from .registry import CLASSES as _CLASSES
 from .registry import restore as restore
-from .respacing import respaced as respaced
 
 if _TYPE_CHECKING:
+    from .advice.stopping import Advice as Advice
+    from .advice.transfer import Earlier as Earlier
+    from .baselines.glis import GLIS as GLIS
+    from .baselines.glis_settings import GLISSettings as GLISSettings
+    from .baselines.latin_hypercube import LatinHypercube as LatinHypercube
+    from .baselines.random_search import RandomSearch as RandomSearch
+    from .glisp.agent import GLISp as GLISp
+    from .glisp.settings import GLISpSettings as GLISpSettings
+    from .history.agent_state import AgentState as AgentState
+    from .minimize import Minimum as Minimum
+    from .minimize import minimize_by_preference as minimize_by_preference
     from .peers import OptunaPreferential as OptunaPreferential
     from .peers import ReferenceGLIS as ReferenceGLIS
     from .peers import ReferenceGLISp as ReferenceGLISp
+    from .respacing import respaced as respaced
     from .rl import PPOBandit as PPOBandit
     from .rl import SACBandit as SACBandit
 
+_HOMES = {
+    "Advice": "advice.stopping",
+    "AgentState": "history.agent_state",
+    "Earlier": "advice.transfer",
+    "GLISSettings": "baselines.glis_settings",
+    "GLISpSettings": "glisp.settings",
+    "Minimum": "minimize",
+    "minimize_by_preference": "minimize",
+    "respaced": "respacing",
+    **{name: row.module for name, row in _CLASSES.items()},
+}
+
 
 def __getattr__(name: str) -> _Any:
-    if name in _OPTIONAL:
-        return _optional(name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = getattr(_import_module(f".{_HOMES[name]}", __name__), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

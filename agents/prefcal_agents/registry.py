@@ -1,48 +1,100 @@
-"""Restore any agent from its saved state."""
+"""The only list of agents: a new one is its file and a row here.
+
+Rows are plain data, so that `prefcal --help` can show the agents without loading any of them.
+"""
 
 from collections.abc import Mapping
-from types import MappingProxyType
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from importlib import import_module
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
 
-from prefcal_agents.baselines.glis import GLIS
-from prefcal_agents.baselines.latin_hypercube import LatinHypercube
-from prefcal_agents.baselines.random_search import RandomSearch
-from prefcal_agents.glisp.agent import GLISp
-from prefcal_agents.history.agent_state import AgentState
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs.knob import KnobSpace
-
-from .optional import OPTIONAL, optional
 
 if TYPE_CHECKING:
-    from .peers import OptunaPreferential, ReferenceGLIS, ReferenceGLISp
-    from .rl import PPOBandit, SACBandit
-
-    Optional = OptunaPreferential | ReferenceGLIS | ReferenceGLISp | PPOBandit | SACBandit
-    AnyAgent = GLIS | GLISp | LatinHypercube | RandomSearch | Optional
-else:
-    AnyAgent = GLIS | GLISp | LatinHypercube | RandomSearch
-
-AGENTS: Mapping[str, type[GLIS | GLISp | LatinHypercube | RandomSearch]] = MappingProxyType(
-    {"GLIS": GLIS, "GLISp": GLISp, "RandomSearch": RandomSearch, "LatinHypercube": LatinHypercube}
-)
-"""The agents by the name that their state bears; those of the extras are in `OPTIONAL`."""
+    from prefcal_agents.history.agent_state import AgentState
+    from prefcal_agents.protocol.agent import AnyAgent
+    from prefcal_env.knobs.knob import KnobSpace
 
 
-def restore(space: KnobSpace, state: AgentState) -> AnyAgent:
+@dataclass(frozen=True, slots=True)
+class AgentRow:
+    """One agent, as Python, command line, benchmark and saved studies know it.
+
+    Args:
+        name: Name in `prefcal_agents`: a class, or "CLASS.METHOD" for another way to make one.
+        module: Module of this package that holds the class.
+        word: Word for `prefcal calibrate --agent`; empty if it is not offered there.
+        about: Remark on it in the help.
+        label: Name in the benchmark's tables; empty: `name`.
+        by_value: Whether it is told scores; otherwise preferences.
+        learns: Whether it uses what it is told for more than keeping the winner.
+        extra: Extra that it needs: `pip install prefcal[extra]`.
+        packages: Modules of that extra to their distributions.
+    """
+
+    name: str
+    module: str
+    word: str = ""
+    about: str = ""
+    label: str = ""
+    by_value: bool = False
+    learns: bool = True
+    extra: str = ""
+    packages: Mapping[str, str] = field(default_factory=dict)
+
+    def load(self) -> Any:
+        """Return the class, or the method that makes the agent, loaded now."""
+        return attrgetter(self.name)(import_module(f"{__package__}.{self.module}"))
+
+
+_GLIS = {"glis": "glis", "pyswarm": "pyswarm", "pyDOE": "pyDOE"}
+_OPTUNA = {"optuna": "optuna", "optuna_dashboard": "optuna-dashboard", "botorch": "botorch"}
+_SB3 = {"stable_baselines3": "stable-baselines3", "torch": "torch"}
+
+AGENTS = (
+    AgentRow("GLISp", "glisp.agent", "glisp"),
+    AgentRow("GLISp.paper", "glisp.agent", "glisp-paper", "the algorithm as published"),
+    AgentRow(
+        "GLIS", "baselines.glis", "glis", "learns from the scenario's score, asks nobody",
+        by_value=True,
+    ),
+    AgentRow("PPOBandit", "rl", label="PPO", by_value=True, extra="rl", packages=_SB3),
+    AgentRow("SACBandit", "rl", label="SAC", by_value=True, extra="rl", packages=_SB3),
+    AgentRow("ReferenceGLISp", "peers", extra="peers", packages=_GLIS),
+    AgentRow("ReferenceGLIS", "peers", by_value=True, extra="peers", packages=_GLIS),
+    AgentRow("OptunaPreferential", "peers", extra="peers", packages=_OPTUNA),
+    AgentRow("LatinHypercube", "baselines.latin_hypercube", "lhs", learns=False),
+    AgentRow("RandomSearch", "baselines.random_search", "random", learns=False),
+)  # fmt: skip
+"""All agents, in the order of tables and help."""
+
+CLASSES: Mapping[str, AgentRow] = {row.name: row for row in AGENTS if "." not in row.name}
+"""Class to row: a saved state bears the name of its agent's class."""
+WORDS: Mapping[str, AgentRow] = {row.word: row for row in AGENTS if row.word}
+"""Word of the command line to row."""
+
+
+def agent_class(name: str) -> Any:
+    """Return the class called `name`; made without its extra, it raises MissingExtraError.
+
+    Raises:
+        SettingsError: no agent has that name.
+    """
+    if name not in CLASSES:
+        raise SettingsError(f"the agent must be one of {sorted(CLASSES)}, got {name!r}")
+    return CLASSES[name].load()
+
+
+def restore(space: "KnobSpace", state: "AgentState") -> "AnyAgent":
     """Return the agent that `state` was taken from; its next query is identical.
 
-    An older algorithm's state is taken as it is: its samples stay, and the present algorithm
-    carries on from them.
+    The state of an older version of the algorithm is taken as it is: its samples stay, and the
+    present algorithm carries on from them.
 
     Raises:
         SettingsError: an unknown agent, or a state that does not fit `space`.
         MissingExtraError: an agent of an extra that is not installed.
     """
-    if state.agent in OPTIONAL:
-        agent: AnyAgent = optional(state.agent).restore(space, state)
-        return agent
-    if state.agent not in AGENTS:
-        known = sorted([*AGENTS, *OPTIONAL])
-        raise SettingsError(f"the agent must be one of {known}, got {state.agent!r}")
-    return AGENTS[state.agent].restore(space, state)
+    agent: AnyAgent = agent_class(state.agent).restore(space, state)
+    return agent

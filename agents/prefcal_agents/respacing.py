@@ -6,13 +6,17 @@ from dataclasses import replace
 import numpy as np
 
 from prefcal_agents.history.agent_state import AgentState
+from prefcal_agents.protocol.agent import AnyAgent
 from prefcal_agents.space.start import Points
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.change import carried
 from prefcal_env.knobs.change import respaced as respaced_space
 from prefcal_env.knobs.knob import KnobSpace
 
-from .registry import AGENTS, AnyAgent
+from .registry import CLASSES, agent_class
+
+RESPACEABLE = frozenset(name for name, row in CLASSES.items() if not row.extra)
+"""Agents that can go on in a space that has changed: those of others cannot."""
 
 
 def respaced(
@@ -38,13 +42,16 @@ def respaced(
         SettingsError: an agent that cannot be restricted.
     """
     state = agent.state
-    if state.agent not in AGENTS:
-        raise SettingsError(f"only the agents {sorted(AGENTS)} can change their space")
+    if state.agent not in RESPACEABLE:
+        raise SettingsError(f"only the agents {sorted(RESPACEABLE)} can change their space")
     space = respaced_space(agent.space, new, added)
     if not keep_open:
         kept = state.history.samples[: state.history.answered]
         state = replace(state, history=replace(state.history, samples=kept))
-    return AGENTS[state.agent].restore(space, moved(state, agent.space, space, added))
+    twin: AnyAgent = agent_class(state.agent).restore(
+        space, moved(state, agent.space, space, added)
+    )
+    return twin
 
 
 def moved(

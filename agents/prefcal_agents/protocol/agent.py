@@ -1,6 +1,6 @@
 """The public face of an agent that takes turns: `Agent` of prefcal_env, told to its `Session`."""
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +10,7 @@ from prefcal_env.knobs.knob import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference, Query
 
 from .session import Session
+from .stored import Stored
 
 
 class AgentBase(Protocol):
@@ -105,3 +106,10 @@ class ValueBased(AgentBase, Protocol):
             PreferenceError: `value` is not finite, or holds a preference.
         """
         self._session.tell(query, value)
+
+
+class AnyAgent(Stored, AgentBase, Protocol):
+    """What every agent of the registry offers, whatever it is told."""
+
+    def tell(self, query: Query, answer: Any, /) -> None:
+        """Close `query` by a preference or a score."""

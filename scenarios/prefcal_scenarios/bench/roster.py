@@ -5,7 +5,6 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
 from importlib.util import find_spec
@@ -13,6 +12,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
+from prefcal_agents.registry import AGENTS as REGISTRY
+from prefcal_agents.registry import AgentRow
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
 from prefcal_env.knobs.knob import Knob, KnobSpace
 from prefcal_scenarios.own.nearest import did_you_mean
@@ -115,57 +116,35 @@ def _make(agent: Callable[..., Any], space: KnobSpace, n_init: int, n_max: int, 
     return agent(space, n_init=n_init, n_max=n_max, seed=seed)
 
 
-def _import(place: str) -> Any:
-    """Return the object at "module:attribute" or "module:attribute.attribute"."""
-    module, _, path = place.partition(":")
-    found = import_module(module)
-    for part in path.split("."):
-        found = getattr(found, part)
-    return found
-
-
-def _make_at(place: str, space: KnobSpace, n_init: int, n_max: int, seed: int) -> Any:
-    return _make(_import(place), space, n_init, n_max, seed)
-
-
-def _state_version(place: str) -> str:
+def _state_version(make: Make) -> str:
     """Return version and settings from the state of a new agent."""
-    state = _make_at(place, KnobSpace([Knob("x", 0, 1)]), 1, 2, 0).state
+    state = make(KnobSpace([Knob("x", 0, 1)]), 1, 2, 0).state
     return f"{state.version} {state.settings!r}"
 
 
-def _ours(name: str, kind: Kind = "preference", *, learns: bool = True) -> Entry:
-    """Return the entry of an agent of prefcal_agents that has a state."""
-    place = f"prefcal_agents:{name}"
-    make, version = partial(_make_at, place), partial(_state_version, place)
-    return Entry(name, kind, make, version, learns=learns)
-
-
-def _optional(name: str, kind: Kind, extra: str, class_: str, packages: Mapping[str, str]) -> Entry:
-    """Return the entry of an agent that needs an extra; its version names those of the packages.
-
-    Args:
-        name: Name of the entry.
-        kind: What it is told.
-        extra: Extra of this project; also the module of prefcal_agents that holds the agent.
-        class_: Class in that module.
-        packages: Module to distribution, of what it needs.
-    """
-    home = f"prefcal_agents.{extra}"
-    place = f"{home}:{class_}"
+def _row_entry(row: AgentRow) -> Entry:
+    """Return the entry of a row of the registry."""
+    make = partial(_make_row, row)
 
     def version() -> str:
-        found = [f"{package} {package_version(package)}" for package in packages.values()]
-        return ", ".join([str(_import(place).version), *found])
+        if not row.extra:
+            return _state_version(make)
+        found = [f"{package} {package_version(package)}" for package in row.packages.values()]
+        return ", ".join([str(row.load().version), *found])
 
-    needs = (*packages, home)
-    return Entry(name, kind, partial(_make_at, place), version, needs, extra)
+    kind: Kind = "value" if row.by_value else "preference"
+    needs = (*row.packages, f"prefcal_agents.{row.module}") if row.extra else ()
+    return Entry(row.label or row.name, kind, make, version, needs, row.extra, row.learns)
+
+
+def _make_row(row: AgentRow, space: KnobSpace, n_init: int, n_max: int, seed: int) -> Any:
+    return _make(row.load(), space, n_init, n_max, seed)
 
 
 def _glisp(name: str, **settings: Any) -> Entry:
     """Return the entry of GLISp with these settings in place of its own."""
     make = partial(_make_glisp, tuple(settings.items()))
-    return Entry(name, "preference", make, partial(_glisp_version, make))
+    return Entry(name, "preference", make, partial(_state_version, make))
 
 
 def _make_glisp(
@@ -175,16 +154,6 @@ def _make_glisp(
 
     chosen = GLISpSettings(**dict(settings))
     return GLISp(space, n_init=n_init, n_max=n_max, seed=seed, settings=chosen)
-
-
-def _glisp_version(make: Callable[..., Any]) -> str:
-    state = make(KnobSpace([Knob("x", 0, 1)]), 1, 2, 0).state
-    return f"{state.version} {state.settings!r}"
-
-
-_GLIS = {"glis": "glis", "pyswarm": "pyswarm", "pyDOE": "pyDOE"}
-_OPTUNA = {"optuna": "optuna", "optuna_dashboard": "optuna-dashboard", "botorch": "botorch"}
-_SB3 = {"stable_baselines3": "stable-baselines3", "torch": "torch"}
 
 
 def is_installed(module: str) -> bool:
@@ -203,23 +172,17 @@ def package_version(name: str) -> str:
         return "not installed"
 
 
+VARIANTS = (
+    _glisp("GLISp.no-outcomes", outcome_scales=(0.0,)),
+    _glisp("GLISp.3-questions", questions_per_experiment=3),
+    _glisp("GLISp.12-questions", questions_per_experiment=12),
+)
+"""GLISp with other settings, which the tables show after `GLISp.paper`."""
+
+
 def _make_roster() -> Mapping[str, Entry]:
-    entries = (
-        _ours("GLISp"),
-        _ours("GLISp.paper"),
-        _glisp("GLISp.no-outcomes", outcome_scales=(0.0,)),
-        _glisp("GLISp.3-questions", questions_per_experiment=3),
-        _glisp("GLISp.12-questions", questions_per_experiment=12),
-        _ours("GLIS", "value"),
-        _optional("PPO", "value", "rl", "PPOBandit", _SB3),
-        _optional("SAC", "value", "rl", "SACBandit", _SB3),
-        _optional("ReferenceGLISp", "preference", "peers", "ReferenceGLISp", _GLIS),
-        _optional("ReferenceGLIS", "value", "peers", "ReferenceGLIS", _GLIS),
-        _optional("OptunaPreferential", "preference", "peers", "OptunaPreferential", _OPTUNA),
-        _ours("LatinHypercube", learns=False),
-        _ours("RandomSearch", learns=False),
-    )
-    return MappingProxyType({one.name: one for one in entries})
+    entries = [_row_entry(row) for row in REGISTRY]
+    return MappingProxyType({one.name: one for one in (*entries[:2], *VARIANTS, *entries[2:])})
 
 
 AGENTS = _make_roster()

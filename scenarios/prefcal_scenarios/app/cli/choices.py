@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents.registry import WORDS
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.knob import KnobSpace
@@ -17,19 +17,13 @@ from prefcal_env.rig import Rig
 from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
-from .options import BY_VALUE, SCORE, Options
+from .options import SCORE, Options
 from .parameters import kept_by
 
 if TYPE_CHECKING:
-    from prefcal_agents.registry import AnyAgent
+    from prefcal_agents.protocol.agent import AnyAgent
 
 Thetas = Sequence[Float[np.ndarray, " n"]]
-
-AGENTS = {
-    "glisp": "GLISp", "glisp-paper": "GLISp.paper", "glis": "GLIS", "random": "RandomSearch",
-    "lhs": "LatinHypercube",
-}  # fmt: skip
-"""Word to class, or to another way to make one, in `prefcal_agents`."""
 
 _PROCESSOR = "processor"
 """Key of the processor in a study's configuration."""
@@ -42,13 +36,13 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Any
         SettingsError: an unknown agent, settings that it refuses, or options for another one.
         KnobError: a first θ that is outside the space.
     """
-    if options.agent not in AGENTS:
-        hint = did_you_mean(options.agent, AGENTS)
+    if options.agent not in WORDS:
+        hint = did_you_mean(options.agent, WORDS)
         raise SettingsError(
-            f"--agent must be one of {', '.join(AGENTS)}, got {options.agent!r}.{hint}".rstrip(".")
+            f"--agent must be one of {', '.join(WORDS)}, got {options.agent!r}.{hint}".rstrip(".")
         )
     check_agent_takes(options)
-    if options.agent in BY_VALUE:
+    if WORDS[options.agent].by_value:
         _check_score(options, scenario)
     import prefcal_agents
 
@@ -58,8 +52,7 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Any
         extra["settings"] = prefcal_agents.GLISpSettings(**settings)
     if start:
         extra["start"] = start
-    make = attrgetter(AGENTS[options.agent])(prefcal_agents)
-    agent: AnyAgent = make(
+    agent: AnyAgent = WORDS[options.agent].load()(
         scenario.space, n_init=options.n_init, n_max=options.n_max, seed=options.seed, **extra
     )
     return agent
@@ -110,7 +103,7 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
     Raises:
         SettingsError: unknown, or it does not take the tie band or the answer noise.
     """
-    if options.agent in BY_VALUE:
+    if WORDS[options.agent].by_value:
         return None
     from prefcal_env.calibrators import LatentCost, Thurstone
 

@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
+from prefcal_agents.registry import WORDS
+
 from .parameters import Kept, kept_by, parameters_of
 
 HUMAN = "human"
@@ -16,8 +18,14 @@ HUMAN = "human"
 SCORE = "score"
 """Stands for the scenario's own score, where the agent learns from that: nobody compares."""
 
-BY_VALUE = ("glis",)
+BY_VALUE = tuple(word for word, row in WORDS.items() if row.by_value)
 """The agents that are told scores."""
+
+
+def _who_proposes() -> str:
+    """Return the help of --agent: the words of the registry, with their remarks."""
+    *words, last = (f"{word} ({row.about})" if row.about else word for word, row in WORDS.items())
+    return f"Who proposes: {', '.join(words)} or {last}."
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +58,7 @@ class Options:
         str,
         Option(
             metavar="NAME",
-            help="Who proposes: glisp, glisp-paper (the algorithm as published), glis (learns "
-            "from the scenario's score, asks nobody), random or lhs.",
+            help=_who_proposes(),
             show_default="glisp",
         ),
         Kept(label="agent", always=True),

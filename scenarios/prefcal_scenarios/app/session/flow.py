@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from prefcal_agents.registry import AnyAgent
+from prefcal_agents.protocol.agent import AnyAgent
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.mpc.compiling import Compiling

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from prefcal_agents import AgentState, Earlier, restore
-from prefcal_agents.registry import AnyAgent
+from prefcal_agents.protocol.agent import AnyAgent
 from prefcal_env.errors import SettingsError, StudyError
 from prefcal_env.knobs.knob import KnobSpace
 from prefcal_env.preferences.best import (

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.registry import AnyAgent
+from prefcal_agents.protocol.agent import AnyAgent
 from prefcal_env.errors import RunError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Preference, Strength

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from prefcal_agents.models.learned_cost import LearnedCost
-from prefcal_agents.registry import AGENTS
-from prefcal_agents.respacing import moved
+from prefcal_agents.respacing import RESPACEABLE, moved
 from prefcal_env.errors import PrefcalError, SettingsError, StudyError
 from prefcal_env.knobs.change import respaced
 from prefcal_env.knobs.knob import Knob, KnobSpace
@@ -234,7 +233,7 @@ def respace(name: str, source: str | None, changes: Changes) -> KnobSpace:
     """
     with open_described(existing(name)) as file:
         source = trusted_source(name, file.state, source)
-        if file.state.configuration["agent"]["agent"] not in AGENTS:
+        if file.state.configuration["agent"]["agent"] not in RESPACEABLE:
             raise StudyError(f"the agent of study {name!r} cannot change its space")
         event, space = _event(file.state, load(source).space, changes)
         # What could not be resumed is refused before it is recorded.

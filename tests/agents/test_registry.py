@@ -1,4 +1,4 @@
-"""Agents of the extras: known by name, loaded when named."""
+"""The registry of agents: each is known by name, and loaded when named."""
 
 import subprocess
 import sys
@@ -8,16 +8,15 @@ import pytest
 import prefcal_agents
 from contracts.agents import MIXED
 from prefcal_agents import restore
-from prefcal_agents.optional import OPTIONAL, optional
-from prefcal_agents.registry import AGENTS
+from prefcal_agents.registry import CLASSES, agent_class
 from prefcal_env.errors import SettingsError
 from support.extras import need
 
 
-@pytest.mark.parametrize("name", [*AGENTS, *OPTIONAL])
+@pytest.mark.parametrize("name", CLASSES)
 def test_a_state_wakes_up_the_agent_that_it_was_taken_from(name):
-    if name in OPTIONAL:
-        need(OPTIONAL[name])
+    if CLASSES[name].extra:
+        need(CLASSES[name].extra)
     agent = getattr(prefcal_agents, name)(MIXED, n_init=2, n_max=4, seed=7)
     twin = restore(MIXED, agent.state)
     assert type(twin) is type(agent)
@@ -26,7 +25,7 @@ def test_a_state_wakes_up_the_agent_that_it_was_taken_from(name):
 
 def test_unknown_names_are_refused():
     with pytest.raises(SettingsError, match="PPOBandit"):
-        optional("Nobody")
+        agent_class("Nobody")
     with pytest.raises(AttributeError, match="Nobody"):
         _ = prefcal_agents.Nobody
 
