@@ -9,8 +9,6 @@ from importlib import import_module
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from prefcal_env.errors import SettingsError
-
 if TYPE_CHECKING:
     from prefcal_agents.history.agent_state import AgentState
     from prefcal_agents.protocol.agent import AnyAgent
@@ -82,6 +80,8 @@ def agent_class(name: str) -> Any:
         SettingsError: no agent has that name.
     """
     if name not in CLASSES:
+        from prefcal_env.errors import SettingsError  # loads numpy
+
         raise SettingsError(f"the agent must be one of {sorted(CLASSES)}, got {name!r}")
     return CLASSES[name].load()
 
