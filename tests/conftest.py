@@ -31,10 +31,9 @@ COMPILED_ELSEWHERE = {"prefcal_env.plants.integrate"}
 WHOLE_STUDIES = {
     "agents/acquisition/test_expected_improvement",
     "agents/acquisition/test_penalty",
+    "agents/glisp/test_questions",
     "agents/models/test_learned_cost",
-    "agents/test_appeal",
     "agents/test_peers",
-    "agents/test_placing",
     "env/experiments/test_worst_case",
     "env/test_environments",
     "scenarios/app/cli/test_cli",
@@ -54,7 +53,7 @@ WHOLE_STUDIES = {
     "scenarios/cases/overtake/test_robust",
     "scenarios/test_failed_runs",
     "test_own_plant",
-}  # fmt: skip
+}
 """Files of tests that make the same calls thousands of times: checking each takes most of their
 time, and the tests of the parts check the same shapes."""
 UNCHECKED = "JAXTYPING_DISABLE" in os.environ

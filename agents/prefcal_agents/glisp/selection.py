@@ -71,7 +71,7 @@ class ModelSelection:
         self._shapes = [settings.shape(n)]
         self._noise_shapes = [Shape(1.0, (1.0,) * n, settings.rbf)]
         self._evidence: dict[int, float] = {}
-        self._scales: dict[int, float] = {}
+        self._scales: dict[tuple[int, Shape], float] = {}
         self._made: dict[int, Selection] = {}
         self._data: Dataset | None = None
 
@@ -97,8 +97,10 @@ class ModelSelection:
         if count not in self._made:
             noise = self._noise_test(count)
             noisy = noise is not None and noise.suspects and contradictory(history.verdicts())
-            scale = self._scale(count) if count >= self._n_init else 0.0
-            self._made[count] = Selection(self._shape(count), scale, noise, noisy)
+            shape = self._shape(count)
+            started = count >= self._n_init
+            scale = self._kpi_scale(self.dataset(history), shape) if started else 0.0
+            self._made[count] = Selection(shape, scale, noise, noisy)
         return self._made[count]
 
     def before(self, history: History) -> Selection:
@@ -114,9 +116,9 @@ class ModelSelection:
         """Forget what was selected from the first number on at which `history` has changed."""
         count = shared(self._history, history)
         del self._shapes[count + 1 :], self._noise_shapes[count + 1 :]
-        for made in (self._evidence, self._scales, self._made):
-            for later in [k for k in made if k > count]:
-                del made[later]
+        self._evidence = {k: made for k, made in self._evidence.items() if k <= count}
+        self._scales = {k: made for k, made in self._scales.items() if k[0] <= count}
+        self._made = {k: made for k, made in self._made.items() if k <= count}
         self._history = history
 
     def _prefix(self, count: int, *, with_kpis: bool = False) -> Dataset:
@@ -186,23 +188,14 @@ class ModelSelection:
         """Return how much KPIs count beside θ, so that left-out answers are predicted best."""
         if not len(data.kpis) or len(data.preferences) < FOLDS:
             return 0.0
-        count = data.history.answered
-        if count <= MANY + SELDOM:
-            return self._best_scale(data, shape)
-        count -= (count - _SCALE_AT) % SELDOM
-        if count not in self._scales:
-            then = self._prefix(count, with_kpis=True)
-            self._scales[count] = self._best_scale(then, self._shape(count))
-        return self._scales[count]
-
-    def _scale(self, count: int) -> float:
-        """Return the weight of KPIs after `count` experiments."""
-        if count > MANY + SELDOM:
-            return self._kpi_scale(self._prefix(count, with_kpis=True), self._shape(count))
-        if count not in self._scales:
-            data = self._prefix(count, with_kpis=True)
-            self._scales[count] = self._kpi_scale(data, self._shape(count))
-        return self._scales[count]
+        answered = count = data.history.answered
+        if answered > MANY + SELDOM:
+            count -= (count - _SCALE_AT) % SELDOM
+            shape = self._shape(count)
+        if (count, shape) not in self._scales:
+            then = data if count == answered else self._prefix(count, with_kpis=True)
+            self._scales[count, shape] = self._best_scale(then, shape)
+        return self._scales[count, shape]
 
     def _best_scale(self, data: Dataset, shape: Shape) -> float:
         scales, validation = self._settings.outcome_scales, self._validation(data)
@@ -230,7 +223,7 @@ class ModelSelection:
     def _evidence_after(self, count: int) -> float:
         if count not in self._evidence:
             data = self._prefix(count, with_kpis=True)
-            scale = self._scale(count) if len(data.kpis) else 0.0
+            scale = self._kpi_scale(data, self._shape(count))
             columns = scale * data.kpis.columns if scale else None
             self._evidence[count] = evidence_of_mistakes(
                 data.preferences, self._noise_shape(count), columns, self._settings.error_rate

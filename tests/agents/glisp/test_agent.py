@@ -1,12 +1,16 @@
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
+from prefcal_agents.glisp.training import train
+from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.models.cross_validation import FOLDS
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.knob import Knob, KnobSpace
 from prefcal_scenarios.cases.test_functions import FUNCTIONS
-from support.studies import drive
+from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("a", -2.0, 2.0), Knob("b", -1.0, 1.0)])
 CAMEL = FUNCTIONS["camel"]
@@ -34,6 +38,10 @@ def study(count=14, **options):
         {"process": 1},
         {"delta": "0.3"},
         {"delta": True},
+        {"error_rate": -0.1},
+        {"error_rate": 0.5},
+        {"error_rate": np.nan},
+        {"questions_per_experiment": 0},
     ],
 )
 def test_impossible_settings_are_refused_by_name(options):
@@ -123,6 +131,127 @@ def test_every_variant_finds_a_bowl(settings):
         n_max=22,
     )
     assert bowl(found.best) < 0.05
+
+
+# Mistakes, and what the error rate is good for.
+
+
+ANY = KnobSpace([Knob("x", -1.0, 1.0, step=0), Knob("y", -1.0, 1.0, step=0)])
+
+
+def bowl(theta):
+    return float(np.sum((theta - 0.2) ** 2))
+
+
+def answered(rate, flips, *, n_max, seed=0):
+    """Return a whole study in which the answers about the experiments of `flips` are wrong."""
+    settings = GLISpSettings(error_rate=rate)
+    agent = GLISp(ANY, n_init=6, n_max=n_max, settings=settings, seed=seed)
+    drive(agent, by(bowl), wrong=lambda query: query.challenger.index in flips)
+    return agent
+
+
+@pytest.mark.unchecked
+def test_the_error_rate_changes_nothing_for_someone_who_never_errs():
+    fallible, sure = (answered(rate, set(), n_max=18) for rate in (0.1, 0.0))
+    assert fallible.state.history == sure.state.history
+    assert fallible.best_index == fallible.state.history.incumbent
+
+
+@pytest.mark.campaign
+@pytest.mark.unchecked
+def test_with_four_wrong_answers_the_gap_is_smaller_than_if_all_were_kept():
+    ratios = []
+    for seed in range(8):  # in five of these the mistakes are noticed
+        gaps = [
+            bowl(answered(rate, {12, 16, 20, 25}, n_max=36, seed=seed).best) for rate in (0.1, 0.0)
+        ]
+        ratios.append(np.log10(gaps[0] / gaps[1]))
+    assert np.mean(ratios) < -0.3
+
+
+# The number of questions for each experiment may change.
+
+
+def asking(questions):
+    settings = GLISpSettings(questions_per_experiment=questions)
+    return GLISp(ANY, n_init=4, n_max=12, settings=settings)
+
+
+def run(agent, count=None):
+    return drive(agent, by(bowl), count)
+
+
+def until_further(agent):
+    while not (query := agent.ask()).further:
+        run(agent, 1)
+    return query
+
+
+def test_the_number_can_be_raised_and_lowered_while_it_runs():
+    agent = asking(1)
+    run(agent, 6)
+    query = agent.ask()  # its experiment may have run by now
+    more = agent.with_questions(3)
+    assert (more.ask(), more.ask().further) == (query, False)
+    further = until_further(more)
+    fewer = more.with_questions(1)
+    assert not fewer.ask().further
+    assert fewer.ask().challenger.index == further.challenger.index + 1
+    assert fewer.with_questions(3).ask() == fewer.ask()  # that sample is stored by now
+    assert more.with_questions(12).ask() == further
+    assert [a.settings.questions_per_experiment for a in (agent, more, fewer)] == [1, 3, 1]
+
+
+def test_an_answer_to_a_further_query_stays_when_the_number_is_lowered():
+    agent = asking(3)
+    until_further(agent)
+    run(agent, 1)
+    before = agent.state.history
+    fewer = agent.with_questions(1)
+    assert fewer.state.history.further == before.further != ()
+    fewer.undo()
+    assert fewer.state.history.further == before.further[:-1]
+    assert not fewer.ask().further
+
+
+def test_a_changed_agent_is_restored_with_the_identical_query():
+    agent = asking(1)
+    run(agent, 6)
+    agent = agent.with_questions(3)
+    while not agent.done:
+        twin = GLISp.restore(ANY, AgentState.from_dict(agent.state.to_dict()))
+        assert twin.ask() == agent.ask()
+        run(agent, 1)
+    assert agent.state.history.further
+
+
+@pytest.mark.parametrize("most", [0, -1, 1.5, True, None])
+def test_an_impossible_number_is_refused_and_changes_nothing(most):
+    agent = asking(2)
+    with pytest.raises(SettingsError, match="questions_per_experiment"):
+        agent.with_questions(most)
+    assert agent.settings.questions_per_experiment == 2
+
+
+def test_linear_algebra_keeps_to_one_thread_in_proposals(monkeypatch):
+    limited = []
+
+    @contextmanager
+    def one_thread():
+        limited.append(True)
+        yield
+        limited.append(False)
+
+    def watched(*given):
+        assert limited[-1:] == [True]
+        return train(*given)
+
+    monkeypatch.setattr("prefcal_agents.glisp.agent.one_thread", one_thread)
+    monkeypatch.setattr("prefcal_agents.glisp.agent.train", watched)
+    agent = GLISp(KnobSpace([Knob("x", 0, 1)]), n_init=2, n_max=6)
+    drive(agent, lambda new, old: 1)
+    assert limited.count(True) == limited.count(False) >= 4
 
 
 # Each deviation from the paper earns its place: medians over fixed seeds, with and without it.

@@ -1,198 +1,175 @@
-from contextlib import contextmanager
+"""The strategy table, and the search for the next sample."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from prefcal_agents.doubt import Doubt, Doubts
-from prefcal_agents.learner import Learner
 
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.acquisition.expected_improvement import ExpectedImprovement
 from prefcal_agents.acquisition.exploration import Acquisition
+from prefcal_agents.glisp.dataset import Dataset
+from prefcal_agents.glisp.noise_test import NoiseTest
 from prefcal_agents.glisp.schedule import FEW
+from prefcal_agents.glisp.selection import Selection
+from prefcal_agents.glisp.strategy import STRATEGY, Setup, propose, propose_start
+from prefcal_agents.glisp.training import train
+from prefcal_agents.history.history import History
 from prefcal_agents.models.preference_gp import PreferenceGP
-from prefcal_agents.models.surrogate import Composite, Surrogate
+from prefcal_agents.models.surrogate import Composite, Shape, Surrogate
+from prefcal_agents.space.design import latin_hypercube
 from prefcal_env.knobs.knob import Knob, KnobSpace
-from support.studies import by, drive
+from prefcal_env.preferences.answer import Answer, Mark
+from prefcal_env.qp import make_backend
+from support.studies import drive
 
 pytestmark = pytest.mark.unchecked  # for speed: the contract suite checks the shapes
 
-CUBE = KnobSpace([Knob(name, 0.0, 1.0) for name in "abcd"])
 SQUARE = KnobSpace([Knob("a", 0.0, 1.0, step=0), Knob("b", 0.0, 1.0, step=0)])
+SHAPE = Shape(1.0, (1.0, 1.0))
+IMPROVEMENT, PROCESS, ACQUISITION = "expected improvement", "process", "acquisition"
+ODD, EVEN = FEW + 1, FEW + 2  # numbers of experiments: the process proposes after ODD
 
 
-def bowl(theta):
-    return float(np.sum((theta - np.resize([0.3, 0.6], len(theta))) ** 2))
+def bowl(z):
+    return float(np.sum((np.array(z) - [0.3, 0.6]) ** 2))
 
 
-def off(theta):
-    """A KPI that explains every answer."""
-    return {"off": bowl(theta)}
+def history_of(count, *, ties=False, further=False, unsafe=False):
+    """Return random samples, each compared with the best before it, with a KPI that explains all.
+
+    With `unsafe`, samples in the right half are marked so.
+    """
+    history = History()
+    for z in np.random.default_rng(1).random((count, 2)):
+        best = history.incumbent
+        rival = None if best is None else np.array(history.samples[best])
+        answer = None if best is None else 0 if ties else int(np.sign(bowl(z) - bowl(rival)))
+        marks = (Mark.CHALLENGER_UNSAFE,) if unsafe and z[0] > 0.5 else ()
+        told = Answer(answer, marks=marks, outcomes=({"off": bowl(z)}, None))
+        history = history.with_pending(z).told(told, best)
+    return history.told_further(Answer(1), count - 1, 0) if further else history
 
 
-def study(count, space=SQUARE, *, outcomes=None, agent=None, **settings):
-    """An agent after `count` answers; `outcomes` maps θ to KPIs."""
-    agent = agent or GLISp(space, n_init=4, n_max=40, seed=2, settings=GLISpSettings(**settings))
-    drive(agent, by(bowl), count, kpis=outcomes)
-    return agent
+def setup_of(**settings):
+    return Setup(SQUARE, 4, 2, GLISpSettings(**settings))
 
 
-def changed(*, kpis=None, **settings):
-    """Numbers of experiments after which cross-validation has chosen another ε."""
-    agent, epsilons = study(0, **settings), []
-    for _ in range(27):
-        drive(agent, by(bowl), 1, kpis=kpis)
-        epsilons.append(agent.epsilon)
-    return {k for k in range(2, 28) if epsilons[k - 1] != epsilons[k - 2]}
+def fit_of(history, setup, *, kpis=False, noisy=False):
+    """Train on `history`; KPIs count if `kpis`, and answers may be wrong if `noisy`."""
+    noise = NoiseTest(SHAPE, 5.0 if noisy else -5.0)
+    selection = Selection(SHAPE, 1.0 if kpis else 0.0, noise, noisy)
+    data = Dataset.of(history, with_kpis=kpis)
+    return train(data, selection, setup.settings, make_backend("piqp"))
 
 
-def test_the_shape_is_validated_where_the_surrogate_has_a_turn():
-    found = changed()
-    assert min(found) == 4  # the start is over
-    assert {k % 2 for k in found if k < FEW} == {0, 1}
-    assert {k % 2 for k in found if k >= FEW} == {0}
+def objective_of(setup, fit):
+    return next(rule for rule in STRATEGY if rule.holds(setup, fit)).objective(setup, fit)
 
 
-@pytest.mark.parametrize("options", [{"process": False}, {"kpis": off}], ids=["alone", "KPIs"])
-def test_without_the_process_or_with_kpis_the_shape_is_validated_after_every_experiment(options):
-    assert {k % 2 for k in changed(**options) if k >= FEW} == {0, 1}
+def kind(objective):
+    """Return the name of what is minimized."""
+    if isinstance(objective, ExpectedImprovement):
+        return IMPROVEMENT
+    assert isinstance(objective, Acquisition)
+    return PROCESS if isinstance(objective.surrogate, PreferenceGP) else ACQUISITION
 
 
-@pytest.mark.parametrize("process", [True, False])
-def test_every_knob_has_its_turn_in_the_cross_validation(process, monkeypatch):
-    seen = set()
-
-    def noted(validation, shape, score, candidates, *, knob):
-        seen.add(knob)
-        return shape
-
-    monkeypatch.setattr("prefcal_agents.learner.rescale_knob", noted)
-    agent = study(FEW, CUBE, process=process)
-    seen.clear()
-    study(8, CUBE, agent=agent).ask()
-    assert seen == {0, 1, 2, 3}
-
-
-def test_during_a_long_start_nothing_is_validated():
-    agent = GLISp(SQUARE, n_init=130, n_max=140, seed=2)
-    study(118, agent=agent)
-    assert agent.epsilon == agent.settings.epsilon
-
-
-def test_answers_to_further_questions_may_contradict_each_other(monkeypatch):
-    told = []
-    process = PreferenceGP.of
-
-    def noted(preferences, error_rate):
-        told.append(error_rate)
-        return process(preferences, error_rate)
-
-    monkeypatch.setattr(PreferenceGP, "of", noted)
-    study(FEW + 1).ask()
-    assert set(told) == {0.0}
-    told.clear()
-    agent = GLISp(SQUARE, n_init=4, settings=GLISpSettings(questions_per_experiment=3))
-    while len(told) < 2:
-        drive(agent, by(bowl), 1)
-    assert set(told) == {0.003}
+@pytest.mark.parametrize(
+    ("count", "settings", "given", "expected"),
+    [
+        # KPIs that explain trusted answers come first.
+        (9, {}, {"kpis": True}, IMPROVEMENT),
+        (ODD, {}, {"kpis": True}, IMPROVEMENT),
+        (9, {"expected_improvement": False}, {"kpis": True}, ACQUISITION),
+        (9, {}, {"kpis": True, "noisy": True}, ACQUISITION),
+        # Without KPIs the process takes turns with the surrogate, later on.
+        (9, {}, {}, ACQUISITION),
+        (FEW - 1, {}, {}, ACQUISITION),
+        (FEW, {}, {}, ACQUISITION),
+        (ODD, {}, {}, PROCESS),
+        (EVEN, {}, {}, ACQUISITION),
+        (ODD, {}, {"noisy": True}, PROCESS),
+        (ODD, {"process": False}, {}, ACQUISITION),
+        # The process knows no KPIs.
+        (ODD, {"expected_improvement": False}, {"kpis": True}, ACQUISITION),
+        (ODD, {}, {"kpis": True, "noisy": True}, ACQUISITION),
+    ],
+)
+def test_the_first_row_that_holds_says_what_is_minimized(count, settings, given, expected):
+    setup = setup_of(**settings)
+    assert kind(objective_of(setup, fit_of(history_of(count), setup, **given))) == expected
 
 
-def test_the_paper_s_variant_minimises_its_acquisition_at_every_step():
-    agent = study(12, agent=GLISp.paper(SQUARE, n_init=4, n_max=40, seed=2))
-    assert all(isinstance(minimised(agent, k).surrogate, Surrogate) for k in (10, 11, 12))
-    agent = study(FEW - 8, agent=agent)
-    assert all(isinstance(minimised(agent, k).surrogate, Surrogate) for k in (FEW, FEW + 1))
+@pytest.mark.parametrize("kpis", [True, False])
+def test_if_all_are_ties_nothing_can_be_improved_on_and_no_process_is_trained(kpis):
+    setup = setup_of()
+    fit = fit_of(history_of(ODD, ties=True), setup, kpis=kpis)
+    assert kind(objective_of(setup, fit)) == ACQUISITION
 
 
-def test_later_every_second_proposal_is_the_mean_of_a_process_that_keeps_the_answers():
-    agent, off = study(FEW + 4), study(FEW + 4, process=False)
-    later = range(FEW - 2, FEW + 4)
-    kinds = [type(minimised(agent, index).surrogate) for index in later]
-    assert kinds == [Surrogate] * 2 + [Surrogate, PreferenceGP] * 2
-    assert {type(minimised(off, index).surrogate) for index in later} == {Surrogate}
+def test_the_paper_minimizes_its_acquisition_at_every_step():
+    setup = Setup(SQUARE, 4, 2, GLISpSettings.paper())
+    for count in (9, FEW, ODD, EVEN):
+        objective = objective_of(setup, fit_of(history_of(count), setup))
+        assert kind(objective) == ACQUISITION
+        assert isinstance(objective.surrogate, Surrogate)
 
 
-def test_doubted_answers_teach_the_process_with_their_chance_of_being_wrong(monkeypatch):
-    agent, told = study(FEW + 3), []
-    monkeypatch.setattr(Learner, "is_noisy", lambda *given: True)
-    doubt = Doubt(agent._learner.shape(agent._session.history), 100.0)
-    monkeypatch.setattr(Doubts, "after", lambda *given: doubt)
-    process = PreferenceGP.of
-
-    def noted(preferences, error_rate):
-        told.append(error_rate)
-        return process(preferences, error_rate)
-
-    monkeypatch.setattr(PreferenceGP, "of", noted)
-    for index in (FEW + 1, FEW + 3):
-        assert isinstance(minimised(agent, index).surrogate, PreferenceGP)
-    assert told == [0.1, 0.1]
+def test_the_acquisition_is_that_of_the_whole_surrogate():
+    setup = setup_of(expected_improvement=False)
+    fit = fit_of(history_of(9), setup, kpis=True)
+    assert isinstance(fit.surrogate, Composite)
+    assert objective_of(setup, fit).surrogate is fit.surrogate
 
 
-def test_kpis_teach_the_surrogate():
-    agent = study(
-        14,
-        outcomes=lambda theta: {"off": bowl(theta), "none": float(theta[0] > 0.5)},
-        outcome_scales=(1.0,),
-        expected_improvement=False,  # samples not so close that no QP tells them apart
-    )
-    learned = agent._learner.learned(agent._session.history)
-    assert isinstance(learned, Composite)
-    assert np.all(learned.over_kpis.weights >= 0)
-    assert learned.over_kpis.weights.max() > 0
-    values = learned(learned.centres)
-    latent = [bowl(SQUARE.decode(z)) for z in learned.centres]
-    assert np.argmin(values) == np.argmin(latent)
+@pytest.mark.parametrize(
+    ("given", "noisy", "error_rate"),
+    [({}, False, 0.0), ({"further": True}, False, 0.003), ({"further": True}, True, 0.1)],
+    ids=["one answer each", "further answers", "mistakes"],
+)
+def test_the_process_takes_answers_for_wrong_as_often_as_they_may_be(given, noisy, error_rate):
+    setup, points = setup_of(), np.random.default_rng(5).random((20, 2))
+    fit = fit_of(history_of(ODD, **given), setup, noisy=noisy)
+    values = objective_of(setup, fit).surrogate(points)
+    for rate in (0.0, 0.003, 0.1):
+        same = np.array_equal(values, PreferenceGP.of(fit.data.preferences, rate)(points))
+        assert same is (rate == error_rate)
 
 
-def minimised(agent, index):
-    """What the sample number `index` of the study is a minimum of."""
-    history = agent._session.history.until(index)
-    return agent._strategy._acquisition(history)
+def test_the_same_fit_gives_the_same_sample_and_another_seed_another():
+    setup, history = setup_of(), history_of(9)
+    fit = fit_of(history, setup)
+    z = propose(setup, fit)
+    assert np.array_equal(z, propose(setup, fit))
+    assert not np.array_equal(z, propose(replace(setup, seed=3), fit))
+    assert np.all((z >= 0) & (z <= 1))
+    assert not np.any(np.all(history.cube() == z, axis=1))
+    assert bowl(z) < 0.5
 
 
-@pytest.mark.parametrize("space", [SQUARE, CUBE])
-def test_where_kpis_count_the_expected_improvement_is_maximised(space):
-    counting = {"outcomes": off, "outcome_scales": (1.0,)}
-    agent = study(9, space, **counting)
-    assert isinstance(minimised(agent, 9), ExpectedImprovement)
-    agent = study(9, space, **counting, expected_improvement=False)
-    # The process knows no KPIs, so it has no turns either.
-    assert all(isinstance(minimised(agent, k).surrogate, Composite) for k in (8, 9))
-    assert isinstance(minimised(study(9, space), 9), Acquisition)
+def test_the_start_is_a_latin_hypercube():
+    setup, history = setup_of(), History()
+    for planned in latin_hypercube(SQUARE, 4, 2):
+        z = propose_start(setup, history)
+        assert np.array_equal(z, planned)
+        history = history.with_pending(z).told(Answer(1 if history.answered else None), None)
 
 
-def test_where_all_are_ties_nothing_can_be_improved_on():
+def test_marks_keep_samples_away_from_where_it_is_unsafe():
+    setup = setup_of()
+    z = propose(setup, fit_of(history_of(12, unsafe=True), setup))
+    assert z[0] < 0.6
+    early, unsafe = replace(setup, n_init=30), 0
+    for count in range(8, 14):
+        plain = propose_start(early, history_of(count))
+        if plain[0] > 0.6:
+            unsafe += 1
+            assert propose_start(early, history_of(count, unsafe=True))[0] < plain[0]
+    assert unsafe
+
+
+def test_a_study_without_a_strict_answer_goes_on_with_new_samples():
     agent = GLISp(SQUARE, n_init=2, n_max=9, seed=2)
-    drive(agent, lambda new, old: 0, 8, kpis=off)
-    assert isinstance(minimised(agent, 8), Acquisition)
+    drive(agent, lambda new, old: 0, 8, kpis=lambda theta: {"off": bowl(theta)})
     assert agent.ask().challenger.theta.tolist() not in agent.samples.tolist()[:8]
-
-
-def test_where_answers_are_doubted_none_is_taken_for_right(monkeypatch):
-    agent = study(9, outcomes=off, outcome_scales=(1.0,))
-    assert isinstance(minimised(agent, 9), ExpectedImprovement)
-    monkeypatch.setattr(Learner, "is_noisy", lambda *given: True)
-    doubt = Doubt(agent._learner.shape(agent._session.history), 100.0)
-    monkeypatch.setattr(Doubts, "after", lambda *given: doubt)
-    assert isinstance(minimised(agent, 9), Acquisition)
-
-
-def test_linear_algebra_keeps_to_one_thread_in_proposals(monkeypatch):
-    limited = []
-
-    @contextmanager
-    def one_thread():
-        limited.append(True)
-        yield
-        limited.append(False)
-
-    def learned(self, history, *given, **options):
-        assert limited[-1:] == [True]
-        return real(self, history, *given, **options)
-
-    real = Learner.learned
-    monkeypatch.setattr("prefcal_agents.glisp.strategy.one_thread", one_thread)
-    monkeypatch.setattr(Learner, "learned", learned)
-    agent = GLISp(KnobSpace([Knob("x", 0, 1)]), n_init=2, n_max=6)
-    drive(agent, lambda new, old: 1)
-    assert limited.count(True) == limited.count(False) >= 4

@@ -1,9 +1,9 @@
-"""What answers teach where some may be wrong."""
+"""The posterior of β if some answers may be wrong."""
 
 import numpy as np
 import pytest
-from prefcal_agents.doubt import rows_of
 
+from prefcal_agents.glisp.noise_test import rows_of
 from prefcal_agents.history.history import Preferences
 from prefcal_agents.models.expectation_propagation import ExpectationPropagation
 from prefcal_agents.models.preference_qp import Constraints
@@ -13,7 +13,7 @@ SHAPE = Shape(1.0, (1.0, 1.0))
 
 
 def compared(flipped, *, seed=0, count=60):
-    """`count` comparisons of 30 samples of a bowl, those of `flipped` the wrong way round."""
+    """Return `count` comparisons of 30 samples of a bowl; the answers of `flipped` are wrong."""
     rng = np.random.default_rng(seed)
     samples = rng.random((30, 2))
     cost = np.sum((samples - 0.4) ** 2, axis=1)

@@ -5,7 +5,6 @@ from functools import partial
 import numpy as np
 import pytest
 
-from prefcal_agents.glisp.strategy import Strategy
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import calibrate
@@ -94,12 +93,12 @@ def test_a_question_that_a_newer_algorithm_would_not_ask_is_replaced(toy, tmp_pa
     known = {question.left.index, question.right.index}
     other = next(k for k in range(question.challenger.index) if k not in known)
     pair = question.challenger.index, other
-    monkeypatch.setattr(Strategy, "further", lambda self, history: pair)
+    monkeypatch.setattr("prefcal_agents.glisp.agent.follow_up", lambda *given: pair)
     interview = reopened(toy, path)
     now = interview.now()
     assert (now.question.challenger.index, now.question.incumbent.index) == pair
     interview.study.close()
-    monkeypatch.setattr(Strategy, "further", lambda self, history: None)
+    monkeypatch.setattr("prefcal_agents.glisp.agent.follow_up", lambda *given: None)
     now = proceed(reopened(toy, path))
     assert not now.question.further
     assert now.question.challenger.index == len(now.state.closed)

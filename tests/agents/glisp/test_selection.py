@@ -1,0 +1,196 @@
+"""Selections follow from the history alone, whatever was asked for before."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from prefcal_agents import GLISpSettings
+from prefcal_agents.glisp.schedule import FEW, MANY
+from prefcal_agents.glisp.selection import ModelSelection, shared
+from prefcal_agents.history.history import History
+from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.best import contradictory
+from prefcal_env.qp import make_backend
+
+BACKEND = make_backend("piqp")
+START = 4
+QUICK = GLISpSettings(outcome_scales=(0.0, 1.0))
+ONLY_SCALES = GLISpSettings(validate_at=(), error_rate=0.0)
+
+
+def cost(z):
+    return float(np.sum((z - 0.3) ** 2))
+
+
+def history_of(count, *, kpis_from=None, wrong=(), further=(), n=2, cost=cost):
+    """Return random samples, each compared with the best before it.
+
+    Args:
+        count: Number of samples.
+        kpis_from: Number of the first sample that has a KPI, which explains all answers.
+        wrong: Numbers of the samples about which the answer is wrong.
+        further: Numbers of experiments after which a further answer contradicts an earlier one.
+        n: Number of knobs.
+        cost: Cost of a sample.
+    """
+    history, costs = History(), []
+    for k, z in enumerate(np.random.default_rng(7).random((count, n))):
+        costs.append(cost(z))
+        best = history.incumbent
+        answer = None if best is None else int(np.sign(costs[k] - costs[best]))
+        answer = -answer if k in wrong else answer
+        told = kpis_from is not None and k >= kpis_from
+        pair = ({"off": costs[k]}, None) if told else None
+        history = history.with_pending(z).told(Answer(answer, outcomes=pair), best)
+        if history.answered in further:
+            history = history.told_further(Answer(-answer), k, best)
+    return history
+
+
+def selecting(options=QUICK, *, n=2):
+    return ModelSelection(n, START, options, 0, BACKEND)
+
+
+HISTORY = history_of(11, kpis_from=0, wrong=(6, 9), further=(7, 10))
+
+
+def changed(history, change, index):
+    """Return `history` after an undo, a retraction, an answer, or cut short."""
+    if change == "undo":
+        return history.undone() if history.answered > 1 else history
+    if change == "retract" and not history.comparisons[index % history.answered].retracted:
+        return history.retracted(index % history.answered)
+    if change == "tell" and history.answered < 12:
+        best = history.incumbent
+        z = np.array([index / 11, 0.5])
+        return history.with_pending(z).told(Answer((-1, 0, 1)[index % 3]), best)
+    if change == "further" and history.answered > 1:
+        return history.told_further(Answer(1), history.answered - 1, 0)
+    return history.until(max(1, history.answered - index % 3)) if change == "until" else history
+
+
+CHANGES = st.sampled_from(["undo", "retract", "tell", "further", "until"])
+LOOKS = st.sampled_from(["after", "before", "copy", "nothing"])
+STEPS = st.lists(st.tuples(CHANGES, st.integers(0, 11), LOOKS), min_size=1, max_size=6)
+
+
+@settings(max_examples=12)
+@given(STEPS)
+@pytest.mark.unchecked  # for speed
+def test_selections_are_those_of_a_fresh_one_in_any_order_of_calls(steps):
+    models, history = selecting(), HISTORY
+    models.after(history)
+    for change, index, look in steps:
+        history = changed(history, change, index)
+        if look == "copy":
+            models, old = models.copy(QUICK, BACKEND), models
+            old.after(history.until(1))  # the twin is independent
+        elif look == "before" and history.answered > 1:
+            assert models.before(history) == selecting().before(history)
+        elif look != "nothing":
+            assert models.after(history) == selecting().after(history)
+    assert models.after(history) == selecting().after(history)
+
+
+def test_the_weight_of_kpis_of_a_long_study_does_not_depend_on_earlier_calls():
+    """It is chosen after every tenth experiment, here after one at which no KPI was known."""
+    chosen, now = MANY + 7, MANY + 16
+    history = history_of(now, kpis_from=chosen, n=1)
+    models = selecting(ONLY_SCALES, n=1)
+    assert models.after(history.until(chosen)).kpi_scale == 0
+    assert len(models.dataset(history).kpis) == 1
+    assert models.after(history) == selecting(ONLY_SCALES, n=1).after(history)
+
+
+def test_nothing_is_selected_during_the_start():
+    models = selecting()
+    for count in range(1, START):
+        selection = models.after(HISTORY.until(count))
+        assert selection.shape == QUICK.shape(2)
+        assert (selection.kpi_scale, selection.noise, selection.is_noisy) == (0.0, None, False)
+
+
+def validated(options=QUICK, *, kpis=False):
+    """Return the numbers of experiments, up to 27, after which another shape was chosen."""
+    history, models = history_of(27, kpis_from=0 if kpis else None), selecting(options)
+    shapes = [models.after(history.until(k)).shape for k in range(28)]
+    return {k for k in range(1, 28) if shapes[k] != shapes[k - 1]}
+
+
+def test_the_shape_is_validated_if_the_surrogate_makes_the_next_proposal():
+    found = validated()
+    assert min(found) >= START
+    assert {k % 2 for k in found if k < FEW} == {0, 1}
+    assert {k % 2 for k in found if k >= FEW} == {0}
+
+
+@pytest.mark.parametrize("alone", [True, False], ids=["no process", "KPIs"])
+def test_without_the_process_or_with_kpis_the_shape_is_validated_after_every_experiment(alone):
+    found = validated(replace(QUICK, process=not alone), kpis=not alone)
+    assert {k % 2 for k in found if k >= FEW} == {0, 1}
+
+
+def test_a_shape_may_be_validated_at_given_numbers_only():
+    assert validated(replace(QUICK, validate_at=(8, 16))) <= {8, 16}
+
+
+def test_a_long_start_validates_nothing():
+    models = ModelSelection(2, MANY, QUICK, 0, BACKEND)
+    assert models.after(history_of(40)).shape == QUICK.shape(2)
+
+
+@pytest.mark.parametrize("process", [True, False])
+def test_every_knob_has_its_turn_in_the_cross_validation(process, monkeypatch):
+    seen = set()
+
+    def noted(validation, shape, score, candidates, *, knob):
+        seen.add(knob)
+        return shape
+
+    monkeypatch.setattr("prefcal_agents.glisp.selection.rescale_knob", noted)
+    history, models = history_of(FEW + 8, n=4), selecting(replace(QUICK, process=process), n=4)
+    models.after(history.until(FEW))
+    seen.clear()
+    models.after(history)
+    assert seen == {0, 1, 2, 3}
+
+
+def test_only_answers_that_contradict_each_other_are_called_noisy():
+    """However little the surrogate expects them: a cost that jumps looks like mistakes, too."""
+    contradicting = history_of(30, wrong=(7, 12, 16, 21, 27), further=(8, 13, 17, 22))
+    agreeing = replace(contradicting, further=())
+    assert contradictory(contradicting.verdicts())
+    assert not contradictory(agreeing.verdicts())
+    without_kpis = replace(QUICK, outcome_scales=(0.0,), validate_at=())
+    noisy, calm = (selecting(without_kpis).after(h) for h in (contradicting, agreeing))
+    assert noisy.noise.suspects
+    assert noisy.is_noisy
+    assert not calm.is_noisy
+    sure = selecting(replace(without_kpis, error_rate=0.0)).after(contradicting)
+    assert (sure.noise, sure.is_noisy) == (None, False)
+
+
+def test_a_kpi_that_explains_the_answers_counts_and_may_be_left_out():
+    assert selecting(replace(QUICK, outcome_scales=(1.0,))).after(HISTORY).kpi_scale == 1.0
+    assert selecting(replace(QUICK, outcome_scales=(0.0,))).after(HISTORY).kpi_scale == 0.0
+    assert selecting().after(history_of(11)).kpi_scale == 0.0
+
+
+def test_before_is_one_experiment_late_except_for_the_weight_of_kpis():
+    models = selecting(replace(QUICK, outcome_scales=(1.0,)))
+    early, late = models.after(HISTORY.until(10)), models.before(HISTORY)
+    assert replace(late, kpi_scale=early.kpi_scale) == early
+    assert late.kpi_scale == models.after(HISTORY).kpi_scale
+
+
+def test_histories_share_what_comes_before_their_first_difference():
+    assert shared(HISTORY, HISTORY) == 11
+    assert shared(HISTORY, HISTORY.until(5)) == shared(HISTORY.until(5), HISTORY) == 5
+    assert shared(HISTORY, History()) == 0
+    assert shared(HISTORY, HISTORY.retracted(4)) == 4
+    assert shared(HISTORY, HISTORY.retracted(0, further=True)) == 6  # given after 7
+    assert shared(HISTORY, HISTORY.with_pending(np.zeros(2))) == 11
+    assert shared(HISTORY, HISTORY.told_further(Answer(0), 3, 1)) == 10

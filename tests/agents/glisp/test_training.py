@@ -1,0 +1,97 @@
+"""From the data set and the selection to Ĵ."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from prefcal_agents import GLISpSettings
+from prefcal_agents.glisp.dataset import Dataset
+from prefcal_agents.glisp.noise_test import NoiseTest
+from prefcal_agents.glisp.selection import Selection
+from prefcal_agents.glisp.training import train, trust
+from prefcal_agents.history.history import History
+from prefcal_agents.models.surrogate import Composite, Shape, Surrogate
+from prefcal_env.preferences.answer import Answer
+from prefcal_env.qp import make_backend
+
+SHAPE, WIDE = Shape(1.0, (1.0, 1.0)), Shape(0.5, (1.0, 1.0))
+TRUSTED = Selection(SHAPE, 0.0, None, is_noisy=False)
+NOISY = Selection(SHAPE, 0.0, NoiseTest(WIDE, 5.0), is_noisy=True)
+SETTINGS = GLISpSettings()
+
+
+def cost(z):
+    return float(np.sum((z - [0.3, 0.6]) ** 2))
+
+
+def data_of(count=16, wrong=()):
+    """Return random samples, each compared with the latest two; KPI "off" explains the answers."""
+    history, costs = History(), []
+    for k, z in enumerate(np.random.default_rng(2).random((count, 2))):
+        costs.append(cost(z))
+        kpis = {"off": costs[k], "other": float(z[0])}
+        answers = [int(np.sign(costs[k] - costs[j])) for j in range(max(k - 2, 0), k)] or [None]
+        answers[-1] = -answers[-1] if k in wrong else answers[-1]
+        history = history.with_pending(z)
+        history = history.told(Answer(answers[-1], outcomes=(kpis, None)), k - 1 if k else None)
+        if len(answers) > 1:
+            history = history.told_further(Answer(answers[0]), k, k - 2)
+    return Dataset.of(history, with_kpis=True)
+
+
+def trained(data, selection, **settings):
+    return train(data, selection, replace(SETTINGS, **settings), make_backend("piqp"))
+
+
+def agrees(surrogate, preferences):
+    """Return for each answer whether Ĵ agrees with it."""
+    values = surrogate(preferences.samples)
+    return preferences.b * (values[preferences.first] - values[preferences.second]) > 0
+
+
+def test_answers_that_are_trusted_are_all_kept():
+    data = data_of()
+    fit = trained(data, TRUSTED)
+    assert (fit.data, fit.selection) == (data, TRUSTED)
+    assert isinstance(fit.surrogate, Surrogate)
+    assert fit.surrogate.shape == SHAPE
+    assert np.all(agrees(fit.surrogate, data.preferences))
+
+
+def test_if_answers_may_be_wrong_those_that_others_contradict_are_not_kept():
+    right, data = data_of(), data_of(wrong=(7, 12))
+    fit = trained(data, NOISY)
+    assert fit.surrogate.shape == WIDE  # the shape of the noise test
+    assert not np.all(agrees(fit.surrogate, data.preferences))
+    assert np.mean(agrees(fit.surrogate, right.preferences)) > 0.9
+
+
+def test_the_error_rate_counts_only_if_answers_may_be_wrong():
+    data = data_of(wrong=(7, 12))
+
+    def changes(selection):
+        low, high = (trained(data, selection, error_rate=e).surrogate for e in (0.01, 0.3))
+        return not np.array_equal(low.beta, high.beta)
+
+    assert changes(NOISY)
+    assert not changes(TRUSTED)
+
+
+@pytest.mark.parametrize("selection", [TRUSTED, NOISY], ids=["trusted", "noisy"])
+def test_kpis_that_count_are_part_of_the_surrogate(selection):
+    data = data_of()
+    fit = trained(data, replace(selection, kpi_scale=3.0))
+    assert isinstance(fit.surrogate, Composite)
+    weights = dict(zip(data.kpis.names, fit.surrogate.over_kpis.weights, strict=True))
+    assert weights["off"] > weights["other"] >= 0
+    costs = [cost(z) for z in data.preferences.samples]
+    assert np.argmin(fit.surrogate(data.preferences.samples)) == np.argmin(costs)
+    assert isinstance(trained(data, selection).surrogate, Surrogate)
+
+
+def test_the_posterior_has_one_coefficient_for_each_sample_and_each_kpi_that_counts():
+    data = data_of(wrong=(7,))
+    assert trust(data, NOISY, 0.1).mean.shape == (16,)
+    assert trust(data, replace(NOISY, kpi_scale=1.0), 0.1).mean.shape == (16 + 2,)
+    assert trust(data, NOISY, 0.1).wrong.max() > 0.1 > trust(data, NOISY, 0.001).wrong.min()
