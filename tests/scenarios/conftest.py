@@ -7,6 +7,12 @@ import pytest
 from prefcal_scenarios.app.cli import main
 
 
+@pytest.fixture(autouse=True)
+def data_home(monkeypatch, tmp_path):
+    """Studies with a name go into a folder of the test, never into the user's."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data-home"))
+
+
 @pytest.fixture
 def prefcal(monkeypatch, capsys, tmp_path):
     """Run a command line in an empty folder; gives exit code, stdout and stderr."""
