@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -18,37 +19,43 @@ MAY_IMPORT = {
     "prefcal_agents": {"prefcal_env", "prefcal_agents"},
     "prefcal_scenarios": set(FOLDERS),
 }
-AGENTS_MAY_USE = ("errors", "end", "knobs", "respace", "preference", "champions", "qp")
+AGENTS_MAY_USE = ("errors", "knobs", "preferences", "qp", "plain")
 
-LAYERS = (
-    {"errors", "end", "jit"},
-    {
-        "constraints",
-        "outcome",
-        "tracking",
-        "parts",
-        "plain",
-        "resolution",
-        "knobs",
-        "respace",
-        "preference",
-        "champions",
-        "experiment",
-        "completing",
-        "qp",
-        "control",
-        "variants",
-        "panels",
-    },
-    {"plants", "overtaking"},
-    {"mpc", "envs"},
-    {"rollout", "rig", "compiling"},
-    {"tuning", "own_experiment", "preference_reward", "calibrators", "study", "studies"},
-)
-"""Of prefcal_env, lowest first. A layer may import itself and whatever is below it."""
+LAYERS = {
+    "prefcal_env": (
+        {"errors", "jit"},
+        {"knobs", "experiments", "qp", "plain"},
+        {"preferences", "plants"},
+        {"mpc", "envs", "rig", "calibrators", "study"},
+    ),
+    "prefcal_agents": (
+        {"support"},
+        {"history", "optimize"},
+        {"models", "advice"},
+        {"space", "acquisition"},
+        {"protocol"},
+        {"glisp", "baselines", "peers", "rl"},
+        {"registry"},
+        {"minimize", "respacing"},
+    ),
+    "prefcal_scenarios": (
+        {"own"},
+        {"scenario"},
+        {"kpis", "app.isolated", "app.presentation", "app.summary"},
+        {"app.report", "app.session"},
+        {"app.web", "cases"},
+        {"bench", "app.terminal"},
+        {"app.reproduce"},
+        {"app.cli"},
+        {"__main__"},
+    ),
+}
+"""Parts of each package, lowest first. A part may import itself and whatever is below it."""
 APART = {frozenset({"mpc", "envs"})}
 """Of one layer, and yet they never import each other."""
-POLICIES_MAY_USE = (*AGENTS_MAY_USE, "control")
+MOST = 14
+"""Largest number of modules in a folder, beside `__init__`."""
+POLICIES_MAY_USE = (*AGENTS_MAY_USE, "experiments")
 """A policy that was learned on a plant is a controller; that is all of `prefcal_agents.rl`."""
 ALONE = {
     "piqp": "prefcal_env.qp",
@@ -68,11 +75,20 @@ FILES = [
 
 
 def imported(module: str, path: Path) -> set[str]:
-    """Full names of the modules (or of what is in them) that a file imports, anywhere in it."""
+    """Full names of the modules (or of what is in them) that a file imports when it runs."""
     names = set()
     package = module.split(".") if path.stem == "__init__" else module.split(".")[:-1]
     package = [part for part in package if part != "__init__"]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    typing_only = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
+        for inner in ast.walk(node)
+    }
+    for node in ast.walk(tree):
+        if id(node) in typing_only:
+            continue
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -87,8 +103,9 @@ def imported(module: str, path: Path) -> set[str]:
 
 
 def place(name: str) -> str:
-    """The part of prefcal_env that a full name is in."""
-    return name.split(".")[1]
+    """The part of its package that a full name is in."""
+    parts = name.split(".")
+    return ".".join(parts[1:3] if parts[:2] == ["prefcal_scenarios", "app"] else parts[1:2])
 
 
 @pytest.mark.parametrize(("module", "path"), FILES, ids=[name for name, _ in FILES])
@@ -101,20 +118,41 @@ def test_imports_point_down(module, path):
         used = {place(name) for name in ours if name.startswith("prefcal_env.")}
         learned = module.startswith("prefcal_agents.rl.")
         assert used <= set(POLICIES_MAY_USE if learned else AGENTS_MAY_USE)
-    if package == "prefcal_env" and module != "prefcal_env.__init__":
-        for name in ours:
+    if module.count(".") > 1 or path.stem != "__init__":
+        for name in (name for name in ours if name.startswith(f"{package}.")):
             here, there = place(module), place(name)
-            assert level(there) <= level(here), f"{module} must not import {name}"
+            assert level(package, there) <= level(package, here), f"{module} imports {name}"
             assert frozenset({here, there}) not in APART, f"{module} must not import {name}"
     for foreign, home in ALONE.items():
         users = {name for name in names if name.split(".")[0] == foreign}
         assert not users or module.startswith(home), f"only {home} may import {foreign}"
 
 
-def level(part: str) -> int:
-    found = [i for i, layer in enumerate(LAYERS) if part in layer]
-    assert found, f"prefcal_env.{part} is in no layer: see design section 2"
+def level(package: str, part: str) -> int:
+    found = [i for i, layer in enumerate(LAYERS[package]) if part in layer]
+    assert found, f"{package}.{part} is in no layer"
     return found[0]
+
+
+def test_no_import_goes_in_a_circle():
+    known = {name.removesuffix(".__init__"): path for name, path in FILES}
+    graph = {
+        name: {
+            origin if origin in known else origin.rpartition(".")[0]
+            for origin in imported(f"{name}.__init__" if path.stem == "__init__" else name, path)
+        }
+        & known.keys() - {name}
+        for name, path in known.items()
+        if path.stem != "__init__"
+    }
+    assert list(TopologicalSorter(graph).static_order())  # or CycleError, which names the circle
+
+
+@pytest.mark.parametrize("folder", FOLDERS.values(), ids=FOLDERS)
+def test_folders_stay_small_enough_to_be_seen_at_once(folder):
+    for place in (folder, *(path for path in folder.rglob("*") if path.is_dir())):
+        modules = [path for path in place.glob("*.py") if path.stem != "__init__"]
+        assert len(modules) <= MOST, f"{place} wants a floor plan"
 
 
 def test_the_folders_of_agents_and_scenarios_are_no_packages():

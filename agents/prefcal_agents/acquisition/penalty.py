@@ -9,11 +9,11 @@ Technology 30 (2022).
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from prefcal_agents.glisp.settings import GLISpSettings
 from prefcal_agents.history.history import History
 from prefcal_agents.history.memory import MOST
 from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, squared_distances
@@ -27,6 +27,18 @@ _STEPS = 30  # of Newton's method; it takes about 7
 _RECENT = 20  # samples looked at last, whose unsafe ones make careful
 _RELAXED = 0.5  # share of the risk that is still taken after each of them
 POOL = 300  # random points among which a planned one that is likely unsafe is replaced
+
+
+class PenaltySettings(Protocol):
+    """What an agent's settings say about unsafe places; see `GLISpSettings`."""
+
+    @property
+    def unsafe_weight(self) -> float:
+        """Cost of a place that is surely unsafe, 0 or more."""
+
+    @property
+    def least_safe(self) -> float:
+        """Chance of being safe from which on a place costs nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +173,7 @@ class Penalized:
         return np.asarray(self.acquisition.gradient(z) + self.penalty.gradient(z))
 
 
-def unsafe_penalty(history: History, settings: GLISpSettings) -> Penalty | None:
+def unsafe_penalty(history: History, settings: PenaltySettings) -> Penalty | None:
     """Return the cost of likely unsafe places after `history`; None without unsafe samples.
 
     Each unsafe one among the last few makes more careful: half the risk is taken after it.
@@ -190,7 +202,7 @@ def replaced(
     return np.asarray(pool[np.argmax(apart + penalty.chance(pool))])
 
 
-def penalized(acquisition: Objective, history: History, settings: GLISpSettings) -> Objective:
+def penalized(acquisition: Objective, history: History, settings: PenaltySettings) -> Objective:
     """Return `acquisition` with what unsafe marks in `history` add; itself without such marks."""
     penalty = unsafe_penalty(history, settings)
     return acquisition if penalty is None else Penalized(acquisition, penalty)
