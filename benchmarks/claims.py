@@ -240,14 +240,15 @@ def unlimited(theta: tuple[float, ...]) -> Numbers:
 
 DEVIATIONS = "docs/deviations.md"
 CLAIMS: tuple[Claim, ...] = (
-    Claim("docs/sensitivity.md",
+    Claim("docs/research/sensitivity.md",
           "the paper's fully automated θ has ‹0.700›, its θ by preferences ‹0.82›",
           lambda: indices(AUTOMATED, PREFERRED)),
-    Claim("docs/sensitivity.md", "d squared as printed, up to ‹16› times",
+    Claim("docs/research/sensitivity.md", "d squared as printed, up to ‹16› times",
           lambda: [z_weaker()]),
-    Claim("docs/sensitivity.md", "the best index of the [broad basin](reactor_index.md) is ‹0.691›",
+    Claim("docs/research/sensitivity.md",
+          "the best index of the [broad basin](../reactor_index.md) is ‹0.691›",
           lambda: both_optima()[:1]),
-    Claim("README.md", "best ‹0.691› outside of [a hole]", lambda: both_optima()[:1]),
+    Claim("docs/benchmarks.md", "best ‹0.691› outside of [a hole]", lambda: both_optima()[:1]),
     Claim("docs/reactor_index.md", "| index | ‹0.6907› | ‹0.4151› |", both_optima),
     Claim("docs/reactor_index.md",
           "| of which t_f / 48 h | ‹0.469› | ‹0.385› | | of which moves | ‹0.162› | ‹0.030› | "

@@ -4,7 +4,7 @@
     python benchmarks/sensitivity.py --seeds 3 --jobs 2
 
 Prints a Markdown table of the true index of the θ that each study returns, and draws the figure of
-docs/sensitivity.md. The answers come from the scenario's synthetic calibrator. With
+docs/research/sensitivity.md. The answers come from the scenario's synthetic calibrator. With
 OPENBLAS_NUM_THREADS=1 in the environment it takes half the time.
 """
 

@@ -1,8 +1,8 @@
 """prefcal: preference-based calibration of controllers; plants, experiments and environments.
 
-Importing this registers the environments `prefcal/CSTR-v0`, `prefcal/CSTRTuning-v0`,
-`prefcal/Overtake-v0`, `prefcal/OvertakeTuning-v0` and `prefcal/Experiment-v0` with Gymnasium, by
-name: what they need is loaded when they are made.
+Importing this package registers the environments `prefcal/CSTR-v0`, `prefcal/CSTRTuning-v0`,
+`prefcal/Overtake-v0`, `prefcal/OvertakeTuning-v0` and `prefcal/Experiment-v0` with Gymnasium by
+name; their dependencies are loaded only when an environment is made.
 """
 
 from gymnasium import register as _register

@@ -1,15 +1,15 @@
-"""The errors that prefcal raises: all are a caller's mistake, and say what was expected.
+"""Errors that prefcal raises. All are mistakes of the caller, and say what was expected.
 
 What happens in an experiment (unstable, QP unsolved, stopped) is data, never an error.
 """
 
 
 class PrefcalError(Exception):
-    """Base of every error that prefcal raises."""
+    """Base class of every error that prefcal raises."""
 
 
 class KnobError(PrefcalError, ValueError):
-    """A knob or a knob space is defined wrongly, or θ does not fit it."""
+    """A knob or a knob space is not valid, or θ does not fit it."""
 
 
 class PreferenceError(PrefcalError, ValueError):
@@ -29,7 +29,7 @@ class ExperimentError(PrefcalError, ValueError):
 
 
 class PlantError(PrefcalError, ValueError):
-    """A plant is defined wrongly, or was given a state or input of the wrong shape."""
+    """A plant is not valid, or received a state or input of the wrong shape."""
 
 
 class QPError(PrefcalError, ValueError):
@@ -45,29 +45,29 @@ class StudyError(PrefcalError, RuntimeError):
 
 
 class StaleError(ProtocolError):
-    """Somebody was late: the question, the answer or the wait is over; nothing was recorded."""
+    """A question, an answer or a wait is already over; nothing was recorded."""
 
 
 class RecordError(PrefcalError, ValueError):
-    """The record of a run on a rig is refused; the message lists what is wrong with it."""
+    """A record of a run on a rig is not valid; the message lists what is wrong with it."""
 
 
 class MissingExtraError(PrefcalError, ImportError):
-    """An optional dependency is not installed; the message says how to get it."""
+    """An optional dependency is not installed; the message says how to install it."""
 
 
 class BenchmarkError(PrefcalError, RuntimeError):
-    """A benchmark cannot go on: its folder of results or its cluster is not usable."""
+    """A benchmark cannot continue: its results folder or its cluster is not usable."""
 
 
 class RunError(PrefcalError, RuntimeError):
-    """A run of a user's own scenario gave no experiment. It is data: the study goes on.
+    """A run of a user's own scenario produced no experiment. This is data: the study continues.
 
     Args:
-        words: What happened, for people.
-        why: "raised": their code raised an error; "died": its process ended; "late": it took
-            longer than it may; "stopped": a person stopped it; "given up": nobody waits for it.
-        trace: The traceback of their code; empty if there is none.
+        words: Message for people that says what happened.
+        why: "raised" if their code raised an error, "died" if its process ended, "late" if it
+            took too long, "stopped" if a person stopped it, "given up" if nobody waits for it.
+        trace: Traceback of their code; empty if there is none.
     """
 
     def __init__(self, words: str, why: str, trace: str = "") -> None:

@@ -1,11 +1,11 @@
-"""How kernels are compiled: once on a machine, and without what nobody calls."""
+"""Decorators that compile kernels: once per machine, and without unused entry points."""
 
 from functools import partial
 
 import numba
 
 kernel = partial(numba.njit, cache=True, no_cfunc_wrapper=True)
-"""Decorator of a function that Python calls; numba keeps what it compiled beside the file."""
+"""Decorator of a function called from Python; numba keeps the result beside the file."""
 
 inner = partial(kernel, no_cpython_wrapper=True)
-"""Decorator of one that only kernels call: a quarter less to compile."""
+"""Decorator of a function that only kernels call: a quarter less to compile."""

@@ -1,4 +1,4 @@
-"""Plain data, as JSON knows it, to and from typed objects: the one way in and out, by msgspec."""
+"""Conversion between typed objects and plain data as in JSON, by msgspec."""
 
 import json
 from collections.abc import Mapping
@@ -12,14 +12,14 @@ from .errors import PrefcalError
 T = TypeVar("T")
 
 UNREADABLE = (msgspec.MsgspecError, ValueError, OverflowError, RecursionError)
-"""What reading untrusted JSON may raise."""
+"""Errors that reading untrusted JSON may raise."""
 
 
 def to_plain(value: Any) -> Any:
     """Return `value` as dicts, lists, text, numbers, booleans and None.
 
     Raises:
-        TypeError: part of it has no such form.
+        TypeError: If a part of it has no plain form.
     """
     return msgspec.to_builtins(value, enc_hook=_plain)
 
@@ -34,7 +34,7 @@ def from_plain(data: Any, kind: type[T], error: type[PrefcalError], what: str) -
         what: Name of the data for the error, such as "an answer".
 
     Raises:
-        error: The data does not fit; the message says where and what was expected.
+        error: If the data does not fit; the message says where and what was expected.
     """
     try:
         return msgspec.convert(data, kind)
@@ -46,8 +46,8 @@ def canonical(content: Any) -> str:
     """Return the one JSON text of plain data: sorted keys, no spaces.
 
     Raises:
-        TypeError: it is not plain data.
-        ValueError: a number is not finite, or a text holds half a character.
+        TypeError: If it is not plain data.
+        ValueError: If a number is not finite or a string contains half of a surrogate pair.
     """
     text = json.dumps(
         content, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"(<!-- not executed:[^>]*-->\s*)?^```(python|console)\n(.*?)^```", re.M | re.S)
 SCRIPTS = [*sorted((ROOT / "agents").glob("run_*.py")), *sorted((ROOT / "docs").glob("*.py"))]
 
@@ -52,7 +52,7 @@ def run(arguments, folder):
     return done.stdout
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda d: d.name)
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda d: str(d.relative_to(ROOT)))
 def test_what_a_document_shows_runs(document, tmp_path):
     lines = "".join(blocks(document, "console")).splitlines()
     commands = [line[2:] for line in lines if line.startswith("$ prefcal ")]
@@ -74,10 +74,25 @@ def test_a_script_to_copy_runs_and_is_short(script, tmp_path):
     assert len(script.read_text().splitlines()) <= 80
 
 
+def anchors(document):
+    """Return the link targets of a document's headings, as GitHub writes them."""
+    headings = re.findall(r"^#+ (.*)$", document.read_text(), re.M)
+    return {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+
+
 def test_links_between_documents_lead_somewhere():
-    for document in DOCUMENTS:
-        for target in re.findall(r"\]\((?!http|#)([^)#]+)", document.read_text()):
-            assert (document.parent / target).exists(), f"{document.name}: {target}"
+    for document in [*DOCUMENTS, ROOT / "CHANGELOG.md"]:
+        for path, anchor in re.findall(r"\]\((?!http)([^)#]*)#?([^)]*)\)", document.read_text()):
+            target = document.parent / path if path else document
+            assert target.exists(), f"{document.name}: {path}"
+            assert not anchor or anchor in anchors(target), f"{document.name}: {path}#{anchor}"
+
+
+def test_the_indexes_of_the_docs_name_every_page():
+    for folder in (ROOT / "docs", ROOT / "docs" / "research"):
+        index = (folder / "README.md").read_text()
+        for page in folder.glob("*.md"):
+            assert page.name == "README.md" or f"({page.name})" in index, page.name
 
 
 def test_no_document_names_a_host_to_load_from_or_a_path_of_a_machine():
@@ -90,8 +105,7 @@ def test_every_figure_of_a_page_is_there_and_made_by_a_command_and_no_other_is_k
     script = ROOT / "benchmarks" / "figures.py"
     found = json.loads(run([sys.executable, str(script), "--list"], ROOT))
     assert found["wrong"] == []
-    pages = [*DOCUMENTS, *(ROOT / "docs").rglob("*.md")]
-    shown = {n for p in pages for n in re.findall(r"figures/([\w-]+\.png)", p.read_text())}
+    shown = {n for p in DOCUMENTS for n in re.findall(r"figures/([\w-]+\.png)", p.read_text())}
     assert shown == set(found["made by"])
 
 

@@ -1,4 +1,4 @@
-"""A person as a calibrator: whoever answers a function of two experiments."""
+"""A person as a calibrator, asked through a function of two experiments."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -22,20 +22,20 @@ _OTHER_SIDE = {
 
 @dataclass
 class HumanCalibrator:
-    """Asks a person, in a notebook say, which of two experiments is better.
+    """A calibrator that asks a person, in a notebook for example, which experiment is better.
 
-    The query window is the comfortable way; this one fits in five lines of a notebook.
+    The query window is more comfortable; this class fits in five lines of a notebook.
 
     Args:
-        ask: Called with two experiments; gives -1 where the first is better, 1 where the second
-            is, 0 where they are the same, None for "can't tell", or an `Answer` about the two:
-            `Answer(-1, strength=Strength.MUCH_BETTER)` where the first is much better.
-        shuffle: A seed, 0 or more: the challenger then comes first or second by chance, so that
-            nobody can know which one is new. None: the challenger is always the first.
+        ask: Function of two experiments. Returns -1 if the first is better, 1 if the second is
+            better, 0 if they are the same, None for "can't tell", or an `Answer` about the two,
+            such as `Answer(-1, strength=Strength.MUCH_BETTER)` if the first is much better.
+        shuffle: Seed, 0 or more, that puts the challenger first or second at random, so that
+            people cannot know which one is new. With None the challenger always comes first.
 
     Raises:
-        SettingsError: `ask` cannot be called, or an impossible seed.
-        PreferenceError: in `prefer`, an answer that is none.
+        SettingsError: If `ask` is not callable or the seed is not valid.
+        PreferenceError: In `prefer`, if the answer is not valid.
     """
 
     ask: Ask
@@ -53,7 +53,7 @@ class HumanCalibrator:
         self._rng = np.random.default_rng(self.shuffle)
 
     def prefer(self, challenger: Experiment, incumbent: Experiment) -> Answer | Preference | None:
-        """Ask, and turn the answer back where the sides were swapped."""
+        """Ask the person, and mirror their answer if the sides were swapped."""
         swapped = self._rng is not None and self._rng.random() < 0.5
         said = self.ask(incumbent, challenger) if swapped else self.ask(challenger, incumbent)
         answer = _turned(Answer.of(said)) if swapped else Answer.of(said)
@@ -61,7 +61,7 @@ class HumanCalibrator:
 
 
 def _turned(answer: Answer) -> Answer:
-    """The same answer, about the sides the other way round."""
+    """Return the same answer with both sides exchanged."""
     preference = None if answer.preference is None else Preference(-answer.preference)
     outcomes = None if answer.outcomes is None else answer.outcomes[::-1]
     return Answer(

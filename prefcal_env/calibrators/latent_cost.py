@@ -1,4 +1,4 @@
-"""A calibrator with a cost function in mind, which he need not be sure about."""
+"""A calibrator that judges by a cost function, with or without errors."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,24 +16,24 @@ from .noise import Noise, generator_of_pair
 
 @dataclass(frozen=True)
 class LatentCost:
-    """Prefers the experiment of lower `cost`, as it appears to him. A `Calibrator`.
+    """A `Calibrator` that prefers the experiment with the lower perceived `cost`.
 
-    Costs that appear within `tie_band` of each other are a tie; so are equal θ. The error of a
-    comparison depends on `seed` and the two θ alone: asked again, or the other way round, he
-    answers the same.
+    Perceived costs within `tie_band` of each other are a tie, and so are equal θ. The error of a
+    comparison depends only on `seed` and the two θ: the answer is the same if the question is
+    repeated or asked the other way round.
 
     Source: eq. pref_fun, with f hidden.
 
     Args:
-        cost: Of an experiment, lower is better; may be infinite.
-        tie_band: Smallest difference of costs that he tells apart, 0 or more.
-        noise: Errors of judgement; None is a sure hand.
-        seed: Of the noise, 0 or more.
-        much_better: Difference of costs above which one is much better, `tie_band` or more; None:
-            he never says so.
+        cost: Function that returns the cost of an experiment; lower is better, may be infinite.
+        tie_band: Smallest noticeable difference of costs, 0 or more.
+        noise: Errors of judgement; None for none.
+        seed: Seed of the noise, 0 or more.
+        much_better: Difference of costs above which one is much better, `tie_band` or more; with
+            None the answer is never "much better".
 
     Raises:
-        SettingsError: an impossible option; in `prefer`, a cost that is NaN.
+        SettingsError: If an option is not valid; in `prefer`, if a cost is NaN.
     """
 
     cost: Callable[[Experiment], float]
@@ -66,7 +66,7 @@ class LatentCost:
         return number and not isinstance(value, bool) and bool(self.tie_band <= value < np.inf)
 
     def prefer(self, challenger: Experiment, incumbent: Experiment) -> Answer | Preference:
-        """Say which is better, as in eq. pref_fun; an `Answer` where it is much better."""
+        """Return which one is better, as in eq. pref_fun; an `Answer` if it is much better."""
         a, b = self._cost(challenger), self._cost(incumbent)
         difference = 0.0 if a == b else a - b  # two infinite costs are equal
         if self.noise is not None:
@@ -85,7 +85,7 @@ class LatentCost:
         return cost
 
     def _error(self, a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> float:
-        """Error of cost(a) - cost(b): of opposite sign the other way round, so 0 for equal θ."""
+        """Return the error of cost(a) - cost(b): antisymmetric in a and b, so 0 for equal θ."""
         assert self.noise is not None
         if np.array_equal(a, b):
             return 0.0

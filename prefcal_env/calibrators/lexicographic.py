@@ -1,4 +1,4 @@
-"""A calibrator with priorities: the first criterion that tells two experiments apart decides."""
+"""A calibrator with priorities: the first criterion that separates two experiments decides."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,16 +12,16 @@ from prefcal_env.preferences.answer import Preference
 
 @dataclass(frozen=True, slots=True)
 class Criterion:
-    """One thing that matters.
+    """One criterion by which experiments are compared.
 
     Args:
-        name: How people call it.
-        key: Its value in an experiment; may be infinite.
-        just_noticeable: Differences up to this one are not told apart, in the key's unit.
-        lower_is_better: Or higher.
+        name: Name of the criterion, as shown to people.
+        key: Function that returns its value for an experiment; may be infinite.
+        just_noticeable: Largest difference that is not noticed, in the key's unit.
+        lower_is_better: Whether lower values are better; otherwise higher ones are.
 
     Raises:
-        SettingsError: `key` is no function, or a just noticeable difference below 0.
+        SettingsError: If `key` is not a function or the just noticeable difference is below 0.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Criterion:
             )
 
     def compare(self, challenger: Experiment, incumbent: Experiment) -> Preference:
-        """Which is better by this criterion alone."""
+        """Return which experiment is better by this criterion alone."""
         a, b = (float(self.key(e)) for e in (challenger, incumbent))
         if np.isnan(a) or np.isnan(b):
             raise SettingsError(f"criterion {self.name!r} must be a number, got NaN")
@@ -50,21 +50,22 @@ class Criterion:
 
 @dataclass(frozen=True)
 class Lexicographic:
-    """Compares by `criteria` in order of importance. A `Calibrator`.
+    """A `Calibrator` that compares by `criteria` in order of importance.
 
-    An experiment that was interrupted loses against one that was not, whatever the criteria; of
-    two interrupted ones the longer is better (end of section III). Only what is in `first` matters
-    even more: whether the controller can run at all, say.
+    An interrupted experiment loses against one that was not interrupted, whatever the criteria; of
+    two interrupted ones, the longer is better (end of section III). Only the criteria in `first`
+    matter even more: for example, whether the controller can run at all.
 
-    With just noticeable differences this is not transitive: a and b, b and c may be ties, and a
-    be better than c; or a better than b, b than c and c than a. People are so, too.
+    With just noticeable differences the preference is not transitive: a and b, and b and c, may be
+    ties although a is better than c; or a is better than b, b than c, and c than a. The same holds
+    for people.
 
     Args:
-        criteria: In order of importance, one or more.
+        criteria: One or more criteria, in order of importance.
         first: Criteria that come before survival, in order of importance.
 
     Raises:
-        SettingsError: no criterion, or something that is none.
+        SettingsError: If there is no criterion or an item is not a `Criterion`.
     """
 
     criteria: tuple[Criterion, ...]
@@ -80,24 +81,24 @@ class Lexicographic:
             )
 
     def prefer(self, challenger: Experiment, incumbent: Experiment) -> Preference:
-        """Say which is better, as in eq. pref_fun."""
+        """Return which experiment is better, as in eq. pref_fun."""
         return self.decide(challenger, incumbent)[0]
 
     def decide(
         self, challenger: Experiment, incumbent: Experiment
     ) -> tuple[Preference, Criterion | None]:
-        """Say which is better, and by which criterion; None where nothing tells them apart."""
+        """Return which one is better, and the deciding criterion; None if there is none."""
         for criterion in (*self.first, _SURVIVAL, *self.criteria):
             verdict = criterion.compare(challenger, incumbent)
             if verdict is not Preference.TIE:
                 return verdict, criterion
             if criterion is _SURVIVAL and challenger.end.interrupted:
-                break  # both stopped at the same time: the rest says nothing
+                break  # both stopped at the same time: the remaining criteria say nothing
         return Preference.TIE, None
 
 
 def _survival(experiment: Experiment) -> float:
-    """Until when it survived; of several runs, the one that was stopped first."""
+    """Return the time it survived; of several runs, that of the first one to be stopped."""
     runs = experiment.runs or (experiment,)
     return min(e.duration if e.end.interrupted else np.inf for e in runs)
 

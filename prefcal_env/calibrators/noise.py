@@ -1,4 +1,4 @@
-"""Errors of judgement: noise on the difference of two latent costs, or a share of wrong answers."""
+"""Errors of judgement: noise on the difference of two costs, or a share of wrong answers."""
 
 from dataclasses import dataclass, replace
 from math import isfinite
@@ -13,20 +13,20 @@ from prefcal_env.preferences.answer import Answer, Calibrator, Preference
 
 @runtime_checkable
 class Noise(Protocol):
-    """Errors of judgement, of a symmetric distribution."""
+    """A symmetric distribution of errors of judgement."""
 
     def draw(self, generator: np.random.Generator) -> float:
-        """One error of a difference of costs, in the unit of the cost."""
+        """Return one error of a difference of costs, in the unit of the cost."""
 
 
 @dataclass(frozen=True, slots=True)
 class Thurstone:
-    """Each cost is perceived with a normal error of standard deviation `sigma` (case V).
+    """Normal noise of standard deviation `sigma` on each perceived cost (case V).
 
     The error of a difference is normal with standard deviation √2 `sigma`.
 
     Raises:
-        SettingsError: `sigma` not positive and finite.
+        SettingsError: If `sigma` is not positive and finite.
     """
 
     sigma: float
@@ -35,18 +35,18 @@ class Thurstone:
         _check("sigma", self.sigma)
 
     def draw(self, generator: np.random.Generator) -> float:
-        """One error of a difference of costs, in the unit of the cost."""
+        """Return one error of a difference of costs, in the unit of the cost."""
         return float(np.sqrt(2) * self.sigma * generator.standard_normal())
 
 
 @dataclass(frozen=True, slots=True)
 class BradleyTerry:
-    """a beats b with probability 1/(1 + exp((cost(a) - cost(b))/scale)).
+    """Logistic noise: a beats b with probability 1/(1 + exp((cost(a) - cost(b))/scale)).
 
     The error of a difference is logistic.
 
     Raises:
-        SettingsError: `scale` not positive and finite.
+        SettingsError: If `scale` is not positive and finite.
     """
 
     scale: float
@@ -55,24 +55,24 @@ class BradleyTerry:
         _check("scale", self.scale)
 
     def draw(self, generator: np.random.Generator) -> float:
-        """One error of a difference of costs, in the unit of the cost."""
+        """Return one error of a difference of costs, in the unit of the cost."""
         return float(generator.logistic(scale=self.scale))
 
 
 @dataclass(frozen=True, slots=True)
 class Flipping:
-    """Gives the opposite of another calibrator's answer in a share of the cases.
+    """A calibrator that flips another calibrator's answer in a share of the cases.
 
-    Which answers are wrong depends on `seed` and the two θ alone: asked again, or the other way
-    round, it makes the same mistake. A tie stays a tie, and an abstention an abstention.
+    Which answers are wrong depends only on `seed` and the two θ: if the question is repeated or
+    asked the other way round, the mistake is the same. Ties and abstentions never change.
 
     Args:
-        calibrator: Whose answers are flipped; what it compares must have a `theta`.
+        calibrator: Calibrator whose answers are flipped; what it compares must have a `theta`.
         share: Share of wrong answers, from 0 to 1.
-        seed: Decides which answers are wrong, 0 or more.
+        seed: Seed that decides which answers are wrong, 0 or more.
 
     Raises:
-        SettingsError: a share outside [0, 1].
+        SettingsError: If the share is outside [0, 1].
     """
 
     calibrator: Calibrator[Any]
@@ -84,7 +84,7 @@ class Flipping:
             raise SettingsError(f"share must be in [0, 1], got {self.share!r}")
 
     def prefer(self, challenger: Any, incumbent: Any) -> Answer | Preference | int | None:
-        """Say which is better, or worse."""
+        """Return the calibrator's answer, or its opposite."""
         verdict = self.calibrator.prefer(challenger, incumbent)
         dice = generator_of_pair(self.seed, challenger.theta, incumbent.theta)
         if verdict is None or dice.random() >= self.share:
@@ -98,8 +98,8 @@ class Flipping:
 def generator_of_pair(
     seed: int, a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]
 ) -> np.random.Generator:
-    """A generator that depends on `seed` and the two θ, shape (n,), but not on their order."""
-    pair = sorted((tuple(a + 0.0), tuple(b + 0.0)))  # + 0.0: there is one zero
+    """Return a generator that depends on `seed` and the two θ, shape (n,), but not their order."""
+    pair = sorted((tuple(a + 0.0), tuple(b + 0.0)))  # + 0.0 turns -0.0 into 0.0
     key = np.array(pair).view(np.uint32).ravel()
     return np.random.default_rng([int(seed), *key.tolist()])
 

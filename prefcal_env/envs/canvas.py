@@ -1,4 +1,4 @@
-"""Pictures of trajectories for `render`: one figure, made when first asked for and then reused."""
+"""Pictures of trajectories for `render`, on one figure that is created lazily and reused."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ _CURVE, _LIMIT, _TARGET, _BAND = "#0b62c4", "#b3261e", "#2b2b2b", "#2e7d32"
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """One curve in a panel of its own.
+    """A curve in its own panel.
 
     Args:
-        channel: Its name, unit, limits, target and band.
+        channel: Name, unit, limits, target and band.
         t: Instants, shape (K,).
-        values: In the channel's unit, shape (K,).
-        held: Drawn as steps, each value held until the next instant.
-        span: Range of the time axis; None fits it.
+        values: Values at `t`, in the channel's unit, shape (K,).
+        held: Whether to draw steps, with each value held until the next instant.
+        span: Range of the time axis; None fits it to `t`.
     """
 
     channel: Channel
@@ -33,10 +33,10 @@ class Trace:
 
 
 class Canvas:
-    """Draws traces below each other. Holds one figure, which is not pickled with it.
+    """Draws traces one below the other on a single figure, which is not pickled.
 
-    All pictures are of one size, as videos need them: that of `panels` traces. If there are more,
-    they share its height.
+    All pictures have the same size, as videos require: that of `panels` traces. If there are more
+    traces, they share its height.
     """
 
     def __init__(self, title: str = "", time_label: str = "", panels: int = 3) -> None:
@@ -46,7 +46,7 @@ class Canvas:
         self._lines: list[Any] = []
 
     def frame(self, traces: Sequence[Trace], note: str = "") -> UInt8[np.ndarray, "h w 3"]:
-        """The picture, shape (height, width, 3), of one size."""
+        """Return the picture, shape (height, width, 3); all pictures have the same size."""
         layout = tuple((trace.channel, trace.held, trace.span) for trace in traces)
         if self._figure is None or layout != self._drawn:
             self._lay_out(traces)
@@ -61,12 +61,12 @@ class Canvas:
         self._figure.texts[0].set_text(heading)
         self._figure.texts[0].set_fontsize(
             min(11.0, 770.0 / max(len(heading), 1))
-        )  # fits the width
+        )  # shortened to fit the width
         self._figure.canvas.draw()
         return np.array(self._figure.canvas.buffer_rgba())[:, :, :3].copy()
 
     def close(self) -> None:
-        """Forget the figure."""
+        """Release the figure."""
         self._figure, self._drawn, self._lines = None, (), []
 
     def __getstate__(self) -> dict[str, Any]:
@@ -76,7 +76,7 @@ class Canvas:
         self.__init__(**state)  # type: ignore[misc]
 
     def _lay_out(self, traces: Sequence[Trace]) -> None:
-        # Here, not above: whoever does not render must not load matplotlib.
+        # Imported here so that programs that do not render never load matplotlib.
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
@@ -84,7 +84,7 @@ class Canvas:
         height = height * max(self.panels, 1) + 0.4
         self._figure = Figure((width, height), dpi=_DPI)
         FigureCanvasAgg(self._figure)
-        # Fixed margins: an automatic layout moves the panels from frame to frame.
+        # Use fixed margins: an automatic layout moves the panels from frame to frame.
         self._figure.subplots_adjust(
             left=0.09, right=0.97, top=1 - 0.65 / height, bottom=0.5 / height, hspace=0.45
         )
@@ -99,7 +99,7 @@ class Canvas:
 
 
 def _panel(ax: Any, trace: Trace) -> Any:
-    """Title, limits, target and band, which do not change; return the empty curve."""
+    """Draw title, limits, target and band, which do not change; return the empty curve."""
     c = trace.channel
     title = f"${c.symbol}$  {c.label}" if c.symbol else c.label
     ax.set_title(title, fontsize=10, loc="left")

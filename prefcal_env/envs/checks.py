@@ -1,4 +1,4 @@
-"""Checks of what a caller hands to an environment."""
+"""Checks of the values that a caller passes to an environment."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,10 +12,10 @@ from prefcal_env.errors import PlantError, PrefcalError, SettingsError
 def numbers(
     value: Any, what: str, error: type[PrefcalError] = PlantError
 ) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """`value` as an array of floats. Raises `error` unless it holds plain real numbers.
+    """Return `value` as an array of floats. Raises `error` unless it holds plain real numbers.
 
-    Masked arrays have values that do not count, complex numbers a part that would be dropped, and
-    dates, texts and truth values would silently become numbers.
+    Masked arrays have values that do not count, complex numbers have a part that would be dropped,
+    and dates, strings and booleans would silently become numbers.
     """
     try:
         array = np.asarray(value)
@@ -28,9 +28,10 @@ def numbers(
 
 
 def vector(value: Any, n: int, what: str, *, finite: bool = True) -> Float[np.ndarray, " n"]:
-    """`value` as an array of shape (n,).
+    """Return `value` as an array of shape (n,).
 
-    Raises PlantError: no plain numbers, wrong shape, NaN or (unless told otherwise) infinite.
+    Raises PlantError if it is not numeric, has the wrong shape, or is NaN or (if `finite`)
+    infinite.
     """
     array = numbers(value, what)
     if array.shape != (n,):
@@ -41,7 +42,7 @@ def vector(value: Any, n: int, what: str, *, finite: bool = True) -> Float[np.nd
 
 
 def number(value: Any, limits: tuple[float, float], what: str) -> float:
-    """`value` as a float. Raises SettingsError if it is no number, or outside `limits`."""
+    """Return `value` as a float. Raises SettingsError if it is no number or outside `limits`."""
     numeric = isinstance(value, (int, float, np.integer, np.floating))
     low, high = limits
     if not numeric or isinstance(value, bool) or not low <= value <= high:
@@ -50,7 +51,7 @@ def number(value: Any, limits: tuple[float, float], what: str) -> float:
 
 
 def known_options(given: Mapping[str, Any] | None, known: Sequence[str]) -> dict[str, Any]:
-    """The options of a `reset`. Raises SettingsError for one that is not `known`."""
+    """Return the options of a `reset` as a dict. Raises SettingsError for an unknown one."""
     options = dict(given or {})
     unknown = sorted(set(options) - set(known))
     if unknown:
@@ -59,9 +60,9 @@ def known_options(given: Mapping[str, Any] | None, known: Sequence[str]) -> dict
 
 
 def check_render_mode(mode: Any, metadata: Mapping[str, Any]) -> None:
-    """Raise SettingsError for a mode that is not drawn here.
+    """Raise SettingsError for an unknown render mode.
 
-    Gymnasium makes "human" and "rgb_array_list" out of "rgb_array" in `gymnasium.make`.
+    `gymnasium.make` derives "human" and "rgb_array_list" from "rgb_array".
     """
     known = (None, *metadata["render_modes"])
     if mode not in known:

@@ -16,26 +16,26 @@ from .task import Step, Task
 START = 8.56
 """C_A of the steady state at which every experiment starts, kgmol/m³."""
 TARGET = 2.0
-"""C_A that is asked for, kgmol/m³."""
+"""Desired C_A, kgmol/m³."""
 BAND = 0.03 * TARGET
 """Accepted distance from `TARGET` (AR% of eq. perf_index), kgmol/m³."""
 HORIZON = 48.0
-"""Two days (t_f,max of eq. perf_index), h."""
+"""Duration of an experiment, two days (t_f,max of eq. perf_index), h."""
 MAX_MOVE = 10.0
-"""Largest change of T_c from one step to the next (T_c,max), K: the controller's to keep."""
+"""Largest change of T_c from one step to the next (T_c,max), K; controllers must respect it."""
 UNSAFE_TEMPERATURE = 400.0
-"""Above this the experiment is stopped, K; sane runs peak at 383 K."""
+"""Temperature above which the experiment is stopped, K; reasonable runs peak at 383 K."""
 SETTLED_RATES = (0.04, 0.004, 0.04)
-"""The plant is settled while T, C_A and T_c change less: K/h, kgmol/(m³ h), K/h."""
+"""Rates of T, C_A and T_c below which the plant is settled: K/h, kgmol/(m³ h), K/h."""
 
 
 def unsafe(x: Float[np.ndarray, " 2"]) -> bool:
-    """Whether the reactor is hotter than `UNSAFE_TEMPERATURE`."""
+    """Return whether the reactor is hotter than `UNSAFE_TEMPERATURE`."""
     return bool(x[0] > UNSAFE_TEMPERATURE)
 
 
 def settled(step: Step) -> bool:
-    """Inside the band, and nothing changes any more between the last two samples.
+    """Return whether C_A is inside the band and nothing changes between the last two samples.
 
     Source: "the steady-state condition is reached", section IV-A, which gives no rule.
     Deviation: the rates in `SETTLED_RATES` are ours, and decide: with twice as large ones the
@@ -50,10 +50,11 @@ def settled(step: Step) -> bool:
 
 
 def stage_cost(step: Step) -> float:
-    """Tracking and moves, 1/h: ((C_A - 2)/6.56)², averaged over the step, + 0.1 |ΔT_c|/(10 K T_s).
+    """Return the cost rate of tracking and moves, 1/h.
 
-    The first term is 1 at the start and 0 at the target. The second adds up to 0.1 for every 10 K
-    of travel of T_c, however many steps it takes: totals do not depend on T_s.
+    It is ((C_A - 2)/6.56)², averaged over the step, + 0.1 |ΔT_c|/(10 K T_s). The first term is 1
+    at the start and 0 at the target. The second adds up to 0.1 for every 10 K of travel of T_c,
+    however many steps it takes, so totals do not depend on T_s.
     """
     error = ((step.x[:, 1] - TARGET) / (START - TARGET)) ** 2
     tracking = np.trapezoid(error, step.t) / step.duration if step.duration > 0 else error[0]
@@ -62,11 +63,11 @@ def stage_cost(step: Step) -> float:
 
 
 def cstr_task(plant: CSTR | None = None) -> Task:
-    """From the steady state with C_A = 8.56 to C_A = 2 kgmol/m³ within 48 h, feed constant.
+    """Return the task: from the steady state with C_A = 8.56 to C_A = 2 kgmol/m³ within 48 h.
 
-    The reference of T is its value at the target; it is neither tracked nor observed. The rate
-    limit of 10 K a step is a rule for controllers (it counts in steps, an actuator in hours), so
-    the plant does not enforce it.
+    The feed is constant. The reference of T is its value at the target; it is neither tracked nor
+    observed. The rate limit of 10 K per step is a rule for controllers (it counts steps, while an
+    actuator counts hours), so the plant does not enforce it.
     """
     plant = plant or CSTR()
     x0, u0 = plant.steady_state_at_concentration(START)
@@ -78,7 +79,7 @@ def cstr_task(plant: CSTR | None = None) -> Task:
         # T, C_A, last T_c, reference of C_A, T_f, C_Af
         observed=np.array([(280, 400), (0, 10), (284, 310), (0, 10), (280, 320), (5, 15)]),
         unsafe=unsafe, settled=settled, stage_cost=stage_cost,
-        unsafe_cost=10.0,  # the stage cost of sane states is below 2
+        unsafe_cost=10.0,  # the stage cost of reasonable states is below 2
     )  # fmt: skip
 
 
@@ -91,23 +92,23 @@ def cstr_env(
     plant: CSTR | None = None,
     render_mode: str | None = None,
 ) -> PlantEnv:
-    """`prefcal/CSTR-v0`: action T_c, observation (T, C_A, last T_c, reference, T_f, C_Af).
+    """Make `prefcal/CSTR-v0`: the reactor, controlled by its coolant temperature.
 
-    Unsafe above 400 K; over at the first sample at or after 48 h, or when `settled`. Reward:
-    minus `stage_cost` times T_s.
+    The action is T_c; the observation is (T, C_A, last T_c, reference, T_f, C_Af). The episode
+    ends as unsafe above 400 K, at the first sample at or after 48 h, or when `settled`. The reward
+    is minus `stage_cost` times T_s.
 
     Args:
-        T_s: Sampling time [h], unless `reset` is told another one; None: 0.25 h.
-        x0: (T [K], C_A [kgmol/m³]) at the start, shape (2,); None: the steady state with
-            C_A = 8.56.
-        max_move: Largest change of T_c in one step that the environment lets through, K (the
-            paper's controllers keep 10); None is any.
-        plant: The reactor, with other parameters say.
+        T_s: Default sampling time [h], which `reset` may override; None means 0.25 h.
+        x0: Initial (T [K], C_A [kgmol/m³]), shape (2,); None is the steady state with C_A = 8.56.
+        max_move: Largest change of T_c in one step that the environment applies, K (the paper's
+            controllers keep to 10); None for no limit.
+        plant: Reactor, for example with other parameters.
         render_mode: None or "rgb_array".
 
     Raises:
-        SettingsError: a sampling time out of range.
-        PlantError: an `x0` of the wrong shape or not finite.
+        SettingsError: If the sampling time is out of range.
+        PlantError: If `x0` has the wrong shape or is not finite.
     """
     plant = plant or CSTR()
     task = cstr_task(plant)

@@ -1,4 +1,4 @@
-"""`prefcal/Experiment-v0`: tune a controller of one's own on a plant, or a rig, of one's own."""
+"""`prefcal/Experiment-v0`: tune your own controller on your own plant or rig."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -22,15 +22,15 @@ ControllerFactory = Callable[[Float[np.ndarray, " n"]], Controller]
 
 
 class ClosedLoop:
-    """A `Run`: the controller of θ drives the plant environment until the episode ends.
+    """A `Run` that lets the controller of θ drive a plant environment until the episode ends.
 
     Args:
-        env: The plant environment, its id, or a function that makes it.
-        controller: A fresh controller from a physical θ, shape (n,).
-        kpis: Key performance indicators of the experiment by name.
+        env: Plant environment, its id, or a function that makes it.
+        controller: Function that makes a new controller from a physical θ, shape (n,).
+        kpis: Function that returns the key performance indicators of an experiment by name.
 
     Raises:
-        SettingsError: `env` or `controller` is none of these.
+        SettingsError: If `env` or `controller` is none of these.
     """
 
     def __init__(
@@ -42,22 +42,22 @@ class ClosedLoop:
         if not isinstance(made, gym.Env):
             raise SettingsError(f"env must be an environment, an id or a factory, got {env!r}")
         if not callable(controller):
-            raise SettingsError(f"controller must make one from θ, got {controller!r}")
+            raise SettingsError(f"controller must be a function of θ, got {controller!r}")
         self._env, self._controller, self.kpis = made, controller, kpis
 
     @property
     def channels(self) -> Channels | None:
-        """Channels of its experiments; None if the environment does not say."""
+        """Channels of the experiments; None if the environment does not define them."""
         found = getattr(self._env.unwrapped, "channels", None)
         return found if isinstance(found, Channels) else None
 
     @property
     def signals(self) -> tuple[str, ...] | None:
-        """Keys of the signals of its experiments; None if the environment does not say."""
+        """Keys of the experiments' signals; None if the environment does not define them."""
         return getattr(self._env.unwrapped, "signals", None)
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Run θ, physical, shape (n,)."""
+        """Run a physical θ, shape (n,)."""
         return rollout(self._env, self._controller(theta), theta, seed=seed, kpis=self.kpis)
 
 
@@ -73,20 +73,20 @@ def experiment_env(
     panels: Sequence[Panel] | None = None,
     render_mode: str | None = None,
 ) -> TuningEnv:
-    """`prefcal/Experiment-v0`. Give either `run`, or `env` and `controller`.
+    """Make `prefcal/Experiment-v0`. Give either `run`, or `env` and `controller`.
 
     Args:
-        space: The knobs.
-        run: One experiment: `run(theta, seed=0)` with a physical θ, shape (n,).
-        env: A plant environment (`PlantEnv`, say), its id, or a function that makes it.
-        controller: A fresh controller from a physical θ, shape (n,).
-        kpis: With `env`: key performance indicators of an experiment by name.
-        score: Of an experiment, lower is better; without one the reward is 0.
+        space: Space of the knobs.
+        run: Function that runs one experiment: `run(theta, seed=0)` with a physical θ, shape (n,).
+        env: Plant environment (such as `PlantEnv`), its id, or a function that makes it.
+        controller: Function that makes a new controller from a physical θ, shape (n,).
+        kpis: With `env`: function that returns the key performance indicators by name.
+        score: Function that rates an experiment, lower is better; without it the reward is 0.
         panels: What to draw.
         render_mode: None or "rgb_array".
 
     Raises:
-        SettingsError: neither or both of the two ways to run an experiment.
+        SettingsError: If neither or both ways of running an experiment are given.
     """
     closed_loop = env is not None and controller is not None
     partly = env is not None or controller is not None or kpis is not None
@@ -100,5 +100,5 @@ def experiment_env(
 
 
 def experiment_vector(num_envs: int = 1, **kwargs: Any) -> gym.vector.SyncVectorEnv:
-    """Several `prefcal/Experiment-v0`, without wasted steps (see `same_step_vector`)."""
+    """Make several `prefcal/Experiment-v0`, without wasted steps (see `same_step_vector`)."""
     return same_step_vector("prefcal/Experiment-v0", num_envs, **kwargs)

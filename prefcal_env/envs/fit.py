@@ -1,4 +1,4 @@
-"""Whether a plant and a task fit each other, and what they are together."""
+"""Check that a plant fits a task, and derive the properties of the combination."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from .task import Task
 
 
 def channels_of(plant: Plant, task: Task) -> Channels:
-    """The plant's channels; a constant reference becomes the target of its output."""
+    """Return the plant's channels; a constant reference becomes the target of its output."""
     outputs = list(plant.outputs)
     if not callable(task.y_ref):
         for i in tracked_of(task):
@@ -23,17 +23,17 @@ def channels_of(plant: Plant, task: Task) -> Channels:
 
 
 def tracked_of(task: Task) -> tuple[int, ...]:
-    """Return the outputs whose reference matters, from 0: by default all that have one."""
+    """Return the indices of tracked outputs: by default, all outputs with a reference."""
     if task.tracked is not None:
         return task.tracked
     return tuple(map(int, np.flatnonzero(np.isfinite(task.reference(0.0)))))
 
 
 def observed_of(plant: Plant, task: Task) -> Float[np.ndarray, "n 2"]:
-    """Return the lowest and highest value of all that is observed, shape (n, 2), as `Task` says.
+    """Return the lowest and highest value of each observed quantity, shape (n, 2), as in `Task`.
 
-    A channel without a limit reaches ten times as far from its start as its reference is away
-    from that, or as its start is from 0; ten units if all of these are 0.
+    A channel without a limit extends ten times the distance between its start and its reference,
+    or its start and 0; ten units if these are all 0.
     """
     if task.observed is not None:
         return task.observed
@@ -54,7 +54,7 @@ def observed_of(plant: Plant, task: Task) -> Float[np.ndarray, "n 2"]:
 
 
 def _reach(channel: Channel, start: float, aim: float) -> tuple[float, float]:
-    """The limits of a channel, and in place of those that it does not have a guess."""
+    """Return the limits of a channel, with a guess for each missing one."""
     reach = 10 * max(abs(start), abs(aim - start)) or 10.0
     low = channel.low if np.isfinite(channel.low) else min(start, channel.high) - reach
     high = channel.high if np.isfinite(channel.high) else max(start, channel.low) + reach
@@ -62,7 +62,7 @@ def _reach(channel: Channel, start: float, aim: float) -> tuple[float, float]:
 
 
 def check_fit(plant: Plant, task: Task) -> None:
-    """Raise SettingsError where shapes, ranges or limits of the two do not fit each other."""
+    """Raise SettingsError if shapes, ranges or limits of plant and task do not fit."""
     for i, channel in enumerate(plant.inputs):
         if not np.isfinite([channel.low, channel.high]).all():
             raise SettingsError(

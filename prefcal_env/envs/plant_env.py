@@ -23,31 +23,31 @@ _RESET_OPTIONS = ("T_s", "x0")
 
 
 class PlantEnv(gym.Env[Array, Array]):
-    """Control `plant` so as to do `task`. Controllers and learned policies both act here.
+    """An environment in which a controller or a learned policy controls `plant` to do `task`.
 
-    - Action, float, shape (n_u,): the plant's inputs, [-1, 1] from their low to their high
-      limit. Beyond the limits it saturates, as the actuator does.
+    - Action, float, shape (n_u,): the plant's inputs, scaled so that [-1, 1] is the range between
+      their limits. Beyond the limits they saturate, as actuators do.
     - Observation, float32, shape (n,): states, last input, tracked references and measured
       disturbances, each scaled to [-1, 1] by `task.observed` and clipped.
     - Reward: minus `task.stage_cost` times the duration of the step.
     - terminated: unsafe, or a state that is not finite. truncated: time is up, or settled.
-    - Info: `t`, `x` and `u` (the input that was applied) in the plant's units; `end` at the end.
+    - Info: `t`, `x` and `u` (the applied input) in the plant's units; `end` at the end.
     - Options of `reset`: `T_s` and `x0`, in the plant's units.
 
-    Nothing is random; the seed is accepted as everywhere.
+    Nothing is random; a seed is accepted but has no effect.
 
     Args:
-        plant: The plant.
-        task: What is asked.
+        plant: Plant to control.
+        task: Task to do.
         render_mode: None or "rgb_array".
 
     Raises:
-        SettingsError: a task that does not fit the plant, an unknown render mode.
+        SettingsError: If the task does not fit the plant or the render mode is unknown.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
     signals: tuple[str, ...] = ()
-    """What its experiments record beside states, inputs and outputs: nothing."""
+    """Additional signals of its experiments beside states, inputs and outputs: none."""
 
     def __init__(self, plant: Plant, task: Task, render_mode: str | None = None) -> None:
         check_fit(plant, task)
@@ -74,7 +74,7 @@ class PlantEnv(gym.Env[Array, Array]):
 
     @property
     def end(self) -> End | None:
-        """Why the episode is over; None while it goes on, and before the first one."""
+        """Why the episode ended; None before the first episode and while one goes on."""
         return self._end
 
     def reset(
@@ -83,15 +83,15 @@ class PlantEnv(gym.Env[Array, Array]):
         """Start an episode; options `T_s` and `x0`, shape (n_x,), in the plant's units.
 
         Raises:
-            SettingsError: an unknown option, or a sampling time out of range.
-            PlantError: an initial state of the wrong shape, not finite or unsafe.
+            SettingsError: If an option is unknown or the sampling time is out of range.
+            PlantError: If the initial state has the wrong shape, is not finite, or is unsafe.
         """
         super().reset(seed=seed)
         options = known_options(options, _RESET_OPTIONS)
         T_s = self.task.sampling_time(options.get("T_s", self.task.T_s))
         x0 = vector(options.get("x0", self.task.x0), len(self.plant.states), "initial state x0")
         if self.task.unsafe(x0):
-            raise PlantError(f"the initial state x0 is unsafe already: {x0}")
+            raise PlantError(f"the initial state x0 is unsafe: {x0}")
         self._T_s, self._steps, self._end = T_s, 0, None
         self._t, self._x, self._u = 0.0, x0, self.task.u0
         self._episode = Trajectory(x0, self.task.u0)
@@ -101,8 +101,8 @@ class PlantEnv(gym.Env[Array, Array]):
         """Apply `action`, shape (n_u,), inputs scaled to [-1, 1], for one sampling period.
 
         Raises:
-            PlantError: an action of the wrong shape or not finite.
-            ProtocolError: no episode is under way.
+            PlantError: If the action has the wrong shape or is not finite.
+            ProtocolError: If no episode is running.
         """
         step = self.apply(self.inputs(action))
         reward = -self.task.stage_cost(step) * step.duration
@@ -113,10 +113,10 @@ class PlantEnv(gym.Env[Array, Array]):
         return self.observe(), float(reward), terminated, truncated, self._info()
 
     def inputs(self, action: Array) -> Float[np.ndarray, " n_u"]:
-        """The inputs that `action` stands for, both shape (n_u,), in the plant's units.
+        """Return the inputs that `action` stands for, both shape (n_u,), in the plant's units.
 
         Raises:
-            PlantError: an action of the wrong shape or not finite.
+            PlantError: If the action has the wrong shape or is not finite.
         """
         a = vector(action, len(self._low), "action")
         return np.asarray(self._low + (a + 1) / 2 * (self._high - self._low))
@@ -127,11 +127,11 @@ class PlantEnv(gym.Env[Array, Array]):
         They saturate at the plant's limits (and at the task's largest move, if it has one).
 
         Raises:
-            PlantError: inputs of the wrong shape or NaN.
-            ProtocolError: no episode is under way.
+            PlantError: If the inputs have the wrong shape or are NaN.
+            ProtocolError: If no episode is running.
         """
         if self._episode is None or self._end is not None:
-            raise ProtocolError("no episode is under way: call reset() first")
+            raise ProtocolError("no episode is running: call reset() first")
         u = self._saturated(vector(u, len(self._low), "input u", finite=False))
         y_ref, d = self.task.reference(self._t), self.task.disturbance(self._t)
         self._steps += 1
@@ -155,7 +155,7 @@ class PlantEnv(gym.Env[Array, Array]):
         return step
 
     def observe(self) -> Array:
-        """The observation of now, as `reset` and `step` return it, shape (n,), float32."""
+        """Return the current observation, as `reset` and `step` do, shape (n,), float32."""
         tracked, t = self.task.reference(self._t)[list(self._tracked)], self._t
         raw = np.concatenate([self._x, self._u, tracked, self.task.disturbance(t)])
         low, high = self._observed.T
@@ -163,7 +163,7 @@ class PlantEnv(gym.Env[Array, Array]):
         return scaled.astype(np.float32)
 
     def measurement(self) -> Measurement:
-        """What a controller knows now."""
+        """Return what a controller knows at this sampling instant."""
         if self.task.preview:
             ahead = self._t + self._T_s * np.arange(self.task.preview + 1)
             y_ref = np.array([self.task.reference(t) for t in ahead[1:]])
@@ -173,9 +173,9 @@ class PlantEnv(gym.Env[Array, Array]):
         return Measurement(self._t, self._x, self._u, d, y_ref)
 
     def record(self) -> Record:
-        """The episode so far, or the last one once it has ended. Raises ProtocolError if none.
+        """Return the current or last episode. Raises ProtocolError if there is none.
 
-        Outputs are those of the input that is held from each instant on.
+        Outputs at each instant are computed with the input that is held from there on.
         """
         if self._episode is None:
             raise ProtocolError("no episode to record: call reset() first")
@@ -183,7 +183,7 @@ class PlantEnv(gym.Env[Array, Array]):
         return replace(record, y=self._outputs(record))
 
     def _outputs(self, record: Record) -> Float[np.ndarray, "K n_y"]:
-        """y = g(x, u, d) at every instant, with disturbances held as the plant has met them."""
+        """Return y = g(x, u, d) at every instant, with d held as it acted on the plant."""
         held = np.searchsorted(record.t_control, record.t, side="right") - 1
         sampled = record.t_control if len(record.t_control) else record.t
         d = [self.task.disturbance(t) for t in sampled.tolist()]
@@ -192,7 +192,7 @@ class PlantEnv(gym.Env[Array, Array]):
         return np.array(y, dtype=float).reshape(len(record.t), len(self.plant.outputs))
 
     def render(self) -> Array | None:
-        """The episode so far as an image, (height, width, 3) uint8; None without render mode."""
+        """Return an image of the episode so far, (height, width, 3) uint8, or None."""
         if self.render_mode is None:
             return None
         state = "" if self._end is None else f", {self._end.value}"
@@ -200,7 +200,7 @@ class PlantEnv(gym.Env[Array, Array]):
         return self._canvas.frame(self._traces(), note)
 
     def close(self) -> None:
-        """Let go of the figure."""
+        """Release the figure."""
         self._canvas.close()
 
     def _saturated(self, u: Array) -> Array:
@@ -212,7 +212,7 @@ class PlantEnv(gym.Env[Array, Array]):
         return saturated
 
     def _survived(self, x: Float[np.ndarray, "M n_x"]) -> tuple[int, bool]:
-        """How many rows to keep, and whether it went wrong there: none that is not finite."""
+        """Return how many rows to keep, to the first unsafe or last finite, and if it failed."""
         broken = np.flatnonzero(~np.isfinite(x).all(axis=1))
         n_finite = int(broken[0]) if len(broken) else len(x)
         for i in range(n_finite):

@@ -1,4 +1,4 @@
-"""Preferences as a reward, for learners that know nothing else."""
+"""Preferences as a reward, for learners that only understand rewards."""
 
 from typing import Any
 
@@ -13,23 +13,23 @@ Array = np.ndarray[Any, Any]
 
 
 class PreferenceReward(gym.Wrapper[Array, Array, Array, Array], gym.utils.RecordConstructorArgs):
-    """Rewards a tuning environment's experiment by comparing it with the best one so far.
+    """A wrapper that rewards an experiment by comparing it with the best one so far.
 
-    Reward: +1 where the calibrator prefers the new experiment (which then is the incumbent), -1
-    where he prefers the incumbent, 0 for a tie, an abstention and the very first experiment.
+    The reward is +1 if the calibrator prefers the new experiment (which becomes the incumbent), -1
+    if they prefer the incumbent, and 0 for a tie, an abstention and the very first experiment.
 
-    The observation is the incumbent's θ, scaled as the action (zeros while there is none), on
-    which the reward depends. `reset(seed=...)` starts over without incumbent, `reset()` keeps it.
-    Info also has `preference` (-1, 0, 1, absent for an abstention) and `incumbent`, the
-    `Experiment` that is the best one now.
+    The observation is the incumbent's θ, scaled like the action (zeros without an incumbent),
+    because the reward depends on it. `reset(seed=...)` forgets the incumbent, `reset()` keeps it.
+    Info also has `preference` (-1, 0 or 1; absent for an abstention) and `incumbent`, the best
+    `Experiment` so far.
 
     Args:
-        env: A tuning environment, whose info has an `experiment`.
-        calibrator: Compares two experiments.
+        env: Tuning environment whose info has an `experiment`.
+        calibrator: Calibrator that compares two experiments.
 
     Raises:
-        SettingsError: `calibrator` has no `prefer`; in `step`, the info has no experiment.
-        PreferenceError: in `step`, its answer is none.
+        SettingsError: If `calibrator` has no `prefer`; in `step`, if the info has no experiment.
+        PreferenceError: In `step`, if the calibrator's answer is not valid.
     """
 
     def __init__(self, env: gym.Env[Array, Array], calibrator: Calibrator[Experiment]) -> None:
@@ -44,7 +44,7 @@ class PreferenceReward(gym.Wrapper[Array, Array, Array, Array], gym.utils.Record
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Get ready for the next experiment; with a seed, forget the incumbent."""
+        """Prepare the next experiment; with a seed, forget the incumbent."""
         observation, info = self.env.reset(seed=seed, options=options)
         if seed is not None:
             self._incumbent, self._where = None, np.zeros_like(observation)

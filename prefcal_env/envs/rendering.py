@@ -1,4 +1,4 @@
-"""What Gymnasium must know of an environment before it makes it."""
+"""Metadata that Gymnasium needs before it makes an environment."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -7,10 +7,10 @@ Make = TypeVar("Make", bound=Callable[..., Any])
 
 
 def makes(environment: type) -> Callable[[Make], Make]:
-    """Mark an entry point as one that makes `environment`.
+    """Return a decorator that marks an entry point as one that makes `environment`.
 
-    `gymnasium.make` reads render modes from an entry point, and where they lack "human" and
-    "rgb_array_list" it wraps what it gets.
+    `gymnasium.make` reads the render modes of an entry point; if they lack "human" and
+    "rgb_array_list", it wraps the environment.
     """
 
     def mark(make: Make) -> Make:

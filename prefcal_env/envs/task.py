@@ -1,4 +1,4 @@
-"""What is asked of a plant: where an episode starts, what it aims at and how it ends, as data."""
+"""The task of a plant, as data: where an episode starts, what it aims at and how it ends."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ Signal = Vector | Callable[[float], Vector]
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One sampling period, as the rules of a task see it: M dense instants, both ends included.
+    """One sampling period, as seen by the rules of a task: M dense instants, with both ends.
 
     Args:
         t: Dense instants, shape (M,); a period that was cut short ends early.
-        x: States there, shape (M, n_x).
-        u_before: Input of the period before, shape (n_u,).
+        x: States at `t`, shape (M, n_x).
+        u_before: Input of the previous period, shape (n_u,).
         u: Input held in this period, shape (n_u,).
         y_ref: Output references in this period, shape (n_y,).
-        T_s: Sampling time, the length of a whole period.
+        T_s: Sampling time, the length of a complete period.
     """
 
     t: Float[np.ndarray, " M"]
@@ -36,67 +36,69 @@ class Step:
 
     @property
     def duration(self) -> float:
-        """Time that this period lasted."""
+        """Duration of this period."""
         return float(self.t[-1] - self.t[0])
 
 
 def never(_: Any) -> bool:
-    """The rule that never applies."""
+    """Return False: a rule that never applies."""
     return False
 
 
 def free(_: Step) -> float:
-    """The stage cost that is always 0."""
+    """Return 0: a stage cost that charges nothing."""
     return 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """One task for a plant. Times in the plant's unit of time, values in its channels' units.
+    """A task for a plant. Times are in the plant's unit of time, values in its channels' units.
 
     References and disturbances are held over a sampling period at their value at its start.
-    Most of it has a default: x0, u0, y_ref and horizon are enough to tune a controller, which
-    brings its own sampling time. What is observed matters to learned policies only.
+    Most arguments have a default: x0, u0, y_ref and horizon are enough to tune a controller, which
+    has its own sampling time. The observation matters only to learned policies.
 
     Args:
-        x0: State at the start, shape (n_x,).
+        x0: Initial state, shape (n_x,).
         u0: Input before the start, shape (n_u,).
-        y_ref: Output references, shape (n_y,), or a function of time; NaN for an output that has
-            none.
-        d: Measured disturbances, shape (n_d,), or a function of time; None: there are none.
-        horizon: The first sample at or after this time is the last one.
-        T_s: Sampling time, unless `reset` is told another one, as a controller does; None: a
-            200th of the horizon.
-        T_s_range: Lowest and highest sampling time that `reset` accepts; None: from a millionth
-            of the horizon to all of it.
-        dense_step: Step of the grid on which the trajectory is recorded, whatever T_s is; None: a
-            500th of the horizon.
-        tracked: The outputs whose reference matters: those that are observed and drawn; None:
-            all that have a reference at the start.
+        y_ref: Output references, shape (n_y,), or a function of time; NaN for an output without
+            a reference.
+        d: Measured disturbances, shape (n_d,), or a function of time; None if there are none.
+        horizon: Duration: the first sample at or after this time is the last one.
+        T_s: Default sampling time, which `reset` may override, as a controller does; None is
+            1/200 of the horizon.
+        T_s_range: Lowest and highest sampling time that `reset` accepts; None is from a millionth
+            of the horizon to the whole horizon.
+        dense_step: Step of the grid on which the trajectory is recorded, whatever T_s is; None is
+            1/500 of the horizon.
+        tracked: Indices of the outputs whose reference is observed and drawn; None means all that
+            have a reference at the start.
         bands: Accepted distance from the reference by output, for drawing.
-        observed: Lowest and highest value of everything observed, in the order of the
-            observation: states, last input, tracked references, disturbances; shape (n, 2).
-            They are scaled to [-1, 1]; beyond them the observation saturates. None: the limits
-            of the channels, or where there are none ten times the way from the start to the
-            reference (see `prefcal_env.envs.fit.observed_of`).
-        unsafe: Whether a state, shape (n_x,), ends the episode at once.
-        settled: Whether the episode is over at the end of a step, nothing being left to see.
-        stage_cost: Of a step, per unit of time; minus this times its duration is the reward.
-        unsafe_cost: Stage cost that is charged for the rest of the horizon after an unsafe end,
-            so that it never pays to end an episode.
-        max_move: Largest change of each input from step to step, shape (n_u,); None is any.
-        preview: Rows of references and disturbances that a controller gets ahead; 0: only now's.
+        observed: Lowest and highest value of each observed quantity, in the order of the
+            observation: states, last input, tracked references, disturbances; shape (n, 2). They
+            are scaled to [-1, 1]; beyond them the observation saturates. None uses the limits of
+            the channels, or if there are none, ten times the way from the start to the reference
+            (see `prefcal_env.envs.fit.observed_of`).
+        unsafe: Function that returns whether a state, shape (n_x,), ends the episode at once.
+        settled: Function that returns whether the episode can end after a step, since nothing
+            will change any more.
+        stage_cost: Cost of a step per unit of time. The reward is minus this times the duration.
+        unsafe_cost: Stage cost charged for the rest of the horizon after an unsafe end, so that
+            it never pays to end an episode.
+        max_move: Largest change of each input from step to step, shape (n_u,); None for no limit.
+        preview: Number of future rows of references and disturbances that a controller gets; 0
+            gives only the present values.
 
     Raises:
-        SettingsError: times that are not positive, a T_s outside its range, values that are not
-            finite, an `observed` that is not rows of low below high.
+        SettingsError: If a time is not positive, T_s is outside its range, a value is not finite,
+            or a row of `observed` does not have low below high.
     """
 
     x0: Float[np.ndarray, " n_x"]
     u0: Float[np.ndarray, " n_u"]
     y_ref: Signal
     horizon: float
-    # None until `__post_init__` has derived them from the horizon.
+    # None until `__post_init__` derives them from the horizon.
     T_s: float = None  # type: ignore[assignment]
     T_s_range: tuple[float, float] = None  # type: ignore[assignment]
     dense_step: float = None  # type: ignore[assignment]
@@ -137,7 +139,7 @@ class Task:
         self.sampling_time(self.T_s)
 
     def _derive(self) -> None:
-        """Fill in the times that were left out, as shares of the horizon."""
+        """Fill in missing times as shares of the horizon."""
         if self.T_s_range is None:
             object.__setattr__(self, "T_s_range", (1e-6 * self.horizon, self.horizon))
         if self.T_s is None:
@@ -147,18 +149,18 @@ class Task:
             object.__setattr__(self, "dense_step", self.horizon / 500)
 
     def sampling_time(self, T_s: Any) -> float:
-        """Return `T_s` as a number. Raises SettingsError if it is none, or out of range."""
+        """Return `T_s` as a number. Raises SettingsError if it is no number or out of range."""
         low, high = self.T_s_range
         if not _is_number(T_s) or not (0 < low <= T_s <= high):
             raise SettingsError(f"T_s must be a number in [{low}, {high}], above 0, got {T_s!r}")
         return float(T_s)
 
     def reference(self, t: float) -> Vector:
-        """Output references at time `t`, shape (n_y,)."""
+        """Return the output references at time `t`, shape (n_y,)."""
         return _at(self.y_ref, t)
 
     def disturbance(self, t: float) -> Vector:
-        """Measured disturbances at time `t`, shape (n_d,)."""
+        """Return the measured disturbances at time `t`, shape (n_d,)."""
         assert self.d is not None
         return _at(self.d, t)
 

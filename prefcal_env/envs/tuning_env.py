@@ -1,4 +1,4 @@
-"""Tuning as an environment: one step is one whole closed-loop experiment."""
+"""Tuning as an environment: each step is a complete closed-loop experiment."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
@@ -22,34 +22,35 @@ class Run(Protocol):
     """One closed-loop experiment."""
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int) -> Experiment:
-        """Run θ, physical, shape (n,)."""
+        """Run a physical θ, shape (n,)."""
 
 
 class TuningEnv(gym.Env[Array, Array]):
-    """Choose θ, see the experiment. One step is one experiment and one episode.
+    """An environment in which you choose θ and see the experiment. One step is one episode.
 
     - Action, float, shape (n,): θ in the unit cube scaled to [-1, 1]; action = 2 z - 1 with
-      z = `space.encode(theta)`. Several actions are one θ where a knob is an integer, or frozen.
-    - Observation, float32, shape (n,): the θ that was run, scaled as the action, snapped to the
-      knobs; zeros before the step. Experiments start afresh: there is no state to observe.
-    - Reward: minus `score`; 0 without one. Whoever has no score wraps this environment in
+      z = `space.encode(theta)`. Several actions give the same θ if a knob is an integer or frozen.
+    - Observation, float32, shape (n,): the θ that was run, scaled like the action and snapped to
+      the knobs; zeros before the step. Each experiment starts anew, so there is no other state.
+    - Reward: minus `score`, or 0 without a score. If you have no score, wrap this environment in
       `PreferenceReward`.
-    - Every step terminates the episode (its end is no time limit).
+    - Every step terminates the episode (the end is not a time limit).
     - Info: `experiment`, the `Experiment`, and `theta`, physical, shape (n,).
 
-    The seed of the last seeded `reset` (0 at first) goes to every experiment since, so that
-    two θ are compared under the same noise.
+    All experiments use the seed of the last seeded `reset` (0 at first), so that every θ is
+    compared under the same noise.
 
     Args:
-        space: The knobs.
-        run: One experiment of a physical θ.
-        score: Of an experiment, lower is better.
-        panels: What to draw; None: all states, inputs and outputs.
-        title: For pictures.
-        render_mode: None or "rgb_array", the last experiment.
+        space: Space of the knobs.
+        run: Function that runs one experiment of a physical θ.
+        score: Function that rates an experiment; lower is better.
+        panels: What to draw; None draws all states, inputs and outputs.
+        title: Title of the pictures.
+        render_mode: None, or "rgb_array" for a picture of the last experiment.
 
     Raises:
-        SettingsError: an unknown render mode, or something that is no knob space or function.
+        SettingsError: If the render mode is unknown, `space` is not a `KnobSpace`, or `run` is not
+            callable.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012
@@ -80,7 +81,7 @@ class TuningEnv(gym.Env[Array, Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Get ready for an experiment. It has no options: θ is the action."""
+        """Prepare the next experiment. There are no options: the action is θ."""
         super().reset(seed=seed)
         if options:
             raise SettingsError(f"a tuning environment has no reset options, got {options}")
@@ -92,9 +93,9 @@ class TuningEnv(gym.Env[Array, Array]):
         """Run the experiment of `action`, shape (n,), θ in the unit cube scaled to [-1, 1].
 
         Raises:
-            KnobError: an action of the wrong shape, NaN, or outside [-1, 1].
-            ExperimentError: the run returned no experiment, or its score is not finite.
-            ProtocolError: the episode, of one step, is over.
+            KnobError: If the action has the wrong shape, is NaN, or is outside [-1, 1].
+            ExperimentError: If the run returns no experiment or its score is not finite.
+            ProtocolError: If the episode, which has one step, is over.
         """
         if not self._open:
             raise ProtocolError("an episode is one experiment: call reset() before each")
@@ -108,11 +109,11 @@ class TuningEnv(gym.Env[Array, Array]):
             raise ExperimentError(f"a score must be finite, got {score} at θ = {theta}")
         observation = (2 * self.space.encode(theta) - 1).astype(np.float32)
         info = {"experiment": experiment, "theta": theta}
-        reward = 0.0 - score  # not -score: without a score 0, rather than -0
+        reward = 0.0 - score  # not -score: 0 without a score, rather than -0
         return observation, reward, True, False, info
 
     def theta(self, action: Array) -> Float[np.ndarray, " n"]:
-        """The physical θ of an action, both shape (n,). Raises KnobError as `step`."""
+        """Return the physical θ of an action, both shape (n,). Raises KnobError as `step`."""
         a = numbers(action, "an action", KnobError)
         if a.shape != (len(self.space),) or not np.all(np.abs(a) <= 1):
             raise KnobError(
@@ -123,7 +124,7 @@ class TuningEnv(gym.Env[Array, Array]):
         return np.where(self.space.frozen, frozen, self.space.decode((a + 1) / 2))
 
     def render(self) -> Array | None:
-        """The last experiment as an image, (height, width, 3) uint8; None without render mode."""
+        """Return an image of the last experiment, (height, width, 3) uint8, or None."""
         if self.render_mode is None:
             return None
         if self._experiment is None:
@@ -134,15 +135,15 @@ class TuningEnv(gym.Env[Array, Array]):
         return self._canvas.frame(_traces(self._experiment, self._panels), note)
 
     def close(self) -> None:
-        """Let go of the figure."""
+        """Release the figure."""
         self._canvas.close()
 
 
 def sampled_at(space: KnobSpace, T_s: float | None) -> KnobSpace:
-    """`space` with its knob "T_s" frozen at `T_s`; as it is for None.
+    """Return `space` with its knob "T_s" frozen at `T_s`; unchanged if `T_s` is None.
 
     Raises:
-        KnobError: a sampling time out of the knob's range.
+        KnobError: If the sampling time is outside the knob's range.
     """
     return space if T_s is None else space.narrowed({"T_s": (T_s, T_s)})
 
@@ -157,10 +158,10 @@ def _traces(experiment: Experiment, panels: Sequence[Panel] | None) -> list[Trac
 
 
 def same_step_vector(env_id: str, num_envs: int, **kwargs: Any) -> gym.vector.SyncVectorEnv:
-    """`num_envs` environments of one-step episodes, reset in the same step that ends them.
+    """Return `num_envs` one-step environments that reset in the same step that ends an episode.
 
-    Gymnasium's default resets in the step after, which would make every second step of such
-    environments an idle one. Experiments are in `infos["final_info"]["experiment"]`.
+    Gymnasium's default resets in the following step, which would waste every second step of such
+    environments. Experiments are in `infos["final_info"]["experiment"]`.
     """
     return gym.vector.SyncVectorEnv(
         [lambda: gym.make(env_id, **kwargs) for _ in range(num_envs)],

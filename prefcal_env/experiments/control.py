@@ -1,4 +1,4 @@
-"""What passes between a plant's environment and a controller, once a sampling period."""
+"""The data that an environment and a controller exchange once every sampling period."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -14,9 +14,9 @@ class Measurement:
     Args:
         t: Time since the start.
         x: State, measured or estimated, shape (n_x,).
-        u: Input applied in the last sampling period, shape (n_u,).
-        d: Measured disturbances, shape (n_d,); or their preview, one row a step, shape (N, n_d).
-        y_ref: Output references, shape (n_y,); or their preview for y_1 ... y_N, shape (N, n_y).
+        u: Input applied during the last sampling period, shape (n_u,).
+        d: Measured disturbances, shape (n_d,), or their preview, one row for each step, (N, n_d).
+        y_ref: Output references, shape (n_y,), or their preview for y_1 ... y_N, shape (N, n_y).
     """
 
     t: float
@@ -28,12 +28,12 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """What a controller decided.
+    """The decision of a controller.
 
     Args:
         u: Input to apply, shape (n_u,), in the plant's units.
-        iterations: Of its solver, 0 where there is none.
-        solved: False where the problem was not solved and the last input is held.
+        iterations: Number of solver iterations; 0 if there is no solver.
+        solved: Whether the problem was solved; if not, the last input is held.
     """
 
     u: Float[np.ndarray, " n_u"]
@@ -42,11 +42,11 @@ class Move:
 
 
 class Controller(Protocol):
-    """A control law with its memory (an integrator, say), made fresh for each experiment."""
+    """A control law with its memory (such as an integrator), made anew for each experiment."""
 
     @property
     def T_s(self) -> float:
         """Sampling time, in the plant's unit of time."""
 
     def move(self, measurement: Measurement) -> Move:
-        """Decide the input of the coming sampling period."""
+        """Decide the input for the next sampling period."""

@@ -1,4 +1,4 @@
-"""How an experiment ended: all that an agent may know of it."""
+"""Why an experiment ended: with the KPIs, all that an agent learns about a run."""
 
 from enum import Enum
 

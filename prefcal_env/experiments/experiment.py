@@ -1,4 +1,4 @@
-"""An experiment: everything that one closed-loop run of one θ has left behind, frozen."""
+"""The record of one closed-loop run of one θ, frozen."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
@@ -14,9 +14,19 @@ from .end import End as End
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One signal: how it is called, its unit, limits and target (in `unit`), and its symbol.
+    """A signal of an experiment: its name, unit, limits and target.
 
-    `band` is the accepted distance from the target, in `unit`; `symbol` is mathtext for plots.
+    Args:
+        name: Name, as shown to people.
+        unit: Unit of the values.
+        low: Lower limit, in `unit`.
+        high: Upper limit, in `unit`.
+        target: Desired value, in `unit`.
+        band: Accepted distance from the target, in `unit`.
+        symbol: Mathtext symbol for plots.
+
+    Raises:
+        ExperimentError: If `low` is not below `high`.
     """
 
     name: str
@@ -36,7 +46,7 @@ class Channel:
 
     @property
     def label(self) -> str:
-        """Name with unit, for an axis."""
+        """Name with unit, for the axis of a plot."""
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
@@ -51,7 +61,7 @@ class Channels:
 
 
 class FrozenMapping(Mapping[str, Any]):
-    """A mapping that cannot be changed, is equal by value (arrays too) and can be pickled."""
+    """An immutable mapping that compares by value (arrays too) and can be pickled."""
 
     def __init__(self, items: Mapping[str, Any] | None = None) -> None:
         self._items = dict(items or {})
@@ -78,33 +88,33 @@ class FrozenMapping(Mapping[str, Any]):
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """One closed-loop run of one θ. Times in `channels.time_unit`.
+    """One closed-loop run of one θ. Times are in `channels.time_unit`.
 
-    K dense instants, N control steps (the last sampling interval may end early). K and N are 0
-    where a run failed and left no record.
+    A run has K dense instants and N control steps (the last sampling interval may end early). K
+    and N are 0 if a run failed and left no record.
 
     Args:
         theta: Controller parameters, physical, shape (n,).
-        t: Dense instants, with the sampling instants and the end among them, shape (K,),
-            increasing; how dense does not depend on T_s.
-        x: States at `t`, shape (K, n_x), finite also when the run was stopped.
+        t: Dense instants, shape (K,), increasing. They include the sampling instants and the end;
+            their density does not depend on T_s.
+        x: States at `t`, shape (K, n_x), finite even if the run was stopped.
         u: Inputs held from `t` on, shape (K, n_u).
-        t_control: Sampling instants at which an input was decided, shape (N,).
-        u_control: Inputs decided there, shape (N, n_u).
-        y_ref: Output references there, shape (N, n_y).
-        iterations: Solver iterations of each step, shape (N,).
-        solve_time: Seconds that each controller step took, shape (N,); not compared by ==.
-        solved: Whether each step's problem was solved, shape (N,); an unsolved one held the input.
+        t_control: Sampling instants, at which an input was decided, shape (N,).
+        u_control: Inputs decided at `t_control`, shape (N, n_u).
+        y_ref: Output references at `t_control`, shape (N, n_y).
+        iterations: Number of solver iterations in each step, shape (N,).
+        solve_time: Duration of each controller step in seconds, shape (N,); ignored by ==.
+        solved: Whether each step's problem was solved, shape (N,). If not, the input was held.
         channels: Names, units, limits and targets.
-        end: Why it ended.
-        kpis: Key performance indicators by name; their units stand in the scenario.
-        signals: Further signals on `t` by name, each shape (K,).
-        y: Outputs at `t`, shape (K, n_y); None where they were not recorded (see `output`).
-        runs: The other fields are those of the first of several seeded variants; all of them.
+        end: Why the run ended.
+        kpis: Key performance indicators by name; the scenario knows their units.
+        signals: Additional signals on `t` by name, each of shape (K,).
+        runs: All of several seeded variants; the other fields are those of the first one.
+        y: Outputs at `t`, shape (K, n_y); None if they were not recorded (see `output`).
 
     Raises:
-        ExperimentError: arrays of the wrong shape, states or inputs that are not finite, KPIs or
-            signals that are no mapping, a KPI that is no number.
+        ExperimentError: If an array has the wrong shape, states or inputs are not finite, KPIs or
+            signals are not a mapping, or a KPI is not a number.
     """
 
     theta: Float[np.ndarray, " n"]
@@ -157,7 +167,7 @@ class Experiment:
                 raise ExperimentError(f"{name} must have shape {shape}, got {shapes[name]}")
         for name in ("theta", "t", "x", "u", "t_control", "u_control"):
             if not np.all(np.isfinite(getattr(self, name))):
-                raise ExperimentError(f"{name} must be finite, also in a run that was stopped")
+                raise ExperimentError(f"{name} must be finite, even in a run that was stopped")
         if self.theta.ndim != 1 or not len(self.theta):
             raise ExperimentError(f"theta must have shape (n,), got {self.theta.shape}")
         if not isinstance(self.end, End):
@@ -167,7 +177,7 @@ class Experiment:
         self._check_kpis()
 
     def _check_kpis(self) -> None:
-        """Here, where the run is to blame, and not when the study can no longer be saved."""
+        """Check here, where the run is to blame, rather than when the study is saved."""
         for name, value in self.kpis.items():
             found = np.asarray(value)
             if not isinstance(name, str) or found.ndim or found.dtype.kind not in "biuf":
@@ -179,9 +189,9 @@ class Experiment:
         return float(self.t[-1]) if len(self.t) else 0.0
 
     def at_control(self) -> Float[np.ndarray, "N1 n_x"]:
-        """States at the N sampling instants and at the end, shape (N + 1, n_x).
+        """Return the states at the N sampling instants and at the end, shape (N + 1, n_x).
 
-        Without a record, of shape (0, n_x).
+        Without a record the shape is (0, n_x).
         """
         if not len(self.t):
             return self.x
@@ -190,10 +200,10 @@ class Experiment:
         return np.asarray(self.x[nearest])
 
     def output(self, index: int) -> Float[np.ndarray, " K"] | None:
-        """Return output `index`, from 0, at `t`, shape (K,).
+        """Return the output with number `index` (from 0) at `t`, shape (K,).
 
-        If `y` was not recorded: the state of the same name and unit, else the signal of the same
-        name, else None.
+        If `y` was not recorded, return the state of the same name and unit, or else the signal of
+        the same name, or else None.
         """
         if self.y is not None:
             return np.asarray(self.y[:, index])

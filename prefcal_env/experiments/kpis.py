@@ -1,6 +1,6 @@
-"""What an experiment with references can be judged by, whatever its plant: errors and moves.
+"""Generic KPIs of any experiment with references: tracking errors and moves of the inputs.
 
-An agent learns which of these a person minds (`Answer.outcomes`); none is a cost by itself.
+An agent learns which of them matter to a person (`Answer.outcomes`); none is a cost by itself.
 """
 
 from collections.abc import Iterator
@@ -10,18 +10,18 @@ from jaxtyping import Float
 
 from .experiment import Experiment
 
-_BAND = 0.03  # of the largest error, where the channel states no band
-_NOTHING = 1e-3  # of the largest error: an error that nobody sees
+_BAND = 0.03  # share of the largest error, for channels without a band
+_NOTHING = 1e-3  # share of the largest error below which nobody sees an error
 
 
 def tracking_kpis(experiment: Experiment) -> dict[str, float]:
-    """Generic KPIs by name, lower is better, in the units of the experiment's channels.
+    """Return generic KPIs by name, lower is better, in the units of the experiment's channels.
 
-    For each recorded output with a reference (see `Experiment.output`): integrated error, the
-    same weighted with time, time of the last entry into the band (3 % of the largest error
-    where the channel states none; infinite: never), overshoot, and final error beyond a
-    thousandth of the largest. For each input: total, largest and root mean square move. Empty
-    without a record.
+    For each recorded output with a reference (see `Experiment.output`): the integrated error, the
+    integrated error weighted with time, the time of the last entry into the band (3 % of the
+    largest error if the channel has none; infinite means never), the overshoot, and the final
+    error beyond a thousandth of the largest. For each input: the total, largest and root mean
+    square move. An experiment without a record has no KPIs.
     """
     if len(experiment.t) < 2:
         return {}
@@ -40,7 +40,7 @@ def tracking_kpis(experiment: Experiment) -> dict[str, float]:
 
 
 def _errors(experiment: Experiment) -> Iterator[tuple[str, float | None, Float[np.ndarray, " K"]]]:
-    """Name, band and error of each output with a reference, on the dense grid."""
+    """Yield name, band and error of each output with a reference, on the dense grid."""
     if not len(experiment.t_control):
         return
     held = np.searchsorted(experiment.t_control, experiment.t, side="right") - 1
@@ -58,7 +58,7 @@ def _of_error(
     largest = float(size.max())
     outside = np.flatnonzero(size > (_BAND * largest if band is None else band))
     last = int(outside[-1]) if len(outside) else -1
-    # Beyond the reference: on the other side of it than at the start.
+    # An overshoot lies on the other side of the reference than the start.
     beyond = -np.sign(error[0]) * error if error[0] else size
     return {
         f"integrated error of {name}": float(size[:-1] @ dt),

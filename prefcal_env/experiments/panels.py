@@ -1,4 +1,4 @@
-"""Panels: which curve of an experiment is drawn, named by its channel, and how it looks."""
+"""Panels: select which curve of an experiment is drawn, by its channel's name, and its look."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import KW_ONLY, dataclass, replace
@@ -12,24 +12,24 @@ from prefcal_env.errors import ExperimentError, ScenarioError
 from .experiment import Channel, Channels, Experiment
 
 KINDS = {"x": "states", "u": "inputs", "y": "outputs", "signal": "signals"}
-"""Where a curve is found, and what stands there."""
+"""Maps each kind of curve to the name of its group."""
 _LOOK = ("unit", "low", "high", "target", "band", "symbol")
-"""What a panel may state in place of its channel."""
+"""Attributes that a panel may override."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """One curve of experiments and its look: a `Panel` whose channel has been found.
+    """One curve and its look: a `Panel` whose channel has been found.
 
     Args:
         channel: Title, unit, limits, target and band, all as drawn.
-        kind: Where the curve is: "x", "u", "y" or "signal".
-        name: Of the channel or signal there.
-        nth: Which of several channels of that name, from 0.
-        scale: Factor from the experiment's unit to that of `channel`.
-        reference: Key of the signal that holds a reference which changes in time; "" for none.
-        low_signal: Key of the signal that holds a lower limit which changes in time, likewise.
-        high_signal: Key of the signal that holds an upper limit which changes in time, likewise.
+        kind: Kind of the curve: "x", "u", "y" or "signal".
+        name: Name of the channel or signal in the experiment.
+        nth: Position among the channels of the same name, from 0.
+        scale: Factor from the experiment's unit to the unit of `channel`.
+        reference: Key of the signal that holds a reference that varies in time; "" for none.
+        low_signal: Key of the signal that holds a lower limit that varies in time; "" for none.
+        high_signal: Key of the signal that holds an upper limit that varies in time; "" for none.
     """
 
     channel: Channel
@@ -43,7 +43,7 @@ class Plot:
 
     @property
     def held(self) -> bool:
-        """Whether the curve is drawn as steps: inputs are held between instants."""
+        """Whether the curve is drawn as steps, since inputs are held between instants."""
         return self.kind == "u"
 
     def values(self, experiment: Experiment) -> Float[np.ndarray, " K"]:
@@ -56,29 +56,32 @@ class Plot:
 class Panel:
     """One plot of an experiment: the state, input, output or signal called `name`.
 
-    Inputs are drawn as steps, all else as lines. What is left out is the channel's own; a state
-    that is an output too, in the same unit, shows that output's target and band.
-    `Panel("x", channel)`, a kind and a `Channel`, takes name and look from that channel.
+    Inputs are drawn as steps, everything else as lines. Attributes that you leave out are taken
+    from the channel; a state that is also an output, in the same unit, shows that output's target
+    and band. `Panel("x", channel)`, with a kind and a `Channel`, takes name and look from the
+    channel.
 
     Args:
-        name: Name (or symbol) of a channel of the experiment, or the key of a signal.
-        kind: Where to look, if the name is not unique: "x", "u", "y" or "signal".
-        title: Name on show.
-        unit: Unit on show; needed if `scale` is given.
-        low: Lower limit, in the unit on show; -inf for none.
-        high: Upper limit, in the unit on show; inf for none.
-        target: Value that is asked for, in the unit on show.
-        band: Accepted distance from the target, in the unit on show.
+        name: Name (or symbol) of a channel of the experiment, or key of a signal.
+        kind: Where to look if the name is not unique: "x", "u", "y" or "signal".
+        title: Displayed name.
+        unit: Displayed unit; required if `scale` is given.
+        low: Lower limit, in the displayed unit; -inf for none.
+        high: Upper limit, in the displayed unit; inf for none.
+        target: Desired value, in the displayed unit.
+        band: Accepted distance from the target, in the displayed unit.
         symbol: Mathtext symbol.
-        scale: Factor from the channel's unit to `unit`, 3.6 from m/s to km/h.
-        reference: Key of the signal that holds a reference which changes in time, in the
-            channel's unit.
-        low_signal: Key of the signal that holds a lower limit which changes in time, in the
-            channel's unit; it is drawn in place of `low`, which states the lowest that it takes.
-        high_signal: Key of the signal that holds an upper limit, likewise.
+        scale: Factor from the channel's unit to `unit`, such as 3.6 from m/s to km/h.
+        reference: Key of the signal that holds a reference that varies in time, in the channel's
+            unit.
+        low_signal: Key of the signal that holds a lower limit that varies in time, in the
+            channel's unit. It is drawn in place of `low`, which states its smallest value.
+        high_signal: Key of the signal that holds an upper limit that varies in time, in the
+            channel's unit. It is drawn in place of `high`, which states its largest value.
 
     Raises:
-        ScenarioError: no name, an unknown kind, a scale without a unit, impossible limits.
+        ScenarioError: If the name is empty, the kind is unknown, a scale comes without a unit, or
+            the limits are impossible.
     """
 
     name: str
@@ -112,23 +115,25 @@ class Panel:
             )
         if self.scale != 1 and self.unit is None:
             raise ScenarioError(
-                f"panel {self.name!r}: scale {self.scale:g} changes the unit, so say which: unit="
+                f"panel {self.name!r}: scale {self.scale:g} changes the unit: "
+                "give the new one as unit="
             )
         if self.band is not None and not self.band > 0:
             raise ScenarioError(f"panel {self.name!r}: band must be above 0, got {self.band}")
 
     def _take(self, kind: str, channel: Channel) -> None:
-        """Read `Panel(kind, channel)`: the channel's name, and its look unless given beside it."""
+        """Read `Panel(kind, channel)`: copy the channel's name, and its look unless overridden."""
         look = {n: getattr(channel, n) for n in _LOOK if getattr(self, n) is None}
         taken = {"name": channel.name, "kind": kind, **look}
         for name, value in taken.items():
             object.__setattr__(self, name, value)
 
     def plot(self, experiment: Experiment) -> Plot:
-        """Find the curve in `experiment`, which has a record.
+        """Find the curve in `experiment`, which must have a record.
 
         Raises:
-            ScenarioError: no such channel or signal, several of them, or none recorded.
+            ScenarioError: If no channel or signal, or more than one, has this name, or the
+                experiment did not record it.
         """
         plot = self.among(experiment.channels, experiment.signals)
         self._check_state_is_output(plot, experiment)
@@ -154,11 +159,11 @@ class Panel:
         """Find the curve by its name.
 
         Args:
-            channels: States, inputs and outputs that there are.
-            signals: Keys of the signals that there are.
+            channels: Available states, inputs and outputs.
+            signals: Keys of the available signals.
 
         Raises:
-            ScenarioError: no such channel or signal, or several of them.
+            ScenarioError: If no channel or signal, or more than one, has this name.
         """
         pool = _of_kind(self.kind, channels, signals) if self.kind else plots_of(channels, signals)
         found = [p for p in pool if p.name == self.name]
@@ -168,13 +173,13 @@ class Panel:
         if len(found) > 1:
             places = ", ".join(f"{p.kind!r}" for p in found)
             raise ScenarioError(
-                f"panel {self.name!r}: {len(found)} curves are called so (kind {places}): "
-                "name them differently, or say which kind"
+                f"panel {self.name!r}: {len(found)} curves have this name (kind {places}): "
+                "rename them, or give the kind"
             )
         return self._dressed(found[0])
 
     def _check_state_is_output(self, plot: Plot, experiment: Experiment) -> None:
-        """Refuse a name that a state and another curve, an output, have in common."""
+        """Raise ScenarioError if a state and an output share the name but differ."""
         if self.kind or plot.kind != "x":
             return
         state = _data(experiment, plot)
@@ -183,8 +188,8 @@ class Panel:
             if state is None or other is None or np.allclose(state, other, equal_nan=True):
                 continue
             raise ScenarioError(
-                f"panel {self.name!r}: a state and an output are called so, and differ: "
-                "name them differently, or say which, kind='x' or kind='y'"
+                f"panel {self.name!r}: a state and an output have this name, and differ: "
+                "rename one of them, or give kind='x' or kind='y'"
             )
 
     def absent(self) -> Plot:
@@ -199,7 +204,7 @@ class Panel:
         )  # fmt: skip
 
     def _look(self, channel: Channel) -> Channel:
-        """`channel` with what this panel states in place of its own."""
+        """Return `channel` with the attributes that this panel overrides."""
         given = {n: getattr(self, n) for n in _LOOK if getattr(self, n) is not None}
         try:
             return replace(channel, **given, name=self.title or channel.name)
@@ -214,13 +219,13 @@ class Panel:
         where = f"of kind {self.kind!r} " if self.kind else ""
         hint = f"did you mean {close[0]!r}? " if close else ""
         return (
-            f"panel {self.name!r}: no channel or signal {where}is called so; "
+            f"panel {self.name!r}: no channel or signal {where}has this name; "
             f"{hint}There are {listed or 'none'}"
         )
 
 
 def plots_of(channels: Channels, signals: Collection[str] = ()) -> tuple[Plot, ...]:
-    """Return one plot for each state, input, output that is no state, and signal, in this order."""
+    """Return a plot for each state, input, output that is not a state, and signal, in order."""
     found = [*_numbered("x", channels.x), *_numbered("u", channels.u)]
     outputs = list(_numbered("y", channels.y))
     places = {(p.kind, p.name): i for i, p in enumerate(found) if p.kind == "x"}
@@ -237,7 +242,7 @@ def plots_of(channels: Channels, signals: Collection[str] = ()) -> tuple[Plot, .
 
 
 def _of_kind(kind: str, channels: Channels, signals: Collection[str]) -> tuple[Plot, ...]:
-    """Every curve of one kind, also those that another kind has too."""
+    """Return every curve of one kind, including those that another kind also holds."""
     if kind == "signal":
         return tuple(Plot(Channel(name), kind, name) for name in signals)
     found = tuple(_numbered(kind, getattr(channels, kind)))
@@ -255,14 +260,14 @@ def _numbered(kind: str, channels: Collection[Channel]) -> Iterator[Plot]:
 
 
 def _with_target(state: Channel, output: Channel) -> Channel:
-    """The state's look with the target and the band of the output that it is."""
+    """Return the state's channel with the target and band of the output that it equals."""
     if state.target is not None:
         return state
     return replace(state, target=output.target, band=output.band)
 
 
 def _data(experiment: Experiment, plot: Plot) -> Float[np.ndarray, " K"] | None:
-    """The curve of `plot`, shape (K,); None if the experiment lacks it."""
+    """Return the curve of `plot`, shape (K,); None if the experiment lacks it."""
     if plot.kind == "signal":
         return experiment.signals.get(plot.name)
     channels = getattr(experiment.channels, plot.kind)
@@ -276,7 +281,7 @@ def _data(experiment: Experiment, plot: Plot) -> Float[np.ndarray, " K"] | None:
 
 
 def _scaled(channel: Channel, scale: float) -> Channel:
-    """`channel` with its numbers in the unit that `scale` leads to."""
+    """Return `channel` with its numbers converted by the factor `scale`."""
     low, high = sorted((scale * channel.low, scale * channel.high))
     target = None if channel.target is None else scale * channel.target
     band = None if channel.band is None else abs(scale) * channel.band

@@ -1,4 +1,4 @@
-"""One closed-loop experiment: an environment, a controller, and what they leave behind."""
+"""Run one closed-loop experiment: let a controller drive an environment, and record it."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -20,13 +20,13 @@ KPIs = Callable[[Experiment], Mapping[str, float]]
 
 
 class ClosedLoopEnv(Protocol):
-    """What an environment, unwrapped, must offer; `PlantEnv` does, and `Course`, which is none."""
+    """The interface that `rollout` needs from an unwrapped environment, such as `PlantEnv`."""
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
         """Start an episode; the option `T_s` is the controller's sampling time."""
 
     def measurement(self) -> Measurement:
-        """What a controller knows at this sampling instant."""
+        """Return what a controller knows at this sampling instant."""
 
     def apply(self, u: Float[np.ndarray, " n_u"]) -> Any:
         """Hold the input `u`, in the plant's units, for one sampling period."""
@@ -36,7 +36,7 @@ class ClosedLoopEnv(Protocol):
         """Why the episode is over; None while it goes on."""
 
     def record(self) -> Record:
-        """The episode so far, and its further signals."""
+        """Return the episode so far, with its additional signals."""
 
 
 def rollout(
@@ -48,33 +48,42 @@ def rollout(
     seed: int = 0,
     kpis: KPIs | None = None,
 ) -> Experiment:
-    """Let `controller` drive `env` until the episode ends.
+    """Let `controller` drive `env` until the episode ends, and return the experiment.
 
-    A step that the controller could not solve, or whose input is NaN, holds the last input; it
-    is marked in `Experiment.solved`.
+    If the controller cannot solve a step, or its input is NaN, the last input is held;
+    `Experiment.solved` marks such steps.
 
     Args:
         env: A `ClosedLoopEnv`, or an environment that is one when unwrapped.
-        controller: Made from `theta`; fresh, since it may have a memory.
+        controller: Controller made from `theta`. Make a new one for each run: it may have a memory.
         theta: Controller parameters, physical, shape (n,), for the record.
-        clock: Seconds; only `Experiment.solve_time` sees it.
-        seed: Of the episode.
-        kpis: Key performance indicators of the experiment by name.
+        clock: Returns the time in seconds; used only for `Experiment.solve_time`.
+        seed: Seed of the episode.
+        kpis: Function that returns the key performance indicators of an experiment by name.
 
     Returns:
-        The experiment, also of a run that was stopped.
+        The experiment, even if the run was stopped.
 
     Raises:
-        ExperimentError: `env` is no `ClosedLoopEnv`, or `kpis` returns no mapping.
-        SettingsError: the environment does not accept the controller's sampling time, the
-            controller has none, or its `move` returns no `Move`.
-        PlantError: an input of the wrong shape.
+        ExperimentError: If `env` is not a `ClosedLoopEnv`, or `kpis` does not return a mapping.
+        SettingsError: If the environment rejects the controller's sampling time, the controller
+            has none, or its `move` does not return a `Move`.
+        PlantError: If an input has the wrong shape.
     """
     loop: Any = getattr(env, "unwrapped", env)
     missing = [n for n in ("measurement", "apply", "end", "record") if not hasattr(loop, n)]
     if missing:
         raise ExperimentError(f"a rollout needs an environment with {missing}, got {loop!r}")
     env.reset(seed=seed, options={"T_s": _sampling_time(controller)})
+    steps = _driven(loop, controller, clock)
+    experiment = _experiment(loop.record(), theta, steps)
+    return experiment if kpis is None else replace(experiment, kpis=computed(kpis, experiment))
+
+
+def _driven(
+    loop: ClosedLoopEnv, controller: Controller, clock: Callable[[], float]
+) -> list[tuple[int, float, bool]]:
+    """Drive `loop` to its end; return iterations, seconds and success of each step."""
     steps: list[tuple[int, float, bool]] = []
     while loop.end is None:
         measurement = loop.measurement()
@@ -90,12 +99,11 @@ def rollout(
         usable = move.solved and not np.any(np.isnan(move.u))
         loop.apply(move.u if usable else measurement.u)
         steps.append((move.iterations, took, usable))
-    experiment = _experiment(loop.record(), theta, steps)
-    return experiment if kpis is None else replace(experiment, kpis=computed(kpis, experiment))
+    return steps
 
 
 def computed(kpis: KPIs, experiment: Experiment) -> Mapping[str, float]:
-    """Return `kpis(experiment)`. Raises ExperimentError if that is no mapping."""
+    """Return `kpis(experiment)`. Raises ExperimentError if it is not a mapping."""
     found: object = kpis(experiment)
     if not isinstance(found, Mapping):
         forgotten = ": is a return missing?" if found is None else ""
@@ -117,7 +125,7 @@ def _sampling_time(controller: Controller) -> object:
 
 
 def _place(function: object) -> str:
-    """Where a function is written, " (own.py:12)"; nothing of one that Python does not tell."""
+    """Return where a function is defined, such as " (own.py:12)"; "" if Python cannot tell."""
     code = getattr(function, "__code__", None)
     return "" if code is None else f" ({Path(code.co_filename).name}:{code.co_firstlineno})"
 

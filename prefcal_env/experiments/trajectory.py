@@ -1,4 +1,4 @@
-"""The trajectory of an episode while it grows: on a fixed grid and at the sampling instants."""
+"""The trajectory of a running episode, on a fixed grid and at the sampling instants."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,18 +9,18 @@ from jaxtyping import Float
 from .experiment import Channels, End
 
 _SAME_INSTANT = 1e-9
-"""Instants that are closer than this share of the grid's step are one."""
+"""Share of the grid's step below which two instants count as one."""
 
 
 def instants(
     t: float, end: float, dense_step: float
 ) -> tuple[Float[np.ndarray, " M"], Float[np.ndarray, " M"]]:
-    """Instants to record after `t` up to `end`: multiples of `dense_step`, then `end`.
+    """Return the instants to record after `t` up to `end`: multiples of `dense_step`, then `end`.
 
-    Multiples that coincide with `t` or `end` are left out, so none comes twice.
+    Multiples that coincide with `t` or `end` are left out, so that no instant appears twice.
 
     Returns:
-        The instants, shape (M,), and the same relative to `t`.
+        The instants, shape (M,), and the same instants relative to `t`.
     """
     close = _SAME_INSTANT * dense_step
     first = int(np.floor((t + close) / dense_step)) + 1
@@ -31,19 +31,21 @@ def instants(
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """An episode so far, as `Experiment` wants it: K dense instants and N steps.
+    """The record of an episode so far, from which an `Experiment` is made.
+
+    It has K dense instants and N steps.
 
     Args:
         t: Dense instants, shape (K,).
-        x: States there, shape (K, n_x), finite.
-        u: Inputs held from there on, shape (K, n_u).
+        x: States at `t`, shape (K, n_x), finite.
+        u: Inputs held from `t` on, shape (K, n_u).
         t_control: Sampling instants, shape (N,).
-        u_control: Inputs decided there, shape (N, n_u).
-        y_ref: Output references there, shape (N, n_y).
+        u_control: Inputs decided at `t_control`, shape (N, n_u).
+        y_ref: Output references at `t_control`, shape (N, n_y).
         channels: Names, units, limits and targets.
-        end: Why it ended; None while it goes on.
-        signals: Further signals on `t` by name, each shape (K,).
-        y: Outputs at `t`, shape (K, n_y); None where they are not recorded.
+        end: Why the episode ended; None while it goes on.
+        signals: Additional signals on `t` by name, each of shape (K,).
+        y: Outputs at `t`, shape (K, n_y); None if they are not recorded.
     """
 
     t: Float[np.ndarray, " K"]
@@ -60,7 +62,7 @@ class Record:
 
 @dataclass(slots=True)
 class Trajectory:
-    """Collects the steps of one episode, which starts in `x0` after input `u0`."""
+    """A collector of the steps of one episode, which starts in `x0` after input `u0`."""
 
     x0: Float[np.ndarray, " n_x"]
     u0: Float[np.ndarray, " n_u"]
@@ -76,20 +78,20 @@ class Trajectory:
         u: Float[np.ndarray, " n_u"],
         y_ref: Float[np.ndarray, " n_y"],
     ) -> None:
-        """Append a period: instants and states after its start, its input and references."""
+        """Append a period: instants and states after its start, its input and its references."""
         self._t.append(t)
         self._x.append(x)
         self._u.append(u)
         self._y_ref.append(y_ref)
 
     def record(self, channels: Channels, end: End | None) -> Record:
-        """Everything so far; before the first step one instant and no step."""
+        """Return everything so far; before the first step, one instant and no step."""
         n_steps, n_u, n_y = len(self._u), len(channels.u), len(channels.y)
         t = np.concatenate([np.zeros(1), *self._t])
         lengths = np.array([len(period) for period in self._t], dtype=int)
         starts = np.concatenate([[0], np.cumsum(lengths)])  # index of every period's start in t
         u_control = np.array(self._u).reshape(n_steps, n_u)
-        u = np.repeat(u_control, lengths, axis=0)  # from a period's start to before its end
+        u = np.repeat(u_control, lengths, axis=0)  # each period's input, until before its end
         last = self._u[-1] if n_steps else self.u0
         return Record(
             t=t,

@@ -1,4 +1,4 @@
-"""Several runs of one θ as one experiment: a θ is as good as its worst run."""
+"""Combine several runs of one θ into one experiment: a θ is as good as its worst run."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
@@ -14,32 +14,32 @@ _BEST_FIRST = (End.SETTLED, End.TIME_UP, End.UNSAFE, End.FAILED)
 
 
 def worst_of(runs: Sequence[Experiment], higher_is_better: Collection[str] = ()) -> Experiment:
-    """One experiment of several runs of the same θ.
+    """Combine several runs of the same θ into one experiment.
 
-    Its arrays are those of the first run, its KPIs and its end the worst of all. So the end may
-    be "unsafe" of arrays that go on until time is up: who asks for how long all of them survived
-    must look into `runs`, as `prefcal_env.calibrators.Lexicographic` does.
+    Arrays are those of the first run; KPIs and end are the worst of all runs. So the end may be
+    "unsafe" although the arrays go on until time is up: to see how long all runs survived, look
+    into `runs`, as `prefcal_env.calibrators.Lexicographic` does.
 
     Args:
-        runs: One or more, with the same θ and the same names of KPIs.
-        higher_is_better: Names of the KPIs of which the smallest is the worst; of the others it is
-            the largest.
+        runs: One or more runs with the same θ and the same KPI names.
+        higher_is_better: Names of the KPIs whose smallest value is the worst; for all others it
+            is the largest.
 
     Returns:
-        The first run, with `runs` all of them, in order.
+        The first run, with all runs in order as its `runs`.
 
     Raises:
-        ExperimentError: no run, runs of different θ or with different KPIs, runs that hold runs,
-            a name in `higher_is_better` that no KPI has.
+        ExperimentError: If there are no runs, they differ in θ or in their KPIs, a run is itself
+            a combination, or a name in `higher_is_better` is unknown.
     """
     if not runs:
-        raise ExperimentError("the worst of no runs: expected one or more")
+        raise ExperimentError("there must be one or more runs, got none")
     first, names = runs[0], set(runs[0].kpis)
     for run in runs:
         if not np.array_equal(run.theta, first.theta) or set(run.kpis) != names or run.runs:
             raise ExperimentError(
-                "runs must be single ones, of the same θ and with the same KPIs; got "
-                f"θ = {run.theta}, KPIs {sorted(run.kpis)} beside θ = {first.theta}, "
+                "runs must be single runs of the same θ with the same KPIs; got "
+                f"θ = {run.theta}, KPIs {sorted(run.kpis)} and θ = {first.theta}, "
                 f"KPIs {sorted(names)}"
             )
     if not set(higher_is_better) <= names:
@@ -53,7 +53,7 @@ def worst_of(runs: Sequence[Experiment], higher_is_better: Collection[str] = ())
 
 
 def _worst(runs: Sequence[Experiment], higher_is_better: Collection[str]) -> Mapping[str, float]:
-    """NaN is the worst of all."""
+    """Return the worst value of each KPI; NaN is worse than any number."""
     return {
         name: float(
             (np.min if name in higher_is_better else np.max)([run.kpis[name] for run in runs])

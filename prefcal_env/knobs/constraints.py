@@ -1,4 +1,4 @@
-"""Known constraints on θ: what is not even tried, because somebody knows that it cannot work."""
+"""Known constraints on θ: rule out experiments that are known not to work."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -11,23 +11,23 @@ from jaxtyping import Float
 from prefcal_env.errors import KnobError
 
 Values = Mapping[str, Any]
-"""Knob name to physical value: a number, or for a `vectorised` constraint an array (m,)."""
-_ROUNDING = 1e-12  # relative to the terms of a linear constraint: 0.1 + 0.2 is not above 0.3
+"""Maps a knob name to its physical value: a number, or an array (m,) if `vectorised`."""
+_ROUNDING = 1e-12  # relative to the terms of a linear constraint: accept 0.1 + 0.2 <= 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """θ is allowed where `g` is 0 or less, NaN is not allowed.
+    """A constraint that allows θ where `g` is 0 or less; where `g` is NaN, θ is not allowed.
 
     Args:
-        name: For error messages and study files, which hold no code.
-        g: Of a mapping from knob name to physical value; in any unit, best of about the same
-            size for all θ near the edge.
-        vectorised: Whether `g` may be called with arrays, one value for each of m θ; that is
-            faster, and needs numpy's functions in place of max, abs, if and math.
+        name: Name for error messages and study files, which hold no code.
+        g: Function of a mapping from knob name to physical value. Its unit is up to you; the search
+            works best if its values near the boundary are of similar size for all θ.
+        vectorised: Whether `g` accepts arrays, one value for each of m θ. This is faster, but `g`
+            must use numpy's functions in place of max, abs, if and math.
 
     Raises:
-        KnobError: no name, or a `g` that is not callable.
+        KnobError: If the name is empty or `g` is not callable.
     """
 
     name: str
@@ -43,25 +43,25 @@ class Constraint:
             )
 
     def check_names(self, names: tuple[str, ...]) -> None:
-        """Accept any knobs: what `g` reads is seen when it is called."""
+        """Accept any knob names: which ones `g` reads is known only when it is called."""
 
     def __call__(self, values: Mapping[str, Float[np.ndarray, " m"]]) -> Float[np.ndarray, " m"]:
-        """g at m θ, given as one array (m,) for each knob; shape (m,).
+        """Return g at m θ, given as one array (m,) for each knob; shape (m,).
 
         Raises:
-            KnobError: `g` raised an error, or returned something that is not a number for each θ.
+            KnobError: If `g` raises an error or does not return one number for each θ.
         """
         count = len(next(iter(values.values())))
         result = self._called(values) if self.vectorised else self._one_by_one(values)
         if result.shape not in ((), (count,)):
             raise KnobError(
-                f"constraint {self.name!r} must give one number for each θ, which is allowed "
-                f"where it is 0 or less, got shape {result.shape} for {count} θ"
+                f"constraint {self.name!r} must return one number for each θ (0 or less "
+                f"where θ is allowed), got shape {result.shape} for {count} θ"
             )
         return np.broadcast_to(result, (count,))
 
     def _one_by_one(self, values: Mapping[str, Float[np.ndarray, " m"]]) -> np.ndarray:
-        # Python's own numbers: what people write compares them, and they read well in errors.
+        # Plain Python numbers: user code compares them, and they are readable in error messages.
         columns = [np.asarray(column).tolist() for column in values.values()]
         rows = (dict(zip(values, row, strict=True)) for row in zip(*columns, strict=True))
         return np.array([self._called(row) for row in rows], dtype=float)
@@ -78,15 +78,15 @@ class Constraint:
 
 @dataclass(frozen=True, slots=True, init=False)
 class LinearConstraint:
-    """Σ coefficient · knob <= at_most, in physical units.
+    """A linear constraint in physical units: Σ coefficient · knob <= at_most.
 
     Args:
-        name: For error messages and study files.
-        coefficients: Knob name to coefficient; knobs that are not named do not count.
-        at_most: The bound.
+        name: Name for error messages and study files.
+        coefficients: Maps a knob name to its coefficient; other knobs have coefficient 0.
+        at_most: Upper bound.
 
     Raises:
-        KnobError: no name, no coefficient, or a number that is not finite.
+        KnobError: If the name is empty, there is no coefficient, or a number is not finite.
     """
 
     name: str
@@ -112,7 +112,7 @@ class LinearConstraint:
         object.__setattr__(self, "at_most", float(at_most))
 
     def check_names(self, names: tuple[str, ...]) -> None:
-        """Raise KnobError if a coefficient is of no knob among `names`."""
+        """Raise KnobError if a coefficient belongs to a knob that is not in `names`."""
         strangers = [knob for knob, _ in self.coefficients if knob not in names]
         if strangers:
             raise KnobError(
@@ -120,7 +120,7 @@ class LinearConstraint:
             )
 
     def __call__(self, values: Mapping[str, Float[np.ndarray, " m"]]) -> Float[np.ndarray, " m"]:
-        """Left side less the bound at m θ, given as one array (m,) for each knob; shape (m,)."""
+        """Return left side minus bound at m θ, given as one array (m,) for each knob; (m,)."""
         terms = np.array([c * values[knob] for knob, c in self.coefficients])
         largest = np.maximum(np.max(np.abs(terms), axis=0), abs(self.at_most))
         return np.asarray(np.sum(terms, axis=0) - self.at_most - _ROUNDING * largest)
@@ -135,9 +135,9 @@ def _check_name(name: object) -> None:
 
 
 def checked(constraints: object, names: tuple[str, ...]) -> tuple[AnyConstraint, ...]:
-    """Return `constraints` on knobs called `names`. Raises KnobError if they are none."""
+    """Return `constraints` as a tuple. Raises KnobError if they do not fit the knobs `names`."""
     if isinstance(constraints, str) or not isinstance(constraints, Iterable):
-        raise KnobError(f"constraints must be a sequence of them, got {constraints!r}")
+        raise KnobError(f"constraints must be a sequence of constraints, got {constraints!r}")
     found: tuple[AnyConstraint, ...] = tuple(constraints)
     for constraint in found:
         if not isinstance(constraint, (Constraint, LinearConstraint)):

@@ -1,4 +1,4 @@
-"""Knobs: the tunable numbers θ, and the one place where the unit cube meets physics."""
+"""Knobs: the tunable numbers θ, and the conversion between the unit cube and physical units."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,33 +16,33 @@ from .resolution import default_step, nearest_step
 
 Scale = Literal["linear", "log10"]
 
-_ROUNDING = 1e-12  # of decoding a proposed value, by the width of the range
-_TOUCHING = 1e-6  # part of a step: neighbors on the grid are a whole step apart, up to rounding
+_ROUNDING = 1e-12  # error of decoding a proposed value, as a share of the knob's range
+_TOUCHING = 1e-6  # tolerance in steps: neighbors on the grid are one step apart, up to rounding
 
 
 @dataclass(frozen=True, slots=True)
 class Knob:
-    """One tunable number; `low` and `high` are inclusive and in `unit`.
+    """A tunable number between `low` and `high`, both inclusive and in `unit`.
 
     Args:
-        name: How people call it.
+        name: Name of the knob, as shown to people.
         low: Smallest value.
         high: Largest value.
-        unit: Of both.
-        scale: Whether differences ("linear") or ratios ("log10") count.
-        integer: Whether only whole numbers run.
-        step: Resolution: the smallest change that a person can dial in or tell apart, in `unit`;
-            on a log10 scale relative, so 0.02 is 2 %. Proposed values are multiples of it. None
-            takes a round number between 1/250 and 1/100 of the range, for an integer knob 1; 0
+        unit: Unit of both bounds.
+        scale: "linear" if differences count, "log10" if ratios count.
+        integer: Whether only whole numbers are valid.
+        step: Resolution, in `unit`: the smallest change that a person can dial in or notice. On a
+            log10 scale it is relative: 0.02 is 2 %. Proposed values are multiples of it. None
+            picks a round number between 1/250 and 1/100 of the range, or 1 for an integer knob; 0
             proposes any value.
-        about: One sentence for people on what the knob does. Knobs that differ in it alone are
-            equal, and no study holds it.
+        about: One sentence that tells people what the knob does. It is ignored when knobs are
+            compared, and is not saved in study files.
 
     Raises:
-        KnobError: reversed, equal or infinite bounds, bounds with hardly a number between them or
-            with an infinite difference, a log10 knob that is not positive, an integer knob without
-            an integer in its range, an empty name, an unknown scale, a step that is negative or
-            wider than the range, a fraction as an integer knob's step.
+        KnobError: If the bounds are reversed, equal or infinite, lie so close that hardly a number
+            fits between them, or have an infinite difference; if a log10 knob is not positive, an
+            integer knob has bounds that are not integers, the name is empty, the scale is unknown,
+            or the step is negative, wider than the range, or a fraction for an integer knob.
     """
 
     name: str
@@ -84,24 +84,24 @@ class Knob:
 
     @property
     def resolution(self) -> float:
-        """Step in use, in `unit` (relative on a log10 scale); 0 if every value may be proposed."""
+        """Step in use, in `unit` (relative on a log10 scale); 0 if any value may be proposed."""
         if self.step is not None:
             return float(self.step)
         return 1.0 if self.integer else default_step(self.low, self.high, self.scale)
 
     def round(self, value: float) -> float:
-        """Return the value nearest to `value` that may be proposed, both in `unit`.
+        """Return the valid proposal nearest to `value`, both in `unit`.
 
-        That is a multiple of the resolution (on a log10 scale `low` times a power of 1 + step, to
-        a few digits), or one of the two ends.
+        Valid proposals are the multiples of the resolution (on a log10 scale `low` times a power
+        of 1 + step, rounded to a few digits) and the two ends of the range.
         """
         return nearest_step(self, value)
 
     def steps(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-        """Return how many steps `values`, in `unit`, are from 0 (log10: from `low`), shape (m,).
+        """Return how many steps `values`, in `unit`, lie from 0 (log10: from `low`), shape (m,).
 
         Raises:
-            KnobError: the knob has no step.
+            KnobError: If the knob has no step.
         """
         step = self.resolution
         if step == 0:
@@ -111,7 +111,7 @@ class Knob:
         return np.asarray(values / step)
 
     def decode(self, z: float) -> float:
-        """Physical value in `unit` of the unit coordinate `z` in [0, 1]; integers round half up."""
+        """Return the physical value, in `unit`, at `z` in [0, 1]; integers round half up."""
         if self.scale == "log10":
             value = 10.0 ** (np.log10(self.low) * (1 - z) + np.log10(self.high) * z)
         else:
@@ -119,12 +119,12 @@ class Knob:
         if self.integer:
             value = np.floor(value + 0.5)
         value = float(min(max(value, self.low), self.high))
-        # A proposed value comes back as the round number that it is.
+        # Undo the rounding of encode and decode: a proposed value was a round number.
         nearest = value if self.integer else self.round(value)
         return nearest if abs(nearest - value) <= _ROUNDING * abs(self.high - self.low) else value
 
     def encode(self, value: float) -> float:
-        """Unit coordinate in [0, 1] of a physical value in `unit`."""
+        """Return the unit coordinate in [0, 1] of a physical value in `unit`."""
         if self.scale == "log10":
             z = np.log10(value / self.low) / np.log10(self.high / self.low)
         else:
@@ -134,22 +134,22 @@ class Knob:
 
 @dataclass(frozen=True)
 class KnobSpace:
-    """The box Θ in which θ is sought, an ordered collection of knobs.
+    """The search space of θ: an ordered collection of knobs, with constraints.
 
     Deviation: [0, 1] for each knob, where the authors' code scales to [-1, 1]; the paper names no
     box. Distances are half as long, so δ of eq. acquisition acts up to 16 times weaker. Measured
     in docs/deviations.md.
 
     Args:
-        knobs: One or more.
-        constraints: What every proposed θ satisfies beside its box. `decode`, `encode` and
-            `check` know the box alone, since pictures show what lies outside, too.
-        within: Knob name to the (low, high) that is still searched, physical; equal: the knob is
-            frozen. What lies outside stays part of the space: it was tried, and teaches.
+        knobs: One or more knobs.
+        constraints: Constraints that every proposed θ satisfies. `decode`, `encode` and `check`
+            ignore them and know only the box, since plots also show the points outside.
+        within: Maps a knob name to the physical range (low, high) that is still searched; equal
+            values freeze the knob. Experiments outside this range still teach the agent.
 
     Raises:
-        KnobError: no knob, something that is not a `Knob` or a constraint, two of one name, a
-            linear constraint on a knob that is not there, or a part of a range that is none.
+        KnobError: If there are no knobs, an item is not a `Knob` or a constraint, two names are
+            equal, a linear constraint names an unknown knob, or `within` does not fit the knobs.
     """
 
     knobs: tuple[Knob, ...]
@@ -177,34 +177,34 @@ class KnobSpace:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the knobs, in order."""
+        """Names of the knobs, in order of `knobs`."""
         return tuple(k.name for k in self.knobs)
 
     @property
     def frozen(self) -> tuple[bool, ...]:
-        """Which knobs have one value left."""
+        """Whether each knob is frozen at one value."""
         return tuple(low == high for low, high in self.within)
 
     @property
     def corners(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Lower and upper corner, in the unit cube, of what is searched, each of shape (n,)."""
+        """Lower and upper corner of the searched box in the unit cube, each of shape (n,)."""
         lower, upper = zip(*self.within, strict=True)
         return self.encode(np.array(lower)), self.encode(np.array(upper))
 
     def narrowed(self, within: Mapping[str, tuple[float, float]]) -> "KnobSpace":
-        """The same space, of which so much is searched; knobs left out stay as they are.
+        """Return this space with a smaller searched range; other knobs keep theirs.
 
         Raises:
-            KnobError: as the constructor.
+            KnobError: If `within` does not fit the knobs, as in the constructor.
         """
         now = dict(zip(self.names, self.within, strict=True))
         return KnobSpace(self.knobs, self.constraints, within={**now, **within})
 
     def described(self, about: Mapping[str, str]) -> "KnobSpace":
-        """The same space, with what each knob does in a sentence, by the knob's name.
+        """Return this space with a sentence for each knob, by name, on what the knob does.
 
         Raises:
-            KnobError: a name that no knob has.
+            KnobError: If no knob has one of the names.
         """
         unknown = sorted(set(about) - set(self.names))
         if unknown:
@@ -214,7 +214,7 @@ class KnobSpace:
         return KnobSpace(knobs, self.constraints, within=within)
 
     def searches(self, theta: Float[np.ndarray, " n"]) -> bool:
-        """Whether a physical θ, shape (n,), lies in what is searched."""
+        """Return whether a physical θ, shape (n,), lies in the searched range."""
         theta = self._vector(theta, "theta")
         return all(low <= v <= high for (low, high), v in zip(self.within, theta, strict=True))
 
@@ -228,7 +228,7 @@ class KnobSpace:
         """Map a point of the unit cube, shape (n,), to physical units.
 
         Raises:
-            KnobError: wrong shape, NaN, or a coordinate outside [0, 1].
+            KnobError: If the shape is wrong, or a coordinate is NaN or outside [0, 1].
         """
         z = self._vector(z, "z")
         for knob, zi in zip(self.knobs, z, strict=True):
@@ -240,19 +240,19 @@ class KnobSpace:
         )
 
     def encode(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Map physical θ, shape (n,), to the unit cube.
+        """Map a physical θ, shape (n,), to the unit cube.
 
         Raises:
-            KnobError: as `check`.
+            KnobError: If θ is not valid, as in `check`.
         """
         theta = self.check(theta)
         return np.array([k.encode(v) for k, v in zip(self.knobs, theta, strict=True)])
 
     def snap(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the cube point of the θ that is proposed for `z`: equal for all `z` of one θ.
+        """Return the cube point of the θ proposed for `z`, shape (n,), with rounded knob values.
 
-        Each knob is rounded to its resolution, unless the constraints refuse that θ but allow
-        the one of `z` itself.
+        Each knob is rounded to its resolution, unless the constraints forbid the rounded θ but
+        allow the unrounded one. All `z` with the same proposed θ give the same point.
         """
         theta = self.decode(z)
         parts = zip(self.knobs, theta, self.within, strict=True)
@@ -264,9 +264,10 @@ class KnobSpace:
     def close(
         self, theta: Float[np.ndarray, " n"], others: Float[np.ndarray, "m n"]
     ) -> Bool[np.ndarray, " m"]:
-        """Return which of `others`, physical, differ from `theta` by less than a step in each knob.
+        """Return which of `others`, physical, are less than a step from `theta` in each knob.
 
-        Nobody could tell such experiments apart, or dial them in. Without a step, equal values.
+        People cannot tell such experiments apart, nor dial them in. A knob without a step must be
+        equal. Shape (m,).
         """
         close = np.ones(len(others), dtype=np.bool_)
         for k, knob in enumerate(self.knobs):
@@ -278,10 +279,11 @@ class KnobSpace:
         return close
 
     def check(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return `theta` as a float array, shape (n,), physical.
+        """Return a valid physical `theta` as a float array, shape (n,).
 
         Raises:
-            KnobError: wrong shape, NaN, outside the box, or a fraction for an integer knob.
+            KnobError: If the shape is wrong, or a value is NaN, outside the box, or a fraction for
+                an integer knob.
         """
         theta = self._vector(theta, "theta")
         for knob, value in zip(self.knobs, theta, strict=True):
@@ -296,10 +298,10 @@ class KnobSpace:
         return theta
 
     def allows(self, theta: Float[np.ndarray, "*m n"]) -> Bool[np.ndarray, "*m"] | bool:
-        """Whether the constraints allow physical θ, shape (n,), or each of several, shape (m, n).
+        """Return whether constraints allow a physical θ, shape (n,), or each of m, shape (m, n).
 
         Raises:
-            KnobError: another shape, or a constraint that cannot be computed.
+            KnobError: If the shape is wrong or a constraint cannot be computed.
         """
         thetas = np.asarray(theta, dtype=float)
         if thetas.ndim == 1:
@@ -307,10 +309,10 @@ class KnobSpace:
         return np.asarray(np.all(self.excess(thetas) <= 0, axis=1))
 
     def excess(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m c"]:
-        """The c constraints at physical θ, shape (m, n): 0 or less where allowed, shape (m, c).
+        """Return the c constraints at m physical θ, shape (m, c): 0 or less where allowed.
 
         Raises:
-            KnobError: another shape, or a constraint that cannot be computed.
+            KnobError: If the shape is wrong or a constraint cannot be computed.
         """
         if np.ndim(thetas) != 2 or np.shape(thetas)[1] != len(self):
             raise KnobError(f"thetas must have shape (m, {len(self)}), got {np.shape(thetas)}")
@@ -320,10 +322,10 @@ class KnobSpace:
         return np.array([constraint(values) for constraint in self.constraints]).T
 
     def check_allowed(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return `theta` as `check` does.
+        """Return `theta` as a float array, shape (n,), if the constraints allow it.
 
         Raises:
-            KnobError: as `check`, or a constraint does not allow it.
+            KnobError: If θ is not valid, as in `check`, or a constraint forbids it.
         """
         theta = self.check(theta)
         for constraint, g in zip(self.constraints, self.excess(theta[None])[0], strict=True):
@@ -335,7 +337,7 @@ class KnobSpace:
         return theta
 
     def named(self, theta: Float[np.ndarray, " n"]) -> dict[str, float]:
-        """Knob name to physical value, in order; integers as int, for people and JSON."""
+        """Return a dict from knob name to physical value, in order; integer knobs as int."""
         theta = self.check(theta)
         return {
             k.name: int(v) if k.integer else float(v)
@@ -360,7 +362,7 @@ class KnobSpace:
 
 
 def _rounded(knob: Knob, value: float, part: tuple[float, float]) -> float:
-    """`value` rounded to the knob's resolution, inside the `part` of the range that is searched."""
+    """Return `value` rounded to the knob's resolution and kept inside the searched `part`."""
     low, high = part
     return value if value in part else float(min(max(knob.round(value), low), high))
 

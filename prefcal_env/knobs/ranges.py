@@ -1,4 +1,4 @@
-"""Parts of knobs' ranges: what is still searched of each."""
+"""Searched parts of the knobs' ranges, and their limits of floating-point resolution."""
 
 from collections.abc import Mapping, Sequence
 from math import ulp
@@ -8,17 +8,17 @@ import numpy as np
 
 from prefcal_env.errors import KnobError
 
-_ROUNDING = 1e-14  # of decoding, by the size of a linear knob's bounds or a log10 knob's value
-_FEWEST = 2**13  # numbers in a range: a hundred that differ by more than rounding
-_NARROWEST = 1e-9  # part of a knob's range that can be searched, in the unit cube
+_ROUNDING = 1e-14  # error of decoding, relative to a linear knob's bounds or a log10 knob's value
+_FEWEST = 2**13  # fewest floats in a range: about a hundred that differ by more than rounding
+_NARROWEST = 1e-9  # narrowest part of a knob's range that can be searched, in the unit cube
 
 
 class Ranged(Protocol):
-    """What is needed of a `Knob` here."""
+    """The attributes of a `Knob` that this module needs."""
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name of the knob."""
 
     @property
     def low(self) -> float:
@@ -30,29 +30,29 @@ class Ranged(Protocol):
 
     @property
     def unit(self) -> str:
-        """Of both."""
+        """Unit of both ends."""
 
     @property
     def scale(self) -> str:
-        """Linear or log10."""
+        """Scale: "linear" or "log10"."""
 
     @property
     def integer(self) -> bool:
-        """Whether it is one."""
+        """Whether only whole numbers are valid."""
 
     def encode(self, value: float) -> float:
-        """Unit coordinate of a physical value."""
+        """Return the unit coordinate of a physical value."""
 
 
 def is_number(value: object) -> bool:
-    """Whether it is one, of Python or numpy; truth values are none."""
+    """Return whether `value` is a number of Python or numpy; booleans are not numbers."""
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 def too_close(low: float, high: float, *, integer: bool) -> bool:
-    """Whether a range holds too few numbers to be searched; what is `integer` may hold few.
+    """Return whether a range holds too few floats to be searched.
 
-    As long as rounding (see `exact`) takes none of them for its neighbor.
+    An integer range may be small as long as rounding (see `exact`) cannot confuse two neighbors.
     """
     size = max(abs(low), abs(high))
     if integer and _ROUNDING * size < 0.5:
@@ -61,7 +61,7 @@ def too_close(low: float, high: float, *, integer: bool) -> bool:
 
 
 def exact(knob: Ranged, value: float, part: tuple[float, float]) -> float:
-    """`value`, or the border of `part` that it missed by rounding."""
+    """Return `value`, or the border of `part` if they differ only by rounding."""
     for border in part:
         size = abs(border) if knob.scale == "log10" else max(abs(knob.low), abs(knob.high))
         if abs(value - border) <= _ROUNDING * size:
@@ -72,14 +72,14 @@ def exact(knob: Ranged, value: float, part: tuple[float, float]) -> float:
 def parts(
     knobs: Sequence[Ranged], within: Mapping[str, tuple[float, float]]
 ) -> tuple[tuple[float, float], ...]:
-    """What is searched of each knob, in their order, physical; all of those not in `within`.
+    """Return the searched physical range of each knob, in order; by default its whole range.
 
     Raises:
-        KnobError: an unknown knob, or a range that is no part of the knob's.
+        KnobError: If `within` names an unknown knob or a range outside the knob's range.
     """
     unknown = sorted(set(within) - {knob.name for knob in knobs})
     if unknown:
-        raise KnobError(f"there are no knobs {unknown} to be searched within a range")
+        raise KnobError(f"within must name existing knobs, got {unknown}")
     found = {knob.name: (float(knob.low), float(knob.high)) for knob in knobs}
     for knob in knobs:
         if knob.name not in within:
@@ -87,20 +87,18 @@ def parts(
         low, high = within[knob.name]
         box = f"[{knob.low}, {knob.high}] {knob.unit}".rstrip()
         if not (is_number(low) and is_number(high) and knob.low <= low <= high <= knob.high):
-            raise KnobError(
-                f"knob {knob.name!r}: a part of {box} was expected, got {low} to {high}"
-            )
+            raise KnobError(f"knob {knob.name!r}: expected a part of {box}, got {low} to {high}")
         if knob.integer and (low != round(low) or high != round(high)):
-            raise KnobError(f"knob {knob.name!r}: integers were expected, got {low} to {high}")
+            raise KnobError(f"knob {knob.name!r}: expected integers, got {low} to {high}")
         if low < high and (
             knob.encode(high) - knob.encode(low) < _NARROWEST
             or too_close(float(low), float(high), integer=knob.integer)
         ):
             raise KnobError(
-                f"knob {knob.name!r}: {low} to {high} is too narrow to be searched: freeze it, "
-                "with one value as both"
+                f"knob {knob.name!r}: {low} to {high} is too narrow to search: freeze the knob "
+                "by giving the same value twice"
             )
-        # A border that is an end of the range up to rounding is that end.
+        # Replace a border that differs from an end of the range only by rounding.
         ends = (float(knob.low), float(knob.high))
         found[knob.name] = (exact(knob, float(low), ends), exact(knob, float(high), ends))
     return tuple(found.values())

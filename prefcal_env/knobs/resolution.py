@@ -1,15 +1,15 @@
-"""The resolution of a knob: the round numbers among which its values are proposed."""
+"""Resolution of a knob: the round numbers that its proposed values are taken from."""
 
 from math import floor, log, log1p, log10
 from typing import Protocol
 
-_SHARE = 100  # the default step is at most the range over this
-_FINEST = 1e-13  # of the numbers themselves, near which a double cannot be rounded any more
-_DIGITS = 15  # of a double that survive a multiplication
+_SHARE = 100  # the default step is at most the range divided by this
+_FINEST = 1e-13  # smallest step relative to the values: below it, doubles cannot be rounded
+_DIGITS = 15  # significant digits of a double that survive a multiplication
 
 
 class Stepped(Protocol):
-    """What is needed of a `Knob` here."""
+    """The attributes of a `Knob` that this module needs."""
 
     @property
     def low(self) -> float:
@@ -21,15 +21,15 @@ class Stepped(Protocol):
 
     @property
     def scale(self) -> str:
-        """Linear or log10."""
+        """Scale: "linear" or "log10"."""
 
     @property
     def integer(self) -> bool:
-        """Whether only whole numbers run."""
+        """Whether only whole numbers are valid."""
 
     @property
     def resolution(self) -> float:
-        """Step in use; 0 for none."""
+        """Step in use; 0 if there is none."""
 
 
 def default_step(low: float, high: float, scale: str) -> float:
@@ -42,7 +42,7 @@ def default_step(low: float, high: float, scale: str) -> float:
     else:
         most, size = (high - low) / _SHARE, max(abs(low), abs(high))
     if most <= _FINEST * size:
-        return 0.0  # the range holds hardly more numbers than that
+        return 0.0  # the range holds hardly more floats than that
     power = 10.0 ** floor(log10(most))
     lead = next(lead for lead in (5.0, 2.0, 1.0) if lead * power <= most * (1 + 1e-9))
     return float(f"{lead * power:.1g}")
@@ -63,5 +63,5 @@ def nearest_step(knob: Stepped, value: float) -> float:
 
 
 def _digits(step: float) -> int:
-    """Significant digits that tell neighbors on a log10 scale apart, with two to spare."""
+    """Return how many significant digits separate neighbors on a log10 scale, plus two."""
     return max(2, 2 - floor(log10(step)))

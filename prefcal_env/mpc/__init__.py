@@ -1,4 +1,4 @@
-"""Model predictive control: eq. MPC on a linearised plant."""
+"""Model predictive control: eq. MPC on a linearized plant."""
 
 from .computation import Processor as Processor
 from .computation import StepSize as StepSize

@@ -1,8 +1,9 @@
 """The exact zero-order hold of an affine model, compiled.
 
-numba keeps what it compiled beside each file and looks at that file alone to see whether it is
-stale: after a change here, touch the files that import this one. Loops over numbers, no slices: an
-assignment to a slice alone takes 4 s to compile, and a person waits for it (see `compiling`).
+numba keeps the compiled code beside each file and checks only that file to see whether it is
+stale: after a change here, touch the files that import this one. The code loops over numbers and
+uses no slices: a single assignment to a slice takes 4 s to compile, while the user waits (see
+`compiling`).
 """
 
 import numpy as np
@@ -14,10 +15,11 @@ _SMALLEST_SCALED_NORM = 0.25
 
 
 @kernel()
-def discretise(A, B, c, T):  # type: ignore[no-untyped-def]
-    """Zero-order hold of ẋ = A x + B u + c over T: x⁺ = A_d x + B_d u + c_d, exact.
+def discretize(A, B, c, T):  # type: ignore[no-untyped-def]
+    """Return A_d, B_d and c_d of the exact zero-order hold of ẋ = A x + B u + c over T.
 
-    The exponential of [[A, B, c], [0, 0, 0]] T by scaling and squaring of its Taylor series.
+    x⁺ = A_d x + B_d u + c_d. Computes the exponential of [[A, B, c], [0, 0, 0]] T by scaling and
+    squaring of its Taylor series.
     """
     n, m = B.shape
     size = n + m + 1
@@ -43,7 +45,7 @@ def discretise(A, B, c, T):  # type: ignore[no-untyped-def]
         E[i, i] = 1.0
         for j in range(size):
             M[i, j] /= scale
-    # Horner: I + M (I + M/2 (I + M/3 ...)).
+    # Horner's scheme: I + M (I + M/2 (I + M/3 ...)).
     for k in range(_TAYLOR_ORDER, 0, -1):
         E = multiply(M, E)
         for i in range(size):
@@ -56,7 +58,7 @@ def discretise(A, B, c, T):  # type: ignore[no-untyped-def]
 
 @inner()
 def _parts(E, n, m):  # type: ignore[no-untyped-def]
-    """A_d, B_d and c_d out of the exponential."""
+    """Return A_d, B_d and c_d, the blocks of the exponential."""
     A, B, c = np.empty((n, n)), np.empty((n, m)), np.empty(n)
     for i in range(n):
         for j in range(n):
@@ -69,7 +71,7 @@ def _parts(E, n, m):  # type: ignore[no-untyped-def]
 
 @inner()
 def multiply(X, Y):  # type: ignore[no-untyped-def]
-    # Loops beat a BLAS call at these sizes (4 x 4).
+    # Loops are faster than a BLAS call at these sizes (4 x 4).
     out = np.zeros((X.shape[0], Y.shape[1]))
     for i in range(X.shape[0]):
         for k in range(X.shape[1]):

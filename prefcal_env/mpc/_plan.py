@@ -1,8 +1,9 @@
 """The plan of one MPC step as rows of a QP, compiled: prediction and limits.
 
-numba keeps what it compiled beside each file and looks at that file alone to see whether it is
-stale: after a change here, touch the files that import this one. Loops over numbers, no slices, and
-one type for each argument: all of that is compiled while somebody waits (see `compiling`).
+numba keeps the compiled code beside each file and checks only that file to see whether it is
+stale: after a change here, touch the files that import this one. The code loops over numbers, uses
+no slices, and each argument has one type: the user waits while all of this compiles (see
+`compiling`).
 """
 
 import numpy as np
@@ -16,14 +17,14 @@ _LARGEST_WEIGHT_RATIO = 1e4
 
 @inner()
 def _add(row, factor, other):  # type: ignore[no-untyped-def]
-    """row += factor other."""
+    """Compute row += factor other, in place."""
     for q in range(len(row)):
         row[q] += factor * other[q]
 
 
 @inner()
 def _step(A, B, c, k, X, W):  # type: ignore[no-untyped-def]
-    """X[k + 1] = A X[k] + B W + c, affine in the variables (last column: constant)."""
+    """Compute X[k + 1] = A X[k] + B W + c, affine in the variables (last column: constant)."""
     i = min(k, A.shape[0] - 1)
     n_x, n_u = B.shape[1], B.shape[2]
     for a in range(n_x):
@@ -36,16 +37,17 @@ def _step(A, B, c, k, X, W):  # type: ignore[no-untyped-def]
 
 @inner()
 def forward(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
-    """Inputs and states as affine functions of the deviations v (last column: constant).
+    """Return inputs and states as affine functions of the deviations v (last column: constant).
 
-    From x = 0 and w = 0. Returns U (N_u, n_u, n_v + 1), X (N_y + 1, n_x, n_v + 1), where N_y is
-    how far the states are wanted (behind N_u the last input is held), and the unit of v: the
-    smallest of their weights, so that v moves an input by about its own size and a solver's
-    tolerance on v means as much for the inputs.
+    Starts from x = 0 and w = 0. Returns U (N_u, n_u, n_v + 1), X (N_y + 1, n_x, n_v + 1), where N_y
+    is the number of steps to predict (after N_u the last input is held), and the unit of v: the
+    smallest of the weights. With this unit v moves an input by about its own size, and a solver's
+    tolerance on v means about the same for the inputs.
 
-    A deviation whose weight is far above those of the same input elsewhere is what nothing later
-    can correct (the growing mode, once the input is held). Its weight is cut to 1e4 times theirs:
-    the exact one would put it at zero, or at the nearest reachable, to 20 digits, this one to 8.
+    If the weight of a deviation is far above the others of the same input, no later input can
+    correct that deviation (the growing mode, once the input is held). Its weight is cut to 1e4
+    times theirs: the exact weight would put it at zero, or at the nearest reachable value, to 20
+    digits; this one does so to 8 digits.
     """
     N_u, n_u = R.shape[0], R.shape[1]
     n_x = A.shape[1]
@@ -83,9 +85,9 @@ def forward(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
 
 @kernel()
 def open_loop(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
-    """The same plan with the inputs themselves as variables: `forward` and the cost rows T.
+    """Return the plan of `forward` with the inputs themselves as variables, and the cost rows T.
 
-    Returns U and X as `forward`, here affine in the inputs, and T (n_v, n_v + 1) with the
+    Returns U and X as `forward`, but affine in the inputs, and T (n_v, n_v + 1) with the
     deviations v = T (u, 1), so that the cost is |T (u, 1)|². Rows of T may grow like the plant.
     """
     N_u, n_u = R.shape[0], R.shape[1]
@@ -116,11 +118,11 @@ def open_loop(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
 
 @kernel()
 def input_rows(U, u_last, u_min, u_max, du_min, du_max):  # type: ignore[no-untyped-def]
-    """Rows l <= G v <= h of the inputs' and the moves' limits of eq. MPC_constraints.
+    """Return rows l <= G v <= h for the limits of inputs and moves of eq. MPC_constraints.
 
-    The first move is its input, so one row holds both limits. When the last input lies outside
-    its limits (they may have changed), no input that the move limits allow may be inside: then
-    the nearest reachable one is the bound, and the problem stays feasible.
+    The first move is its input, so one row holds both limits. If the last input lies outside its
+    limits (they may have changed), the move limits may allow no input inside: then the nearest
+    reachable one is the bound, and the problem stays feasible.
     """
     N_u, n_u, width = U.shape
     n_v = width - 1
@@ -154,7 +156,7 @@ def input_rows(U, u_last, u_min, u_max, du_min, du_max):  # type: ignore[no-unty
 
 @kernel()
 def condense(A, B, c, C, D, e, roots, u_ref, N_u, N_y, u_last, limits):  # type: ignore[no-untyped-def]
-    """`backward`, `forward` and `input_rows` in one call: what every step needs.
+    """Run `backward`, `forward` and `input_rows` in one call: every step needs all three.
 
     `u_ref` is relative to `u_last`, shape (k, n_u).
     """
@@ -166,9 +168,9 @@ def condense(A, B, c, C, D, e, roots, u_ref, N_u, N_y, u_last, limits):  # type:
 
 @kernel()
 def inputs(U, v, u_last, low, high):  # type: ignore[no-untyped-def]
-    """Inputs (N_u, n_u) of the solution v, the first within its rows' limits to the last bit.
+    """Return the inputs (N_u, n_u) of the solution v, with the first exactly within its limits.
 
-    Rounding may leave a limit by 1e-9 of a unit; an actuator's limit is hard.
+    Rounding may violate a limit by 1e-9 of a unit, but an actuator's limit is hard.
     """
     N_u, n_u, width = U.shape
     n_v = width - 1

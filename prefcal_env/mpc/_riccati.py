@@ -1,16 +1,17 @@
 """The unconstrained optimal feedback of eq. MPC, compiled: a square-root Riccati recursion.
 
-Why not powers of A: the frozen CSTR grows by e^60 and more over the horizon. Powers of A lose, in
-each row, all that is not along the growing mode, and a Hessian of condition 1e24 follows. Here the
-cost-to-go is carried backward as a square-root factor S, V(x, w) = |S (x, w, 1)|², so each row
-keeps its own relative accuracy however far the rows are apart; the plan is then written as the
-optimal feedback plus deviations v, whose Hessian is the identity (`_plan`). This is pre-stabilised
-prediction by the array form of the Riccati recursion (Kailath, Sayed, Hassibi, "Linear
-Estimation", 2000, ch. 12, there for its dual, the filter).
+Powers of A would fail here: the frozen CSTR grows by e^60 and more over the horizon. Powers of A
+lose, in each row, everything that is not along the growing mode, and give a Hessian of condition
+1e24. Instead the cost-to-go is carried backward as a square-root factor S,
+V(x, w) = |S (x, w, 1)|², so that each row keeps its own relative accuracy however different the
+rows are in size. The plan is then the optimal feedback plus deviations v, whose Hessian is the
+identity (`_plan`). This is pre-stabilized prediction by the array form of the Riccati recursion
+(Kailath, Sayed, Hassibi, "Linear Estimation", 2000, ch. 12, there for its dual, the filter).
 
-numba keeps what it compiled beside each file and looks at that file alone to see whether it is
-stale: after a change here, touch the files that import this one. Loops over numbers, no slices, and
-one type for each argument: all of that is compiled while somebody waits (see `compiling`).
+numba keeps the compiled code beside each file and checks only that file to see whether it is
+stale: after a change here, touch the files that import this one. The code loops over numbers, uses
+no slices, and each argument has one type: the user waits while all of this compiles (see
+`compiling`).
 """
 
 import numpy as np
@@ -19,14 +20,14 @@ from prefcal_env.jit import inner, kernel
 
 
 @kernel()
-def triangularise(M, rows, columns, left):  # type: ignore[no-untyped-def]
+def triangularize(M, rows, columns, left):  # type: ignore[no-untyped-def]
     """Householder-reduce `columns` columns of the first `rows` rows of M, in place.
 
-    What lies before column `left` is left alone.
+    Columns before `left` are not changed.
 
-    Before each reflection the row with the largest entry is brought to the pivot: with rows of
-    very different size this makes the factorisation accurate row by row (Powell and Reid, 1969;
-    Cox and Higham, 1998), where plain QR is accurate only against the largest row.
+    Before each reflection the row with the largest entry becomes the pivot: with rows of very
+    different size this makes the factorization accurate row by row (Powell and Reid, 1969;
+    Cox and Higham, 1998), where plain QR is accurate only relative to the largest row.
     """
     width = M.shape[1]
     for j in range(min(columns, rows)):
@@ -62,7 +63,7 @@ def triangularise(M, rows, columns, left):  # type: ignore[no-untyped-def]
 
 @inner()
 def _add_cost_to_go(M, S, s, A, B, c):  # type: ignore[no-untyped-def]
-    """Rows 0 ... s - 1 of M (u, x, w, 1): S applied to (A x + B u + c, u, 1)."""
+    """Write rows 0 ... s - 1 of M (u, x, w, 1): S applied to (A x + B u + c, u, 1)."""
     n_x, n_u = B.shape
     for r in range(s):
         constant = S[r, n_x + n_u]
@@ -79,7 +80,7 @@ def _add_cost_to_go(M, S, s, A, B, c):  # type: ignore[no-untyped-def]
 
 @inner()
 def _add_output_cost(M, top, root, C, D, e):  # type: ignore[no-untyped-def]
-    """Rows from `top` on: root (C x + D u + e)."""
+    """Write rows from `top` on: root (C x + D u + e)."""
     n_u, n_x = D.shape[1], C.shape[1]
     for r in range(root.shape[0]):
         for q in range(root.shape[1]):
@@ -94,12 +95,12 @@ def _add_output_cost(M, top, root, C, D, e):  # type: ignore[no-untyped-def]
 
 @inner()
 def backward(A, B, c, C, D, e, roots, u_ref, N_u):  # type: ignore[no-untyped-def]
-    """The feedback of the N_u free stages.
+    """Return the feedback of the N_u free stages.
 
-    Stage k (0 ... N_p - 1) predicts x⁺ = A[k] x + B[k] u + c[k]; output y_k - y_ref =
-    C[k] x + D[k] u + e[k] counts for k = 1 ... N_p, the last with the last input. An array with
-    one stage stands for all. `roots` are factors L (LᵀL = Q) of Q_y, Q_u and Q_Δu. State of the
-    recursion: x and w, the previous input.
+    Stage k (0 ... N_p - 1) predicts x⁺ = A[k] x + B[k] u + c[k]. The cost weighs the outputs
+    y_k - y_ref = C[k] x + D[k] u + e[k] for k = 1 ... N_p, the last one with the last input. An
+    array with one stage is used for all stages. `roots` are factors L (LᵀL = Q) of Q_y, Q_u and
+    Q_Δu. The state of the recursion is x and w, the previous input.
 
     Returns the pivot rows R[k] (n_u, 2 n_u + n_x + 1) of the N_u free stages:
     R_u u + R_x x + R_w w + R_1 = v, with cost |v|².
@@ -114,9 +115,9 @@ def backward(A, B, c, C, D, e, roots, u_ref, N_u):  # type: ignore[no-untyped-de
     S = np.zeros((max(n_s, p), n_s + 1))
     M = np.zeros((max(n_s, p) + p + root_u.shape[0] + root_du.shape[0], width))
     iC, iD = C.shape[0] - 1, D.shape[0] - 1
-    top = np.int64(0)  # not 0: numba would compile the function for that constant again
+    top = np.int64(0)  # with a literal 0 numba would compile the function again for the constant
     _add_output_cost(M, top, root_y, C[min(N_p, iC)], D[min(N_p, iD)], e[N_p])
-    for r in range(p):  # y_Np sees the last input, which is w there
+    for r in range(p):  # y_Np depends on the last input, which is w here
         for j in range(n_x):
             S[r, j] = M[r, n_u + j]
         for j in range(n_u):
@@ -134,17 +135,17 @@ def backward(A, B, c, C, D, e, roots, u_ref, N_u):  # type: ignore[no-untyped-de
         rows = _add_input_cost(M, rows, root_u, u_ref[min(k, u_ref.shape[0] - 1)])
         if k < N_u:
             rows = _add_move_cost(M, rows, root_du, n_x)
-            triangularise(M, rows, n_u + n_s, np.int64(0))
+            triangularize(M, rows, n_u + n_s, np.int64(0))
             for r in range(n_u):
                 for j in range(width):
                     R[k, r, j] = M[r, j]
             top = n_u
-        else:  # held: u is w, and its move is 0
+        else:  # held: u is w, so the move is 0
             for r in range(rows):
                 for j in range(n_u):
                     M[r, n_u + n_x + j] += M[r, j]
                     M[r, j] = 0.0
-            triangularise(M, rows, n_s, n_u)
+            triangularize(M, rows, n_s, n_u)
             top = np.int64(0)
         s = min(rows - top, n_s)
         for r in range(s):
@@ -162,7 +163,7 @@ def _clear(M):  # type: ignore[no-untyped-def]
 
 @inner()
 def _add_input_cost(M, top, root, u_ref):  # type: ignore[no-untyped-def]
-    """Rows from `top` on: root (u - u_ref). Returns the next free row."""
+    """Write rows from `top` on: root (u - u_ref). Return the next free row."""
     for r in range(root.shape[0]):
         for j in range(root.shape[1]):
             M[top + r, j] = root[r, j]
@@ -172,7 +173,7 @@ def _add_input_cost(M, top, root, u_ref):  # type: ignore[no-untyped-def]
 
 @inner()
 def _add_move_cost(M, top, root, n_x):  # type: ignore[no-untyped-def]
-    """Rows from `top` on: root (u - w). Returns the next free row."""
+    """Write rows from `top` on: root (u - w). Return the next free row."""
     n_u = root.shape[1]
     for r in range(root.shape[0]):
         for j in range(n_u):

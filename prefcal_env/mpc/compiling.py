@@ -1,8 +1,8 @@
-"""Compile the kernels one by one, so that somebody who waits sees how far it is.
+"""Compile the kernels one by one, so that the user sees progress while they wait.
 
-numba compiles a function when it is first called, and keeps the result beside the file, or, where
-that may not be written to, in the user's cache folder. A wheel cannot bring it along: it is only
-good for the processor that made it, and for the very file, its date included.
+numba compiles a function when it is first called and keeps the result beside the source file, or,
+if that folder is not writable, in the user's cache folder. A wheel cannot ship compiled code: it
+is valid only for one processor and one file, including the file's date.
 """
 
 import sys
@@ -14,7 +14,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Compiling:
-    """What is being compiled now: part number `part`, from 1, of `parts`, called `title`."""
+    """Progress of the compilation: part number `part`, from 1, of `parts`, called `title`."""
 
     part: int
     parts: int
@@ -22,7 +22,7 @@ class Compiling:
 
     @property
     def words(self) -> str:
-        """For people."""
+        """Message for people."""
         return (
             f"Compiling the solver, part {self.part} of {self.parts} ({self.title}): "
             "only this once on this machine"
@@ -35,8 +35,8 @@ class Kernel:
 
     Args:
         title: What it does, in a few words.
-        function: As numba wrapped it.
-        types: Of its arguments.
+        function: The function as wrapped by numba.
+        types: Types of its arguments.
     """
 
     title: str
@@ -45,13 +45,13 @@ class Kernel:
 
 
 def compile_missing(told: Callable[[Compiling], None]) -> None:
-    """Compile what the modules that are loaded need, unless an earlier run has left it.
+    """Compile the kernels of all loaded modules, unless numba's cache already holds them.
 
-    `told` hears of each part as its compilation begins, and of nothing where nothing is missing.
+    `told` is called with each part as its compilation begins; never if nothing is missing.
     """
     if not _loaded("prefcal_env.qp"):
         return
-    from numba.core import event  # half a second, for those who need it
+    from numba.core import event  # takes half a second, so import it only when needed
 
     found = tuple(kernels())
     for k, kernel in enumerate(found):
@@ -61,26 +61,26 @@ def compile_missing(told: Callable[[Compiling], None]) -> None:
 
 
 def _once(told: Callable[[], None]) -> Any:
-    """Return a listener of numba that calls `told` when a compilation begins, the first time."""
+    """Return a numba listener that calls `told` once, when the first compilation begins."""
     from numba.core import event
 
     class Once(event.Listener):
         begun = False
 
         def on_start(self, event: Any) -> None:
-            """Hear that one begins; others begin inside it."""
+            """React to the first event only; other compilations begin inside it."""
             if not self.begun:
                 self.begun = True
                 told()
 
         def on_end(self, event: Any) -> None:
-            """Hear that one has ended."""
+            """Ignore the end of a compilation."""
 
     return Once()
 
 
 def kernels() -> Iterator[Kernel]:
-    """The kernels of the modules that are loaded, those first that others call."""
+    """Yield the kernels of all loaded modules; kernels come before their callers."""
     if _loaded("prefcal_env.mpc.controller"):
         yield from _of_the_mpc()
     if _loaded("prefcal_env.qp"):
@@ -114,9 +114,9 @@ def _of_the_mpc() -> Iterator[Kernel]:
     model = (cube, cube, matrix)
     several: Any = numba.types.UniTuple
     roots, limits = several(matrix, 3), (vector,) * 4
-    yield Kernel("discrete model", _hold.discretise, (matrix, matrix, vector, float64))
+    yield Kernel("discrete model", _hold.discretize, (matrix, matrix, vector, float64))
     corner = (matrix, int64, int64, int64)
-    yield Kernel("triangular factors", _riccati.triangularise, corner)
+    yield Kernel("triangular factors", _riccati.triangularize, corner)
     whole = (*model, cube, cube, matrix, roots, matrix, int64)
     yield Kernel("optimal feedback", _riccati.backward, whole)
     yield Kernel("prediction", _plan.forward, (*model, cube, int64))

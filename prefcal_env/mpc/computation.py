@@ -1,8 +1,8 @@
-"""How long a step of the MPC takes on a stated processor: a model of t_comp, no clock.
+"""A model of the computation time t_comp of an MPC step on a given processor, without a clock.
 
-Whoever compares experiments by their computation time needs a time that is the same today and
-tomorrow. `Experiment.solve_time` is measured, and is not; this is computed from what the solver
-did (iterations) and from the size of its problem.
+Use it to compare experiments by their computation time with repeatable results.
+`Experiment.solve_time` is measured and varies from run to run; this time is computed from the
+solver's iterations and the size of its problem.
 """
 
 from dataclasses import dataclass
@@ -17,21 +17,21 @@ from .limits import Limits
 from .settings import MPCSettings
 
 _PRODUCTS = 20
-"""Products of matrices in one exact discretisation (`_hold`): the series and some squarings."""
+"""Matrix products in one exact discretization (`_hold`): the series and some squarings."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepSize:
-    """How large the problem of one MPC step is.
+    """The size of the problem of one MPC step.
 
     Args:
-        n_x: States.
-        n_u: Inputs.
-        n_y: Outputs.
+        n_x: Number of states.
+        n_u: Number of inputs.
+        n_y: Number of outputs.
         N_p: Prediction horizon, steps.
-        models: Discretised models in the horizon: 1, or N_p along a trajectory.
-        variables: Of the QP, its slack included.
-        rows: Of the QP, each with a lower or an upper bound or both.
+        models: Number of discretized models in the horizon: 1, or N_p along a trajectory.
+        variables: Number of variables of the QP, including its slack.
+        rows: Number of rows of the QP, each with a lower bound, an upper bound or both.
         soft: Whether outputs are limited.
     """
 
@@ -46,7 +46,7 @@ class StepSize:
 
     @classmethod
     def of(cls, plant: Plant, settings: MPCSettings) -> "StepSize":
-        """The size of the problems of `LinearMPC(plant, settings)`."""
+        """Return the size of the problems of `LinearMPC(plant, settings)`."""
         limits, s = Limits.of(plant, settings), settings
         n_u = len(plant.inputs)
         limited = np.isfinite(limits.y_min).sum() + np.isfinite(limits.y_max).sum()
@@ -61,10 +61,11 @@ class StepSize:
 
     @property
     def building(self) -> float:
-        """Operations of building the QP and of checking its solution.
+        """Number of operations to build the QP and to check its solution.
 
-        The discretisation, the backward recursion of every stage, the prediction of states and
-        limited outputs as functions of the variables, three products with the rows in the check.
+        This counts the discretization, the backward recursion of every stage, the prediction of
+        states and limited outputs as functions of the variables, and three products with the rows
+        in the check.
         """
         n_s, n, m = self.n_x + self.n_u, self.variables, self.rows
         discretising = self.models * _PRODUCTS * 2 * (n_s + 1) ** 3
@@ -76,9 +77,9 @@ class StepSize:
 
     @property
     def iterating(self) -> float:
-        """Operations of one iteration of an interior-point solver on the dense QP.
+        """Number of operations in one iteration of an interior-point solver on the dense QP.
 
-        Forming and factorising its normal matrix, and two solves with what goes with them.
+        This counts forming and factorizing its normal matrix, and two solves with their products.
         """
         n, m = self.variables, self.rows
         return float(m * n**2 + n**3 / 3 + 8 * m * n + 4 * n**2)
@@ -86,20 +87,20 @@ class StepSize:
 
 @dataclass(frozen=True, slots=True)
 class Processor:
-    """A computer as this model sees it: what a step and an iteration cost, and how fast it counts.
+    """A model of a computer: the cost of a step and of an iteration, and its rates.
 
     t_comp = step + building operations / building
              + iterations × (iteration + operations of one / solving).
 
     Args:
-        name: What it is.
-        step: What every step costs, whatever its size [s].
-        iteration: What every solver iteration costs, whatever its size [s].
-        building: Operations in a second while the QP is built and its solution checked.
-        solving: Operations in a second in the solver.
+        name: Name of the processor.
+        step: Fixed cost of every step, whatever its size [s].
+        iteration: Fixed cost of every solver iteration, whatever its size [s].
+        building: Operations per second while the QP is built and its solution checked.
+        solving: Operations per second in the solver.
 
     Raises:
-        SettingsError: a cost below 0, or a rate that is not positive and finite.
+        SettingsError: If a cost is below 0, or a rate is not positive and finite.
     """
 
     name: str
@@ -118,16 +119,15 @@ class Processor:
         for name in ("building", "solving"):
             if not 0 < getattr(self, name) < np.inf:
                 raise SettingsError(
-                    f"processor {self.name!r}: {name} must be positive and finite operations in a "
-                    f"second, "
-                    f"got {getattr(self, name)}"
+                    f"processor {self.name!r}: {name} must be positive and finite operations per "
+                    f"second, got {getattr(self, name)}"
                 )
 
     def slower(self, factor: float, name: str) -> "Processor":
-        """The same, taking `factor` times as long for everything.
+        """Return a processor that takes `factor` times as long for everything.
 
         Raises:
-            SettingsError: a factor that is not positive and finite.
+            SettingsError: If the factor is not positive and finite.
         """
         if not 0 < factor < np.inf:
             raise SettingsError(f"factor must be positive and finite, got {factor}")
@@ -140,22 +140,25 @@ class Processor:
         )
 
     def t_comp(self, size: StepSize, iterations: Int[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
-        """Computation time of steps of this size [s], shape (N,), from their `iterations`.
+        """Return the computation time of steps of this size [s], shape (N,).
 
-        A second attempt (`LinearMPC.move`) counts with its iterations alone.
+        Args:
+            size: Size of the problem of each step.
+            iterations: Number of solver iterations of each step, shape (N,). A second attempt
+                (see `LinearMPC.move`) counts with its iterations only.
         """
         once = self.step + size.building / self.building
         return np.asarray(once + iterations * (self.iteration + size.iterating / self.solving))
 
 
 def measured(solve_time: Float[np.ndarray, " N"], *, warm_up: int = 3) -> tuple[float, float]:
-    """The worst and the 99th percentile of measured step times [s], once warmed up.
+    """Return the worst and the 99th percentile of measured step times [s], after a warm-up.
 
     Not repeatable: for people and benchmarks, never for a comparison.
 
     Args:
-        solve_time: As in an `Experiment`, shape (N,), N of 1 or more.
-        warm_up: First steps to leave out, as far as there are more.
+        solve_time: Step times as in an `Experiment`, shape (N,), N of 1 or more.
+        warm_up: Number of first steps to ignore, as long as others remain.
     """
     kept = solve_time[min(warm_up, len(solve_time) - 1) :]
     return float(kept.max()), float(np.percentile(kept, 99))

@@ -20,25 +20,26 @@ _SMALLEST_MOVE_WEIGHT = 1e-10
 
 
 class LinearMPC:
-    """Eq. MPC: linearise, condense to a QP, solve, apply the first input.
+    """The MPC of eq. MPC: linearize, condense to a QP, solve, apply the first input.
 
     Each step solves for deviations v from the unconstrained optimal feedback (see `_riccati`),
-    which is eq. MPC in other variables. Outputs y_1 ... y_Np, inputs and moves 0 ... N_p - 1.
+    which is eq. MPC in other variables. It weighs the outputs y_1 ... y_Np and the inputs and moves
+    0 ... N_p - 1.
 
-    Deviation: eq. MPC weighs y_0 ... y_Np-1; y_0 is measured already, and weighing it says nothing
+    Deviation: eq. MPC weighs y_0 ... y_Np-1; y_0 is already measured, and weighing it has no effect
     (without D). Eq. MPC_constraints limits inputs and moves from k = 1 on, which leaves the one
     that is applied without a limit. It holds the inputs from u_Nu on, so that N_u + 1 moves are
     free, while the minimum is over N_u of them; here N_u are. All measured in docs/deviations.md.
 
-    Deviation: where Q_u + Q_Δu is singular, 1e-10 of the largest weight is added to Q_Δu, since
-    eq. MPC then may have no unique minimiser.
+    Deviation: if Q_u + Q_Δu is singular, 1e-10 of the largest weight is added to Q_Δu, since
+    eq. MPC may then have no unique minimizer.
 
     Args:
-        plant: Its model of the plant.
-        settings: Horizons, weights, limits.
+        plant: Plant that the controller uses as its model.
+        settings: Horizons, weights and limits.
 
     Raises:
-        SettingsError: weights or limits whose shapes do not fit the plant.
+        SettingsError: If the shapes of weights or limits do not fit the plant.
     """
 
     def __init__(self, plant: Plant, settings: MPCSettings) -> None:
@@ -66,18 +67,19 @@ class LinearMPC:
         return self.settings.T_s
 
     def forget(self) -> None:
-        """Drop the last plan, which "trajectory" linearises along: the task has changed."""
+        """Drop the last plan, used by linearization "trajectory": the task has changed."""
         self._plan = None
 
     def move(self, measurement: Measurement) -> Move:
-        """Decide the next input; hold the last one where the QP is not solved.
+        """Decide the next input; hold the last one if the QP is not solved.
+
+        Deviations v are the right variables as long as the limits leave room to control the
+        growing modes of the model. If they do not, no plan stabilizes the model and v is as large
+        as its growth; then the first problem is not solved, and the second one is tried, with the
+        inputs themselves as variables.
 
         Raises:
-            PlantError: a measurement of the wrong shape or not finite.
-
-        Deviations v are the right variables while the limits leave the growing modes of the model
-        in hand, the inputs themselves when they do not (no plan stabilises the model, so v is of
-        the order of its growth): then the first problem is not solved, and the second is tried.
+            PlantError: If a measurement has the wrong shape or is not finite.
         """
         self._check(measurement)
         iterations = 0
@@ -92,18 +94,18 @@ class LinearMPC:
         return Move(measurement.u, iterations, solved=False)
 
     def problems(self, m: Measurement) -> Iterator[tuple[QP, Float[np.ndarray, "N_u n_u n_v1"]]]:
-        """The QP of one step, in deviations and then in inputs.
+        """Yield the QP of one step, first in deviations and then in inputs.
 
         Yields:
             The QP in its variables (then the slack), and U, shape (N_u, n_u, n_v + 1): the inputs
-            relative to the last one as affine functions of them, the last column constant.
-            Nothing where limited outputs have grown beyond what can be trusted.
+            relative to the last one as affine functions of the variables, the last column
+            constant. Nothing if limited outputs grow beyond what can be trusted.
         """
         s, limits = self.settings, self._limits
         model = self._predict(m)
         dynamics = model.A, model.B, model.c
         N_y = s.N_p if limits.soft else 0
-        # A copy: a measurement's may be read-only, which is another type to compile for.
+        # Copied because a measurement's array may be read-only: another type, compiled again.
         u = m.u.copy()
         R, U, X, unit, rows = _plan.condense(
             *dynamics, model.C, model.D, model.e - self._references(m.y_ref),
@@ -146,14 +148,14 @@ class LinearMPC:
         if s.linearisation == "point":
             return at_point(self.plant, m.x, m.u, d, s.T_s, s.N_p)
         plan = np.tile(m.u, (s.N_p, 1))
-        if self._plan is not None:  # the last plan, a step on, its last input held
+        if self._plan is not None:  # shift the last plan by one step and hold its last input
             shifted = self._plan[1:]
             plan[: len(shifted)] = shifted
             plan[len(shifted) :] = self._plan[-1]
         return along_trajectory(self.plant, m.x, plan, m.u, d, s.T_s)
 
     def _references(self, y_ref: Float[np.ndarray, "*y"]) -> Float[np.ndarray, "*rows"]:
-        """Rows for y_0 ... y_Np; a preview starts at y_1 and its last row holds on."""
+        """Return rows for y_0 ... y_Np; a preview starts at y_1, and its last row is repeated."""
         if y_ref.ndim == 1:
             return y_ref
         rows = np.minimum(np.arange(-1, self.settings.N_p), len(y_ref) - 1)
@@ -168,7 +170,7 @@ def _weight(name: str, Q: object, n: int) -> Float[np.ndarray, "n n"]:
 
 
 def _root(Q: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "r n"]:
-    """Rows L with LᵀL = Q, as many as its rank."""
+    """Return rows L with LᵀL = Q, as many as the rank of Q."""
     values, vectors = np.linalg.eigh(Q)
     kept = values > 1e-14 * max(values.max(), 0.0)
     return np.ascontiguousarray((vectors[:, kept] * np.sqrt(values[kept])).T)

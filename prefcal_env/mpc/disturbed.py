@@ -1,4 +1,4 @@
-"""A plant with constant disturbances of its outputs and inputs: known, or states to estimate."""
+"""A plant with constant disturbances of its outputs and inputs, known or to be estimated."""
 
 from collections.abc import Sequence
 
@@ -18,18 +18,18 @@ W = Float[np.ndarray, " n_w"]
 
 
 class Disturbed:
-    """ẋ = f(x, u + w, d), y = g(x, u + w, d) + p, with (p, w) measured disturbances after d.
+    """A `Plant` with ẋ = f(x, u + w, d), y = g(x, u + w, d) + p.
 
-    A `Plant`. An MPC that predicts with it, given an estimate of (p, w), needs no shifted
-    references and no shifted limits: its y is that of the real plant.
+    (p, w) are measured disturbances and follow d. An MPC that uses this plant as its model and an
+    estimate of (p, w) needs no shifted references or limits: its y is that of the real plant.
 
     Args:
-        plant: Without them.
-        on_outputs: Indices of the outputs that have a p, in the output's unit.
-        on_inputs: Indices of the inputs that have a w, in the input's unit.
+        plant: Plant without these disturbances.
+        on_outputs: Indices of the outputs with a disturbance p, in the output's unit.
+        on_inputs: Indices of the inputs with a disturbance w, in the input's unit.
 
     Raises:
-        SettingsError: indices that are none or come twice.
+        SettingsError: If an index is not valid or appears twice.
     """
 
     def __init__(
@@ -45,22 +45,22 @@ class Disturbed:
         self.disturbances = (*plant.disturbances, *self.offsets)
 
     def f(self, x: X, u: U, d: D) -> X:
-        """State derivative, per `time_unit`."""
+        """Return the state derivative, per `time_unit`."""
         d, _, w = self._split(d)
         return self.plant.f(x, u + self.on_u @ w, d)
 
     def g(self, x: X, u: U, d: D) -> Y:
-        """Outputs as they are measured."""
+        """Return the outputs as they are measured."""
         d, p, w = self._split(d)
         return np.asarray(self.plant.g(x, u + self.on_u @ w, d) + self.on_y @ p)
 
     def jacobians(self, x: X, u: U, d: D) -> Jacobians:
-        """Derivatives by x and u."""
+        """Return the derivatives with respect to x and u."""
         d, _, w = self._split(d)
         return self.plant.jacobians(x, u + self.on_u @ w, d)
 
     def hold(self, x: X, u: U, d: D, times: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n_x"]:
-        """States at `times`, all held."""
+        """Return the states at `times`, with all inputs and disturbances held."""
         d, _, w = self._split(d)
         return self.plant.hold(x, u + self.on_u @ w, d, times)
 
@@ -70,9 +70,9 @@ class Disturbed:
 
 
 class Augmented:
-    """A `Disturbed` plant whose disturbances (p, w) are further states, after x, that stay.
+    """A `Plant` whose disturbances (p, w) are additional constant states, after x.
 
-    A `Plant`, for an estimator: what it estimates of it are the state and the disturbances.
+    An estimator uses it to estimate both the state and the disturbances of a `Disturbed` plant.
     """
 
     def __init__(self, disturbed: Disturbed) -> None:
@@ -83,18 +83,18 @@ class Augmented:
         self.disturbances = plant.plant.disturbances
 
     def f(self, x: X, u: U, d: D) -> X:
-        """State derivative, per `time_unit`; 0 for the disturbances."""
+        """Return the state derivative, per `time_unit`; 0 for the disturbances."""
         x, offsets = self.split(x)
         rate = self.disturbed.f(x, u, np.concatenate([d, offsets]))
         return np.concatenate([rate, np.zeros(len(offsets))])
 
     def g(self, x: X, u: U, d: D) -> Y:
-        """Outputs as they are measured."""
+        """Return the outputs as they are measured."""
         x, offsets = self.split(x)
         return self.disturbed.g(x, u, np.concatenate([d, offsets]))
 
     def jacobians(self, x: X, u: U, d: D) -> Jacobians:
-        """Exact derivatives, those by p and w among A and C."""
+        """Return the exact derivatives; those with respect to p and w are part of A and C."""
         x, offsets = self.split(x)
         J = self.disturbed.jacobians(x, u, np.concatenate([d, offsets]))
         n_x, n_o = len(x), len(offsets)
@@ -105,13 +105,13 @@ class Augmented:
         return Jacobians(A, B, np.concatenate([J.C, on_y, J.D @ on_u], axis=1), J.D)
 
     def hold(self, x: X, u: U, d: D, times: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n_x"]:
-        """States and disturbances at `times`."""
+        """Return states and disturbances at `times`."""
         x, offsets = self.split(x)
         states = self.disturbed.hold(x, u, np.concatenate([d, offsets]), times)
         return np.concatenate([states, np.tile(offsets, (len(times), 1))], axis=1)
 
     def split(self, x: X) -> tuple[np.ndarray, np.ndarray]:
-        """The plant's state and the disturbances (p, w)."""
+        """Return the plant's state and the disturbances (p, w)."""
         n_x = len(self.disturbed.states)
         return x[:n_x], x[n_x:]
 

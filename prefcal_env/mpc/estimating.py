@@ -1,4 +1,4 @@
-"""Offset-free MPC: an estimator of state and disturbances in front of a `LinearMPC`."""
+"""Offset-free MPC: a `LinearMPC` with an estimator of state and disturbances."""
 
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -10,7 +10,7 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.plants.plant import Plant
 
-from ._hold import discretise
+from ._hold import discretize
 from .controller import LinearMPC
 from .disturbed import Augmented, Disturbed
 from .estimator import Estimate, ExtendedKalmanFilter
@@ -21,20 +21,21 @@ _LEAST_RANK = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class EstimatorSettings:
-    """Settings of a `DisturbanceEstimator`, in standard deviations. Sequences become tuples.
+    """Settings of a `DisturbanceEstimator`, as standard deviations. Sequences become tuples.
 
     Args:
-        noise: Of the measured outputs, in their units, above 0, shape (n_y,).
-        process: Of what the model misses in one unit of time, in the states' units, shape (n_x,).
-            It grows with the square root of time: tunings of different T_s share it.
-        drift: The same of the disturbances, first those of outputs and then those of inputs, in
-            their units, above 0, shape (n_p + n_w,). Small is slow and calm.
-        start: Of the first measured state, in the states' units, shape (n_x,); None: `process`.
+        noise: Noise of the measured outputs, in their units, above 0, shape (n_y,).
+        process: Error of the model over one unit of time, in the states' units, shape (n_x,). It
+            grows with the square root of time, so different T_s can share it.
+        drift: Change of the disturbances over one unit of time, first of outputs and then of
+            inputs, in their units, above 0, shape (n_p + n_w,). Small values are slow and calm.
+        start: Error of the first measured state, in the states' units, shape (n_x,); None uses
+            `process`.
         on_outputs: Indices of the outputs with an integrating disturbance.
-        on_inputs: Indices of the inputs with one; see `DisturbanceEstimator`.
+        on_inputs: Indices of the inputs with an integrating disturbance.
 
     Raises:
-        SettingsError: a deviation that is negative or not finite, or 0 where it must not be.
+        SettingsError: If a deviation is negative or not finite, or 0 where it must be above 0.
     """
 
     noise: tuple[float, ...]
@@ -60,26 +61,27 @@ class EstimatorSettings:
 
 
 class DisturbanceEstimator:
-    """Estimates state and integrating disturbances from one measurement after the other.
+    """An estimator of state and integrating disturbances, updated with each measurement.
 
-    An extended Kalman filter of the plant augmented by p⁺ = p and w⁺ = w. At rest it finds no
-    difference between measured and predicted outputs when there are as many disturbances as
-    outputs, so the outputs that an MPC then predicts are the measured ones: no offset.
+    This is an extended Kalman filter of the plant augmented by p⁺ = p and w⁺ = w. With as many
+    disturbances as outputs, measured and predicted outputs agree at rest, so that an MPC that uses
+    the estimates has no offset.
 
-    Which disturbances can be told from the state is up to the plant: an output's p not where the
-    plant integrates by itself (a car's position); there, w of the inputs.
+    The plant determines which disturbances can be distinguished from the state: not the p of an
+    output that integrates by itself (a car's position); in that case use w of the inputs.
 
     Source: Pannocchia, Rawlings (2003), Disturbance models for offset-free MPC, AIChE J. 49,
     equation (1) and the rank condition of Lemma 1, checked at the first measurement.
     Deviation: nonlinear, by an extended Kalman filter.
 
     Args:
-        plant: Its model of the plant.
-        settings: What to trust how far.
+        plant: Plant that the estimator uses as its model.
+        settings: Standard deviations that say how far to trust model and measurements.
         T_s: Sampling time, in the plant's unit of time.
 
     Raises:
-        SettingsError: settings that do not fit the plant, or more disturbances than outputs.
+        SettingsError: If the settings do not fit the plant, or there are more disturbances than
+            outputs.
     """
 
     def __init__(self, plant: Plant, settings: EstimatorSettings, T_s: float) -> None:
@@ -102,19 +104,19 @@ class DisturbanceEstimator:
 
     @property
     def estimate(self) -> Estimate | None:
-        """Of (x, p, w) at the last measurement; None before the first."""
+        """Estimate of (x, p, w) at the last measurement; None before the first."""
         return self._estimate
 
     def see(self, measurement: Measurement) -> Measurement:
-        """The measurement as the model understands it: x estimated, (p, w) among d.
+        """Return the measurement with x estimated and the estimated (p, w) appended to d.
 
-        What is believed to have been measured are the outputs of `measurement.x`, and that
-        `measurement.u` was held since the last one. An estimate that is not finite is given up
-        for what is measured.
+        The estimator assumes that the outputs of `measurement.x` were measured and that
+        `measurement.u` was held since the last measurement. If an estimate is not finite, it
+        starts again from the measurement.
 
         Raises:
-            SettingsError: at the first measurement, where the plant's disturbances cannot be told
-                from its state.
+            SettingsError: At the first measurement, if the disturbances cannot be distinguished
+                from the plant's state.
         """
         m = measurement
         d = m.d if m.d.ndim == 2 else m.d[None]
@@ -128,7 +130,7 @@ class DisturbanceEstimator:
         return replace(m, x=x, d=extended if m.d.ndim == 2 else extended[0])
 
     def _predicted(self, m: Measurement) -> Estimate:
-        """What is expected now; the first time, or if that makes no sense, what is measured."""
+        """Return the predicted estimate; at first, or if it is not finite, the measurement."""
         if self._estimate is not None:
             predicted = self._filter.predict(self._estimate, m.u, self._d)
             if predicted.finite:
@@ -137,16 +139,16 @@ class DisturbanceEstimator:
         return Estimate(np.concatenate([m.x, offsets]), self._P0)
 
     def _check_rank(self, m: Measurement, d: Float[np.ndarray, " n_d"]) -> None:
-        """[A - 1, B_d; C, C_d] of full column rank, columns scaled to 1."""
+        """Raise SettingsError unless [A - 1, B_d; C, C_d], columns scaled to 1, has full rank."""
         n = len(self._P0)
         J = self._augmented.jacobians(np.concatenate([m.x, np.zeros(n - len(m.x))]), m.u, d)
-        A = discretise(J.A, J.B, np.zeros(n), self._filter.T_s)[0]
+        A = discretize(J.A, J.B, np.zeros(n), self._filter.T_s)[0]
         matrix = np.concatenate([A - np.eye(n), J.C])
         norms = np.linalg.norm(matrix, axis=0)
         if np.any(norms == 0) or np.linalg.svd(matrix / norms)[1][-1] < _LEAST_RANK:
             raise SettingsError(
                 f"estimator: disturbances of {[c.name for c in self.model.offsets]} cannot be "
-                f"told from the state of {self.model.plant.name!r}; choose others"
+                f"distinguished from the state of {self.model.plant.name!r}; choose others"
             )
 
 
@@ -156,12 +158,12 @@ class EstimatingMPC:
     `Measurement.x` is a noisy measurement.
 
     Args:
-        plant: Its model of the plant.
-        settings: Of the MPC.
-        estimator: Of the estimator.
+        plant: Plant that the controller uses as its model.
+        settings: Settings of the MPC.
+        estimator: Settings of the estimator.
 
     Raises:
-        SettingsError: settings that do not fit the plant.
+        SettingsError: If the settings do not fit the plant.
     """
 
     def __init__(self, plant: Plant, settings: MPCSettings, estimator: EstimatorSettings) -> None:

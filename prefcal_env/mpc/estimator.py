@@ -1,4 +1,4 @@
-"""An extended Kalman filter of a plant: what its state is, by what has been measured."""
+"""An extended Kalman filter, which estimates a plant's state from measurements."""
 
 from dataclasses import dataclass
 
@@ -8,22 +8,22 @@ from jaxtyping import Float
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.plant import Plant
 
-from ._hold import discretise
+from ._hold import discretize
 
 _PIECES = 4
-"""Pieces of a sampling period, each linearised in its middle: the reactor's bends a lot."""
+"""Pieces of a sampling period, each linearized in its middle, for strongly nonlinear plants."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """A state as far as it is known, in the plant's units.
+    """An estimated state with its uncertainty, in the plant's units.
 
     Args:
-        mean: Shape (n_x,).
-        covariance: Shape (n_x, n_x), symmetric positive semidefinite.
+        mean: Mean, shape (n_x,).
+        covariance: Covariance, shape (n_x, n_x), symmetric positive semidefinite.
 
     Raises:
-        SettingsError: shapes that do not fit each other.
+        SettingsError: If the shapes do not fit each other.
     """
 
     mean: Float[np.ndarray, " n_x"]
@@ -42,15 +42,15 @@ class Estimate:
 
     @property
     def finite(self) -> bool:
-        """Whether it can be used: a model that escapes takes the estimate along."""
+        """Whether all numbers are finite; a model that diverges makes the estimate unusable."""
         return bool(np.isfinite(self.mean).all() and np.isfinite(self.covariance).all())
 
 
 class ExtendedKalmanFilter:
-    """x⁺ = hold(x, u, d) + w, y = g(x, u, d) + v, w and v white with covariances Q and R.
+    """A filter for x⁺ = hold(x, u, d) + w, y = g(x, u, d) + v, with white noise w and v.
 
-    It has no memory: an `Estimate` goes in, the next one comes out. The first one, x0 with P0, is
-    the caller's.
+    The filter has no memory: it takes an `Estimate` and returns the next one. You provide the
+    first one.
 
     Source: Anderson, Moore (1979), Optimal Filtering, section 8.2.
     Deviation: the mean follows the nonlinear hold exactly; the covariance its Jacobian, a product
@@ -58,13 +58,13 @@ class ExtendedKalmanFilter:
     positive semidefinite.
 
     Args:
-        plant: Its model of the plant.
+        plant: Plant that the filter uses as its model.
         T_s: Sampling time, in the plant's unit of time.
-        Q: Covariance of what the model misses in one period, shape (n_x, n_x).
-        R: Covariance of the measurement noise, shape (n_y, n_y), positive definite.
+        Q: Covariance of w, the error of the model in one period, shape (n_x, n_x).
+        R: Covariance of v, the measurement noise, shape (n_y, n_y), positive definite.
 
     Raises:
-        SettingsError: a sampling time that is not positive, or covariances that are none.
+        SettingsError: If the sampling time is not positive or a covariance is not valid.
     """
 
     def __init__(
@@ -82,15 +82,15 @@ class ExtendedKalmanFilter:
         self._R = _covariance("R", R, len(plant.outputs))
         if np.linalg.eigvalsh(self._R)[0] <= 0:
             raise SettingsError("R must be positive definite: every output has some noise")
-        # Middle and end of every piece.
+        # Middle and end of each piece.
         self._instants = np.arange(1, 2 * _PIECES + 1) * (T_s / (2 * _PIECES))
 
     def predict(
         self, estimate: Estimate, u: Float[np.ndarray, " n_u"], d: Float[np.ndarray, " n_d"]
     ) -> Estimate:
-        """The state one period on, u and d held, before anything is measured there.
+        """Return the estimate one period later, with u and d held, before the next measurement.
 
-        Not `finite` where the model escapes.
+        It is not `finite` if the model diverges.
         """
         states = self.plant.hold(estimate.mean, u, d, self._instants)
         n = len(estimate.mean)
@@ -99,7 +99,7 @@ class ExtendedKalmanFilter:
         F, no_drift = np.eye(n), np.zeros(n)
         for middle in states[::2]:
             J = self.plant.jacobians(middle, u, d)
-            F = discretise(J.A, J.B, no_drift, self.T_s / _PIECES)[0] @ F
+            F = discretize(J.A, J.B, no_drift, self.T_s / _PIECES)[0] @ F
         return Estimate(states[-1], F @ estimate.covariance @ F.T + self._Q)
 
     def update(
@@ -109,7 +109,7 @@ class ExtendedKalmanFilter:
         u: Float[np.ndarray, " n_u"],
         d: Float[np.ndarray, " n_d"],
     ) -> Estimate:
-        """The estimate that also knows the measured outputs `y`, shape (n_y,)."""
+        """Return the estimate updated with the measured outputs `y`, shape (n_y,)."""
         x, P = estimate.mean, estimate.covariance
         C = self.plant.jacobians(x, u, d).C
         S = C @ P @ C.T + self._R

@@ -1,4 +1,4 @@
-"""The limits of eq. MPC_constraints: inputs and moves hard, outputs soft with one slack."""
+"""Limits of eq. MPC_constraints: inputs and moves are hard, outputs soft with one slack."""
 
 from dataclasses import dataclass, field
 
@@ -19,7 +19,7 @@ _LARGEST_TRUSTED_GROWTH = 1e9
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits in the plant's units; infinite where there is none. `soft`: any output is limited."""
+    """Limits in the plant's units; infinite for no limit. `soft`: whether outputs are limited."""
 
     u_min: Float[np.ndarray, " n_u"]
     u_max: Float[np.ndarray, " n_u"]
@@ -37,7 +37,7 @@ class Limits:
 
     @classmethod
     def of(cls, plant: Plant, settings: MPCSettings) -> "Limits":
-        """Take the limits of `settings`, the inputs' from the plant where none are given."""
+        """Return the limits of `settings`; missing limits of inputs are the plant's."""
         s, n_u, n_y = settings, len(plant.inputs), len(plant.outputs)
         low, high = [c.low for c in plant.inputs], [c.high for c in plant.inputs]
         limits = cls(
@@ -77,12 +77,12 @@ class Limits:
         X: Float[np.ndarray, "N n_x n_v1"],
         unit: float,
     ) -> Rows:
-        """The inputs' rows low <= G z <= high, and with limited outputs their soft rows.
+        """Return the inputs' rows low <= G z <= high and, for limited outputs, their soft rows.
 
         y_min - ε <= y_k <= y_max + ε for k = 1 ... N_p, and ε >= 0. The slack variable is
         √Q_ε ε / `unit`, so that its weight is 1 like that of a deviation.
 
-        Trust them only as far as `trusted` says.
+        Use the soft rows only if `trusted` returns True.
         """
         if not self.soft:
             return of_inputs
@@ -111,10 +111,11 @@ class Limits:
         return matrix, lows, highs
 
     def trusted(self, X: Float[np.ndarray, "N n_x n_v1"]) -> bool:
-        """Whether the soft rows hold more than rounding.
+        """Return whether the soft rows contain more than rounding errors.
 
-        Held for long, an unstable model grows until nothing of an output's row is left but the
-        growing mode. Rows of the inputs do not suffer so: their feedback is stable.
+        If the inputs are held for long, an unstable model grows until only the growing mode is
+        left in an output's row. Rows of the inputs do not have this problem: their feedback is
+        stable.
         """
         if not self.soft:
             return True

@@ -1,4 +1,4 @@
-"""The prediction model of one MPC step: eq. mathcalS linearised and discretised, eq. MPCsys."""
+"""The prediction model of one MPC step: eq. mathcalS linearized and discretized, eq. MPCsys."""
 
 from dataclasses import dataclass
 
@@ -7,15 +7,16 @@ from jaxtyping import Float
 
 from prefcal_env.plants.plant import Plant
 
-from ._hold import discretise
+from ._hold import discretize
 
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """x⁺ = A[k] x + B[k] u + c[k] and y_k = C[k] x + D[k] u + e[k], an array of one for all k.
+    """An affine model x⁺ = A[k] x + B[k] u + c[k] and y_k = C[k] x + D[k] u + e[k].
 
     x and u are relative to the present state and the last input; y is absolute. k runs from 0 to
-    N_p - 1 for the states and from 0 to N_p for the outputs, e always has N_p + 1 rows.
+    N_p - 1 for the states and from 0 to N_p for the outputs. An array with one entry is used for
+    all k; e always has N_p + 1 rows.
     """
 
     A: Float[np.ndarray, "k n_x n_x"]
@@ -34,16 +35,16 @@ def at_point(
     T_s: float,
     N_p: int,
 ) -> Prediction:
-    """One model for the whole horizon, exact at (x, u): the affine term f(x, u, d) is kept.
+    """Return one model for the whole horizon, exact at (x, u): it keeps the term f(x, u, d).
 
-    Of a preview of d (rows for the coming steps, the last one holds on), the affine terms follow
-    each row; the Jacobians are those of the present.
+    If d is a preview (rows for the coming steps, the last one is repeated), the affine terms
+    follow each row; the Jacobians are those of the present.
     """
     J = plant.jacobians(x, u, d[0])
     steps = min(len(d), N_p)
     c = np.empty((steps, len(x)))
     for k in range(steps):
-        A, B, c[k] = discretise(J.A, J.B, plant.f(x, u, d[k]), T_s)
+        A, B, c[k] = discretize(J.A, J.B, plant.f(x, u, d[k]), T_s)
     e = np.empty((N_p + 1, len(J.C)))
     e[:] = plant.g(x, u, d[0])
     for k in range(1, len(d)):
@@ -59,10 +60,10 @@ def along_trajectory(
     d: Float[np.ndarray, "N n_d"],
     T_s: float,
 ) -> Prediction:
-    """Eq. MPCsys around the nominal trajectory that `u_plan` drives the plant along.
+    """Return the model of eq. MPCsys around the nominal trajectory of the inputs `u_plan`.
 
-    A nominal trajectory that leaves what is finite stops there: the last finite state is kept for
-    the rest, so that the model stays usable.
+    If the nominal trajectory diverges, the last finite state is kept for the rest of the horizon,
+    so that the model stays usable.
     """
     N_p, n_x, n_u = len(u_plan), len(x), len(u_last)
     A, B, c = np.empty((N_p, n_x, n_x)), np.empty((N_p, n_x, n_u)), np.empty((N_p, n_x))
@@ -74,7 +75,7 @@ def along_trajectory(
         J = plant.jacobians(nominal, u, d_k)
         shift = u - u_last
         if k < N_p:
-            A[k], B[k], _ = discretise(J.A, J.B, no_drift, T_s)
+            A[k], B[k], _ = discretize(J.A, J.B, no_drift, T_s)
             following = plant.hold(nominal, u, d_k, period)[0]
             if not np.all(np.isfinite(following)):
                 following = nominal

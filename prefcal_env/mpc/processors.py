@@ -1,4 +1,4 @@
-"""Processors from measurements, and the JSON files that keep them."""
+"""Fit processors to measurements, and read and write them as JSON files."""
 
 import json
 from collections.abc import Sequence
@@ -13,20 +13,20 @@ from prefcal_env.errors import SettingsError
 from .computation import Processor, StepSize
 
 FORMAT = 1
-"""Of the files, under the key "prefcal processor"."""
+"""Format of the files, stored under the key "prefcal processor"."""
 FEWEST_SIZES = 3
-"""Problem sizes that a fit needs to tell what grows with the problem from what does not."""
-_SCALE = np.array([1e-4, 1e-6, 1e-9, 1e-10])  # makes the columns of the fit about equally large
-_FREE = 1e-18  # seconds an operation, where the fit finds that it takes no time: the rate is finite
+"""Number of problem sizes a fit needs to separate fixed costs from those that grow with size."""
+_SCALE = np.array([1e-4, 1e-6, 1e-9, 1e-10])  # gives the columns of the fit similar sizes
+_FREE = 1e-18  # seconds per operation if the fit finds that it takes no time: keeps rates finite
 
 
 class TimedStep(NamedTuple):
-    """One MPC step whose time is known.
+    """One MPC step with its measured time.
 
     Args:
-        size: Of its problem.
-        iterations: Of the solver.
-        seconds: That it took.
+        size: Size of its problem.
+        iterations: Number of solver iterations.
+        seconds: Duration of the step.
     """
 
     size: StepSize
@@ -37,16 +37,17 @@ class TimedStep(NamedTuple):
 def fit_processor(name: str, steps: Sequence[TimedStep]) -> Processor:
     """Fit the four coefficients of a `Processor` to measured steps.
 
-    Non-negative least squares of the relative error: a short step counts as much as a long one.
+    Uses non-negative least squares of the relative error: a short step counts as much as a long
+    one.
 
     Args:
-        name: Of the processor.
-        steps: From `FEWEST_SIZES` or more problem sizes.
+        name: Name of the processor.
+        steps: Steps with `FEWEST_SIZES` or more problem sizes.
 
     Raises:
-        SettingsError: too few problem sizes, or a time that is not positive and finite.
+        SettingsError: If there are too few problem sizes, or a time is not positive and finite.
     """
-    from scipy.optimize import nnls  # takes a while to import, and few need it
+    from scipy.optimize import nnls  # imported here because it is slow to import and rarely used
 
     sizes = {step.size for step in steps}
     if len(sizes) < FEWEST_SIZES:
@@ -58,7 +59,7 @@ def fit_processor(name: str, steps: Sequence[TimedStep]) -> Processor:
     if not (np.isfinite(seconds).all() and (seconds > 0).all()):
         raise SettingsError(f"processor {name!r}: every step must take a positive, finite time")
     rows = [(1.0, s.iterations, s.size.building, s.iterations * s.size.iterating) for s in steps]
-    # In units of the shortest step, so that clocks of any speed are fitted alike.
+    # Measure in units of the shortest step, so that the fit does not depend on the clock's speed.
     unit = float(seconds.min()) / _SCALE[0]
     columns = np.array(rows) * _SCALE * unit / seconds[:, None]
     solution, _ = nnls(columns, np.ones(len(rows)))
@@ -67,7 +68,7 @@ def fit_processor(name: str, steps: Sequence[TimedStep]) -> Processor:
 
 
 def fit_error(processor: Processor, steps: Sequence[TimedStep]) -> tuple[float, float]:
-    """Return measured time / modelled time of `steps`, 5 and 95 % quantiles; 1 is a perfect fit."""
+    """Return the 5 and 95 % quantiles of measured time / modeled time; 1 is a perfect fit."""
     model = [processor.t_comp(s.size, np.array([s.iterations]))[0] for s in steps]
     ratios = np.array([s.seconds for s in steps]) / np.array(model)
     low, high = np.quantile(ratios, (0.05, 0.95))
@@ -78,7 +79,7 @@ def write_processor(processor: Processor, path: Path | str) -> Path:
     """Write `processor` as a JSON file.
 
     Raises:
-        SettingsError: the file cannot be written.
+        SettingsError: If the file cannot be written.
     """
     text = json.dumps(as_dict(processor), indent=2, ensure_ascii=False) + "\n"
     try:
@@ -92,13 +93,14 @@ def read_processor(path: Path | str) -> Processor:
     """Read a processor that `write_processor` wrote.
 
     Raises:
-        SettingsError: no such file, or it does not hold a processor; names what is wrong.
+        SettingsError: If there is no such file, or it does not hold a processor; the message says
+            what is wrong.
     """
     try:
         content = json.loads(Path(path).read_text("utf-8"))
     except OSError as error:
         raise SettingsError(f"cannot read {path}: {error.strerror or error}") from error
-    except ValueError as error:  # undecodable bytes, too
+    except ValueError as error:  # includes bytes that cannot be decoded
         raise SettingsError(f"{path} must be a JSON file: {error}") from error
     return processor_of(content, str(path))
 
@@ -109,10 +111,10 @@ def as_dict(processor: Processor) -> dict[str, Any]:
 
 
 def processor_of(content: Any, source: str) -> Processor:
-    """Read what `as_dict` gave; `source` is named in errors.
+    """Read the data that `as_dict` returns; errors name `source`.
 
     Raises:
-        SettingsError: it is not the data of a processor.
+        SettingsError: If the data is not that of a processor.
     """
     if not isinstance(content, dict) or content.get("prefcal processor") != FORMAT:
         raise SettingsError(
@@ -127,7 +129,7 @@ def processor_of(content: Any, source: str) -> Processor:
             f"got {', '.join(sorted(given)) or 'none'}"
         )
     if not isinstance(given["name"], str):
-        raise SettingsError(f"{source}: name must be a text, got {given['name']!r}")
+        raise SettingsError(f"{source}: name must be a string, got {given['name']!r}")
     numbers = {k: v for k, v in given.items() if k != "name"}
     for key, value in numbers.items():
         if isinstance(value, bool) or not isinstance(value, int | float):

@@ -1,4 +1,4 @@
-"""Everything that defines an MPC of eq. MPC and eq. MPC_constraints, frozen and checked."""
+"""Settings of an MPC of eq. MPC and eq. MPC_constraints, frozen and checked."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
@@ -15,7 +15,7 @@ Vector = Sequence[float] | np.ndarray
 
 
 def _tuple(value: Any) -> Any:
-    """Arrays and lists as nested tuples, so that settings are frozen and compare by value."""
+    """Return arrays and lists as nested tuples, which are frozen and compare by value."""
     if isinstance(value, np.ndarray | list | tuple):
         return tuple(_tuple(v) for v in value)
     return float(value) if isinstance(value, np.floating | np.integer) else value
@@ -28,28 +28,30 @@ class MPCSettings:
     Args:
         T_s: Sampling time, in the plant's unit of time.
         N_p: Prediction horizon, steps.
-        N_u: Free moves, steps; afterwards the input is held. At most N_p.
+        N_u: Number of free moves, steps; afterwards the input is held. At most N_p.
         Q_y: Weight of y - y_ref, shape (n_y, n_y), positive semidefinite.
         Q_du: Weight of the moves Δu, shape (n_u, n_u), positive semidefinite.
-        Q_u: Weight of u - u_ref, shape (n_u, n_u), positive semidefinite; None is zero.
-        u_ref: Input reference, shape (n_u,) or (N, n_u), a row a step; None is zero.
-        u_min: Hard lower limits of the inputs, shape (n_u,); None takes the plant's.
-        u_max: Hard upper limits of the inputs, shape (n_u,); None takes the plant's.
-        du_min: Hard lower limits of the move in one step, shape (n_u,); None is none.
-        du_max: Hard upper limits of the move in one step, shape (n_u,); None is none.
-        y_min: Soft lower limits of the outputs, shape (n_y,); None is none.
-        y_max: Soft upper limits of the outputs, shape (n_y,); None is none.
-        Q_eps: Weight of the one slack ε >= 0 of the soft limits, above 0.
-        softness: Share of ε by which each output's limits give way, shape (n_y,); None is 1.
-        linearisation: "point": one model, at the present state and input, for the whole horizon.
-            "trajectory": along the nominal trajectory of the last plan (eq. MPCsys).
+        Q_u: Weight of u - u_ref, shape (n_u, n_u), positive semidefinite; None means zero.
+        u_ref: Input reference, shape (n_u,) or (N, n_u), one row for each step; None means zero.
+        u_min: Hard lower limits of the inputs, shape (n_u,); None uses the plant's.
+        u_max: Hard upper limits of the inputs, shape (n_u,); None uses the plant's.
+        du_min: Hard lower limits of the move in one step, shape (n_u,); None for no limit.
+        du_max: Hard upper limits of the move in one step, shape (n_u,); None for no limit.
+        y_min: Soft lower limits of the outputs, shape (n_y,); None for no limit.
+        y_max: Soft upper limits of the outputs, shape (n_y,); None for no limit.
+        Q_eps: Weight of the single slack ε >= 0 of the soft limits, above 0.
+        softness: Factor on ε by which each output's limits may be violated, shape (n_y,); None is
+            1.
+        linearisation: "point" uses one model, at the present state and input, for the whole
+            horizon. "trajectory" uses one along the nominal trajectory of the last plan (eq.
+            MPCsys).
         backend: QP solver, "piqp" or "daqp".
-        tolerances: Of the QP solver.
+        tolerances: Tolerances of the QP solver.
 
     Raises:
-        SettingsError: a horizon below 1 or not an integer, N_u above N_p, a sampling time or
-            Q_eps that is not positive, weights that are not symmetric positive semidefinite,
-            crossed limits, an unknown option.
+        SettingsError: If a horizon is below 1 or not an integer, N_u is above N_p, the sampling
+            time or Q_eps is not positive, a weight is not symmetric positive semidefinite, limits
+            are crossed, or an option is unknown.
     """
 
     T_s: float
@@ -130,5 +132,5 @@ def _check_weight(name: str, Q: np.ndarray) -> None:
 
 
 def control_horizon(share: float, N_p: int) -> int:
-    """N_u = max(1, `share` of N_p, rounded half up): the paper rounds, this says how."""
+    """Return N_u = max(1, `share` of N_p, rounded half up); the paper does not say how to round."""
     return max(1, int(np.floor(share * N_p + 0.5)))

@@ -1,4 +1,4 @@
-"""Plants: what is controlled."""
+"""Plants: dynamic models of the systems that are controlled."""
 
 from .cstr import CSTR as CSTR
 from .cstr import CSTRParams as CSTRParams

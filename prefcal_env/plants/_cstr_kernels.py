@@ -1,8 +1,8 @@
-"""The CSTR's right-hand side and its simulation, compiled.
+"""Compiled right-hand side and simulation of the CSTR.
 
-In Python one experiment of 48 h takes some 25 times as long. numba keeps what it has
-compiled beside this file and looks at this file alone to see whether it is stale: after a change
-of `integrate.py`, touch this one.
+In Python one experiment of 48 h takes about 25 times as long. numba keeps the compiled code beside
+this file and checks only this file to see whether it is stale: after a change of `integrate.py`,
+touch this one.
 """
 
 import math
@@ -19,7 +19,7 @@ _integrate = numba.njit(integrate, inline="always")
 
 @kernel()
 def rhs(x, u, d):  # type: ignore[no-untyped-def]
-    """Eq. cstr_system_eqn; `d` is (T_f, C_Af) followed by the parameters."""
+    """Return ẋ of eq. cstr_system_eqn; `d` is (T_f, C_Af) followed by the parameters."""
     T, C_A = x
     T_f, C_Af, F_V, k_0, H, E, rho_Cp, US_V, R = d
     r = k_0 * math.exp(-E / (R * T)) * C_A if T > 0 else 0.0
@@ -31,5 +31,5 @@ def rhs(x, u, d):  # type: ignore[no-untyped-def]
 
 @kernel()
 def hold(x, u, d, times, max_step):  # type: ignore[no-untyped-def]
-    """`integrate` with `rhs`."""
+    """Run `integrate` with `rhs`."""
     return _integrate(rhs, x, u, d, times, max_step)

@@ -17,13 +17,14 @@ KMH = 1 / 3.6
 
 @dataclass(frozen=True, slots=True)
 class Bicycle:
-    """Eq. nonlin_bicyclemodel: x = (x_f, y_f [m], θ [rad]), u = (v [m/s], δ_s [rad]).
+    """The bicycle of eq. nonlin_bicyclemodel: x = (x_f, y_f [m], θ [rad]), u = (v, δ_s).
 
-    The front wheel is the point of reference; y to the left, θ counter-clockwise. All states
-    are outputs; there is no disturbance. Time in seconds.
+    The inputs are v [m/s] and δ_s [rad]; time is in seconds. The reference point is the front
+    wheel; y points to the left, θ is counterclockwise. All states are outputs, and there is no
+    disturbance.
 
     Args:
-        length: L, distance of the axles [m].
+        length: Wheelbase L, the distance between the axles [m].
     """
 
     length: float = 4.5
@@ -52,7 +53,7 @@ class Bicycle:
         u: Float[np.ndarray, " 2"],
         d: Float[np.ndarray, " 0"],
     ) -> Float[np.ndarray, " 3"]:
-        """Eq. nonlin_bicyclemodel, (m/s, m/s, rad/s)."""
+        """Return ẋ of eq. nonlin_bicyclemodel, (m/s, m/s, rad/s)."""
         (_, _, yaw), (v, steering) = x.tolist(), u.tolist()
         heading = yaw + steering
         return np.array([v * cos(heading), v * sin(heading), v * sin(steering) / self.length])
@@ -63,7 +64,7 @@ class Bicycle:
         u: Float[np.ndarray, " 2"],
         d: Float[np.ndarray, " 0"],
     ) -> Float[np.ndarray, " 3"]:
-        """All states."""
+        """Return the outputs: all states."""
         return np.array(x, dtype=float)
 
     def jacobians(
@@ -72,7 +73,7 @@ class Bicycle:
         u: Float[np.ndarray, " 2"],
         d: Float[np.ndarray, " 0"],
     ) -> Jacobians:
-        """Derivatives of eq. nonlin_bicyclemodel by hand."""
+        """Return the analytic derivatives of eq. nonlin_bicyclemodel."""
         (_, _, yaw), (v, steering) = x.tolist(), u.tolist()
         c, s = cos(yaw + steering), sin(yaw + steering)
         A = np.array([[0.0, 0.0, -v * s], [0.0, 0.0, v * c], [0.0, 0.0, 0.0]])
@@ -87,9 +88,9 @@ class Bicycle:
         d: Float[np.ndarray, " 0"],
         times: Float[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K 3"]:
-        """States at `times` [s], exact: with u held the front wheel runs along a circle.
+        """Return the exact states at `times` [s]: with u held, the front wheel follows a circle.
 
-        A chord of it has the length v t sinc(ω t / 2) and the direction half-way through.
+        A chord of it has length v t sinc(ω t / 2) and points in the mean direction.
         """
         v, steering = u.tolist()
         turned = v * sin(steering) / self.length * times  # rad

@@ -1,7 +1,7 @@
-"""Cars that differ from the kinematic bicycle that the MPC knows.
+"""Cars that differ from the kinematic bicycle that the MPC uses as its model.
 
-Both take the inputs of `Bicycle`, and their first three states are its (x_f, y_f, θ); what
-follows is what it neglects: the speed v [m/s] needs time to reach its reference, tyres slip.
+They take the inputs of `Bicycle`, and their first three states are its (x_f, y_f, θ). They add what
+the bicycle neglects: the speed v [m/s] lags behind its reference, and tires slip.
 """
 
 from dataclasses import dataclass, fields
@@ -23,10 +23,10 @@ _POSE = Bicycle.states
 
 @dataclass(frozen=True, slots=True)
 class SlipParams:
-    """Of `slip_bicycle`. Raises PlantError for what is not positive and finite."""
+    """Parameters of `slip_bicycle`. Raises PlantError if one is not positive and finite."""
 
-    length: float = 4.5  # m, distance of the axles
-    lag: float = 0.6  # s, of the speed
+    length: float = 4.5  # m, distance between the axles
+    lag: float = 0.6  # s, time constant of the speed
 
     def __post_init__(self) -> None:
         _check_positive(self)
@@ -34,26 +34,26 @@ class SlipParams:
 
 @dataclass(frozen=True, slots=True)
 class DynamicParams:
-    """Of `dynamic_bicycle`, a medium-sized car. Raises PlantError as `SlipParams`."""
+    """Parameters of `dynamic_bicycle`, a medium-sized car. Raises PlantError as `SlipParams`."""
 
-    front: float = 2.25  # m, from the centre of mass to the front axle, where x_f and y_f are
+    front: float = 2.25  # m, from the center of mass to the front axle, where x_f and y_f are
     rear: float = 2.25  # m, to the rear axle
     mass: float = 1500.0  # kg
-    inertia: float = 2500.0  # kg m², about the vertical
-    front_stiffness: float = 80e3  # N/rad, of both tyres together, lateral
+    inertia: float = 2500.0  # kg m², about the vertical axis
+    front_stiffness: float = 80e3  # N/rad, lateral, both tires together
     rear_stiffness: float = 80e3  # N/rad
-    lag: float = 0.3  # s, of the speed
+    lag: float = 0.3  # s, time constant of the speed
 
     def __post_init__(self) -> None:
         _check_positive(self)
 
 
 def slip_bicycle(params: SlipParams | None = None) -> FunctionPlant:
-    """The bicycle of highway-env: v is the speed of the body's centre, which slips by β.
+    """Return the bicycle of highway-env: v is the speed of the body's center, which slips by β.
 
-    x = (x_f, y_f, θ, v). β = atan(tan(δ_s)/2), θ̇ = v sin(β)/(L/2), the centre moves along θ + β;
-    v follows its reference with the lag that highway-env's speed controller has. The paths are
-    those of the kinematic bicycle, driven faster: the front wheel at v cos(β)/cos(δ_s).
+    x = (x_f, y_f, θ, v). β = atan(tan(δ_s)/2), θ̇ = v sin(β)/(L/2), the center moves along θ + β;
+    v follows its reference with the lag of highway-env's speed controller. The paths are those of
+    the kinematic bicycle, driven faster: the front wheel at v cos(β)/cos(δ_s).
     """
     return FunctionPlant(
         partial(_slip, params or SlipParams()), _front_end,
@@ -63,10 +63,10 @@ def slip_bicycle(params: SlipParams | None = None) -> FunctionPlant:
 
 
 def dynamic_bicycle(params: DynamicParams | None = None) -> FunctionPlant:
-    """A single-track model with linear tyres.
+    """Return a single-track model with linear tires.
 
-    x = (x_f, y_f, θ, v, v_y, r): v and v_y [m/s] the speed of the centre of mass along and
-    across the body, r [rad/s] the yaw rate. Lateral tyre forces are proportional to slip angles.
+    x = (x_f, y_f, θ, v, v_y, r): v and v_y [m/s] are the velocity of the center of mass along and
+    across the body, r [rad/s] is the yaw rate. Lateral tire forces are proportional to slip angles.
     """
     params = params or DynamicParams()
     return FunctionPlant(
@@ -81,7 +81,7 @@ def dynamic_bicycle(params: DynamicParams | None = None) -> FunctionPlant:
 
 
 def _fastest(p: DynamicParams) -> float:
-    """A bound of how fast yaw and lateral speed settle at the lowest speed [1/s]."""
+    """Return a bound on how fast yaw and lateral speed settle at the lowest speed [1/s]."""
     yaw = (p.front_stiffness * p.front**2 + p.rear_stiffness * p.rear**2) / p.inertia
     return (yaw + (p.front_stiffness + p.rear_stiffness) / p.mass) / Bicycle.inputs[0].low
 
@@ -92,7 +92,7 @@ def _slip(
     (_, _, yaw, v), (v_ref, steering) = x.tolist(), u.tolist()
     slip = atan(tan(steering) / 2)
     rate = v * sin(slip) / (p.length / 2)
-    swing = rate * p.length / 2  # of the front end about the centre, to the left
+    swing = rate * p.length / 2  # of the front end about the center, to the left
     return [
         v * cos(yaw + slip) - swing * sin(yaw),
         v * sin(yaw + slip) + swing * cos(yaw),

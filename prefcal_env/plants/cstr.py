@@ -18,11 +18,11 @@ FEED = np.array([298.15, 10.0])
 
 @dataclass(frozen=True, slots=True)
 class CSTRParams:
-    """Table tab:CSTR_para."""
+    """Parameters of the reactor, table tab:CSTR_para."""
 
     F_V: float = 1.0  # 1/h
     k_0: float = 3.49e7  # 1/h
-    H: float = 5960.0  # kcal/kgmol, given off by the reaction
+    H: float = 5960.0  # kcal/kgmol, released by the reaction
     E: float = 11843.0  # kcal/kgmol
     rho_Cp: float = 500.0  # kcal/(m³ K)
     US_V: float = 150.0  # kcal/(m³ K h)
@@ -38,10 +38,10 @@ class CSTRParams:
 
 @dataclass(frozen=True)
 class CSTR:
-    """Eq. cstr_system_eqn with eq. ratelaw: x = (T [K], C_A [kgmol/m³]), u = T_c [K].
+    """The reactor of eq. cstr_system_eqn with eq. ratelaw: x = (T [K], C_A [kgmol/m³]), u = T_c.
 
-    Both states are outputs; measured disturbances are the feed's T_f [K] and C_Af [kgmol/m³].
-    Time in hours.
+    The input T_c is in K, time in hours. Both states are outputs; measured disturbances are the
+    feed's T_f [K] and C_Af [kgmol/m³].
 
     Deviation: the reaction heats the tank (+ H r/(ρ C_p)). As printed, with a minus, the only
     steady state at T_c = 298 K has C_A = 9.5; with a plus there are three, the paper's 8.56
@@ -49,8 +49,8 @@ class CSTR:
 
     Args:
         params: Physical parameters.
-        max_step: Largest step of the integrator [h]; this one keeps 1e-6 kgmol/m³ an interval
-            even from 400 K with fresh feed, where the tank runs away within minutes.
+        max_step: Largest step of the integrator [h]. The default keeps the error of an interval
+            at 1e-6 kgmol/m³ even from 400 K with fresh feed, where the tank runs away in minutes.
     """
 
     params: CSTRParams = CSTRParams()
@@ -75,7 +75,7 @@ class CSTR:
 
     @cached_property
     def _constant_jacobians(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """B, C and D."""
+        """Return B, C and D."""
         cooling = self.params.US_V / self.params.rho_Cp
         return np.array([[cooling], [0.0]]), np.eye(2), np.zeros((2, 1))
 
@@ -85,7 +85,7 @@ class CSTR:
         u: Float[np.ndarray, " 1"],
         d: Float[np.ndarray, " 2"],
     ) -> Float[np.ndarray, " 2"]:
-        """Eq. cstr_system_eqn, (K/h, kgmol/(m³ h))."""
+        """Return ẋ of eq. cstr_system_eqn, (K/h, kgmol/(m³ h))."""
         (T, C_A), (T_c,), (T_f, C_Af) = x.tolist(), u.tolist(), d.tolist()
         p = self.params
         r = self._rate(T) * C_A
@@ -100,7 +100,7 @@ class CSTR:
         u: Float[np.ndarray, " 1"],
         d: Float[np.ndarray, " 2"],
     ) -> Float[np.ndarray, " 2"]:
-        """Both states."""
+        """Return the outputs: both states."""
         return np.array(x, dtype=float)
 
     def jacobians(
@@ -109,7 +109,7 @@ class CSTR:
         u: Float[np.ndarray, " 1"],
         d: Float[np.ndarray, " 2"],
     ) -> Jacobians:
-        """Derivatives of eq. cstr_system_eqn by hand."""
+        """Return the analytic derivatives of eq. cstr_system_eqn."""
         T, C_A = x.tolist()
         p = self.params
         k = self._rate(T)
@@ -125,8 +125,8 @@ class CSTR:
         d: Float[np.ndarray, " 2"],
         times: Float[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K 2"]:
-        """States at `times` [h] by the compiled fixed-step integrator."""
-        # Here, not above: importing the package must not load the compiler.
+        """Return the states at `times` [h], from the compiled fixed-step integrator."""
+        # Imported here so that importing the package does not load the compiler.
         from . import _cstr_kernels
 
         d = np.concatenate([d, self._packed])
@@ -134,17 +134,17 @@ class CSTR:
         return states
 
     def _rate(self, T: float) -> float:
-        """Arrhenius factor of eq. ratelaw, 1/h; 0 where the temperature makes no sense."""
+        """Return the Arrhenius factor of eq. ratelaw, 1/h; 0 for impossible temperatures."""
         return self.params.k_0 * exp(-self.params.E / (self.params.R * T)) if T > 0 else 0.0
 
     def steady_state_at_concentration(
         self, C_A: float, d: Float[np.ndarray, " 2"] = FEED
     ) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 1"]]:
-        """The one steady state (x, u) with concentration `C_A` [kgmol/m³], stable or not.
+        """Return the only steady state (x, u) with concentration `C_A` [kgmol/m³], stable or not.
 
         Raises:
-            PlantError: `C_A` not strictly between 0 and the feed's concentration, or reached
-                only above the temperature at which every molecule would react.
+            PlantError: If `C_A` is not strictly between 0 and the feed's concentration, or would
+                need a temperature above the one at which every molecule reacts.
         """
         p = self.params
         if not 0 < C_A < d[1]:
@@ -159,14 +159,14 @@ class CSTR:
     def steady_states_at_input(
         self, T_c: float, d: Float[np.ndarray, " 2"] = FEED
     ) -> Float[np.ndarray, "k 2"]:
-        """All steady states (T, C_A) at coolant temperature `T_c` [K], by rising T, shape (k, 2).
+        """Return all steady states (T, C_A) at coolant temperature `T_c` [K], by T, shape (k, 2).
 
         Raises:
-            PlantError: `T_c` not positive and finite.
+            PlantError: If `T_c` is not positive and finite.
         """
         if not 0 < T_c < np.inf:
             raise PlantError(f"T_c must be positive and finite, got {T_c} K")
-        from scipy.optimize import brentq  # half a second to import, for this alone
+        from scipy.optimize import brentq  # takes half a second to import, and only this needs it
 
         p, u = self.params, np.array([T_c])
 

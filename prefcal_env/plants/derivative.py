@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 _TINY = 1e-30
-"""Complex step: so small that its square vanishes beside anything."""
+"""Complex step: so small that its square is negligible."""
 _STEP = 1e-3
-"""Step of the differences, relative to the point: (machine precision)^(1/5), their optimum."""
+"""Step of the differences, relative to the point: the optimum, (machine precision)^(1/5)."""
 _AGREE = 1e-4
-"""A complex-step derivative that is further off from the differences is not believed."""
+"""Largest deviation from the differences at which a complex-step derivative is trusted."""
 
 Vector = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 
@@ -20,12 +20,12 @@ Vector = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 def derivative(
     function: Callable[[Vector], Any], point: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "m n"]:
-    """Jacobian of `function`, from (n,) to (m,), at `point`, shape (m, n).
+    """Return the Jacobian of `function`, from (n,) to (m,), at `point`, shape (m, n).
 
-    By the complex step, Im f(p + ih)/h, which has no cancellation and is exact to rounding for
-    analytic functions. It fails, sometimes silently, for those that are not analytic (abs, max,
-    float()): where it raises or does not agree with central differences, these are returned
-    (extrapolated to order 4, to some 1e-12 of the scale of the function).
+    The complex step Im f(p + ih)/h has no cancellation and is exact to rounding for analytic
+    functions. For others (abs, max, float()) it fails, sometimes silently. If it raises or does
+    not agree with central differences, those are returned instead (extrapolated to order 4, with
+    an error of about 1e-12 of the scale of the function).
     """
     rough = _differences(function, point)
     exact = _complex_step(function, point)
@@ -71,6 +71,6 @@ def _central(
     ahead[i] += h
     behind[i] -= h
     values = [np.asarray(function(p), dtype=float) for p in (ahead, behind)]
-    # Over the distance of the rounded points, not of the wanted ones.
+    # Divide by the distance of the rounded points, not of the intended ones.
     difference: Float[np.ndarray, " m"] = (values[0] - values[1]) / (ahead[i] - behind[i])
     return difference

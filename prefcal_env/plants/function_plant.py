@@ -1,4 +1,4 @@
-"""A plant from its equations alone."""
+"""A plant defined by its equations only."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,30 +14,31 @@ from .integrate import integrate
 from .plant import Jacobians
 
 Equation = Callable[[Any, Any, Any], Any]
-"""(x, u, d), each an array, to an array or a sequence of numbers."""
+"""Function of (x, u, d), each an array, that returns an array or a sequence of numbers."""
 
 
 class FunctionPlant:
-    """ẋ = f(x, u, d), y = g(x, u, d), d measured disturbances, as a `Plant`.
+    """A `Plant` with ẋ = f(x, u, d), y = g(x, u, d) and measured disturbances d.
 
-    The Jacobians are derived from f and g (see `derivative`): exact to rounding where they are
-    analytic. Where f overflows or divides by zero the derivative is NaN: the experiment ends
-    there instead of raising.
+    The Jacobians are computed from f and g (see `derivative`): exact to rounding where these are
+    analytic. Where f overflows or divides by zero, the derivative is NaN, so that the experiment
+    ends there instead of raising.
 
     Args:
         f: State derivative per `time_unit`, n_x numbers.
-        g: Controlled outputs, n_y numbers; None: y = x.
+        g: Controlled outputs, n_y numbers; None means y = x.
         states: The n_x states, in the order of x.
         inputs: The n_u inputs, with the limits of the actuators.
-        outputs: The n_y outputs; goes with `g`.
+        outputs: The n_y outputs; required if and only if `g` is given.
         disturbances: The n_d measured disturbances.
-        name: How people call it.
+        name: Name of the plant, as shown to people.
         time_unit: Unit of time.
         max_step: Largest step of the integrator (Runge-Kutta of order 4), in `time_unit`.
 
     Raises:
-        PlantError: no state or no input, `g` without `outputs` or the other way round, a step
-            that is not positive; when called, equations that return the wrong number of values.
+        PlantError: If there is no state or no input, only one of `g` and `outputs` is given, or
+            the step is not positive; when called, if an equation returns the wrong number of
+            values.
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class FunctionPlant:
         u: Float[np.ndarray, " n_u"],
         d: Float[np.ndarray, " n_d"],
     ) -> Float[np.ndarray, " n_x"]:
-        """State derivative, per `time_unit`."""
+        """Return the state derivative, per `time_unit`."""
         return np.asarray(self._values("f", x, u, d), dtype=float)
 
     def g(
@@ -80,7 +81,7 @@ class FunctionPlant:
         u: Float[np.ndarray, " n_u"],
         d: Float[np.ndarray, " n_d"],
     ) -> Float[np.ndarray, " n_y"]:
-        """Controlled outputs."""
+        """Return the controlled outputs."""
         return np.asarray(self._values("g", x, u, d), dtype=float)
 
     def jacobians(
@@ -89,7 +90,7 @@ class FunctionPlant:
         u: Float[np.ndarray, " n_u"],
         d: Float[np.ndarray, " n_d"],
     ) -> Jacobians:
-        """Derivatives of f and g at one point."""
+        """Return the derivatives of f and g at one point."""
         n_x = len(self.states)
         point = np.concatenate([x, u])
         AB = derivative(lambda p: self._values("f", p[:n_x], p[n_x:], d), point)
@@ -103,7 +104,7 @@ class FunctionPlant:
         d: Float[np.ndarray, " n_d"],
         times: Float[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K n_x"]:
-        """States at `times` after x, with u and d held; NaN from where they blow up."""
+        """Return the states at `times` after x, with u and d held; NaN once they blow up."""
         with np.errstate(all="ignore"):
             return integrate(self._f_or_nan, x, u, d, times, self.max_step)
 
@@ -114,7 +115,7 @@ class FunctionPlant:
             return np.full(len(self.states), np.nan)
 
     def _values(self, name: str, x: Any, u: Any, d: Any) -> Any:
-        """What f or g returns, as a float or complex array of the right shape."""
+        """Return the result of f or g as a float or complex array of the right shape."""
         if name == "g" and self._g is None:
             return np.array(x)
         equation, channels = (self._f, self.states) if name == "f" else (self._g, self.outputs)

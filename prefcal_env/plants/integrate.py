@@ -1,4 +1,4 @@
-"""A fixed-step integrator, written so that it runs as it stands and also compiles."""
+"""A fixed-step integrator, written so that it runs in Python and also compiles."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,13 +15,13 @@ def integrate(
     times: Float[np.ndarray, " K"],
     max_step: float,
 ) -> Float[np.ndarray, "K n_x"]:
-    """States at `times` after `x` at time 0, with `u` and `d` held, shape (K, n_x).
+    """Return the states at `times` after `x` at time 0, with `u` and `d` held, shape (K, n_x).
 
-    Classical Runge-Kutta of order 4; every stretch between two of `times` is divided into equal
-    steps of at most `max_step`, so each of `times` is hit exactly.
+    Uses the classical Runge-Kutta method of order 4. Each interval between two of `times` is
+    divided into equal steps of at most `max_step`, so that each of `times` is hit exactly.
 
-    A plant that compiles `f` compiles this very function with it (see `_cstr_kernels`): keep it
-    to what numba understands.
+    A plant that compiles `f` also compiles this function (see `_cstr_kernels`): use only what
+    numba supports.
     """
     states = np.empty((len(times), len(x)))
     now = 0.0
@@ -34,7 +34,7 @@ def integrate(
             k3 = f(x + h / 2 * k2, u, d)
             k4 = f(x + h * k3, u, d)
             x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        for j in range(len(x)):  # assigning the row alone would compile for 3 s
+        for j in range(len(x)):  # assigning the whole row would take 3 s to compile
             states[i, j] = x[j]
         now = times[i]
     return states

@@ -1,4 +1,4 @@
-"""What a plant is: eq. mathcalS with measured disturbances, and its exact Jacobians."""
+"""The interface of a plant: eq. mathcalS with measured disturbances, and its exact Jacobians."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -20,19 +20,19 @@ class Jacobians:
 
 
 class Plant(Protocol):
-    """ẋ = f(x, u, d), y = g(x, u, d) (eq. mathcalS), d measured disturbances.
+    """A plant ẋ = f(x, u, d), y = g(x, u, d) (eq. mathcalS) with measured disturbances d.
 
-    Units are those of the channels, time is in `time_unit`. The functions are pure. A user's
-    plant needs to write f and g alone: see `prefcal_env.plants.FunctionPlant`.
+    Units are those of the channels; time is in `time_unit`. All functions are pure. To define
+    your own plant, you only need f and g: see `prefcal_env.plants.FunctionPlant`.
     """
 
     @property
     def name(self) -> str:
-        """How people call it."""
+        """Name of the plant, as shown to people."""
 
     @property
     def time_unit(self) -> str:
-        """Unit of time, "h" or "s" say."""
+        """Unit of time, such as "h" or "s"."""
 
     @property
     def states(self) -> tuple[Channel, ...]:
@@ -56,7 +56,7 @@ class Plant(Protocol):
         u: Float[np.ndarray, " n_u"],
         d: Float[np.ndarray, " n_d"],
     ) -> Float[np.ndarray, " n_x"]:
-        """State derivative, per `time_unit`."""
+        """Return the state derivative, per `time_unit`."""
 
     def g(
         self,
@@ -64,7 +64,7 @@ class Plant(Protocol):
         u: Float[np.ndarray, " n_u"],
         d: Float[np.ndarray, " n_d"],
     ) -> Float[np.ndarray, " n_y"]:
-        """Controlled outputs."""
+        """Return the controlled outputs."""
 
     def jacobians(
         self,
@@ -72,7 +72,7 @@ class Plant(Protocol):
         u: Float[np.ndarray, " n_u"],
         d: Float[np.ndarray, " n_d"],
     ) -> Jacobians:
-        """Exact derivatives of f and g at one point."""
+        """Return the exact derivatives of f and g at one point."""
 
     def hold(
         self,
@@ -81,4 +81,4 @@ class Plant(Protocol):
         d: Float[np.ndarray, " n_d"],
         times: Float[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K n_x"]:
-        """States at `times` (increasing, above 0) after x, with u and d held from time 0 on."""
+        """Return the states at `times` (increasing, above 0) after x, with u and d held."""

@@ -1,4 +1,4 @@
-"""The outcome of an experiment, as far as an agent may know it: KPIs, and no trajectory."""
+"""Outcome of an experiment as an agent sees it: KPIs without trajectories."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -11,13 +11,13 @@ _NUMBERS: Mapping[Any, float] = {"inf": np.inf, "-inf": -np.inf}
 
 
 class Outcome(Mapping[str, float]):
-    """KPIs of an experiment by name: lower is better, infinite means never. Frozen, hashable.
+    """KPIs of an experiment by name, frozen and hashable: lower is better, infinity means never.
 
     Args:
-        kpis: Name to value; one that is NaN is unknown, and left out.
+        kpis: Maps a name to its value; NaN means unknown and is dropped.
 
     Raises:
-        PreferenceError: a name that is no text, or a value that is no number.
+        PreferenceError: If a name is not a string or a value is not a number.
     """
 
     def __init__(self, kpis: Mapping[str, float]) -> None:
@@ -47,12 +47,12 @@ class Outcome(Mapping[str, float]):
         return f"Outcome({self._kpis!r})"
 
     def to_dict(self) -> dict[str, float | str]:
-        """Plain data for JSON, which has no infinity: that is a word."""
+        """Return plain data for JSON, which has no infinity: it becomes the text "inf"."""
         return {k: v if np.isfinite(v) else str(v) for k, v in self._kpis.items()}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Outcome":
-        """Read what `to_dict` gave. Raises PreferenceError if it is something else."""
+        """Read the data that `to_dict` returns. Raises PreferenceError for anything else."""
         if not isinstance(data, Mapping):
             raise PreferenceError(f"an outcome must map names to numbers, got {data!r}")
         words: dict[str, Any] = {

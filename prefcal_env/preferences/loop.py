@@ -1,4 +1,4 @@
-"""The loop of a study: ask, run, compare, tell. It may be stopped between any two comparisons."""
+"""The loop of a study: ask, run, compare, tell. You can stop it between any two comparisons."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ Run = Callable[[Float[np.ndarray, " n"]], Experiment]
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One closed query, with both experiments.
+    """A closed query with both experiments.
 
     `incumbent` is None for the very first experiment, whose answer is an abstention.
     """
@@ -28,14 +28,14 @@ class Comparison:
 
     @property
     def winner(self) -> Experiment:
-        """The better one; of a query that is not a further one, the incumbent afterwards."""
+        """Preferred experiment; without a preference, the incumbent if there is one."""
         if self.incumbent is None or self.answer.preference is Preference.CHALLENGER:
             return self.challenger
         return self.incumbent
 
     @property
     def winner_index(self) -> int:
-        """Number of the winner."""
+        """Index of the winner's sample."""
         if self.query.incumbent is None or self.answer.preference is Preference.CHALLENGER:
             return self.query.challenger.index
         return self.query.incumbent.index
@@ -47,16 +47,17 @@ def calibrate(
     calibrator: Calibrator[Experiment],
     outcome: Callable[[Experiment], Mapping[str, float]] | None = None,
 ) -> Iterator[Comparison]:
-    """Drive `agent` until it is done, yielding every comparison after it was told.
+    """Drive `agent` until it is done, yielding each comparison after the agent is told.
 
-    An experiment that became unsafe is marked so, whatever the calibrator says: see `completed`.
+    An experiment that became unsafe is marked as such, whatever the calibrator says: see
+    `completed`.
 
     Args:
-        agent: Proposes θ; changed by this.
-        run: One closed-loop experiment of a physical θ, shape (n,); called once for each θ.
-        calibrator: Compares challenger and incumbent.
-        outcome: KPIs of an experiment by name, lower is better, from which the agent learns too;
-            `tracking_kpis` finds some in any trajectory with a reference.
+        agent: Agent that proposes θ; it is changed.
+        run: Function that runs one experiment of a physical θ, shape (n,); called once for each θ.
+        calibrator: Calibrator that compares challenger and incumbent.
+        outcome: Function that returns the KPIs of an experiment by name, lower is better; the
+            agent also learns from them. `tracking_kpis` works for any trajectory with a reference.
 
     Yields:
         The comparisons, `agent.n_max` of them, the first without an incumbent.

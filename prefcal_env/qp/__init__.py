@@ -1,4 +1,4 @@
-"""Quadratic programs: one problem type, two backends, solutions that are checked."""
+"""Quadratic programs: one problem type, two backends, and checked solutions."""
 
 from prefcal_env.errors import SettingsError
 
@@ -15,8 +15,8 @@ def make_backend(name: str = "piqp", tolerances: Tolerances | None = None) -> Ba
     """Make the QP solver called `name`, one of `BACKENDS`.
 
     Raises:
-        SettingsError: an unknown name.
-        MissingExtraError: "daqp" without the extra installed.
+        SettingsError: If the name is unknown.
+        MissingExtraError: If "daqp" is requested but its extra is not installed.
     """
     if name == "piqp":
         from .piqp_backend import PIQPBackend

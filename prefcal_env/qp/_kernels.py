@@ -1,6 +1,6 @@
-"""The checks before and after a solve, compiled: in numpy they cost as much as the solve.
+"""Compiled checks before and after a solve; in numpy they cost as much as the solve itself.
 
-Loops over numbers alone: whole-array expressions take several times as long to compile.
+They loop over numbers only: whole-array expressions take several times as long to compile.
 """
 
 import numpy as np
@@ -10,10 +10,11 @@ from prefcal_env.jit import kernel
 
 @kernel()
 def residuals(P, q, G, lower, upper, z, y):  # type: ignore[no-untyped-def]
-    """Feasibility, stationarity and duality gap of (z, y), and the size of the terms of each.
+    """Return feasibility, stationarity and duality gap of (z, y), each followed by its scale.
 
-    Returns (largest row violation, its scale, |Pz + q + Gᵀy|∞, its scale,
-    |zᵀPz + qᵀz + yᵀb|, its scale), where b is the bound that y pushes against.
+    That is (largest row violation, its scale, |Pz + q + Gᵀy|∞, its scale,
+    |zᵀPz + qᵀz + yᵀb|, its scale), where b is the bound that y pushes against and a scale is the
+    size of the terms.
     """
     n, m = len(q), len(lower)
     curvature, slope, push = 0.0, 0.0, 0.0
@@ -45,7 +46,7 @@ def residuals(P, q, G, lower, upper, z, y):  # type: ignore[no-untyped-def]
     steepest, strongest = 0.0, 0.0
     for i in range(n):
         slope_i = abs(gradient[i])
-        # Not max(): NaN must come out, so that nothing that is not a number counts as solved.
+        # Not max(): NaN must be passed on, so that a solution with NaN never counts as solved.
         if slope_i > steepest or np.isnan(slope_i):
             steepest = slope_i
         if force[i] > strongest or np.isnan(force[i]):
@@ -62,7 +63,7 @@ def residuals(P, q, G, lower, upper, z, y):  # type: ignore[no-untyped-def]
 
 @kernel()
 def check_rows(G, lower, upper):  # type: ignore[no-untyped-def]
-    """(all of G finite, first row whose bounds are crossed or NaN or -1, any row unbounded)."""
+    """Return (G is finite, first row with crossed or NaN bounds or -1, any row is unbounded)."""
     finite, crossed, free = True, -1, False
     for i in range(G.shape[0]):
         for j in range(G.shape[1]):

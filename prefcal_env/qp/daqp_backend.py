@@ -14,11 +14,11 @@ except ImportError as error:  # pragma: no cover - the test environment has the 
     ) from error
 
 _STATUS = {-1: Status.INFEASIBLE, -3: Status.UNBOUNDED, -4: Status.ITERATION_LIMIT}
-_INFINITY = 1e30  # DAQP takes bounds beyond this as absent
+_INFINITY = 1e30  # DAQP ignores bounds beyond this
 
 
 class DAQPBackend:
-    """Dense DAQP. A P that is only semidefinite is solved by its proximal iterations."""
+    """Dense DAQP. If P is only semidefinite, DAQP's proximal iterations solve the problem."""
 
     name = "daqp"
 
@@ -26,7 +26,7 @@ class DAQPBackend:
         self._tolerances = tolerances or Tolerances()
 
     def solve(self, qp: QP) -> Solution:
-        """Solve once; see `Backend`."""
+        """Solve a QP once; see `Backend`."""
         tolerances = self._tolerances
         z, _, exit_flag, info = daqp.solve(
             np.ascontiguousarray(qp.P),

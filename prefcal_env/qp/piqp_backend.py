@@ -1,9 +1,9 @@
 """PIQP, a proximal interior-point solver: the default backend, and the only import of piqp.
 
-PIQP reports little of what goes wrong: wrong shapes and rows without a bound only print, NaN and
-an indefinite P pass unnoticed, `solve` after a failed `setup` ends the process, and `result.x` is
-a view into memory that the next solve overwrites. `QP` refuses the malformed, this adapter always
-sets up before it solves, and `verified` copies and checks what comes out.
+PIQP reports few errors: wrong shapes and rows without a bound only print a message, NaN and an
+indefinite P pass unnoticed, `solve` after a failed `setup` ends the process, and `result.x` is a
+view into memory that the next solve overwrites. Therefore `QP` refuses malformed problems, this
+adapter always sets up before it solves, and `verified` copies and checks the result.
 """
 
 from dataclasses import replace
@@ -34,15 +34,15 @@ class PIQPBackend:
         settings.max_iter = self._tolerances.max_iterations
 
     def solve(self, qp: QP) -> Solution:
-        """Solve once; see `Backend`."""
+        """Solve a QP once; see `Backend`."""
         if qp.has_free_rows:
             return self._without_free_rows(qp)
-        P = np.asfortranarray(qp.P.T)  # symmetric, and so without a copy
+        P = np.asfortranarray(qp.P.T)  # symmetric, so this makes no copy
         solver, m, n = self._solver, len(qp.lower), len(qp.q)
         box = m == n and n > 1 and np.array_equal(qp.G, np.eye(n))
         if not m:
             solver.setup(P, qp.q)
-        elif box:  # as bounds, its rows cost nothing to factorise
+        elif box:  # as bounds, its rows cost nothing to factorize
             solver.setup(P, qp.q, x_l=qp.lower, x_u=qp.upper)
         else:
             solver.setup(P, qp.q, None, None, np.asfortranarray(qp.G), qp.lower, qp.upper)
@@ -55,7 +55,7 @@ class PIQPBackend:
         return verified(qp, result.x, y, iterations)
 
     def _without_free_rows(self, qp: QP) -> Solution:
-        """PIQP prints about rows without any bound: leave them out."""
+        """Solve without rows that have no bound, because PIQP prints a message about them."""
         bounded = np.isfinite(qp.lower) | np.isfinite(qp.upper)
         solution = self.solve(qp.under(qp.G[bounded], qp.lower[bounded], qp.upper[bounded]))
         multipliers = np.zeros(len(qp.lower))

@@ -1,4 +1,4 @@
-"""A dense quadratic program, its solution, and the protocol of what solves it."""
+"""A dense quadratic program, its solution, and the protocol of a solver."""
 
 from dataclasses import dataclass, field
 from enum import Enum
@@ -13,7 +13,7 @@ from prefcal_env.errors import QPError, SettingsError
 
 
 class Status(Enum):
-    """How a solve ended. Only SOLVED has passed the check of its residuals."""
+    """How a solve ended. Only SOLVED means that the residuals passed the check."""
 
     SOLVED = "solved"
     INACCURATE = "residuals above tolerance"
@@ -28,9 +28,9 @@ class Tolerances:
     """When a solver may stop: the QP tolerances that the paper lists among the MPC's knobs.
 
     Args:
-        absolute: On the residuals, in the units of each row and of the gradient.
-        relative: On the residuals, against the size of the terms that they are made of.
-        max_iterations: After which a solve is given up.
+        absolute: Tolerance of the residuals, in the units of each row and of the gradient.
+        relative: Tolerance of the residuals, relative to the size of their terms.
+        max_iterations: Number of iterations after which a solver gives up.
     """
 
     absolute: float = 1e-8
@@ -50,18 +50,20 @@ class Tolerances:
 
 @dataclass(frozen=True, slots=True)
 class QP:
-    """min ½ zᵀP z + qᵀz subject to lower <= G z <= upper; equal bounds are an equality.
+    """The problem min ½ zᵀP z + qᵀz subject to lower <= G z <= upper.
+
+    Equal bounds define an equality.
 
     Args:
-        P: Symmetric positive semidefinite, shape (n, n).
-        q: Shape (n,).
-        G: Shape (m, n).
-        lower: Shape (m,), -inf where there is no bound.
-        upper: Shape (m,), inf where there is no bound.
+        P: Symmetric positive semidefinite matrix of the cost, shape (n, n).
+        q: Linear term of the cost, shape (n,).
+        G: Matrix of the rows, shape (m, n).
+        lower: Lower bounds, shape (m,), -inf for no bound.
+        upper: Upper bounds, shape (m,), inf for no bound.
 
     Raises:
-        QPError: wrong shapes, NaN or infinite data, crossed bounds, P not symmetric or
-            not positive semidefinite.
+        QPError: If a shape is wrong, data is NaN or infinite, bounds are crossed, or P is not
+            symmetric positive semidefinite.
     """
 
     P: Float[np.ndarray, "n n"]
@@ -89,7 +91,7 @@ class QP:
         lower: Float[np.ndarray, " m2"],
         upper: Float[np.ndarray, " m2"],
     ) -> "QP":
-        """The same cost under other rows; the cost, checked already, is not checked again."""
+        """Return the same cost with other rows; the cost is not checked again."""
         qp = object.__new__(QP)
         put = object.__setattr__
         put(qp, "P", self.P), put(qp, "q", self.q)
@@ -117,7 +119,7 @@ class QP:
 
 @cache
 def _kernels() -> Any:
-    from . import _kernels  # the compiler is not loaded before it is needed
+    from . import _kernels  # imported here: load the compiler only when needed
 
     return _kernels
 
@@ -127,7 +129,7 @@ def _check_convex(P: Float[np.ndarray, "n n"]) -> None:
     if np.abs(P - P.T).max() > 1e-10 * scale:
         raise QPError("P of a QP must be symmetric")
     try:
-        # Semidefinite up to rounding: the shift lets a zero eigenvalue pass.
+        # Semidefinite up to rounding: the shift accepts an eigenvalue of zero.
         np.linalg.cholesky(P + 1e-10 * scale * np.eye(len(P)))
     except np.linalg.LinAlgError as error:
         smallest = float(np.linalg.eigvalsh(P)[0])
@@ -138,13 +140,13 @@ def _check_convex(P: Float[np.ndarray, "n n"]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What a solve gave.
+    """The result of a solve.
 
     Args:
-        z: Search, shape (n,); meaningful when `status` is SOLVED.
-        multipliers: Of the rows of G, shape (m,), positive at the upper bound.
-        status: How it ended, after the check of the residuals.
-        iterations: Of the solver.
+        z: Minimizer, shape (n,); meaningful only if `status` is SOLVED.
+        multipliers: Multipliers of the rows of G, shape (m,), positive at the upper bound.
+        status: How the solve ended, after the check of the residuals.
+        iterations: Number of solver iterations.
         primal_residual: Largest violation of a row.
         dual_residual: Largest entry of P z + q + Gᵀ multipliers.
     """
@@ -163,14 +165,14 @@ class Solution:
 
 
 class Backend(Protocol):
-    """A QP solver. Never raises for an unsolvable QP: read `Solution.status`."""
+    """A QP solver. It never raises for an unsolvable QP: read `Solution.status`."""
 
     @property
     def name(self) -> str:
-        """How people call it."""
+        """Name of the solver, as in `BACKENDS`."""
 
     def solve(self, qp: QP) -> Solution:
-        """Solve once, check the residuals, return copies that later solves leave alone."""
+        """Solve once, check the residuals, and return copies that later solves do not change."""
 
 
 def verified(
@@ -180,10 +182,10 @@ def verified(
     iterations: int,
     tolerance: float = 1e-6,
 ) -> Solution:
-    """Trust a solver's "solved" only if the optimality conditions hold to `tolerance`.
+    """Return a solution that is "solved" only if the optimality conditions hold to `tolerance`.
 
-    Feasibility, stationarity and the duality gap, each relative to the size of its terms.
-    Copies `z` and `multipliers`.
+    The conditions are feasibility, stationarity and the duality gap, each relative to the size of
+    its terms. `z` and `multipliers` are copied.
     """
     z, y = z.copy(), multipliers.copy()
     primal, reach, dual, force, gap, value = _kernels().residuals(
@@ -194,7 +196,7 @@ def verified(
 
 
 def failed(qp: QP, status: Status, iterations: int) -> Solution:
-    """A solution that holds nothing but how it failed."""
+    """Return a solution that only says how the solve failed."""
     nan = float("nan")
     return Solution(
         np.full(len(qp.q), nan), np.full(len(qp.lower), nan), status, iterations, nan, nan

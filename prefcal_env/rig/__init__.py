@@ -1,4 +1,4 @@
-"""A rig: a plant that only a person can run, and the records that he brings of it."""
+"""Rigs: plants that only a person can run, and the records of these runs."""
 
 from .records import Columns as Columns
 from .rig import Rig as Rig

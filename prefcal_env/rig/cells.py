@@ -1,4 +1,4 @@
-"""From the text of a record to its cells: lines, comments, separators, and what a number is."""
+"""Split the text of a record into cells: lines, comments, separators, and numbers."""
 
 import csv
 import io
@@ -15,12 +15,12 @@ _SEPARATORS = ",;\t"
 
 @dataclass(frozen=True, slots=True)
 class Cells:
-    """What stands in a record, as text.
+    """The cells of a record, as text.
 
     Args:
-        headings: Of the columns.
-        rows: Number of the line, as an editor counts it, and its cells.
-        decimal_comma: Whether a number may have one: not where commas separate the cells.
+        headings: Headings of the columns.
+        rows: Line number, as shown by an editor, and cells of each row.
+        decimal_comma: Whether numbers may have a decimal comma, which requires another separator.
     """
 
     headings: tuple[str, ...]
@@ -29,14 +29,14 @@ class Cells:
 
 
 def cells_of(text: str, wanted: Collection[str]) -> Cells:
-    """The cells of a CSV that is separated by commas, semicolons or tabs.
+    """Return the cells of a CSV that is separated by commas, semicolons or tabs.
 
     Args:
-        text: Of the file; empty lines and those that begin with # are left out.
-        wanted: Names and headings to look for: the separator is the one that finds most of them.
+        text: Text of the file; empty lines and lines that begin with # are ignored.
+        wanted: Expected names and headings: the separator that finds most of them is used.
 
     Raises:
-        RecordError: nothing but comments, or broken quotes.
+        RecordError: If there are only comments, or quotes are broken.
     """
     lines = [
         (number, line)
@@ -49,13 +49,13 @@ def cells_of(text: str, wanted: Collection[str]) -> Cells:
     separator = max(_SEPARATORS, key=lambda s: _found(first, s, wanted))
     cells = _split("\n".join(line for _, line in lines), separator)
     if len(cells) != len(lines):
-        raise RecordError("a quoted cell goes over several lines")
+        raise RecordError("a quoted cell spans several lines")
     numbers = [number for number, _ in lines]
     return Cells(tuple(cells[0]), tuple(zip(numbers[1:], cells[1:], strict=True)), separator != ",")
 
 
 def parts_of(heading: str) -> tuple[str, str | None]:
-    """Name and unit of a heading "name [unit]"; None where it has no unit."""
+    """Return name and unit of a heading "name [unit]"; the unit is None if there is none."""
     plain = heading.strip()
     if plain.endswith("]") and "[" in plain:
         name, _, unit = plain[:-1].rpartition("[")
@@ -64,7 +64,7 @@ def parts_of(heading: str) -> tuple[str, str | None]:
 
 
 def number_of(cell: str, *, decimal_comma: bool) -> float | None:
-    """The number in a cell; None where there is none, NaN, or one with thousands set apart."""
+    """Return the number in a cell; None for NaN, thousands separators, or no number."""
     plain = cell.strip()
     if not _NUMBER.fullmatch(plain) or ("," in plain and not decimal_comma):
         return None
@@ -72,7 +72,7 @@ def number_of(cell: str, *, decimal_comma: bool) -> float | None:
 
 
 def same_unit(one: str, other: str) -> bool:
-    """Whether two units are spelled alike, but for spaces, micro signs and superscripts."""
+    """Return whether two units are equal up to spaces, micro signs and superscripts."""
     return _plain(one) == _plain(other)
 
 
@@ -82,7 +82,7 @@ def _plain(unit: str) -> str:
 
 
 def _found(line: str, separator: str, wanted: Collection[str]) -> tuple[int, int]:
-    """How many headings are known with this separator, and how many there are."""
+    """Return how many headings are known with this separator, and how many there are."""
     try:
         headings = _split(line, separator)[0]
     except RecordError:
@@ -95,4 +95,4 @@ def _split(text: str, separator: str) -> list[list[str]]:
     try:
         return list(csv.reader(io.StringIO(text), delimiter=separator, strict=True))
     except csv.Error as error:
-        raise RecordError(f"the record is no CSV: {error}") from error
+        raise RecordError(f"the record is not valid CSV: {error}") from error

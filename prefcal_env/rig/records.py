@@ -1,4 +1,4 @@
-"""Reading a record, a CSV of time and channels, and saying all that is wrong with it at once."""
+"""Read a record, a CSV of time and channels, and report all of its problems at once."""
 
 import csv
 import io
@@ -13,22 +13,22 @@ from prefcal_env.errors import RecordError
 from .cells import Cells, cells_of, number_of, parts_of, same_unit
 
 _MOST_TOLD = 5
-"""Problems that are listed; a person mends some and tries again."""
+"""Largest number of problems in a message; people fix some of them and try again."""
 _WIDEST = 1e30
-"""No sensor shows more, in whatever unit; beyond it plots and sums overflow."""
+"""Largest plausible value in any unit; beyond it plots and sums overflow."""
 
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """What a record has to hold: names and their units, the time first.
+    """The columns of a record: names and units, time first.
 
     Args:
-        names: Of the columns.
-        units: One for each.
-        ranges: Name to what its sensor can show, in its unit.
+        names: Names of the required columns.
+        units: Unit of each column.
+        ranges: Maps a name to the range of its sensor, in its unit.
         max_gap: Longest step in time, in median steps.
-        max_rows: Most rows that are read.
-        optional: Name to unit of columns that may be there besides.
+        max_rows: Largest number of rows.
+        optional: Maps the names of optional columns to their units.
     """
 
     names: tuple[str, ...]
@@ -40,24 +40,25 @@ class Columns:
 
     @property
     def headings(self) -> tuple[str, ...]:
-        """Of the columns that must be there, as they should stand in the first line."""
+        """Headings of the required columns, as they should appear in the first line."""
         return tuple(_heading(n, u) for n, u in zip(self.names, self.units, strict=True))
 
     @property
     def template(self) -> str:
-        """The first line of a record, quoted where a name needs it."""
+        """Return the first line of a record, quoted where a name needs it."""
         line = io.StringIO()
         csv.writer(line, lineterminator="\n").writerow(self.headings)
         return line.getvalue()
 
     def read(self, text: str) -> Float[np.ndarray, "K n"]:
-        """The values of `names` and then of `optional`, shape (K, n); an absent one is NaN.
+        """Return the values of `names` and then `optional`, shape (K, n); NaN for absent columns.
 
-        Separators may be commas, semicolons or tabs, with a decimal comma beside the latter two;
-        lines that begin with # are left out; further columns too.
+        Separators are commas, semicolons or tabs; with the latter two, numbers may have a decimal
+        comma. Lines that begin with # and unknown columns are ignored.
 
         Raises:
-            RecordError: it lists what is wrong, with lines as an editor counts them.
+            RecordError: If the record is not valid; the message lists all problems, with line
+                numbers as shown by an editor.
         """
         known = self._known()
         cells = cells_of(text, {*known, *(_heading(n, u) for n, u in known.items())})
@@ -82,13 +83,13 @@ class Columns:
         return dict(zip(self.names, self.units, strict=True)) | dict(self.optional)
 
     def _places(self, headings: Sequence[str]) -> dict[str, int]:
-        """Name to where its column stands."""
+        """Return the position of each column by name."""
         known, problems, places = self._known(), [], {}
         parts = [_parts(heading, known) for heading in headings]
         for name, unit in known.items():
             found = [(i, given) for i, (called, given) in enumerate(parts) if called == name]
             if len(found) != 1 and (found or name not in self.optional):
-                what = f"stands there {len(found)} times" if found else "is missing"
+                what = f"appears {len(found)} times" if found else "is missing"
                 there = ", ".join(called[:40] for called, _ in parts[:12])
                 problems.append(f"column {name!r} {what}; the headings are {there}")
             for place, given in found:
@@ -104,7 +105,7 @@ class Columns:
     def _column(
         self, cells: Cells, name: str, place: int, values: Float[np.ndarray, " K"]
     ) -> list[str]:
-        """Fill `values` with the column `name`; what was no number, in one sentence."""
+        """Fill `values` with the column `name`; return its problem, if any, as one sentence."""
         first, count = "", 0
         for k, (line, row) in enumerate(cells.rows):
             cell = row[place] if place < len(row) else ""
@@ -156,7 +157,7 @@ def _heading(name: str, unit: str) -> str:
 
 
 def _parts(heading: str, known: Mapping[str, str]) -> tuple[str, str | None]:
-    """Name and unit that are meant; a known name may itself hold brackets."""
+    """Return the intended name and unit; a known name may itself contain brackets."""
     plain = heading.strip()
     for name, unit in known.items():
         if plain in (name, _heading(name, unit)):
@@ -165,7 +166,7 @@ def _parts(heading: str, known: Mapping[str, str]) -> tuple[str, str | None]:
 
 
 def _too_long(cells: Cells) -> list[str]:
-    """Rows with more cells than headings: a decimal comma would shift all columns unseen."""
+    """Report rows with more cells than headings: a decimal comma would shift all columns."""
     width = len(cells.headings)
     long = [(n, len(row)) for n, row in cells.rows if any(c.strip() for c in row[width:])]
     if not long:
@@ -178,7 +179,7 @@ def _too_long(cells: Cells) -> list[str]:
 
 
 def _mixed(cells: Cells, places: Collection[int]) -> list[str]:
-    """A comma here and a point there: one of them sets thousands apart."""
+    """Report a mix of commas and points in numbers: one of them must separate thousands."""
     if not cells.decimal_comma:
         return []
     seen: dict[str, int] = {}

@@ -1,4 +1,4 @@
-"""A plant that only a person can run: he gets θ, and brings a record."""
+"""A plant that only a person can run: they receive θ and return a record."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -17,24 +17,24 @@ TIME = "time"
 
 @dataclass(frozen=True)
 class Rig:
-    """The `run` of a scenario whose experiments somebody does himself.
+    """The `run` of a scenario whose experiments are done by a person.
 
-    Its records are CSV files with a column `time` and one for each state and input of `channels`,
-    in the channels' units; where the reference of an output changes, it may have a column
-    "NAME ref" besides. In front ends the person sees θ, the columns and `instructions`.
+    Records are CSV files with a column `time` and one column for each state and input of
+    `channels`, in the channels' units. If the reference of an output changes, the record may have
+    a column "NAME ref" as well. Front ends show the person θ, the columns and `instructions`.
 
     Args:
         channels: Names, units, limits and targets of states, inputs and outputs.
-        y_ref: Reference of each output, in its unit, for records without a column of it.
-        kpis: Key performance indicators of a record by name.
-        ranges: Name of a channel to what its sensor can show, in its unit: a value outside is
-            refused, for it is most likely in another unit.
-        instructions: How to run it, for the person.
-        max_gap: Longest step in time that is no gap, in median steps.
-        max_rows: Most rows of a record.
+        y_ref: Reference of each output, in its unit, for records without a column for it.
+        kpis: Function that returns the key performance indicators of a record by name.
+        ranges: Maps a channel's name to the range of its sensor, in its unit. A value outside is
+            refused: most likely it is in another unit.
+        instructions: Instructions that tell the person how to run an experiment.
+        max_gap: Longest step in time that is not a gap, in median steps.
+        max_rows: Largest number of rows of a record.
 
     Raises:
-        SettingsError: references or ranges that do not fit the channels, or an impossible bound.
+        SettingsError: If references or ranges do not fit the channels, or a bound is not valid.
     """
 
     channels: Channels
@@ -46,7 +46,7 @@ class Rig:
     max_rows: int = 200_000
 
     signals = ()
-    """What its records hold beside states and inputs: nothing."""
+    """Additional signals of the records: none."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "y_ref", tuple(map(float, self.y_ref)))
@@ -70,10 +70,10 @@ class Rig:
             )
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Refuse: only a person can run it.
+        """Refuse to run, because only a person can.
 
         Raises:
-            ScenarioError: always.
+            ScenarioError: Always.
         """
         raise ScenarioError(
             "this plant is a rig that only a person can run: calibrate it with the calibrator human"
@@ -81,7 +81,7 @@ class Rig:
 
     @property
     def columns(self) -> Columns:
-        """What a record has to hold."""
+        """Columns of a record."""
         signals = (*self.channels.x, *self.channels.u)
         return Columns(
             (TIME, *(c.name for c in signals)),
@@ -93,41 +93,41 @@ class Rig:
         )
 
     def template(self) -> str:
-        """The first line of a record."""
+        """Return the first line of a record."""
         return self.columns.template
 
     def read_bytes(self, content: bytes) -> str:
-        """The text of a file. Raises RecordError if it is no UTF-8."""
+        """Return the text of a file. Raises RecordError if it is not UTF-8."""
         try:
             return content.decode("utf-8")
         except UnicodeDecodeError as error:
             raise RecordError(
-                f"the record is no text in UTF-8 (byte {error.start}): save it as CSV, UTF-8"
+                f"the record is not UTF-8 text (byte {error.start}): save it as CSV in UTF-8"
             ) from error
 
     def read(
         self, text: str, theta: Float[np.ndarray, " n"], *, unsafe: bool = False
     ) -> Experiment:
-        """The experiment of θ, physical, (n,), that a record tells of.
+        """Return the experiment of a physical θ, shape (n,), from its record.
 
         Args:
-            text: Of the CSV.
-            theta: What was run.
-            unsafe: Whether it was stopped because it became unsafe.
+            text: Text of the CSV file.
+            theta: Controller parameters of the run.
+            unsafe: Whether the run was stopped because it became unsafe.
 
         Raises:
-            RecordError: it lists what is wrong with the record.
+            RecordError: If the record is not valid; the message lists all problems.
         """
         made = self._of(self.columns.read(text), theta, End.UNSAFE if unsafe else End.TIME_UP)
         return made if self.kpis is None else replace(made, kpis=_computed(self.kpis, made))
 
     def failed(self, theta: Float[np.ndarray, " n"], text: str | None = None) -> Experiment:
-        """An experiment of θ, physical, (n,), that failed, without KPIs.
+        """Return a failed experiment of a physical θ, shape (n,), without KPIs.
 
         Args:
-            theta: What was run.
-            text: Of the CSV of what was logged until then; one that `read` would refuse, or None,
-                leaves an experiment without a record.
+            theta: Controller parameters of the run.
+            text: Text of a CSV file with the data logged before the failure. With None, or a
+                record that `read` would refuse, the experiment has no record.
         """
         nothing = np.zeros((0, len(self.columns.names) + len(self.columns.optional)))
         if text is None:
@@ -140,7 +140,7 @@ class Rig:
     def _of(
         self, values: Float[np.ndarray, "K m"], theta: Float[np.ndarray, " n"], end: End
     ) -> Experiment:
-        """An experiment without KPIs; `values` are those of `Columns.read`."""
+        """Return an experiment without KPIs; `values` come from `Columns.read`."""
         n_x, n_u, count = len(self.channels.x), len(self.channels.u), len(values)
         t, x, u, y_ref = np.split(values, np.cumsum([1, n_x, n_u]), axis=1)
         return Experiment(
@@ -157,8 +157,8 @@ def _computed(
     try:
         return {str(name): float(value) for name, value in computed(kpis, made).items()}
     except Exception as error:
-        # The user's own function: the record may be at fault, or the function.
+        # The user's own function failed: the cause may be the record or the function.
         raise RecordError(
             "the scenario cannot compute the KPIs of this record "
-            f"({type(error).__name__}: {error}): mend the record or the scenario"
+            f"({type(error).__name__}: {error}): fix the record or the scenario"
         ) from error

@@ -1,6 +1,6 @@
 """`prefcal/Overtake-v0`: the overtaking of section IV-B as an environment.
 
-`OvertakeEnv` is loaded when it is asked for: highway-env takes a second.
+`OvertakeEnv` is loaded lazily, since highway-env takes a second to import.
 """
 
 from typing import TYPE_CHECKING, Any

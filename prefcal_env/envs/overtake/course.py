@@ -1,4 +1,4 @@
-"""The overtaking as a closed loop: what `OvertakeEnv` shows on highway-env's road."""
+"""The overtaking as a closed loop, which `OvertakeEnv` shows on highway-env's road."""
 
 from typing import Any
 
@@ -22,13 +22,13 @@ DEFAULT_T_S = 0.1
 
 
 class Course:
-    """Drives episodes of the overtaking; a `ClosedLoopEnv`, so `rollout` takes it as it is.
+    """A `ClosedLoopEnv` that drives episodes of the overtaking; `rollout` accepts it as it is.
 
-    `OvertakeEnv` is this with the spaces, the rewards and the pictures of an environment. By
-    itself it loads no highway-env, as long as no `Driver` is among the others.
+    `OvertakeEnv` adds the spaces, rewards and pictures of an environment. This class does not load
+    highway-env unless the traffic contains a `Driver`.
 
     Args:
-        options: What differs from the paper; None: nothing.
+        options: Differences from the paper; None for none.
     """
 
     def __init__(self, options: OvertakeOptions | None = None) -> None:
@@ -40,10 +40,10 @@ class Course:
         self._rng: np.random.Generator | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
-        """Start an episode, with the options `T_s` [s] and `x0`, as `begin`.
+        """Start an episode, with the options `T_s` [s] and `x0` as in `begin`.
 
-        The seed decides about measurement noise and random traffic; None: as the seed before goes
-        on.
+        The seed determines measurement noise and random traffic; None continues the random
+        numbers of the previous seed.
         """
         given = known_options(options, ("T_s", "x0"))
         if seed is not None or self._rng is None:
@@ -51,11 +51,12 @@ class Course:
         self.begin(given.get("T_s", DEFAULT_T_S), given.get("x0"), self._rng)
 
     def begin(self, T_s: Any, x0: Any, rng: np.random.Generator) -> None:
-        """Start an episode: sampling time `T_s` [s], pose `x0` (None: that of the options).
+        """Start an episode: sampling time `T_s` [s], pose `x0` (None uses that of the options).
 
         Raises:
-            SettingsError: a sampling time out of range.
-            PlantError: a pose of the wrong shape, not finite, off the road or in a collision.
+            SettingsError: If the sampling time is out of range.
+            PlantError: If the pose has the wrong shape, is not finite, off the road, or in a
+                collision.
         """
         T_s = number(T_s, T_S_RANGE, "T_s")
         pose = vector(self.options.x0 if x0 is None else x0, 3, "initial pose x0")
@@ -67,27 +68,27 @@ class Course:
 
     @property
     def episode(self) -> Episode:
-        """The one under way, or the last one. Raises ProtocolError before the first."""
+        """Current or last episode. Raises ProtocolError before the first."""
         if self._episode is None:
             raise ProtocolError("no episode yet: call reset() first")
         return self._episode
 
     @property
     def end(self) -> End | None:
-        """Why the episode is over; None while it goes on, and before the first one."""
+        """Why the episode ended; None before the first episode and while one goes on."""
         return None if self._episode is None else self._episode.end
 
     @property
     def mishap(self) -> Mishap | None:
-        """What ended the episode before its time, if anything did."""
+        """What ended the episode early; None if nothing did."""
         return None if self._episode is None else self._episode.mishap
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
         """Hold v [m/s] and δ_s [rad], shape (2,), for one sampling period; they saturate.
 
         Raises:
-            PlantError: inputs of the wrong shape or NaN.
-            ProtocolError: no episode is under way.
+            PlantError: If the inputs have the wrong shape or are NaN.
+            ProtocolError: If no episode is running.
         """
         episode = self.episode
         if episode.end is not None:
@@ -96,17 +97,18 @@ class Course:
         return episode.apply(np.minimum(np.maximum(u, self.low), self.high))
 
     def measurement(self) -> Measurement:
-        """What a controller knows now: x the measured pose, d (x_o, y_o, v_o) of each other one.
+        """Return what a controller knows: x is the measured pose, d is (x_o, y_o, v_o) of each.
 
-        `y_ref` is (x_f, 0, 0), that of lane keeping; references that follow from the phase are
-        the controller's own. Raises ProtocolError before the first episode.
+        d has one row for each other vehicle. `y_ref` is (x_f, 0, 0), for lane keeping; references
+        that depend on the phase are up to the controller. Raises ProtocolError before the first
+        episode.
         """
         return self.episode.measurement()
 
     def record(self) -> Record:
-        """The episode so far, or the last one once it has ended. Raises ProtocolError if none.
+        """Return the current or last episode. Raises ProtocolError if there is none.
 
-        Recorded are n sub-steps of T_s/n a period, of 0.02 s at most, and the end; a collision at
-        its very time. Its signals are those of `signals_of`.
+        The record has n sub-steps of T_s/n in each period, of at most 0.02 s, and the end; a
+        collision is recorded at its exact time. Its signals are those of `signals_of`.
         """
         return self.episode.record(self.channels)

@@ -1,4 +1,4 @@
-"""One sampling period of driving: where the bodies are, and what ends it before its time."""
+"""Drive one sampling period: where the bodies are, and what may end it early."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -15,15 +15,15 @@ from prefcal_env.plants.plant import Plant
 SUB_STEP = 0.02
 """Longest step between recorded instants [s]."""
 ROAD_MARGIN = 1.0
-"""A body that is farther than this off the road has left it [m]."""
+"""Distance off the road at which a body has left it [m]."""
 _SWERVE = 10.0
-"""How much farther a vehicle may come in a period than at its speed at the start [m]: it
-accelerates, or moves sideways."""
+"""Bound on the extra distance of a vehicle in a period, beyond its initial speed, by accelerating
+or moving sideways [m]."""
 _NONE = np.zeros(0)
 
 
 class Mishap(Enum):
-    """What ended an episode before its time."""
+    """What ended an episode early."""
 
     COLLISION = "collision"
     OFF_ROAD = "off the road"
@@ -32,12 +32,12 @@ class Mishap(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A period as it was driven: M instants after its start, the last one where it ended.
+    """A driven period: M instants after its start; the last one is where it ended.
 
     Args:
         t: Instants [s], shape (M,).
-        x: States there, shape (M, n_x).
-        mishap: Why it ended before its time, if it did.
+        x: States at `t`, shape (M, n_x).
+        mishap: What ended it early, if anything did.
     """
 
     t: Times
@@ -46,9 +46,9 @@ class Drive:
 
 
 def sub_steps(T_s: float) -> Times:
-    """Shares of a period at which it is recorded, the last one 1: n sub-steps of T_s/n.
+    """Return the shares of a period at which it is recorded: n sub-steps of T_s/n; the last is 1.
 
-    Step k's instants are (k + shares) T_s: none is the sum of others, so time is exact.
+    The instants of step k are (k + shares) T_s: none is a sum of others, so time is exact.
     """
     n = max(1, int(np.ceil(T_s / SUB_STEP - 1e-9)))
     return np.arange(1, n + 1) / n
@@ -56,10 +56,10 @@ def sub_steps(T_s: float) -> Times:
 
 @dataclass(frozen=True, slots=True)
 class Period:
-    """One sampling period, before it is driven: from state `x` at time `start` [s], `u` held.
+    """One sampling period before it is driven: from state `x` at time `start` [s], with `u` held.
 
-    `rows` are (x_o, y_o, v_o) of the others at its start, shape (n, 3); `road` is the right and
-    the left edge of the road, y [m].
+    `rows` are (x_o, y_o, v_o) of the other vehicles at its start, shape (n, 3); `road` is the
+    right and the left edge of the road, y [m].
     """
 
     plant: Plant
@@ -71,7 +71,7 @@ class Period:
     road: tuple[float, float]
 
     def drive(self, t: Times) -> Drive:
-        """Drive on to the instants `t`, or to the first mishap."""
+        """Drive to the instants `t`, or to the first mishap."""
         x = self.plant.hold(self.x, self.u, _NONE, t - self.start)
         mishap: Mishap | None = None
         finite = np.isfinite(x).all(axis=1)
@@ -91,7 +91,7 @@ class Period:
         return Drive(t, x, mishap)
 
     def _contact(self, t: Times, x: Float[np.ndarray, "M n_x"]) -> float | None:
-        """When the first of those that come near is touched, if one is."""
+        """Return when the ego vehicle first touches one that comes near; None if it does not."""
         times = np.append(self.start, t)
         moved = float(travel(np.concatenate([self.x[None, :3], x[:, :3]])).sum())
         own_x, own_y, *_ = self.x.tolist()

@@ -33,37 +33,37 @@ _RESET_OPTIONS = ("T_s", "x0", "config")
 
 
 class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
-    """Keep the lane at 50 km/h, overtake at 60 km/h who drives slower. Section IV-B.
+    """The overtaking of section IV-B: keep the lane at 50 km/h, overtake slower traffic at 60 km/h.
 
-    The own vehicle starts at (0, 0), the paper's obstacle 30 m ahead at 40 km/h. `config` changes
+    The ego vehicle starts at (0, 0), the paper's obstacle 30 m ahead at 40 km/h. `config` changes
     the scene, the observation and the action; see `default_config`.
 
     - Action, by default float, shape (2,): v and δ_s, [-1, 1] from their low to their high limit
-      (40 to 70 km/h, ±45°). Beyond the limits they saturate, as the actuators do.
+      (40 to 70 km/h, ±45°). Beyond the limits they saturate, as actuators do.
     - Observation, by default float32, shape (7,): see `OvertakeObservation`.
     - Reward: minus `stage_cost` (speed, lane, steering) times the duration of the step; after
       a mishap also minus `MISHAP_COST` times the rest of the horizon.
     - terminated: collision, more than 1 m off the road, or a state that is not finite.
       truncated: the first sample at or after 15 s.
     - Info: `t` [s], `x` and `u` in the plant's units, `speed` [m/s], `crashed`, `gap`,
-      `lateral_offset` [m], `phase`; `end` at the end, and `mishap` where there was one.
-    - Options of `reset`: `T_s` in [0.085, 0.5] s, any; `x0`, the pose (x_f, y_f, θ); `config`.
+      `lateral_offset` [m], `phase`; `end` at the end, and `mishap` if there was one.
+    - Options of `reset`: any `T_s` in [0.085, 0.5] s; `x0`, the pose (x_f, y_f, θ); `config`.
 
-    Measured disturbances are (x_o, y_o, v_o) of every other vehicle. The seed of `reset` decides
-    about measurement noise and random traffic, if there is any.
+    Measured disturbances are (x_o, y_o, v_o) of every other vehicle. The seed of `reset`
+    determines measurement noise and random traffic, if there is any.
 
-    Deviation from highway-env: a step of it counts frames by a rounded ratio, which loses some
-    where T_s is odd, and its frames cost more than a whole experiment may. So the simulation of a
-    step is ours (`Course`): exact at any instant, and drivers decide n times T_s/n in a period.
+    Deviation from highway-env: its step counts frames by a rounded ratio, which loses some frames
+    if T_s is odd, and its frames cost more than a whole experiment may. So we simulate a step
+    ourselves (`Course`): exact at any instant, and drivers decide n times T_s/n in a period.
 
     Args:
-        config: What differs from `default_config`.
-        T_s: Sampling time [s]; None: that of the configuration.
-        x0: The pose (x_f, y_f [m], θ [rad]) at the start; None: that of the configuration.
-        render_mode: None or "rgb_array": highway-env's picture of the scene.
+        config: Differences from `default_config`.
+        T_s: Sampling time [s]; None uses that of the configuration.
+        x0: Initial pose (x_f, y_f [m], θ [rad]); None uses that of the configuration.
+        render_mode: None, or "rgb_array" for highway-env's picture of the scene.
 
     Raises:
-        SettingsError: an unknown render mode, a configuration that is none.
+        SettingsError: If the render mode is unknown or the configuration is not valid.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
@@ -77,7 +77,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         render_mode: str | None = None,
     ) -> None:
         check_render_mode(render_mode, self.metadata)
-        self.metadata = dict(self.metadata)  # highway-env writes into it
+        self.metadata = dict(self.metadata)  # a copy, because highway-env writes into it
         self.action_space: Any = None
         self.observation_space: Any = None
         self.viewer: Any = None
@@ -88,9 +88,10 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
 
     @classmethod
     def default_config(cls) -> dict[str, Any]:
-        """highway-env's, and ours: the scene (`OvertakeOptions`), the observation, the action.
+        """Return highway-env's configuration with our scene, observation and action.
 
-        A `T_s` of None is 1/`policy_frequency`, a `screen_height` of None follows from the lanes.
+        The scene is that of `OvertakeOptions`. A `T_s` of None means 1/`policy_frequency`; with a
+        `screen_height` of None the height follows from the lanes.
         """
         ours = {
             "observation": {"type": OBSERVATION},
@@ -105,24 +106,26 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         return config | ours | paper_scene()
 
     def configure(self, config: dict[str, Any] | None) -> None:
-        """Change the configuration. Raises SettingsError for one that is none."""
+        """Change the configuration. Raises SettingsError if it is not valid."""
         if not isinstance(config, dict | None):
             raise SettingsError(f"config must be a dict, got {config!r}")
         known = self.default_config()
         unknown = sorted(set(config or {}) - set(known))
         if unknown:
-            raise SettingsError(f"config has no {unknown}, expected some of {sorted(known)}")
+            raise SettingsError(
+                f"config has unknown keys {unknown}, expected some of {sorted(known)}"
+            )
         wanted = self.config | (config or {})
         options = OvertakeOptions.of({name: wanted[name] for name in _SCENE})
         if wanted["T_s"] is None:
             T_s = 1 / number(wanted["policy_frequency"], _FREQUENCIES, "policy_frequency")
         else:
             T_s = number(wanted["T_s"], T_S_RANGE, "T_s")
-        super().configure(config)  # nothing has changed if anything was refused
+        super().configure(config)  # called last, so that a refused configuration changes nothing
         self.options, self.course, self._usual_T_s = options, Course(options), T_s
 
     def define_spaces(self) -> None:
-        """Set the types and spaces of observation and action; equal spaces stay what they are."""
+        """Set types and spaces of observation and action; equal spaces keep their identity."""
         self.observation_type = observation_of(self, self.config["observation"])
         self.action_type = action_of(self, self.config["action"])
         seen, done = self.observation_type.space(), self.action_type.space()
@@ -132,17 +135,17 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
             self.action_space = done
 
     def update_metadata(self, video_real_time_ratio: float = 1.0) -> None:
-        """Pictures in real time: one for each step."""
+        """Set the frame rate to real time, one picture for each step."""
         self.metadata["render_fps"] = video_real_time_ratio / self.T_s
 
     @property
     def plant(self) -> Plant:
-        """What moves the own vehicle."""
+        """Plant that moves the ego vehicle."""
         return self.course.plant
 
     @property
     def channels(self) -> Channels:
-        """Channels of its experiments."""
+        """Channels of the experiments."""
         return self.course.channels
 
     @property
@@ -152,27 +155,29 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
 
     @property
     def episode(self) -> Episode:
-        """What has been driven. Raises ProtocolError before the first episode."""
+        """Current or last episode. Raises ProtocolError before the first."""
         return self.course.episode
 
     @property
     def end(self) -> End | None:
-        """Why the episode is over; None while it goes on."""
+        """Why the episode ended; None while it goes on."""
         return self.course.end
 
     @property
     def mishap(self) -> Mishap | None:
-        """What ended the episode before its time, if anything did."""
+        """What ended the episode early; None if nothing did."""
         return self.course.mishap
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Start an episode; options `T_s` [s] and `x0` for this one, `config` from now on.
+        """Start an episode; `T_s` [s] and `x0` apply to this one, `config` from now on.
 
         Raises:
-            SettingsError: an unknown option, a sampling time out of range, a wrong configuration.
-            PlantError: a pose of the wrong shape, not finite, off the road or in a collision.
+            SettingsError: If an option is unknown, the sampling time is out of range, or the
+                configuration is not valid.
+            PlantError: If the pose has the wrong shape, is not finite, off the road, or in a
+                collision.
         """
         given = known_options(options, _RESET_OPTIONS)
         config = given.pop("config", None)
@@ -182,10 +187,11 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         return super().reset(seed=seed, options={"config": config} if config else None)  # type: ignore[no-any-return]
 
     def inputs(self, action: Any) -> Float[np.ndarray, " 2"]:
-        """v [m/s] and δ_s [rad] that `action` stands for, shape (2,).
+        """Return v [m/s] and δ_s [rad] that `action` stands for, shape (2,).
 
         Raises:
-            PlantError: an action of the wrong shape, not finite, or not of a discrete space.
+            PlantError: If the action has the wrong shape, is not finite, or is not in a discrete
+                space.
         """
         if isinstance(self.action_space, gym.spaces.Box):
             action = vector(action, self.action_space.shape[0], "action")
@@ -198,8 +204,8 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         """Hold v [m/s] and δ_s [rad], shape (2,), for one sampling period; they saturate.
 
         Raises:
-            PlantError: inputs of the wrong shape or NaN.
-            ProtocolError: no episode is under way.
+            PlantError: If the inputs have the wrong shape or are NaN.
+            ProtocolError: If no episode is running.
         """
         self._driven = driven = self.course.apply(u)
         self.steps += 1
@@ -207,19 +213,19 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         return driven
 
     def observe(self) -> Any:
-        """The observation of now, as `reset` and `step` return it."""
+        """Return the current observation, as `reset` and `step` do."""
         return self.observation_type.observe()
 
     def measurement(self) -> Measurement:
-        """What a controller knows now; see `Course.measurement`."""
+        """Return what a controller knows; see `Course.measurement`."""
         return self.course.measurement()
 
     def record(self) -> Record:
-        """The episode so far, or the last one once it has ended; see `Course.record`."""
+        """Return the current or last episode; see `Course.record`."""
         return self.course.record()
 
     def render(self) -> Array | None:
-        """The scene as it is now, (height, width, 3) uint8; None without render mode."""
+        """Return a picture of the scene, (height, width, 3) uint8; None without render mode."""
         if self.render_mode is None:
             return None
         if self.viewer is None:
@@ -227,7 +233,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         return np.asarray(super().render())
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"viewer": None}  # pictures cannot be pickled, and are made anew
+        return self.__dict__ | {"viewer": None}  # pictures cannot be pickled; they are redrawn
 
     def _reset(self) -> None:
         self.course.begin(self.T_s, self._once.get("x0"), self.np_random)
@@ -248,7 +254,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         self._film(driven)
 
     def _film(self, driven: Driven) -> None:
-        """Show instants within the period to a video that asked for them, as highway-env does."""
+        """Show instants within the period to a video recorder that asks for them."""
         if self._record_video_wrapper is None or self.viewer is None:
             return
         drivers = [v for v in self.road.vehicles if isinstance(v, behavior.IDMVehicle)]
@@ -265,7 +271,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
             driver.on_state_update()
 
     def _place(self, t: float, x: Float[np.ndarray, " n_x"]) -> None:
-        """Put everybody on the road where they are at `t` [s], ours at its state `x`."""
+        """Put every vehicle where it is at `t` [s], the ego vehicle at its state `x`."""
         episode, (own, *others) = self.episode, self.road.vehicles
         own.put(x, episode.u)
         own.act({"speed": own.speed, "steering": -float(episode.u[1]), "acceleration": 0.0})
@@ -274,7 +280,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
         for vehicle, mover, other in zip(episode.vehicles, episode.movers, others, strict=True):
             if not isinstance(vehicle, Driver):
                 other.put(t)
-            elif t != episode.simulation.t:  # else it is there already
+            elif t != episode.simulation.t:  # otherwise it is already there
                 other.put(*mover.poses(np.array([t]))[0].tolist())
 
     def _reward(self, action: Any) -> float:

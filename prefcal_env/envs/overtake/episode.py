@@ -1,4 +1,4 @@
-"""One drive of 15 s, sampling period by sampling period."""
+"""One drive of 15 s, one sampling period after another."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,13 +21,13 @@ from .signals import signals_of
 
 @dataclass(frozen=True, slots=True)
 class Driven:
-    """A period that is over: its instants, start included, the poses there, what was held.
+    """A completed period: its instants (including the start), the poses, and the held input.
 
     Args:
         t: Instants [s], shape (M,).
-        poses: There, shape (M, 3).
-        u: (v [m/s], δ_s [rad]), shape (2,).
-        phase: At its start.
+        poses: Poses at `t`, shape (M, 3).
+        u: Held input (v [m/s], δ_s [rad]), shape (2,).
+        phase: Phase at the start of the period.
     """
 
     t: Times
@@ -37,13 +37,13 @@ class Driven:
 
 
 class Episode:
-    """The state of a drive, and what it leaves behind.
+    """The state of a drive and its record.
 
     Args:
-        options: The scene.
-        pose: (x_f, y_f [m], θ [rad]) at the start, shape (3,).
+        options: Options of the scene.
+        pose: Initial pose (x_f, y_f [m], θ [rad]), shape (3,).
         T_s: Sampling time [s].
-        rng: Of the measurement noise and of random traffic.
+        rng: Random generator of the measurement noise and of random traffic.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Episode:
         self.vehicles = options.vehicles(rng, float(pose[0]))
         self.simulation: Any = None
         if any(isinstance(vehicle, Driver) for vehicle in self.vehicles):
-            # Here, not above: whoever meets no driver must not load highway-env.
+            # Imported here so that highway-env is loaded only if there is a driver.
             from .simulation import Simulation
 
             self.simulation = Simulation(options, self.vehicles, self.x, rng)
@@ -75,11 +75,11 @@ class Episode:
         else:
             self.movers = tuple(v for v in self.vehicles if isinstance(v, Obstacle))
             samples = np.arange(int(options.duration / T_s) + 2) * T_s
-            self._rows = rows(self.movers, samples)  # all at once: cheaper than one by one
+            self._rows = rows(self.movers, samples)  # all at once: faster than one by one
         self._look()
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
-        """Drive one period with `u` held, which the actuators can do."""
+        """Drive one period with `u` held, as far as the actuators allow."""
         times = (self._steps + self._shares) * self.T_s
         if self.simulation is not None:
             self.simulation.drive(self.x, u, self.t, float(times[-1]))
@@ -100,21 +100,21 @@ class Episode:
         return driven
 
     def y_ref(self) -> Float[np.ndarray, " 3"]:
-        """What lane keeping aims at: straight ahead from here, shape (3,)."""
+        """Return the reference of lane keeping: straight ahead from here, shape (3,)."""
         return np.array([self.measured[0], 0.0, 0.0])
 
     def measurement(self) -> Measurement:
-        """What a controller knows at this sampling instant."""
+        """Return what a controller knows at this sampling instant."""
         return Measurement(self.t, self.measured, self.u, self.obstacles.flatten(), self.y_ref())
 
     def nearest(self, pose: Float[np.ndarray, " n"]) -> tuple[float, float]:
-        """Gap and y_f - y_o to the vehicle that is nearest along the road from a pose [m]."""
+        """Return gap and y_f - y_o to the vehicle nearest along the road from a pose [m]."""
         x, y = float(pose[0]), float(pose[1])
         x_o, y_o, _ = min(self.obstacles.tolist(), key=lambda row: abs(row[0] - x))
         return gap(x, x_o), y - y_o
 
     def record(self, channels: Channels) -> Record:
-        """The drive so far, with its signals."""
+        """Return the drive so far, with its signals."""
         record = self._trajectory.record(channels, self.end)
         held = [np.full(length, phase, float) for phase, length in self._phases]
         last = float(self._phases[-1][0] if self._phases else self.phase)
@@ -124,7 +124,7 @@ class Episode:
         return replace(record, signals=signals)
 
     def _look(self) -> None:
-        """See where everybody is at this sampling instant."""
+        """Update where every vehicle is at this sampling instant."""
         if self.mishap is None and self.simulation is None:
             self.obstacles = self._rows[self._steps]
         else:

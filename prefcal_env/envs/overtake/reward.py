@@ -1,4 +1,4 @@
-"""The stage cost of the car: speed, lane and steering; collisions come on top."""
+"""The stage cost of the car for speed, lane and steering, and the cost of a mishap."""
 
 import numpy as np
 from jaxtyping import Float
@@ -13,8 +13,8 @@ from prefcal_env.plants.bicycle import KMH
 
 _SPEED_SCALE, _LANE_SCALE, _STEERING_SCALE = 20 * KMH, MIN_LATERAL_DISTANCE, np.pi / 4
 MISHAP_COST = 10.0
-"""Stage cost for the rest of the horizon after a mishap [1/s]: it never pays to end an episode,
-since no sane state costs as much."""
+"""Stage cost for the rest of the horizon after a mishap [1/s]: no reasonable state costs as much,
+so it never pays to end an episode."""
 
 
 def stage_cost(
@@ -23,16 +23,16 @@ def stage_cost(
     u: Float[np.ndarray, " 2"],
     phase: Phase,
 ) -> float:
-    """Of one period, 1/s: (Δv/20 km/h)² + (Δy/3 m)², averaged over it, + (δ_s/45°)².
+    """Return the cost of a period, 1/s: (Δv/20 km/h)² + mean of (Δy/3 m)² + (δ_s/45°)².
 
-    Δv and Δy are the distances from 50 km/h and the own lane, or from 60 km/h and 3 m to the
-    left of it while overtaking. Multiplied by the duration it does not depend on T_s.
+    Δv and Δy are the distances from 50 km/h and the ego lane, or while overtaking from 60 km/h and
+    3 m to the left of it. Multiplied by the duration, the cost does not depend on T_s.
 
     Args:
-        t: Instants of the period, both ends included [s], shape (M,).
-        y: y_f there [m], shape (M,).
-        u: The v [m/s] and δ_s [rad] that are held.
-        phase: At the start of the period.
+        t: Instants of the period, with both ends [s], shape (M,).
+        y: y_f at `t` [m], shape (M,).
+        u: Held v [m/s] and δ_s [rad].
+        phase: Phase at the start of the period.
     """
     overtaking = phase is Phase.OVERTAKING
     v_ref = OVERTAKING_SPEED if overtaking else KEEPING_SPEED

@@ -1,4 +1,4 @@
-"""What an experiment keeps beside states and inputs, on its dense instants."""
+"""Additional signals of an experiment, on its dense instants."""
 
 from collections.abc import Sequence
 
@@ -32,18 +32,18 @@ def signals_of(
     movers: Sequence[Mover],
     road: tuple[float, float] = ROAD,
 ) -> dict[str, Signal]:
-    """All signals by name, each shape (K,).
+    """Return all signals by name, each of shape (K,).
 
     `obstacle_x`, `obstacle_y` [m], `obstacle_v` [m/s], and `obstacle2_x` ... for further ones;
-    `obstacle_yaw` [rad] of one that turns, the angle of its body from the road's direction.
-    `road_left` [m]: the left edge, of a road that is not the paper's.
+    `obstacle_yaw` [rad] of one that turns: the angle of its body from the road's direction.
+    `road_left` [m]: the left edge, if the road is not the paper's.
     `gap` [m]: x_o - 4.5 - x_f to the obstacle that is nearest along the road.
-    `lateral_distance` [m]: the smallest to those alongside; NaN where there is none.
-    `separation` [m]: at least so far apart are the bodies; below 1e-3 where they touched.
-    `outside` [m]: how far the outermost corner is off the road, negative inside.
+    `lateral_distance` [m]: the smallest to obstacles alongside; NaN if there are none.
+    `separation` [m]: a lower bound on the distance of the bodies; below 1e-3 if they touched.
+    `outside` [m]: how far the outermost corner is off the road, negative if inside.
     `phase`: 0 lane keeping, 1 overtaking, held from sampling instants on.
-    `speed_reference`, `speed_low` [m/s]: of v, in that phase.
-    `lateral_reference` [m]: of y_f; 0, and while overtaking 3 m to the left of the obstacle.
+    `speed_reference`, `speed_low` [m/s]: reference and lower limit of v in that phase.
+    `lateral_reference` [m]: reference of y_f; 0, or while overtaking 3 m left of the obstacle.
     """
     others = [mover.poses(t) for mover in movers]
     named = _of_each(t, movers, others)
@@ -63,7 +63,7 @@ def signals_of(
 
 
 def _of_each(t: Times, movers: Sequence[Mover], others: list[Poses]) -> dict[str, Signal]:
-    """Where each of the others is, and how fast."""
+    """Return position and speed of each other vehicle, as signals by name."""
     named: dict[str, Signal] = {}
     for i, (mover, other) in enumerate(zip(movers, others, strict=True), start=1):
         name = "obstacle" if i == 1 else f"obstacle{i}"
@@ -77,13 +77,13 @@ def _of_each(t: Times, movers: Sequence[Mover], others: list[Poses]) -> dict[str
 def _lateral_reference(
     x_f: Signal, others: list[Poses], overtaking: Bool[np.ndarray, " K"]
 ) -> Signal:
-    """What y_f is to be [m], shape (K,): 3 m beside the leftmost obstacle that is near, as tuned.
+    """Return the reference of y_f [m], shape (K,): 3 m beside the leftmost near obstacle, as tuned.
 
-    Where none is near any more, it stays what it was until the overtaking ends.
+    Once no obstacle is near, the reference keeps its value until the overtaking ends.
     """
     line = np.full(len(x_f), -np.inf)
     for other in others:
-        ahead, y_o = other[:, 0] - x_f, other[:, 1]  # [m], from the own front end to the other's
+        ahead, y_o = other[:, 0] - x_f, other[:, 1]  # [m], from the ego front end to the other's
         near = (gap(0.0, ahead) < SAFETY_DISTANCE) & (clearance(0.0, ahead) <= SAFETY_DISTANCE)
         line = np.where(near & (y_o < LANE_WIDTH / 2), np.maximum(line, y_o), line)
     known = np.maximum.accumulate(np.where(np.isfinite(line), np.arange(len(line)), -1))
@@ -92,11 +92,11 @@ def _lateral_reference(
 
 
 def nearest_gap(x_f: Signal, x_o: Float[np.ndarray, "n K"]) -> Signal:
-    """`gap` to the obstacle whose front end is nearest along the road [m], shape (K,)."""
+    """Return `gap` to the obstacle whose front end is nearest along the road [m], shape (K,)."""
     nearest = np.abs(x_o - x_f).argmin(axis=0)
     return np.asarray(gap(0.0, x_o[nearest, np.arange(len(x_f))] - x_f))
 
 
 def _smallest(values: list[Signal]) -> Signal:
-    """The smallest at each instant, shape (K,); NaN only where all are."""
+    """Return the smallest value at each instant, shape (K,); NaN only if all values are NaN."""
     return np.asarray(np.fmin.reduce(values))

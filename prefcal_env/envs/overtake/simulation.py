@@ -1,4 +1,4 @@
-"""Drivers who see the others, moved by highway-env. Loads highway-env."""
+"""A road with drivers who react to each other, moved by highway-env. Loads highway-env."""
 
 from collections.abc import Sequence
 
@@ -12,16 +12,16 @@ from prefcal_env.envs.overtake.road.vehicles import CourseVehicle, road_of
 
 
 class Simulation:
-    """A road with everybody on it, on which drivers decide several times a period.
+    """A road with all vehicles, on which drivers decide several times per period.
 
-    In a period of T_s they decide and drive n times T_s/n, with n the smallest number that keeps
-    to the simulation frequency; so any T_s is driven to its end.
+    In a period of T_s they decide and drive n times T_s/n, where n is the smallest number that
+    respects the simulation frequency; so every T_s is driven to its end.
 
     Args:
-        options: The scene.
-        vehicles: The others, in their order.
-        x: State of the own plant at the start, shape (n_x,).
-        rng: Of the episode.
+        options: Options of the scene.
+        vehicles: Other vehicles, in order.
+        x: Initial state of the ego plant, shape (n_x,).
+        rng: Random generator of the episode.
     """
 
     def __init__(
@@ -42,12 +42,12 @@ class Simulation:
     def drive(
         self, x: Float[np.ndarray, " n_x"], u: Float[np.ndarray, " 2"], start: float, end: float
     ) -> None:
-        """Let everybody drive from `start` to `end` [s], ours from its state `x` with `u` held."""
+        """Drive all vehicles from `start` to `end` [s], ours from its state `x` with `u` held."""
         own, *others = self.road.vehicles
         own.put(x, u)
         for other in others:
             if isinstance(other, CourseVehicle):
-                other.put(start)  # no sum of steps
+                other.put(start)  # exact position, without summing steps
         own.act({"speed": float(u[0]), "steering": -float(u[1]), "acceleration": 0.0})
         n = max(1, int(np.ceil((end - start) * self._frequency - 1e-9)))
         for i in range(n):

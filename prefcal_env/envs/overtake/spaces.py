@@ -1,4 +1,4 @@
-"""What the overtaking's own observation and action are, as types of highway-env. Loads it."""
+"""The default observation and action of the overtaking, as types of highway-env. Loads it."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ Array = np.ndarray[Any, Any]
 OBSERVATION, ACTION = "OvertakeObservation", "SpeedSteeringAction"
 OBSERVATIONS = (OBSERVATION, "Kinematics", "OccupancyGrid", "LidarObservation", "TupleObservation")
 ACTIONS = (ACTION, "ContinuousAction", "DiscreteAction")
-"""The types that a configuration can name; all but ours are highway-env's."""
+"""Action types that a configuration can name; all but `ACTION` are highway-env's."""
 _OBSERVED = np.array([
     (40 * KMH, 70 * KMH), (-np.pi / 4, np.pi / 4),  # v and δ_s last
     (-3.0, 7.0), (-np.pi / 2, np.pi / 2),  # y_f, θ
@@ -26,17 +26,17 @@ _OBSERVED = np.array([
 
 
 class OvertakeObservation(ObservationType):  # type: ignore[misc]
-    """v and δ_s last, y_f, θ, gap and y_f - y_o to the nearest vehicle, phase; as measured.
+    """The measured last v and δ_s, y_f, θ, gap and y_f - y_o to the nearest vehicle, and phase.
 
-    float32, shape (7,): each scaled to [-1, 1] and clipped.
+    float32, shape (7,): each value is scaled to [-1, 1] and clipped.
     """
 
     def space(self) -> gym.spaces.Box:
-        """The unit box."""
+        """Return the box [-1, 1], shape (7,)."""
         return gym.spaces.Box(-1.0, 1.0, (len(_OBSERVED),), np.float32)
 
     def observe(self) -> Float[np.ndarray, " 7"]:
-        """The observation of now."""
+        """Return the current observation."""
         episode = self.env.episode
         _, y, yaw = episode.measured
         distance, offset = episode.nearest(episode.measured)
@@ -52,18 +52,18 @@ class SpeedSteeringAction(ActionType):  # type: ignore[misc]
     vehicle_class = OwnVehicle
 
     def space(self) -> gym.spaces.Box:
-        """The unit box."""
+        """Return the box [-1, 1], shape (2,)."""
         return gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
 
     def act(self, action: Any) -> None:
-        """Tell the own vehicle. Raises PlantError: an action of the wrong shape or not finite."""
+        """Pass `action` to the ego vehicle. Raises PlantError if it is not 2 finite numbers."""
         low, high = self.env.course.low, self.env.course.high
         v, steering = (low + (vector(action, 2, "action") + 1) / 2 * (high - low)).tolist()
         self.controlled_vehicle.act({"speed": v, "steering": -steering, "acceleration": 0.0})
 
 
 def observation_of(env: Any, config: Any) -> ObservationType:
-    """The observation type of a configuration. Raises SettingsError if there is none."""
+    """Return the observation type of a configuration. Raises SettingsError if it is unknown."""
     _check(config, OBSERVATIONS, "observation")
     return (
         OvertakeObservation(env)
@@ -73,7 +73,7 @@ def observation_of(env: Any, config: Any) -> ObservationType:
 
 
 def action_of(env: Any, config: Any) -> ActionType:
-    """The action type of a configuration. Raises SettingsError if there is none."""
+    """Return the action type of a configuration. Raises SettingsError if it is unknown."""
     _check(config, ACTIONS, "action")
     return SpeedSteeringAction(env) if config["type"] == ACTION else action_factory(env, config)
 

@@ -1,4 +1,4 @@
-"""The viewer of the overtaking: highway-env's, which needs no window here. Loads pygame."""
+"""The viewer of the overtaking: highway-env's, without a window. Loads pygame."""
 
 from typing import Any
 
@@ -9,14 +9,14 @@ from highway_env.road.graphics import RoadGraphics, WorldSurface
 from jaxtyping import Float, UInt8
 
 _VERGE = (72, 108, 70)
-_VERGES = 6.6667  # m, seen beside the road on both sides together
-_FINER = 2  # drawn so many times larger, then reduced: smooth edges
+_VERGES = 6.6667  # m, total width shown beside the road
+_FINER = 2  # factor by which pictures are drawn larger and then reduced, for smooth edges
 
 
 class RoadViewer(EnvViewer):  # type: ignore[misc]
-    """highway-env's viewer without a window: surfaces need no display, and no video driver.
+    """highway-env's viewer without a window: surfaces need no display and no video driver.
 
-    Its own constructor opens one, and shows nothing where the driver is the dummy one.
+    highway-env's own constructor opens a window, and shows nothing with the dummy video driver.
     """
 
     def __init__(self, env: Any) -> None:
@@ -42,13 +42,13 @@ class RoadViewer(EnvViewer):  # type: ignore[misc]
         RoadGraphics.display_traffic(self.env.road, surface, offscreen=True)
 
     def get_image(self) -> UInt8[np.ndarray, "h w 3"]:
-        """The picture, RGB, shape (height, width, 3)."""
+        """Return the picture, RGB, shape (height, width, 3)."""
         small = pygame.transform.smoothscale(self.sim_surface, self._size)
         return np.ascontiguousarray(np.moveaxis(pygame.surfarray.array3d(small), 0, 1))
 
     def window_position(self) -> Float[np.ndarray, " 2"]:
-        """Beside the own vehicle on the middle of the road, which stays where it is."""
+        """Return the view position: beside the ego vehicle, on the middle of the road."""
         return np.array([self.env.vehicle.position[0], -sum(self.env.options.road) / 2])
 
     def close(self) -> None:
-        """Leave pygame as it is: others in this process may be using it."""
+        """Do nothing: others in this process may be using pygame."""

@@ -191,7 +191,7 @@ def test_float64_actions_are_not_rounded(actions):
         ({"x0": [1.0, 2.0]}, PlantError, r"x0 must have shape \(1,\), got \(2,\)"),
         ({"x0": [np.inf]}, PlantError, "x0 must be finite"),
         ({"x0": "empty"}, PlantError, "x0 must be numbers, got 'empty'"),
-        ({"x0": [7.0]}, PlantError, "unsafe already"),
+        ({"x0": [7.0]}, PlantError, "x0 is unsafe"),
     ],
 )
 def test_bad_reset_options_are_refused(options, error, reason):
@@ -215,7 +215,7 @@ def test_a_step_without_an_episode_is_refused():
         env.record()
     env.reset(options={"x0": [2.0]})
     env.step(np.array([-0.5]))
-    with pytest.raises(ProtocolError, match="no episode is under way"):
+    with pytest.raises(ProtocolError, match="no episode is running"):
         env.step(np.zeros(1))
 
 

@@ -82,7 +82,7 @@ def test_a_panel_states_what_differs_from_its_channel_and_scales_the_rest():
     [
         (Panel("beem"), r"did you mean 'beam'\? There are states 'ball', 'beam'; inputs 'motor'; "
                         r"outputs 'ball', 'y0'; signals 'gap'"),
-        (Panel("motor", "x"), "of kind 'x' is called so"),
+        (Panel("motor", "x"), "of kind 'x' has this name"),
         (Panel("ball", reference="asked"), r"no signal is called 'asked'.*there are 'gap'"),
         (Panel("motor", low=13.0), "low must be below high"),
     ],
@@ -94,11 +94,11 @@ def test_a_panel_without_a_curve_says_what_there_is(panel, words):
 
 def test_a_name_that_means_two_curves_is_refused():
     twice = run(channels=Channels((BALL, BALL), (MOTOR,), ()), y=None, y_ref=np.zeros((4, 0)))
-    with pytest.raises(ScenarioError, match="2 curves are called so"):
+    with pytest.raises(ScenarioError, match="2 curves have this name"):
         Panel("ball").plot(twice)
     assert [p.values(twice)[0] for p in plots_of(twice.channels)] == [0, 10, 20]
     noisy = run(y=run().y + 1.0)
-    with pytest.raises(ScenarioError, match="a state and an output are called so, and differ"):
+    with pytest.raises(ScenarioError, match="a state and an output have this name, and differ"):
         Panel("ball").plot(noisy)
     assert Panel("ball", "y").plot(noisy).values(noisy)[0] == 1.0
 
@@ -106,7 +106,7 @@ def test_a_name_that_means_two_curves_is_refused():
 def test_a_state_and_an_output_of_another_unit_need_a_kind():
     e = run()
     degrees = replace(e, channels=replace(e.channels, y=(Channel("beam", "°"), Y0)))
-    with pytest.raises(ScenarioError, match="2 curves are called so"):
+    with pytest.raises(ScenarioError, match="2 curves have this name"):
         Panel("beam").plot(degrees)
     assert Panel("beam", "x").plot(degrees).channel.unit == "rad"
     assert Panel("beam", "y").plot(degrees).channel.unit == "°"
@@ -124,7 +124,7 @@ def test_an_output_that_is_not_recorded_is_not_guessed():
         (lambda: Panel("z", BEAM), r"kind must be one of \['x', 'u', 'y', 'signal'\].*got 'z'"),
         (lambda: Panel("beam", "states"), "got 'states'"),
         (lambda: Panel(""), "needs the name"),
-        (lambda: Panel("beam", scale=57.3), "say which: unit="),
+        (lambda: Panel("beam", scale=57.3), "give the new one as unit="),
         (lambda: Panel("beam", unit="°", scale=0.0), "scale must be finite and not 0"),
         (lambda: Panel("beam", band=0.0), "band must be above 0"),
     ],

@@ -58,10 +58,10 @@ def test_a_calibrator_with_priorities_asks_how_long_all_runs_survived():
 @pytest.mark.parametrize(
     ("runs", "better", "match"),
     [
-        ([], (), "no runs"),
+        ([], (), "got none"),
         ([run(), run(theta=2.0)], (), "same θ"),
         ([run(), short_run([1.0])], (), "same KPIs"),
-        ([run(), worst_of([run()])], (), "single ones"),
+        ([run(), worst_of([run()])], (), "single runs"),
         ([run()], ["speed"], r"no KPI is called \['speed'\]"),
     ],
 )

@@ -83,7 +83,7 @@ def test_what_is_not_a_number_is_not_allowed():
     [
         (lambda knobs: knobs["Gain"], "'odd' cannot be computed at .*KeyError"),
         (lambda knobs: "low", "'odd' cannot be computed at .*ValueError"),
-        (lambda knobs: [1.0, 2.0], r"'odd' must give one number for each θ"),
+        (lambda knobs: [1.0, 2.0], r"'odd' must return one number for each θ"),
         (lambda knobs: None, "'odd' .*must|'odd' cannot"),
     ],
 )

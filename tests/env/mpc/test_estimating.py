@@ -130,7 +130,7 @@ def test_a_position_that_is_off_cannot_be_told_from_one_that_is_not():
         noise=(0.1,) * 3, process=(0.1,) * 3, drift=(0.1,), on_outputs=(1,)
     )  # fmt: skip
     estimator = DisturbanceEstimator(Bicycle(), settings, 0.1)
-    with pytest.raises(SettingsError, match="cannot be told from the state of 'bicycle'"):
+    with pytest.raises(SettingsError, match="cannot be distinguished from the state of 'bicycle'"):
         estimator.see(measurement([0.0, 0.0, 0.0], d=(), u=(14.0, 0.0)))
 
 

@@ -100,7 +100,7 @@ def test_a_file_that_is_none_is_refused_with_its_path(tmp_path, text, message):
         ({"step": True}, "step must be a number, got True"),
         ({"step": -1.0}, "step must be 0 s or more"),
         ({"solving": 0.0}, "solving must be positive"),
-        ({"name": 3}, "name must be a text"),
+        ({"name": 3}, "name must be a string"),
         ({"cores": 4}, "must have exactly the keys"),
     ],
 )

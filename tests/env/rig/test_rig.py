@@ -60,7 +60,7 @@ def test_spellings_of_the_same_record(text):
         ("", "the record is empty: expected time"),
         (HEAD, "2 rows of values or more, got 0"),
         (GOOD.replace("flow", "flaw"), "column 'flow' is missing"),
-        (GOOD.replace("flow [m³/h]", "power [%]"), "column 'power' stands there 2 times"),
+        (GOOD.replace("flow [m³/h]", "power [%]"), "column 'power' appears 2 times"),
         (GOOD.replace("[°C]", "[K]"), "column 'temperature' is in K, expected °C"),
         (GOOD.replace("[min]", "[s]"), "column 'time' is in s, expected min"),
         (
@@ -73,7 +73,7 @@ def test_spellings_of_the_same_record(text):
         (GOOD.replace("1.0,", "0.5,"), "line 4: time must increase, got 0.5 min after 0.5 min"),
         (GOOD + "1.5,20,1,1\n9,20,1,1\n", "line 6: a gap of 7.5 min after 1.5 min, where 0.5 min"),
         (GOOD.replace("23.5", "496"), "line 4, column 'temperature': 496 °C is outside"),
-        (GOOD + '1.5,"20,1,1\n', "no CSV"),
+        (GOOD + '1.5,"20,1,1\n', "not valid CSV"),
         (HEAD + "\n" + "\n".join(f"{k},20,1,1" for k in range(1001)), "may have 1000 rows"),
     ],
 )

@@ -73,7 +73,7 @@ def settled(experiment):
     ("parts", "words"),
     [
         ({"panels": (Panel("beam angel"),)}, r"did you mean 'beam angle'\? There are states"),
-        ({"panels": (Panel("y", BEAM),)}, "of kind 'y' is called so"),
+        ({"panels": (Panel("y", BEAM),)}, "of kind 'y' has this name"),
         ({"panels": (Panel("gap"),)}, "outputs 'y0'"),
         ({"panels": (Panel("y0", reference="asked"),)}, "no signal is called 'asked'"),
         ({"panels": Panel("y0")}, r"panels must be a tuple; of one write \(Panel"),
@@ -116,7 +116,7 @@ def test_a_kpi_that_no_value_can_meet_is_refused():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"panels": (Panel("gap"),), "run": hidden()}, "channel or signal is called so; There"),
+        ({"panels": (Panel("gap"),), "run": hidden()}, "channel or signal has this name; There"),
         ({"kpis": (KPI("setled", "s"),), "kpi_function": settled},
          r"no run returns the KPI 'setled'; did you mean 'settled'\? There are 'settled'"),
         ({"kpis": (KPI("settled", "s"),), "run": hidden()}, "'settled', or any other: is kpis="),

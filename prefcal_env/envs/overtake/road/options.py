@@ -1,4 +1,4 @@
-"""What may differ from the paper's overtaking; by default nothing does."""
+"""Options of the overtaking scene; the defaults are the paper's."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
@@ -20,15 +20,15 @@ from .traffic import Driver, Obstacle
 
 @dataclass(frozen=True, slots=True)
 class Car:
-    """The own vehicle: what moves it, and what its states are at the start.
+    """The ego vehicle: the plant that moves it, and the initial values of its states.
 
     Args:
-        plant: Inputs (v [m/s], δ_s [rad]); the first three states are (x_f, y_f [m], θ [rad]).
-        others: The states after these at the start, shape (n_x - 3,).
+        plant: Plant with inputs (v [m/s], δ_s [rad]) and first states (x_f, y_f [m], θ [rad]).
+        others: Initial values of the remaining states, shape (n_x - 3,).
 
     Raises:
-        SettingsError: not two inputs with finite limits, or not three states and `others`;
-            measured disturbances (nothing would measure them).
+        SettingsError: If the plant does not have two inputs with finite limits, or three states
+            and `others`; or if it has measured disturbances (nothing would measure them).
     """
 
     plant: Plant = field(default_factory=Bicycle)
@@ -47,12 +47,12 @@ class Car:
 
 
 def slipping_car() -> Car:
-    """The bicycle of highway-env, whose speed needs time; see `slip_bicycle`."""
+    """Return the bicycle of highway-env, whose speed has a lag; see `slip_bicycle`."""
     return Car(slip_bicycle(), (KEEPING_SPEED,))
 
 
 def dynamic_car() -> Car:
-    """A car with mass and tyres; see `dynamic_bicycle`."""
+    """Return a car with mass and tires; see `dynamic_bicycle`."""
     return Car(dynamic_bicycle(), (KEEPING_SPEED, 0.0, 0.0))
 
 
@@ -61,32 +61,33 @@ CARS: Mapping[str, Callable[[], Car]] = {
     "slipping": slipping_car,
     "dynamic": dynamic_car,
 }
-"""The own vehicles that a configuration can name."""
+"""Maps names in a configuration to ego vehicles."""
 DRIVERS = ("IDMVehicle", "LinearVehicle", "AggressiveVehicle", "DefensiveVehicle")
-"""Of highway-env's `highway_env.vehicle.behavior`: how a `Driver` drives."""
+"""Types of drivers in highway-env's `highway_env.vehicle.behavior`."""
 Made = TypeVar("Made")
 _BEHAVIOR = "highway_env.vehicle.behavior."
 
 
 @dataclass(frozen=True, slots=True)
 class OvertakeOptions:
-    """The scene of the overtaking; by default the paper's.
+    """The scene of the overtaking; the defaults are the paper's.
 
     Args:
-        car: The own vehicle; by default the kinematic bicycle that the MPC knows.
-        traffic: The other vehicles; with those of `random_traffic` at least one.
-        random_traffic: Further ones, drawn anew for each episode; None: none.
-        noise: Standard deviations of the measured x_f, y_f [m] and θ [rad]; normal, without
-            memory, and drawn from the seed of `reset`.
-        x0: Own pose at the start: x_f, y_f [m] and θ [rad].
-        duration: An episode lasts until the first sample at or after it [s].
-        lanes_count: Lanes in our direction, 4 m wide; ours is the rightmost one, at y = 0.
-        oncoming_lanes_count: Lanes to the left of these, in the other direction.
-        simulation_frequency: How often drivers decide [Hz]; at least once in a period.
-        other_vehicles_type: How drivers drive, one of `DRIVERS` with or without its module.
+        car: Ego vehicle; by default the kinematic bicycle that the MPC uses as its model.
+        traffic: Other vehicles; together with `random_traffic` at least one.
+        random_traffic: Additional vehicles, drawn anew for each episode; None for none.
+        noise: Standard deviations of the measured x_f, y_f [m] and θ [rad]. The noise is normal
+            and white, and is drawn from the seed of `reset`.
+        x0: Initial pose of the ego vehicle: x_f, y_f [m] and θ [rad].
+        duration: Duration: an episode lasts until the first sample at or after it [s].
+        lanes_count: Number of lanes in our direction, 4 m wide; ours is the rightmost, at y = 0.
+        oncoming_lanes_count: Number of lanes in the other direction, to the left of ours.
+        simulation_frequency: Frequency of the drivers' decisions [Hz]; at least one per period.
+        other_vehicles_type: Type of the drivers, one of `DRIVERS` with or without its module.
 
     Raises:
-        SettingsError: no other vehicle, one on a lane that is not there, a number out of range.
+        SettingsError: If there is no other vehicle, a vehicle is on a missing lane, or a number is
+            out of range.
     """
 
     car: Car = field(default_factory=Car)
@@ -151,11 +152,11 @@ class OvertakeOptions:
 
     @property
     def driver(self) -> str:
-        """The name of the class in `highway_env.vehicle.behavior` that drivers are of."""
+        """Name of the drivers' class in `highway_env.vehicle.behavior`."""
         return self.other_vehicles_type.removeprefix(_BEHAVIOR)
 
     def vehicles(self, rng: np.random.Generator, x: float) -> tuple[Obstacle | Driver, ...]:
-        """The other vehicles of an episode that begins at x [m]; those of the traffic first."""
+        """Return the other vehicles of an episode that begins at x [m], fixed traffic first."""
         if self.random_traffic is None:
             return self.traffic
         ahead = [o.x for o in self.traffic if not o.oncoming]
@@ -164,19 +165,21 @@ class OvertakeOptions:
 
     @classmethod
     def of(cls, config: Mapping[str, Any]) -> "OvertakeOptions":
-        """The scene of a configuration, plain data; what it does not say is as in the paper.
+        """Return the scene of a configuration, plain data; missing keys are as in the paper.
 
         Keys are the fields of this class. A vehicle is {"type": ..., ...} with the fields of
-        `Obstacle` ("constant", "braking", "cut-in", "oncoming") or of `Driver` ("idm"), a car one
-        of `CARS`.
+        `Obstacle` ("constant", "braking", "cut-in", "oncoming") or of `Driver` ("idm"); a car is
+        one of `CARS`.
 
         Raises:
-            SettingsError: a key that is none, a value of the wrong kind.
+            SettingsError: If a key is unknown or a value has the wrong type.
         """
         known = {f.name for f in fields(cls)}
         unknown = sorted(set(config) - known)
         if unknown:
-            raise SettingsError(f"a scene has no {unknown}, expected some of {sorted(known)}")
+            raise SettingsError(
+                f"a scene has unknown keys {unknown}, expected some of {sorted(known)}"
+            )
         given = dict(config)
         if isinstance(given.get("car"), str):
             if given["car"] not in CARS:
@@ -195,7 +198,7 @@ class OvertakeOptions:
 
 
 def paper_scene() -> dict[str, Any]:
-    """The configuration of the paper's scene, every key of it."""
+    """Return the configuration of the paper's scene, with all keys."""
     paper = OvertakeOptions()
     (obstacle,) = paper.traffic
     return {f.name: getattr(paper, f.name) for f in fields(paper)} | {

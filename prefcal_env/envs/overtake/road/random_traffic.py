@@ -1,4 +1,4 @@
-"""Further vehicles that the seed of an episode decides about."""
+"""Additional vehicles, drawn from the seed of an episode."""
 
 from dataclasses import dataclass
 
@@ -11,27 +11,28 @@ from .rules import LANE_WIDTH, LENGTH
 from .traffic import Driver, Obstacle
 
 KINDS = ("constant", "braking", "cut-in", "oncoming", "idm")
-"""Types of vehicles: at constant speed, one that brakes, one that moves into our lane, one that
-comes towards us, and one that keeps its distance (highway-env's `IDMVehicle`)."""
+"""Types of vehicles: constant speed, braking, cutting into our lane, oncoming, and a driver who
+keeps their distance (highway-env's `IDMVehicle`)."""
 _FIRST_ONCOMING = (100.0, 300.0)  # m, ahead of us
 _DECELERATIONS, _MOMENTS = (0.5, 2.0), (2.0, 8.0)  # m/s²; s
 
 
 @dataclass(frozen=True, slots=True)
 class RandomTraffic:
-    """A queue ahead of us, drawn from the seed of `reset`.
+    """A random queue of vehicles ahead of us, drawn from the seed of `reset`.
 
     Gaps, speeds, types, and when and how hard a vehicle brakes or cuts in (2 to 8 s, 0.5 to
-    2 m/s²) are uniform. Oncoming vehicles start 100 to 300 m ahead, each behind the one before.
+    2 m/s²) are uniform. Oncoming vehicles start 100 to 300 m ahead, one behind the other.
 
     Args:
-        count: How many.
-        types: Of `KINDS`, drawn for each vehicle.
-        gap: Smallest and largest gap between bodies in the queue, the first one to us [m].
-        speed: Smallest and largest speed at the start [m/s].
+        count: Number of vehicles.
+        types: Types among `KINDS`, from which each vehicle's type is drawn.
+        gap: Smallest and largest gap between bodies in the queue, including the one to us [m].
+        speed: Smallest and largest initial speed [m/s].
 
     Raises:
-        SettingsError: a count below 0, no or unknown types, ranges that are none.
+        SettingsError: If the count is below 0, a type is missing or unknown, or a range is not
+            valid.
     """
 
     count: int
@@ -56,12 +57,12 @@ class RandomTraffic:
     def draw(
         self, rng: np.random.Generator, front: float, first_oncoming_lane: int
     ) -> tuple[Obstacle | Driver, ...]:
-        """The vehicles of one episode.
+        """Return the vehicles of one episode.
 
         Args:
-            rng: Of the episode.
+            rng: Random generator of the episode.
             front: End of the queue so far: the farthest front end in our direction [m].
-            first_oncoming_lane: Counted from the right, 0 is ours.
+            first_oncoming_lane: Lane of oncoming vehicles, counted from the right; 0 is ours.
         """
         drawn: list[Obstacle | Driver] = []
         towards = front + float(rng.uniform(*_FIRST_ONCOMING))

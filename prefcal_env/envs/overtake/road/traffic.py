@@ -1,4 +1,4 @@
-"""The other vehicles: on a course of their own, or drivers who keep their distance."""
+"""The other vehicles: obstacles on a fixed course, or drivers who keep their distance."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -18,38 +18,38 @@ _LOWEST = {"x": -np.inf, "y": -np.inf, "moves_to": -np.inf, "moves_within": 0.5}
 
 
 class Mover(Protocol):
-    """Where another vehicle is.
+    """The motion of another vehicle.
 
-    A pose is that of the end that is farther along the road, on the centre line, with the angle
+    A pose is that of the end that is farther along the road, on the center line, with the angle
     of the body from the road's direction: the front end, or the rear end of an oncoming vehicle.
     """
 
     def poses(self, t: Times) -> Poses:
-        """Its poses at the times `t` [s], shape (K, 3)."""
+        """Return the poses at the times `t` [s], shape (K, 3)."""
 
     def speeds(self, t: Times) -> Times:
-        """Its speed along the road at the times `t` [s], m/s, shape (K,)."""
+        """Return the speed along the road at the times `t` [s], m/s, shape (K,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """A vehicle on a course of its own, whatever others do; by default the paper's.
+    """A vehicle on a fixed course that ignores all others; the defaults are the paper's.
 
     It drives straight ahead, and may brake, move to another line, or come towards us.
 
     Args:
-        x: Front end at the start [m].
-        y: Its centre line, to the left [m].
-        speed: At the start [m/s].
-        deceleration: From `brakes_at` on until it stands [m/s²].
-        brakes_at: When it begins to brake [s].
-        moves_to: The centre line that it moves to, y [m]; None: it stays.
-        moves_at: When it begins to move sideways [s].
-        moves_within: How long that takes [s], at least 0.5.
+        x: Initial front end [m].
+        y: Initial center line, to the left [m].
+        speed: Initial speed [m/s].
+        deceleration: Deceleration from `brakes_at` until it stands still [m/s²].
+        brakes_at: Time at which it begins to brake [s].
+        moves_to: Center line that it moves to, y [m]; None keeps its line.
+        moves_at: Time at which it begins to move sideways [s].
+        moves_within: Duration of the move [s], at least 0.5.
         oncoming: Whether it drives against the road's direction.
 
     Raises:
-        SettingsError: a number that is not finite; a speed, deceleration or time below 0.
+        SettingsError: If a number is not finite, or a speed, deceleration or time is below 0.
     """
 
     x: float = OBSTACLE_START[0]
@@ -66,14 +66,14 @@ class Obstacle:
         _check(self, {"moves_to": None})
 
     def speeds(self, t: Times) -> Times:
-        """Its speed along the road at the times `t` [s], m/s, shape (K,); negative if oncoming."""
+        """Return the speed along the road at `t` [s], m/s, shape (K,); negative if oncoming."""
         speed = self.speed - self.deceleration * self._braking(t)
         return -speed if self.oncoming else speed
 
     def poses(self, t: Times) -> Poses:
-        """Its poses at the times `t` [s], shape (K, 3), as `Mover` has them."""
+        """Return the poses at the times `t` [s], shape (K, 3), as in `Mover`."""
         braking = self._braking(t)
-        # Braking ends where it stands: what it did not drive after that is not subtracted twice.
+        # Braking ends when it stands still; after that, no more distance may be subtracted.
         lost = self.deceleration * braking * (np.maximum(t - self.brakes_at, 0) - braking / 2)
         x = self.x + self.speed * t - lost
         if self.oncoming:
@@ -89,7 +89,7 @@ class Obstacle:
         return np.stack([x, y, turned], axis=1)
 
     def _braking(self, t: Times) -> Times:
-        """For how long it has been braking until `t` or until it stood [s], shape (K,)."""
+        """Return how long it has been braking at `t`, or until it stood still [s], shape (K,)."""
         if self.deceleration == 0:
             return np.zeros_like(t)
         return np.clip(t - self.brakes_at, 0.0, self.speed / self.deceleration)
@@ -97,20 +97,20 @@ class Obstacle:
 
 @dataclass(frozen=True, slots=True)
 class Driver:
-    """A vehicle of highway-env that sees the others: it keeps its distance, and may change lanes.
+    """A vehicle of highway-env that reacts to others: it keeps its distance and may change lanes.
 
-    The intelligent driver model (IDM) decides about the speed, MOBIL about lanes.
+    The intelligent driver model (IDM) decides the speed, MOBIL the lane.
 
     Args:
-        x: Front end at the start [m].
-        y: Its centre line there, to the left [m].
-        speed: At the start [m/s], above 0.
-        target_speed: What it would drive on a free road [m/s]; None: as at the start.
+        x: Initial front end [m].
+        y: Initial center line, to the left [m].
+        speed: Initial speed [m/s], above 0.
+        target_speed: Desired speed on a free road [m/s]; None uses the initial speed.
         changes_lanes: Whether it may change lanes.
         oncoming: Whether it drives against the road's direction.
 
     Raises:
-        SettingsError: a number that is not finite, a speed that is not positive.
+        SettingsError: If a number is not finite or a speed is not positive.
     """
 
     x: float = OBSTACLE_START[0]
@@ -128,9 +128,9 @@ class Driver:
 
 
 class Track:
-    """The way of a `Driver` as it was driven so far; between two instants it is straight.
+    """The path that a `Driver` has driven so far, straight between two instants.
 
-    That is how highway-env integrates: speed and direction hold for a step.
+    This matches highway-env, which keeps speed and direction constant for a step.
     """
 
     def __init__(self) -> None:
@@ -139,19 +139,19 @@ class Track:
         self._arrays: tuple[Times, Float[np.ndarray, "K 4"]] | None = None
 
     def add(self, t: float, pose: Sequence[float], speed: float) -> None:
-        """Append where it is at `t` [s]: pose, and speed along the road [m/s]."""
+        """Append pose and speed along the road [m/s] at `t` [s]."""
         x, y, turned = pose
         self._t.append(t)
         self._rows.append((x, y, turned, speed))
         self._arrays = None
 
     def poses(self, t: Times) -> Poses:
-        """Its poses at the times `t` [s], shape (K, 3)."""
+        """Return the poses at the times `t` [s], shape (K, 3)."""
         at, rows = self._known()
         return np.stack([np.interp(t, at, rows[:, i]) for i in range(3)], axis=1)
 
     def speeds(self, t: Times) -> Times:
-        """Its speed along the road at the times `t` [s], m/s, shape (K,)."""
+        """Return the speed along the road at the times `t` [s], m/s, shape (K,)."""
         at, rows = self._known()
         return np.asarray(np.interp(t, at, rows[:, 3]))
 
@@ -162,12 +162,12 @@ class Track:
 
 
 def upright(turned: float) -> float:
-    """The angle of a body from the road's direction, within ±π/2: a rectangle has no front."""
+    """Return a body's angle from the road's direction, within ±π/2: rectangles have no front."""
     return (turned + pi / 2) % pi - pi / 2
 
 
 def rows(movers: Sequence[Mover], t: Times) -> Float[np.ndarray, "K n 3"]:
-    """(x_o, y_o [m], v_o [m/s]) of each at the times `t` [s], shape (K, n, 3)."""
+    """Return (x_o, y_o [m], v_o [m/s]) of each vehicle at the times `t` [s], shape (K, n, 3)."""
     each = [np.column_stack([o.poses(t)[:, :2], o.speeds(t)]) for o in movers]
     return np.stack(each, axis=1)
 

@@ -1,8 +1,9 @@
-"""The road, and everybody on it, in the terms of highway-env. Loads highway-env and pygame.
+"""The road and all vehicles as objects of highway-env. Loads highway-env and pygame.
 
-Its y points down and a vehicle's position is its centre; ours is the front end with y to the
-left. Here alone one becomes the other. Contacts are ours to find, exactly and between two
-instants (`contact`): highway-env's own search, which pushes vehicles apart, is switched off.
+In highway-env y points down and a vehicle's position is its center; in ours the position is the
+front end and y points to the left. Only this module converts between them. We find contacts
+ourselves, exactly and between two instants (`contact`), and switch off highway-env's own search,
+which pushes vehicles apart.
 """
 
 from collections.abc import Sequence
@@ -24,16 +25,16 @@ from .rules import KEEPING_SPEED, LANE_WIDTH, LENGTH, WIDTH
 from .traffic import Driver, Obstacle, upright
 
 OWN, OTHER, CRASHED = (64, 156, 255), (255, 176, 46), (230, 57, 70)
-"""Colors of the own vehicle, of the others, and of the own one in a collision, RGB."""
+"""Colors of the ego vehicle, of the others, and of the ego vehicle in a collision, RGB."""
 OUR_WAY, ONCOMING = ("start", "end"), ("end", "start")
-"""Ends of the lanes in our direction, and of those in the other one. Lane 0 is the leftmost one
-in the direction of travel."""
-_ROAD_START, _ROAD_END = -1e3, 1e5  # m; far from wherever one may drive
+"""Ends of the lanes in our direction and in the other one. Lane 0 is the leftmost one in the
+direction of travel."""
+_ROAD_START, _ROAD_END = -1e3, 1e5  # m; far beyond any position in an episode
 _NONE = np.zeros(0)
 
 
 def network_of(options: OvertakeOptions) -> RoadNetwork:
-    """Lanes of 4 m: ours rightmost, oncoming ones to the left of all in our direction."""
+    """Return lanes of 4 m: ours rightmost, oncoming ones to the left of all in our direction."""
     network = RoadNetwork()
     solid, dashed, none = LineType.CONTINUOUS_LINE, LineType.STRIPED, LineType.NONE
     ours, all_of_them = options.lanes_count, options.lanes_count + options.oncoming_lanes_count
@@ -52,7 +53,7 @@ def network_of(options: OvertakeOptions) -> RoadNetwork:
 
 
 class OwnVehicle(Vehicle):  # type: ignore[misc]
-    """The car that is driven: its plant with the inputs held, exactly, however long a step is.
+    """The ego vehicle: its plant, simulated exactly with the inputs held, for steps of any length.
 
     An action holds "steering" [rad], to the right as in highway-env, and either "speed" [m/s] or
     "acceleration" [m/s²].
@@ -72,15 +73,15 @@ class OwnVehicle(Vehicle):  # type: ignore[misc]
         self.check_collisions, self.color = False, OWN
         self.plant = Bicycle() if plant is None else plant
         self.u = np.array([speed, 0.0])
-        self.target_speed = KEEPING_SPEED  # what MOBIL takes us for
+        self.target_speed = KEEPING_SPEED  # the speed that MOBIL assumes for us
         x, y = self.position
         ahead = np.array([cos(heading), -sin(heading)]) * LENGTH / 2
         self.x = np.array([x + ahead[0], -y + ahead[1], -heading])
 
     def inputs(self, duration: float) -> Float[np.ndarray, " 2"]:
-        """v [m/s] and δ_s [rad] that the action stands for, for a period of `duration` [s].
+        """Return v [m/s] and δ_s [rad] that the action stands for in a period of `duration` [s].
 
-        An acceleration changes v from one period to the next: by itself times the duration.
+        An acceleration changes v by itself times the duration, from one period to the next.
         """
         v = self.action.get("speed", self.u[0] + self.action["acceleration"] * duration)
         return np.array([v, -self.action["steering"]], dtype=float)
@@ -100,7 +101,7 @@ class OwnVehicle(Vehicle):  # type: ignore[misc]
 
 
 class CourseVehicle(Vehicle):  # type: ignore[misc]
-    """An `Obstacle`: drives its course, whatever others do."""
+    """A vehicle that drives the fixed course of an `Obstacle`."""
 
     LENGTH, WIDTH = LENGTH, WIDTH
 
@@ -119,7 +120,7 @@ class CourseVehicle(Vehicle):  # type: ignore[misc]
         self.time, self.target_speed = 0.0, self.course.speed
 
     def step(self, dt: float) -> None:
-        """Drive on for `dt` [s]."""
+        """Drive for `dt` [s]."""
         self.put(self.time + dt)
 
     def put(self, t: float) -> None:
@@ -132,43 +133,43 @@ class CourseVehicle(Vehicle):  # type: ignore[misc]
 
 
 class _OfOurs:
-    """What is added to the drivers of highway-env: our size, our color, our poses."""
+    """A mixin that gives highway-env's drivers our size, color and poses."""
 
     LENGTH, WIDTH = LENGTH, WIDTH
 
     def start(self: Any, oncoming: bool) -> None:
-        """Get ready to drive."""
+        """Prepare to drive: no collision checks by highway-env, our color, and the direction."""
         self.check_collisions, self.color, self.oncoming = False, OTHER, oncoming
 
     def pose(self: Any) -> tuple[float, float, float]:
-        """Where it is, as `traffic.Mover` has it."""
+        """Return the pose, as in `traffic.Mover`."""
         turned = upright(-self.heading)
         x, y = self.position.tolist()
         return x + LENGTH / 2 * cos(turned), -y + LENGTH / 2 * sin(turned), turned
 
     def velocity_along(self: Any) -> float:
-        """Along the road [m/s], negative if oncoming."""
+        """Return the speed along the road [m/s], negative if oncoming."""
         return float(self.speed * cos(self.heading))
 
     def put(self: Any, x: float, y: float, turned: float) -> None:
-        """Place it at a pose, as `traffic.Mover` has it."""
+        """Place it at a pose, as in `traffic.Mover`."""
         _place(self, x, y, turned, _heading(turned, self.oncoming))
 
 
 class IDM(_OfOurs, behavior.IDMVehicle):  # type: ignore[misc]
-    """Intelligent driver model, and MOBIL."""
+    """A driver that follows the intelligent driver model and MOBIL."""
 
 
 class Linear(_OfOurs, behavior.LinearVehicle):  # type: ignore[misc]
-    """Linear in gaps and speeds."""
+    """A driver whose acceleration is linear in gaps and speeds."""
 
 
 class Aggressive(_OfOurs, behavior.AggressiveVehicle):  # type: ignore[misc]
-    """Linear, with short gaps."""
+    """A linear driver with short gaps."""
 
 
 class Defensive(_OfOurs, behavior.DefensiveVehicle):  # type: ignore[misc]
-    """Linear, with long gaps."""
+    """A linear driver with long gaps."""
 
 
 _DRIVERS = dict(zip(DRIVERS, (IDM, Linear, Aggressive, Defensive), strict=True))
@@ -182,7 +183,7 @@ def road_of(
     *,
     record_history: bool = False,
 ) -> Road:
-    """A road with everybody where an episode begins: ours at the plant's state `x`, then others."""
+    """Return a road with all vehicles at the start: ours at the plant's state `x`, then others."""
     road = Road(network_of(options), np_random=rng, record_history=record_history)
     own = OwnVehicle(road, [0.0, 0.0], plant=options.car.plant)
     own.put(x, np.array([KEEPING_SPEED, 0.0]))

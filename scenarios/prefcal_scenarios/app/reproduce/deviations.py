@@ -141,7 +141,7 @@ CAR: tuple[Deviation, ...] = (
     ),
     Deviation(
         "(i): worst t_comp on an i7-8550U, measured",
-        "Modelled from iterations and problem size, on a processor that is given",
+        "Modeled from iterations and problem size, on a processor that is given",
         "A clock on a busy machine would decide by luck; the same study gives the same answers",
         "0.081 s at the paper's θ by construction; docs/overtaking.md has how well the model fits. "
         "Any other computer: prefcal calibrate overtake --processor FILE",
@@ -162,10 +162,10 @@ AGENT: tuple[Deviation, ...] = (
         "[0, 1] for each knob; the authors' code has [-1, 1]",
         "No box is better on all problems; with three knobs and more, as in the case studies, "
         "ours is",
-        "δ acts up to 16 times weaker (docs/sensitivity.md). GLISp.paper on 12 functions, gaps in "
-        "[-1, 1] against ours: mean log10 ratio -0.13 ± 0.08, 71 won and 73 lost (with the z of "
-        "the authors' code -0.12 ± 0.08, 72 and 71); with two knobs 43 won and 17 lost, with more "
-        "28 and 56. Reactor: median index 0.697, in [-1, 1] 0.703",
+        "δ acts up to 16 times weaker (docs/research/sensitivity.md). GLISp.paper on 12 functions, "
+        "gaps in [-1, 1] against ours: mean log10 ratio -0.13 ± 0.08, 71 won and 73 lost (with "
+        "the z of the authors' code -0.12 ± 0.08, 72 and 71); with two knobs 43 won and 17 lost, "
+        "with more 28 and 56. Reactor: median index 0.697, in [-1, 1] 0.703",
         "box",
     ),
     Deviation(

@@ -124,7 +124,7 @@ def test_a_widened_range_is_searched(prefcal, study):
         (["--knob", "speed=0:1"], "knob must be one of"),
         (["--knob", "T_s=1:0.5"], "knob 'T_s'"),
         (["--freeze", "N_p"], "expected KNOB=VALUE"),
-        (["--freeze", "N_p=5.5"], "integers were expected"),
+        (["--freeze", "N_p=5.5"], "expected integers"),
         (["--freeze", "gain=0"], "log10 scale needs low above 0"),
         (["--add", "gain=1"], "added knobs [], got ['gain']"),
     ],

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_env.envs.overtake.road.geometry import (
-    centres,
+    centers,
     corners,
     lateral_distance,
     outside,
@@ -91,7 +91,7 @@ def test_separations_by_hand(x, y, heading, apart):
 
 def test_the_body_is_behind_its_front_end():
     pose = np.array([[10.0, 1.0, pi / 2]])
-    assert centres(pose) == pytest.approx(np.array([[10.0, -1.25]]))
+    assert centers(pose) == pytest.approx(np.array([[10.0, -1.25]]))
     expected = np.array([[9.1, 1.0], [9.1, -3.5], [10.9, -3.5], [10.9, 1.0]])
     assert corners(pose)[0] == pytest.approx(expected)
 

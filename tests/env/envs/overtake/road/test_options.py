@@ -55,7 +55,7 @@ def test_drawn_oncoming_vehicles_are_in_the_other_lane():
 @pytest.mark.parametrize(
     ("scene", "says"),
     [
-        ({"lanes": 2}, "no \\['lanes'\\]"),
+        ({"lanes": 2}, "unknown keys \\['lanes'\\]"),
         ({"lanes_count": 0}, "lanes_count"),
         ({"lanes_count": True}, "lanes_count"),
         ({"duration": 0}, "duration"),
