@@ -1,6 +1,6 @@
-"""Agents: they propose θ and learn from preferences, or from scores.
+"""Provide agents that propose θ and learn from preferences or from scores.
 
-Those that need an extra (`optional.OPTIONAL`) are loaded when first named.
+Agents that need an extra (`optional.OPTIONAL`) are loaded on first use.
 """
 
 from typing import TYPE_CHECKING as _TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""The agents that need an extra, by name: loaded when first asked for."""
+"""Load the agents that need an extra, on first use."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -16,14 +16,14 @@ OPTIONAL: Mapping[str, str] = MappingProxyType(
         "SACBandit": "rl",
     }
 )
-"""Class to the package of `prefcal_agents` that it is in, which is also the extra's name."""
+"""Class name to its package in `prefcal_agents`, which is also the name of the extra."""
 
 
 def optional(name: str) -> Any:
-    """The class called `name`; made without its extra, it raises MissingExtraError.
+    """Return the class called `name`; creating one without its extra raises MissingExtraError.
 
     Raises:
-        SettingsError: there is none of that name.
+        SettingsError: there is no such agent.
     """
     if name not in OPTIONAL:
         raise SettingsError(f"an optional agent must be one of {sorted(OPTIONAL)}, got {name!r}")

@@ -1,4 +1,4 @@
-"""Beyond the paper: the overtaking of a θ that must do in several scenes. The worst one counts."""
+"""Evaluate θ in several overtaking scenes, of which the worst counts; beyond the paper."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -23,7 +23,7 @@ from .scenario import overtake
 from .supervisor import Supervisor
 
 HIGHER_IS_BETTER = ("lateral_distance", "clearance")
-"""Of the KPIs; of the others the largest is the worst."""
+"""KPIs whose smallest value is the worst; for all others it is the largest."""
 
 VARIANTS: Mapping[str, OvertakeOptions] = {
     "nominal": OvertakeOptions(),
@@ -32,8 +32,9 @@ VARIANTS: Mapping[str, OvertakeOptions] = {
     "slipping car": OvertakeOptions(car=slipping_car()),
     "two obstacles": OvertakeOptions(traffic=(Obstacle(x=22.0), Obstacle(x=36.0))),
 }
-"""By name, the paper's first. Noise in m, m and rad; the obstacle brakes with 1 m/s² after 4 s; the
-car is highway-env's, its speed needs time; two obstacles are nearer, to be passed within 15 s."""
+"""Scenes by name, the paper's first. Noise in m, m and rad; the obstacle brakes with 1 m/s² after
+4 s; the slipping car is highway-env's, whose speed reacts slowly; two obstacles are nearer, so that
+the car can pass them within 15 s."""
 
 
 def overtake_variants(
@@ -41,18 +42,18 @@ def overtake_variants(
     estimator: EstimatorSettings | None = ESTIMATOR,
     name: str = "overtake-robust",
 ) -> Scenario:
-    """The overtaking with one experiment a θ made of several runs, judged by the worst.
+    """Return the overtaking with several runs per experiment, of which the worst counts.
 
-    `Experiment.runs` are in the order of `variants`; arrays are those of the first, KPIs and end
-    the worst (`worst_of`). The measurement noise of variant i follows from (seed, i).
+    `Experiment.runs` are in the order of `variants`; arrays are those of the first run, KPIs and
+    end the worst (`worst_of`). The measurement noise of variant i follows from (seed, i).
 
     Args:
         variants: Scenes by name, one or more.
-        estimator: Of the controller; None: it believes what it measures.
-        name: Of the scenario.
+        estimator: Estimator of the controller; None trusts the measurement.
+        name: Name of the scenario.
 
     Raises:
-        ScenarioError: no variant.
+        ScenarioError: `variants` is empty.
     """
     if not variants:
         raise ScenarioError("overtake_variants needs one or more variants")
@@ -66,12 +67,12 @@ def overtake_variants(
 
 @dataclass(frozen=True, slots=True)
 class Scenes:
-    """What a scenario runs that has other scenes, another estimator or other limits.
+    """The scenes, estimator and fixed settings that a scenario runs with.
 
     Args:
-        options: One or more scenes; of several the worst counts.
-        estimator: Of the controller; None: it believes what it measures.
-        fixed: What the tuning leaves alone.
+        options: Options of one or more scenes; the worst counts.
+        estimator: Estimator of the controller; None trusts the measurement.
+        fixed: MPC settings that are not tuned.
     """
 
     options: tuple[OvertakeOptions, ...]
@@ -81,10 +82,10 @@ class Scenes:
     def run(
         self, theta: Float[np.ndarray, " 5"], seed: int = 0, space: KnobSpace = SPACE
     ) -> Experiment:
-        """Every scene once; the noise and the random traffic of scene i follow from (seed, i).
+        """Run every scene once; noise and random traffic of scene i follow from (seed, i).
 
         Raises:
-            KnobError: θ of the wrong shape, NaN or outside of `space`.
+            KnobError: θ of the wrong shape, NaN or outside `space`.
         """
         theta = space.check(theta)
         runs = []
@@ -95,16 +96,16 @@ class Scenes:
         return runs[0] if len(runs) == 1 else worst_of(runs, HIGHER_IS_BETTER)
 
     def controller(self, theta: Float[np.ndarray, " 5"], space: KnobSpace = SPACE) -> Supervisor:
-        """A fresh controller of θ. Raises as `run`."""
+        """Create the controller of θ. Raises like `run`."""
         return controller(theta, self.fixed, self.estimator, space)
 
     def settings(self, theta: Float[np.ndarray, " 5"], space: KnobSpace = SPACE) -> dict[str, Any]:
-        """Those of the MPCs, and of the estimator if there is one."""
+        """Return the settings of the MPCs, and of the estimator if there is one."""
         found = settings(theta, space, self.fixed)
         return found if self.estimator is None else found | {"estimator": asdict(self.estimator)}
 
     def of(self, scenario: Scenario) -> Scenario:
-        """`scenario` with these scenes in place of its own."""
+        """Return `scenario` with these scenes instead of its own."""
         return replace(
             scenario, run=self.run, controller=self.controller, settings=self.settings
         )  # fmt: skip
