@@ -1,4 +1,4 @@
-"""Agents: they propose θ and learn from preferences, or from scores.
+"""Provide agents that propose θ and learn from preferences or from scores.
 
 Everything below is loaded when it is first used, so that a list of the agents costs nothing.
 """

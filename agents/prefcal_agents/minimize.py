@@ -1,4 +1,4 @@
-"""The five-line entry: minimise by preference, with nothing but a function that compares."""
+"""Minimize by preference in five lines, with nothing but a function that compares."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,20 +21,20 @@ Prefer = Callable[
 
 @runtime_checkable
 class AgentFactory(Protocol):
-    """Makes an agent: `GLISp`, `RandomSearch`, `LatinHypercube`, or a partial of one."""
+    """A callable that makes an agent: `GLISp`, `RandomSearch`, or a partial of one."""
 
     def __call__(self, space: KnobSpace, *, n_init: int, n_max: int, seed: int) -> Agent:
-        """Make an agent for one study."""
+        """Create an agent for one study."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Minimum:
-    """What a study found.
+    """The result of a study.
 
     Args:
-        best: θ that won, physical, shape (n,).
+        best: Best θ, physical, shape (n,).
         samples: All θ in the order tried, physical, shape (N, n).
-        answers: N - 1 answers; number h compared sample h + 1 with the best one before it.
+        answers: N - 1 answers; answer h compares sample h + 1 with the best one before it.
     """
 
     best: Float[np.ndarray, " n"]
@@ -61,14 +61,15 @@ def minimize_by_preference(
     They take n_max - 1 comparisons, unless the agent asks several for each experiment.
 
     Args:
-        prefer: `prefer(a, b)` with two θ, physical, shape (n,): -1 if a is better, 1 if b is,
-            0 if they are equally good, None if it cannot tell, or an `Answer`.
-        space: Where θ is sought.
+        prefer: Function `prefer(a, b)` of two θ, physical, shape (n,), that returns -1 if a is
+            better, 1 if b is, 0 if they are equally good, None if it cannot tell, or an `Answer`.
+        space: Space to search.
         agent: Class of the agent.
-        n_init: Space-filling experiments before learning starts; None: min(10, n_max // 2).
-        n_max: Experiments in all, 2 or more.
-        seed: Of all randomness.
-        start: Physical θ to begin with, shape (n,), or several; the agent must take them.
+        n_init: Number of space-filling experiments before learning starts; min(10, n_max // 2) if
+            None.
+        n_max: Number of experiments, 2 or more.
+        seed: Seed of all randomness.
+        start: Physical θ to start from, shape (n,), or several; the agent must accept `start`.
 
     Raises:
         SettingsError: an impossible count or seed.

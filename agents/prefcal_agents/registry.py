@@ -54,7 +54,7 @@ AGENTS = (
     AgentRow("GLISp", "glisp.agent", "glisp"),
     AgentRow("GLISp.paper", "glisp.agent", "glisp-paper", "the algorithm as published"),
     AgentRow(
-        "GLIS", "baselines.glis", "glis", "learns from the scenario's score, asks nobody",
+        "GLIS", "baselines.glis", "glis", "learns from the scenario's score, needs no answers",
         by_value=True,
     ),
     AgentRow("PPOBandit", "rl", label="PPO", by_value=True, extra="rl", packages=_SB3),

@@ -1,6 +1,6 @@
 """Case studies, the report of a study, and the command line `prefcal`.
 
-The names below are loaded when first used: `prefcal --help` must not wait for plants and solvers.
+Names are imported on first use, so that `prefcal --help` does not load plants and solvers.
 """
 
 from importlib import import_module

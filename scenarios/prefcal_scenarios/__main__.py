@@ -1,4 +1,4 @@
-"""`python -m prefcal_scenarios` is `prefcal`."""
+"""Run `prefcal` as `python -m prefcal_scenarios`."""
 
 from prefcal_scenarios.app.cli import main
 

@@ -1,4 +1,4 @@
-"""What an agent may learn of an experiment beside θ: the scenario's KPIs and generic ones."""
+"""What an agent can learn about an experiment besides θ: the scenario's KPIs and generic ones."""
 
 from collections.abc import Mapping
 
@@ -11,14 +11,15 @@ from prefcal_env.preferences.kpis import Outcome
 from .scenario import KPI, Scenario
 
 INTERRUPTED = "interrupted"
-"""Name of the KPI that is 1 for a run that was stopped or failed, and 0 else."""
+"""Name of the KPI that is 1 for a run that was stopped or failed, and 0 otherwise."""
 
 
 def outcome(scenario: Scenario, experiment: Experiment) -> Outcome:
-    """KPIs of `experiment` by name, lower is better; infinite means never or as bad as can be.
+    """Return the KPIs of `experiment` by name, lower is better; infinite is the worst value.
 
-    The scenario's KPIs whose good direction is known, and the generic ones of any trajectory
-    with a reference. Of a run that was stopped all are infinite: a short run has small errors.
+    They are the scenario's KPIs with a known direction of improvement, and generic KPIs of any
+    trajectory with a reference. All are infinite for a run that was stopped: a short run would
+    otherwise look good, since it accumulates little error.
     """
     stopped = experiment.end.interrupted
     known = {} if not len(experiment.t) else dict(tracking_kpis(experiment))
@@ -32,12 +33,12 @@ def outcome(scenario: Scenario, experiment: Experiment) -> Outcome:
 
 
 def seen(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the KPIs that a person sees and the agent learns from, in order of importance."""
+    """Return the names of the KPIs that people see and agents use, in order of importance."""
     return (*(kpi.name for kpi in scenario.kpis if kpi.goal is not None), INTERRUPTED)
 
 
 def titles(scenario: Scenario) -> Mapping[str, str]:
-    """Name to title of the KPIs whose name is not for people."""
+    """Return titles by name for the KPIs whose names are not meant for people."""
     return {INTERRUPTED: "runs that were stopped"} | {
         kpi.name: _title(kpi) for kpi in scenario.kpis
     }

@@ -1,4 +1,4 @@
-"""A scenario: everything about one calibration task, as data, and how to find it by name."""
+"""A scenario: one calibration task described as data, and how to load it by name."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -33,28 +33,34 @@ BUILT_IN: Mapping[str, str] = {
     "overtake": "prefcal_scenarios.cases.overtake:overtake",
     "overtake-robust": "prefcal_scenarios.cases.overtake:overtake_robust",
 }
-"""Name to "module:attribute"; loaded when asked for."""
+"""Scenario name to "module:attribute"; the module is imported on first use."""
 
 
 class Run(Protocol):
     """One closed-loop experiment."""
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Run θ, physical, shape (n,)."""
+        """Run θ, in physical units, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class KPI:
-    """A key performance indicator: its key in `Experiment.kpis`, title, unit, and objective.
+    """A key performance indicator (KPI): a number that people read off an experiment.
 
-    `at_most` and `at_least` state the objective, in `unit`; a KPI with neither is for information.
-    `better` says which way is better where the objective does not; without either, the agent
-    does not learn from it (a score, say, that a person could not have written down). `about` says
-    in a sentence what it means, for people.
+    Args:
+        name: Key in `Experiment.kpis`.
+        title: Title for people.
+        unit: Unit of the values and limits.
+        at_most: Largest value that meets the objective, in `unit`.
+        at_least: Smallest value that meets the objective, in `unit`.
+        better: Direction of improvement if there is no objective. Without a direction or an
+            objective, the KPI is informational and the agent does not learn from it (for
+            example, a score that a person would not write down).
+        about: One sentence that explains the KPI to people.
 
     Raises:
-        ScenarioError: `better` is neither "lower" nor "higher" nor None, or no value can be at
-            least `at_least` and at most `at_most`.
+        ScenarioError: If `better` is not "lower", "higher" or None, or if `at_least` is above
+            `at_most`.
     """
 
     name: str
@@ -78,7 +84,7 @@ class KPI:
 
     @property
     def goal(self) -> Literal["lower", "higher", "target"] | None:
-        """Which way is better; "target" is the middle of `at_least` and `at_most`."""
+        """Return the direction of improvement; "target" is the middle of the objective's range."""
         if self.better is not None:
             return self.better
         if np.isfinite(self.at_most) and np.isfinite(self.at_least):
@@ -88,7 +94,7 @@ class KPI:
         return "higher" if np.isfinite(self.at_least) else None
 
     def badness(self, value: float) -> float:
-        """`value` turned so that lower is better; NaN where nothing was there to be measured."""
+        """Return `value` transformed so that lower is better; NaN if it could not be measured."""
         if self.goal == "target":
             return abs(value - (self.at_most + self.at_least) / 2)
         if self.goal == "higher":
@@ -96,7 +102,7 @@ class KPI:
         return value
 
     def met(self, value: float) -> bool | None:
-        """Whether `value` meets the objective; None where none is stated."""
+        """Return whether `value` meets the objective; None if there is no objective."""
         if np.isinf(self.at_most) and np.isinf(self.at_least):
             return None
         return self.at_least <= value <= self.at_most
@@ -104,34 +110,37 @@ class KPI:
 
 @dataclass(frozen=True)
 class Scenario:
-    """One calibration task.
+    """A calibration task.
 
     Args:
-        name: Short, as in `prefcal calibrate NAME`.
-        title: For headings.
-        space: The knobs.
-        run: One experiment of a physical θ.
-        cost: Latent cost of an experiment, lower is better; None where no single score exists.
-        kpis: What people read of an experiment, in order of importance.
-        panels: What people look at, top down, each named by its channel; none: every state and
-            input, and every output that is no state.
-        references: Named θ to compare with, the paper's say, physical, shape (n,).
-        calibrators: Synthetic calibrators by name, each made from a seed.
-        controller: The tuned controller of a θ.
-        settings: The controller's settings at a θ, JSON-able, for the export.
-        scene: What the query window animates of an experiment, JSON-able; see
-            `prefcal_scenarios.cases.overtake.pictures.drawing.Drawing.as_json`.
-        brief: What the task is, in a few sentences for the person who compares.
-        configured: The scenario for another configuration, plain data, as `--config` reads it.
-        on_processor: A scenario like this one with its computation times judged on a `Processor`;
-            None where computing is no criterion.
-        pictures: The scenario's own figures for the report, above those that every report has;
-            a function, so that plots are loaded for reports only.
+        name: Short name, as in `prefcal calibrate NAME`.
+        title: Title for headings.
+        space: Knobs to calibrate.
+        run: Function that runs one experiment for a physical θ.
+        cost: Latent cost of an experiment, lower is better; None if there is no single score.
+        kpis: KPIs of an experiment, in order of importance.
+        panels: Plots of an experiment from top to bottom, each named by its channel. If empty,
+            plots every state and input, and every output that is not a state.
+        references: Named θ to compare with, for example the paper's, physical, shape (n,).
+        calibrators: Synthetic calibrators by name, each a function of a seed.
+        controller: Function that builds the tuned controller for a θ.
+        settings: Function that returns the controller's settings for a θ as JSON-able data, for
+            the export.
+        scene: Function that returns the animation of an experiment for the query window as
+            JSON-able data; see `prefcal_scenarios.cases.overtake.pictures.drawing.Drawing.as_json`.
+        brief: Description of the task in a few sentences, for the person who compares.
+        configured: Function that returns the scenario for another configuration, given as plain
+            data, as read by `--config`.
+        on_processor: Function that returns the scenario with computation times evaluated for a
+            `Processor`; None if computation time is not a criterion.
+        pictures: Function that returns the scenario's own figures, shown above the report's
+            standard ones. It is a function so that plotting is imported only for reports.
 
     Raises:
-        ScenarioError: a part of the wrong type, a reference θ that does not fit the space, KPIs
-            of one name; panels or KPIs that `run` is known not to give. Where `run` states no
-            `channels`, its first experiment tells (see `prefcal_scenarios.own.checks`).
+        ScenarioError: If a part has the wrong type, a reference θ does not fit the space, two
+            KPIs share a name, or `run` is known not to return a panel or KPI. If `run` declares
+            no `channels`, they are checked after the first experiment (see
+            `prefcal_scenarios.own.checks`).
     """
 
     name: str
@@ -156,15 +165,15 @@ class Scenario:
 
     @property
     def shown_kpis(self) -> tuple[KPI, ...]:
-        """KPIs that people are shown: not the index, a score that nobody who compares chose."""
+        """Return the KPIs to show to people: all except the index, which no person chose."""
         return tuple(k for k in self.kpis if self.cost is None or k.name != "index")
 
 
 def described(kpis: Sequence[KPI], about: Mapping[str, str]) -> tuple[KPI, ...]:
-    """The KPIs with what each means in a sentence, by the KPI's name.
+    """Return the KPIs with the explanations in `about`, which maps KPI names to sentences.
 
     Raises:
-        ScenarioError: a name that no KPI has.
+        ScenarioError: If a name matches no KPI.
     """
     unknown = sorted(set(about) - {kpi.name for kpi in kpis})
     if unknown:
@@ -173,10 +182,11 @@ def described(kpis: Sequence[KPI], about: Mapping[str, str]) -> tuple[KPI, ...]:
 
 
 def panels_of(scenario: Scenario, *experiments: Experiment) -> tuple[Plot, ...]:
-    """Return what to draw of one or more experiments, the same for all of them.
+    """Return the plots to draw for one or more experiments, the same for all of them.
 
-    The scenario's panels, or without any one for each state, input, and output that is no state.
-    A panel whose curve none of them has, as experiments from before it was added, is empty.
+    These are the scenario's panels or, if it has none, one for each state, each input, and each
+    output that is not a state. A panel is empty if no experiment has its curve, for example
+    because they ran before it was added.
     """
     recorded = [e for e in experiments if len(e.t)] or list(experiments)
     if not scenario.panels:
@@ -194,10 +204,10 @@ def _plot(panel: Panel, experiments: Sequence[Experiment]) -> Plot:
 
 
 def with_ranges(scenario: Scenario, space: KnobSpace) -> Scenario:
-    """`scenario` with the knobs of `space`, whose ranges may be wider than its own.
+    """Return `scenario` with the knobs of `space`, whose ranges may be wider than its own.
 
-    Where its `run`, `controller` or `settings` take an argument `space`, they are given it: those
-    that check θ know by that what is allowed now.
+    If its `run`, `controller` or `settings` takes an argument `space`, it receives the new space,
+    so that functions that check θ accept the wider ranges.
     """
     return replace(
         scenario,
@@ -216,24 +226,24 @@ def _within(function: Any, space: KnobSpace) -> Any:
 
 
 def is_built_in(source: str) -> bool:
-    """Whether the scenario is one of ours, with a configuration or without, and no program."""
+    """Return whether the scenario is built in, with or without a configuration."""
     return source.partition("{")[0].strip() in BUILT_IN
 
 
 def is_own(source: str) -> bool:
-    """Whether the scenario is a user's own, path/to/own.py:attribute, configured or not."""
+    """Return whether the scenario is a user's own (path/to/own.py:attribute), configured or not."""
     return source.partition("{")[0].strip().rpartition(":")[0].endswith(".py")
 
 
 def load(name: str) -> Scenario:
     """Return the scenario called `name`: one of `BUILT_IN`, or "path/to/own.py:attribute".
 
-    After either its configuration may follow, in JSON: 'overtake {"lanes_count": 3}'.
+    A configuration in JSON may follow the name: 'overtake {"lanes_count": 3}'.
 
     Raises:
-        ScenarioError: no scenario of that name, no such file or attribute, or not a Scenario; one
-            that cannot be configured, or no JSON.
-        SettingsError: a configuration that the scenario refuses.
+        ScenarioError: If there is no such scenario, file or attribute, it is not a Scenario, it
+            cannot be configured, or the configuration is not JSON.
+        SettingsError: If the scenario rejects the configuration.
     """
     bare, config = split_source(str(name))
     if config is not None:

@@ -1,4 +1,4 @@
-"""Expected improvement: how much a θ is expected to lower the best value, sure or not."""
+"""Compute expected improvement: by how much a θ is expected to beat the best value."""
 
 from dataclasses import dataclass
 
@@ -9,37 +9,37 @@ from prefcal_agents.models.gaussian_process import GaussianProcess
 from prefcal_agents.models.interpolant import normalised
 from prefcal_agents.models.surrogate import Composite, Surrogate
 
-_CEILING = 2.0  # see `normalised`: what is far worse than most must not flatten the rest
-_FAR = -1e3  # standard deviations; farther down the difference of two numbers near 1 is lost
+_CEILING = 2.0  # see `normalised`: values far worse than most must not flatten the rest
+_FAR = -1e3  # standard deviations; below, the difference of two numbers near 1 is lost
 
 
 @dataclass(frozen=True, slots=True)
 class ExpectedImprovement:
-    """-log of what a θ is expected to gain, which is to be minimised.
+    """The objective -log(expected improvement), to minimize.
 
     Source: D. R. Jones, M. Schonlau, W. J. Welch, "Efficient global optimization of expensive
     black-box functions", Journal of Global Optimization 13 (1998), equation 15; in logarithms,
     since far from the best the gain itself is 0 in floating point.
 
     Args:
-        process: What is known of Ĵ, as shares of its range over the samples.
+        process: Gaussian process of Ĵ, in shares of its range over the samples.
     """
 
     process: GaussianProcess
 
     @classmethod
     def of(cls, surrogate: Surrogate | Composite) -> "ExpectedImprovement":
-        """That on the values which `surrogate` has at its centres, and so on all answers."""
+        """Create it from the values of `surrogate` at its centers, and so from all answers."""
         values = normalised(surrogate(surrogate.centres), _CEILING)
         return cls(GaussianProcess.through(surrogate.centres, values))
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """-log EI at the rows of `z`, shape (m,)."""
+        """Return -log EI at the rows of `z`, shape (m,)."""
         mean, deviation = self.process(z)
         return np.asarray(-np.log(deviation) - _log_gain(-mean / deviation)[0])
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Its gradient at one point, shape (n,)."""
+        """Return the gradient at one point, shape (n,)."""
         mean, deviation, of_mean, of_deviation = self.process.slopes(z)
         u = -mean / deviation  # the best sample has 0
         of_u = -(of_mean + u * of_deviation) / deviation
@@ -49,7 +49,7 @@ class ExpectedImprovement:
 def _log_gain(
     u: Float[np.ndarray, " m"],
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """log(φ(u) + u Φ(u)) and its slope, φ and Φ of the normal distribution."""
+    """Return log(φ(u) + u Φ(u)) and its slope, with φ and Φ of the normal distribution."""
     from scipy.special import erfcx, ndtr
 
     above, below = np.maximum(u, -1.0), np.minimum(u, -1.0)

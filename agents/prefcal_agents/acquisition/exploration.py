@@ -1,4 +1,4 @@
-"""The acquisition function: a low surrogate is good, a place far from all samples too."""
+"""Score candidates: a low surrogate is good, and so is a place far from all samples."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ _NEAREST = 1e-75  # squares to 1e-150: the sum of inverses stays finite on a sam
 
 
 def exploration(d: Float[np.ndarray, "m N"]) -> Float[np.ndarray, " m"]:
-    """IDW distance z from all samples: 0 on a sample, below π/2 elsewhere, in radians.
+    """Return the IDW distance z from all samples: 0 on a sample, below π/2 elsewhere, in radians.
 
     Source: eq. IDW-distance with w = 1/d².
     Deviation: none.
@@ -29,14 +29,14 @@ def exploration(d: Float[np.ndarray, "m N"]) -> Float[np.ndarray, " m"]:
 def exploration_gradient(
     z: Float[np.ndarray, " n"], samples: Float[np.ndarray, "N n"]
 ) -> Float[np.ndarray, " n"]:
-    """∂z/∂θ of eq. IDW-distance at one point of the cube, shape (n,); 0 on a sample."""
+    """Return ∂z/∂θ of eq. IDW-distance at one point of the cube, shape (n,); 0 on a sample."""
     away = z - samples
     d = np.sum(away * away, axis=1)
     nearest = d.min()
     if nearest < _NEAREST:
         return np.zeros(len(z))
     # With s = Σ d⁻² and arctan(1/s): the slope is -1/(1 + s²) times ∂s = Σ -2 d⁻³ · 2 away.
-    # Everything is taken relative to the nearest sample, where d⁻³ and s² would overflow.
+    # Relative to the nearest sample, because d⁻³ and s² could overflow.
     ratio = nearest / d
     s = np.sum(ratio**2)
     return np.asarray((4 * nearest / (nearest**4 + s**2)) * (ratio**3 @ away))
@@ -47,13 +47,13 @@ Learned = Surrogate | Composite | PreferenceGP
 
 @dataclass(frozen=True, slots=True)
 class Acquisition:
-    """a(θ) of eq. acquisition on the unit cube.
+    """The acquisition a(θ) of eq. acquisition on the unit cube.
 
     Args:
-        surrogate: Ĵ.
-        delta: δ, 0 or more.
-        spread: ΔĴ; 1 where the surrogate is flat (nothing is known, or all are ties).
-        tried: Samples that exploration keeps away from, unit cube, shape (N, n).
+        surrogate: Surrogate Ĵ.
+        delta: Weight δ of exploration, 0 or more.
+        spread: Range ΔĴ; 1 if the surrogate is flat (nothing is known, or only ties).
+        tried: Samples that exploration stays away from, unit cube, shape (N, n).
     """
 
     surrogate: Learned
@@ -65,13 +65,13 @@ class Acquisition:
     def of(
         cls, surrogate: Learned, delta: float, tried: Float[np.ndarray, "N n"] | None = None
     ) -> "Acquisition":
-        """Normalise `surrogate` by its range over the samples; all that were tried may be more."""
+        """Normalize `surrogate` by its range; `tried` may have more samples than it was fit to."""
         spread = surrogate.spread
         tried = surrogate.centres if tried is None else tried
         return cls(surrogate, delta, spread if spread > 0 else 1.0, tried)
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """a at the rows of `z`, shape (m, n); shape (m,).
+        """Return a at the rows of `z`, shape (m, n), as shape (m,).
 
         Source: eq. acquisition.
         Deviation: none.
@@ -83,7 +83,7 @@ class Acquisition:
         return np.asarray(value - self.delta * exploration(d))
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """∂a/∂z at one point of the cube, shape (n,)."""
+        """Return ∂a/∂z at one point of the cube, shape (n,)."""
         slope = self.surrogate.gradient(z) / self.spread
         if not self.delta:
             return slope

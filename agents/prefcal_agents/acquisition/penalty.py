@@ -1,7 +1,7 @@
-"""Learn from the mark "unsafe": places that are likely unsafe repel the next sample.
+"""Learn from the mark "unsafe", so that proposals avoid places that are likely unsafe.
 
-The mark "good enough" is recorded and reported, and changes no proposal: it gained nothing
-(docs/research/marks.md).
+The mark "good enough" is recorded and reported but does not change proposals, since that gained
+nothing (docs/research/marks.md).
 
 Source: M. Zhu, D. Piga, A. Bemporad, "C-GLISp: Preference-based global optimization under unknown
 constraints with applications to controller calibration", IEEE Transactions on Control Systems
@@ -20,13 +20,13 @@ from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, squared_distances
 from prefcal_agents.optimize.search import Objective
 
 _RBF = RADIAL_FUNCTIONS["inverse_quadratic"]
-_LENGTHS = (0.1, 0.2, 0.4, 0.8)  # over which a mark counts, per knob; the likeliest is taken
-_JUDGED = 100  # samples, the last ones, that say which length is likeliest: enough, and quick
-_VARIANCE = 25.0  # of the log odds: a mark alone is believed to some 90 %
-_STEPS = 30  # of Newton's method; it takes about 7
-_RECENT = 20  # samples looked at last, whose unsafe ones make careful
-_RELAXED = 0.5  # share of the risk that is still taken after each of them
-POOL = 300  # random points among which a planned one that is likely unsafe is replaced
+_LENGTHS = (0.1, 0.2, 0.4, 0.8)  # candidate length scales of a mark, per knob
+_JUDGED = 100  # number of latest samples that choose the length scale, for speed
+_VARIANCE = 25.0  # variance of the log odds: a single mark is believed to about 90 %
+_STEPS = 30  # maximum steps of Newton's method, which takes about 7
+_RECENT = 20  # number of latest samples whose unsafe marks raise the required safety
+_RELAXED = 0.5  # share of the risk that is still accepted after each of them
+POOL = 300  # random points to choose from when replacing a planned point that is likely unsafe
 
 
 class PenaltySettings(Protocol):
@@ -43,18 +43,18 @@ class PenaltySettings(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SafetyModel:
-    """How likely a label is, as a function of the cube: a Gaussian process on the log odds.
+    """The probability of a label over the cube, by a Gaussian process on the log odds.
 
     Source: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning" (2006),
     section 3.4: the mode of the posterior, whose log odds are Σ α_i φ + offset.
-    Deviation: the paper of C-GLISp interpolates labels by inverse distances. That does not see
-    an edge beyond the samples: marks then saved fewer unsafe experiments (docs/research/marks.md).
+    Deviation: C-GLISp interpolates labels by inverse distances, which cannot see an edge beyond
+    the samples: marks then prevented fewer unsafe experiments (docs/research/marks.md).
 
     Args:
-        centres: K samples that were looked at, shape (K, n).
-        alpha: α, shape (K,).
-        offset: Log odds far from all of them.
-        length: Over which a label counts, above 0, in units of the cube per knob.
+        centres: K labeled samples, shape (K, n).
+        alpha: Weights α, shape (K,).
+        offset: Log odds far from all samples.
+        length: Length scale of a label, above 0, in units of the cube per knob.
     """
 
     centres: Float[np.ndarray, "K n"]
@@ -64,11 +64,11 @@ class SafetyModel:
 
     @classmethod
     def of(cls, samples: Float[np.ndarray, "K n"], labels: Bool[np.ndarray, " K"]) -> "SafetyModel":
-        """Learn from the labels of K samples, with the length that explains them best.
+        """Learn from the labels of K samples, with the length scale that explains them best.
 
-        Of more than `MOST` samples those with the rarer label count, and the latest others.
+        With more than `MOST` samples, keep those with the rarer label and the latest others.
         """
-        # The share, with one of each kind added: labels of one kind alone prove nothing for ever.
+        # Count one label of each kind more, so that labels of a single kind never mean certainty.
         offset = float(np.log((1 + np.sum(labels)) / (1 + np.sum(~labels))))
         if len(labels) > MOST:
             common = labels == (np.mean(labels) > 0.5)
@@ -84,12 +84,12 @@ class SafetyModel:
         return cls(samples, _VARIANCE * alpha, offset, length)
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """Probability at the rows of `z`, shape (m, n); shape (m,)."""
+        """Return the probability at the rows of `z`, shape (m, n), as shape (m,)."""
         phi = _kernel(squared_distances(z, self.centres) / z.shape[1], self.length)
         return _logistic(self.offset + phi @ self.alpha)
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Its gradient at one point, shape (n,)."""
+        """Return the gradient at one point, shape (n,)."""
         p = self(z[None])[0]
         away = z - self.centres
         per = self.length**2 * len(z)
@@ -108,7 +108,7 @@ def _logistic(x: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
 def _mode(
     phi: Float[np.ndarray, "K K"], labels: Bool[np.ndarray, " K"], offset: float
 ) -> tuple[Float[np.ndarray, " K"], float]:
-    """Slopes of the log likelihood at the mode, shape (K,), and the log evidence.
+    """Return the slopes of the log likelihood at the mode, shape (K,), and the log evidence.
 
     Source: Rasmussen and Williams, algorithm 3.1, started at 0.
     """
@@ -132,10 +132,10 @@ def _mode(
 
 @dataclass(frozen=True, slots=True)
 class Penalty:
-    """What a lack of `chance` costs: `weight` where it is 0, nothing from `least` on.
+    """The penalty for a low `chance`: `weight` where the chance is 0, nothing from `least` on.
 
-    It is flat where all is well, so that there the acquisition alone decides: any slope of a
-    chance, however small, would keep the samples from converging to the optimum.
+    It is flat where the chance is high, so that the acquisition alone decides there: any slope,
+    however small, would keep the samples from converging to the optimum.
     """
 
     chance: SafetyModel
@@ -143,40 +143,40 @@ class Penalty:
     weight: float
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """Cost at the rows of `z`, shape (m,)."""
+        """Return the penalty at the rows of `z`, shape (m,)."""
         return np.asarray(self.weight * np.maximum(1 - self.chance(z) / self.least, 0.0) ** 2)
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Its gradient at one point, shape (n,)."""
+        """Return the gradient at one point, shape (n,)."""
         lack = max(1 - self.chance(z[None])[0] / self.least, 0.0)
         return np.asarray(-2 * self.weight * lack / self.least * self.chance.gradient(z))
 
 
 @dataclass(frozen=True, slots=True)
 class Penalized:
-    """An acquisition, and what unsafe marks add to it.
+    """An acquisition plus the penalty from unsafe marks.
 
     Source: the acquisition of C-GLISp, with its term for feasibility.
-    Deviation: the term is squared beyond a threshold, not linear, see `Penalty`; there is none for
-    satisfaction.
+    Deviation: the term is squared beyond a threshold instead of linear, see `Penalty`; there is no
+    term for satisfaction.
     """
 
     acquisition: Objective
     penalty: Penalty
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """Values at the rows of `z`, shape (m,)."""
+        """Return the values at the rows of `z`, shape (m,)."""
         return np.asarray(self.acquisition(z) + self.penalty(z))
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Gradient at one point, shape (n,)."""
+        """Return the gradient at one point, shape (n,)."""
         return np.asarray(self.acquisition.gradient(z) + self.penalty.gradient(z))
 
 
 def unsafe_penalty(history: History, settings: PenaltySettings) -> Penalty | None:
     """Return the cost of likely unsafe places after `history`; None without unsafe samples.
 
-    Each unsafe one among the last few makes more careful: half the risk is taken after it.
+    Each unsafe sample among the latest ones halves the accepted risk.
     """
     marks = history.marks()
     if not (settings.unsafe_weight and marks.unsafe.any()):
@@ -194,7 +194,7 @@ def replaced(
 ) -> Float[np.ndarray, " n"]:
     """Return `planned`, or the best of `pool` if `planned` is likely unsafe, shape (n,).
 
-    Far from all `others`, shape (m, n), is good, which is what the start of a study is for.
+    The best point is safe and far from all `others`, shape (m, n), as suits the initial design.
     """
     if penalty.chance(planned[None])[0] >= penalty.least:
         return planned

@@ -1,4 +1,4 @@
-"""GLIS's acquisition: a low interpolant is good, an uncertain one and a far place too."""
+"""Compute the acquisition of GLIS, which rewards low, uncertain and distant points."""
 
 from dataclasses import dataclass
 
@@ -15,15 +15,15 @@ _FLAT = 1e-12  # a deviation below this has no slope worth following
 
 @dataclass(frozen=True, slots=True)
 class ValueAcquisition:
-    """a = f - α s - δ z over the box scaled to [-1, 1]; f interpolates scores between 0 and 1.
+    """The acquisition a = f - α s - δ z over the box scaled to [-1, 1]; f interpolates scores.
 
     Source: Bemporad 2020, equation 10, divided by its ΔF: the range of the scores is 1 here.
 
     Args:
-        interpolant: f, with its centres in [-1, 1].
-        values: Of the N samples, shape (N,), between 0 and 1; f goes through them.
-        alpha: α, 0 or more: how much a large IDW deviation s attracts.
-        delta: δ, 0 or more: how much a large IDW distance z attracts.
+        interpolant: Interpolant f, with centers in [-1, 1].
+        values: Scores of the N samples, shape (N,), between 0 and 1; f goes through them.
+        alpha: Weight α of the IDW deviation s, 0 or more.
+        delta: Weight δ of the IDW distance z, 0 or more.
     """
 
     interpolant: Interpolant
@@ -32,7 +32,7 @@ class ValueAcquisition:
     delta: float
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """a at the rows of `z`, shape (m, n), unit cube; shape (m,)."""
+        """Return a at the rows of `z`, shape (m, n), unit cube, as shape (m,)."""
         x = 2 * z - 1
         weights = Weights.of(squared_distances(x, self.interpolant.centres))
         f = self.interpolant(x)
@@ -40,7 +40,7 @@ class ValueAcquisition:
         return np.asarray(f - self.alpha * s - self.delta * distance(weights))
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """∂a/∂z at one point of the cube, shape (n,)."""
+        """Return ∂a/∂z at one point of the cube, shape (n,)."""
         x = 2 * z - 1
         slope = self.interpolant.gradient(x)
         slopes = Slopes.at(x, self.interpolant.centres)

@@ -1,4 +1,4 @@
-"""Stopping advice: what another ten experiments would be expected to gain."""
+"""Advise whether to stop, from what another ten experiments are expected to gain."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -9,34 +9,33 @@ from prefcal_agents.history.history import Comparison, History
 from prefcal_env.preferences.answer import Preference
 
 AHEAD = 10
-"""Experiments that the advice looks ahead."""
+"""Number of experiments that the advice looks ahead."""
 _LEAST = 5
-"""Verdicts below which nothing is said."""
+"""Minimum number of verdicts for an advice."""
 _HALF_LIFE = 7.0
-"""Experiments after which a verdict counts half."""
+"""Number of experiments after which a verdict counts half."""
 _TIE = 5.0
-"""Verdicts against a new experiment that one tie is worth."""
+"""Number of verdicts against a new experiment that a tie counts as."""
 _PRIOR = (0.2, 0.8)
-"""Imagined improvement, and verdict against one."""
+"""Prior counts of improvements and of verdicts against one."""
 _PROBABLY, _HARDLY = 0.75, 0.25
-"""Chance of no improvement from which on stopping is advised, and below which going on is."""
+"""Probability of no improvement above which to stop, and below which to continue."""
 
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """What the record of improvements and the surrogate say of the next `AHEAD` experiments.
+    """The expected gain of the next `AHEAD` experiments, from the improvements so far.
 
-    Source: none. A Krichevsky-Trofimov-like estimate (counts with a prior, so a beta distribution
-    of the rate and a beta-binomial one of the number); how well it foretells:
-    docs/research/stopping.md.
+    Source: none. A Krichevsky-Trofimov-like estimate: counts with a prior, so a beta distribution
+    of the rate and a beta-binomial one of the number. Its accuracy: docs/research/stopping.md.
 
     Args:
-        recent: How many of the latest experiments were compared, `AHEAD` at most.
-        improved: How many of these became the best.
-        expected: Improvements expected among the next `AHEAD` experiments.
-        low: Number of improvements that is not reached with a chance of 10 % at most.
-        high: Number of improvements that is exceeded with a chance of 10 % at most.
-        none: Chance that none of them improves, 0 to 1.
+        recent: Number of the latest compared experiments, at most `AHEAD`.
+        improved: Number of these that became the best.
+        expected: Expected number of improvements among the next `AHEAD` experiments.
+        low: Number of improvements that is missed with a probability of at most 10 %.
+        high: Number of improvements that is exceeded with a probability of at most 10 %.
+        none: Probability that none of them improves, 0 to 1.
     """
 
     recent: int
@@ -48,12 +47,12 @@ class Advice:
 
     @property
     def stop(self) -> bool:
-        """Whether another `AHEAD` experiments would probably bring nothing better."""
+        """Return whether another `AHEAD` experiments would probably find nothing better."""
         return self.none >= _PROBABLY
 
     @property
     def text(self) -> str:
-        """Whether to go on, in one sentence, with the numbers that it rests on."""
+        """Return in one sentence whether to continue, with the numbers behind it."""
         ahead = f"another {AHEAD} experiments"
         record = f"{self.improved} of the last {self.recent} beat the best before"
         nothing = f"{100 * self.none:.0f} %" if self.none >= 0.005 else "less than 1 %"
@@ -71,11 +70,11 @@ class Advice:
 
 
 def advise(history: History) -> Advice | None:
-    """The advice after `history`; None while too little is known.
+    """Return the advice after `history`; None while too little is known.
 
-    An improvement is a new experiment that became the best. Abstentions and retracted answers
-    count as nothing; a tie counts for more than a defeat, since it says that the differences
-    have become too small to see. Recent experiments count more than old ones.
+    An improvement is a new experiment that became the best. Abstentions and retracted answers do
+    not count; a tie counts more than a defeat, since it says that differences have become too
+    small to see. Recent experiments count more than old ones.
 
     Args:
         history: Samples and answers.
@@ -102,7 +101,7 @@ def advise(history: History) -> Advice | None:
 
 
 def _verdicts(history: History) -> list[Preference]:
-    """On each new experiment against the best before it."""
+    """Return the verdict on each new experiment against the best before it."""
     scored = [c.value for c in history.comparisons if c.value is not None]
     if scored:
         lowest = np.minimum.accumulate(scored).tolist()

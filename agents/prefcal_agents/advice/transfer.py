@@ -1,4 +1,4 @@
-"""Start a study from the best θ of an earlier one: of another person, or of a similar plant."""
+"""Start a study from the best θ of an earlier one, by another person or on a similar plant."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ class HasBest(Protocol):
 
     @property
     def space(self) -> KnobSpace:
-        """Its knobs."""
+        """Return the knobs of the agent."""
 
     @property
     def best_index(self) -> int | None:
-        """Number of its best sample; None before the first answer."""
+        """Return the number of the best sample; None before the first answer."""
 
     @property
     def best(self) -> Float[np.ndarray, " n"]:
-        """Its best θ, physical."""
+        """Return the best θ, physical."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +60,8 @@ class Earlier:
     ) -> tuple[float, ...] | None:
         """Return the best θ as a θ of `space`, for the `start` of an agent.
 
-        Knobs are matched by name, and those that `space` lacks are dropped. A value outside of
-        what is searched becomes the nearest one inside, a fraction for an integer knob the
+        Knobs are matched by name; knobs that `space` lacks are dropped. A value outside the
+        searched range becomes the nearest value inside, and a fraction for an integer knob the
         nearest integer.
 
         Args:

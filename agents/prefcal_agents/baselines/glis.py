@@ -25,22 +25,22 @@ from .glis_settings import GLISSettings
 
 @final
 class GLIS(Stored, ValueBased):
-    """Optimize a score that is known after every experiment, to compare preferences with.
+    """Optimize a score that is known after every experiment; a baseline for preferences.
 
     The first `n_init` samples are a Latin hypercube. Then the scores are interpolated, and the
     acquisition of `ValueAcquisition` is minimized.
 
     Source: Bemporad 2020 (see `inverse_distance`); section IV-A of the paper compares with it.
-    Deviation: those of `GLISSettings`, and a multistart descent in place of particle swarm.
+    Deviation: those of `GLISSettings`, and a multistart descent instead of a particle swarm.
 
     Args:
-        space: The knobs.
+        space: Knobs to tune.
         n_init: Number of samples of the start, 1 or more.
         n_max: Number of experiments.
         seed: Seed of all randomness, 0 or more.
         settings: All other settings.
-        start: Physical θ to begin with, the present tuning say, shape (n,), or several: they
-            take the place of the first of the `n_init` samples.
+        start: Physical θ to start from, such as the current tuning, shape (n,), or several. They
+            replace the first of the `n_init` samples.
 
     Raises:
         SettingsError: an impossible value.
@@ -101,14 +101,14 @@ class GLIS(Stored, ValueBased):
 
     @property
     def settings(self) -> GLISSettings:
-        """All settings."""
+        """Return all settings."""
         return self._options
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return the interpolated score at physical `thetas`, shape (m, n): shape (m,), no unit.
 
-        The best sample has 0 and the worst 1 (all above the ceiling of `settings` count as the
-        worst). All zeros while nothing is known.
+        The best sample has 0 and the worst 1 (scores above the ceiling of `settings` count as the
+        worst). The values are all 0 while nothing is known.
 
         Raises:
             KnobError: `thetas` has another shape or leaves the box.

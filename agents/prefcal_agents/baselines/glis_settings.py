@@ -1,4 +1,4 @@
-"""The settings of GLIS, checked when they are made."""
+"""Define the settings of GLIS, checked on creation."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -14,17 +14,17 @@ class GLISSettings:
     """Configure how GLIS chooses the next experiment.
 
     Source: Bemporad 2020, sections 3 and 4.
-    Deviation: α and δ are smaller than its 0.8 and 0.5, which waste experiments far from the best
+    Deviation: α and δ are smaller than 0.8 and 0.5, which waste experiments far from the best
     (median of 6 seeds after 50 experiments: hartman6 0.08 against 0.20, camel 2e-5 against 6e-5,
     branin 3e-4 against 2e-3). ε is chosen at every step by leave-one-out errors, not fixed.
-    Scores far above the median count as less (`ceiling`): an interrupted run costs a thousand
-    times a good one, and an interpolant through both has nothing to say about the good ones
+    Scores far above the median are capped (`ceiling`): an interrupted run costs a thousand times
+    as much as a good one, and an interpolant through both cannot tell good ones apart
     (CSTR, median of 8 seeds: 0.695 with a ceiling of 2, 0.718 without).
 
     Args:
-        alpha: α: how much a large IDW deviation attracts, 0 or more.
-        delta: δ: how much a place far from all samples attracts, 0 or more.
-        rbf: One of `POSITIVE_DEFINITE`.
+        alpha: Weight α of the IDW deviation, 0 or more; larger explores more.
+        delta: Weight δ of the distance from all samples, 0 or more; larger explores more.
+        rbf: Name of φ, one of `POSITIVE_DEFINITE`.
         epsilons: Values of ε to choose from, above 0, for the box scaled to [-1, 1].
         ceiling: A score counts as at most this many times (median - best) above the median.
 
@@ -54,7 +54,7 @@ class GLISSettings:
 
     @classmethod
     def of(cls, saved: Mapping[str, Any]) -> "GLISSettings":
-        """Make settings from saved ones; a setting that is missing has its default.
+        """Create settings from saved ones; a missing setting gets its default.
 
         Raises:
             SettingsError: an unknown setting or an impossible value.

@@ -1,4 +1,4 @@
-"""One Latin hypercube of all experiments: spreads out, and learns nothing."""
+"""Provide an agent that spreads all experiments as one Latin hypercube and learns nothing."""
 
 from typing import ClassVar, final
 
@@ -20,11 +20,11 @@ class LatinHypercube(Stored, PreferenceBased):
     """Spread all `n_max` samples as one Latin hypercube, drawn from `seed` alone.
 
     Args:
-        space: The knobs.
-        n_init: Part of the contract of all agents, without effect here; 1 or more.
+        space: Knobs to tune.
+        n_init: Required of all agents, without effect here; 1 or more.
         n_max: Number of experiments, which take n_max - 1 comparisons.
         seed: Seed of all randomness, 0 or more.
-        start: Physical θ to begin with, the present tuning say, shape (n,), or several.
+        start: Physical θ to start from, such as the current tuning, shape (n,), or several.
 
     Raises:
         SettingsError: an impossible value.

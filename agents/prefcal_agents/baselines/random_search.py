@@ -1,4 +1,4 @@
-"""Random search: the agent that learns nothing, to compare the others with."""
+"""Provide random search: a baseline agent that learns nothing."""
 
 from typing import ClassVar, final
 
@@ -20,11 +20,11 @@ class RandomSearch(Stored, PreferenceBased):
     """Draw each sample uniformly from the cube; sample i depends on `(seed, i)` alone.
 
     Args:
-        space: The knobs.
-        n_init: Part of the contract of all agents, without effect here; 1 or more.
+        space: Knobs to tune.
+        n_init: Required of all agents, without effect here; 1 or more.
         n_max: Number of experiments, which take n_max - 1 comparisons.
         seed: Seed of all randomness, 0 or more.
-        start: Physical θ to begin with, the present tuning say, shape (n,), or several.
+        start: Physical θ to start from, such as the current tuning, shape (n,), or several.
 
     Raises:
         SettingsError: an impossible value.

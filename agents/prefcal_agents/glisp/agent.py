@@ -36,18 +36,18 @@ class GLISp(Stored, PreferenceBased):
     (eq. QP-pref), ε is chosen by cross-validation, and an acquisition is minimized (eq. xNp1).
 
     Source: section III of the paper.
-    Deviation: those of `GLISpSettings`. `GLISp.paper` is without them, and has three, all
-    measured in docs/deviations.md: the box (see `KnobSpace`), the plain Latin hypercube of the
-    start, and a multistart descent instead of a particle swarm.
+    Deviation: those of `GLISpSettings`. `GLISp.paper` has only three, all measured in
+    docs/deviations.md: the box (see `KnobSpace`), the plain Latin hypercube of the start, and a
+    multistart descent instead of a particle swarm.
 
     Args:
-        space: The knobs.
+        space: Knobs to tune.
         n_init: Number of samples of the start, 1 or more.
         n_max: Number of experiments, which take n_max - 1 comparisons.
         seed: Seed of all randomness, 0 or more.
         settings: All other settings.
-        start: Physical θ to begin with, the present tuning say, shape (n,), or several: they
-            take the place of the first of the `n_init` samples.
+        start: Physical θ to start from, such as the current tuning, shape (n,), or several. They
+            replace the first of the `n_init` samples.
         delta: δ of eq. acquisition instead of the one in `settings`; turns expected improvement
             off, so that eq. acquisition is minimized.
 
@@ -78,7 +78,7 @@ class GLISp(Stored, PreferenceBased):
         self._options = settings
         self._seed = int(seed)
         self._setup = Setup(space, n_init, self._seed, settings)
-        # A backend of its own: twins may think ahead at the same time.
+        # Each agent has its own backend, since twins may compute at the same time.
         self._backend = make_backend("piqp")
         self._models = ModelSelection(len(space), n_init, settings, self._seed, self._backend)
         self._latest: Fit | None = None
@@ -103,7 +103,7 @@ class GLISp(Stored, PreferenceBased):
             return follow_up(history, self._models, self._options, self._backend)
 
     def _final(self, history: History) -> tuple[int, int] | None:
-        # Without an error rate every answer is taken for right, as in the paper.
+        # With error rate 0 every answer counts as right, as in the paper.
         return final_question(history) if self._options.error_rate else None
 
     def _fit(self, history: History) -> Fit:
@@ -124,7 +124,7 @@ class GLISp(Stored, PreferenceBased):
         seed: int = 0,
         start: Start | None = None,
     ) -> "GLISp":
-        """Make an agent with the algorithm and settings of the paper, section IV.
+        """Create an agent with the algorithm and settings of the paper, section IV.
 
         Deviation: the box is [0, 1]^n, the start a plain Latin hypercube, and eq. xNp1 is solved
         by the same multistart search as in the default, not by a particle swarm; see `GLISp`.
@@ -140,14 +140,14 @@ class GLISp(Stored, PreferenceBased):
         return {"settings": GLISpSettings.of(saved)}
 
     def copy(self) -> "GLISp":
-        """Return an independent twin that need not learn again, for running ahead on answers."""
+        """Return an independent copy that keeps what was learned, for computing ahead."""
         return self._twin(self._snapshot())
 
     def with_questions(self, most: int) -> "GLISp":
-        """Return a twin that asks at most `most` comparisons for each experiment from now on.
+        """Return a copy that asks at most `most` comparisons for each experiment from now on.
 
-        No answer is lost. An open query about a new experiment stays open; an open further one
-        is dropped if it would be one too many.
+        No answer is lost. An open query about a new experiment stays open; an open follow-up
+        query is dropped if it exceeds the limit.
 
         Raises:
             SettingsError: `most` is not an integer of 1 or more.
@@ -162,20 +162,20 @@ class GLISp(Stored, PreferenceBased):
 
     @property
     def settings(self) -> GLISpSettings:
-        """All settings."""
+        """Return all settings."""
         return self._options
 
     @property
     def epsilon(self) -> float:
-        """ε of eq. rbf in use, after the answers so far."""
+        """Return the ε of eq. rbf in use after the answers so far."""
         with one_thread():
             return self._models.after(self._session.history).shape.epsilon
 
     @property
     def index(self) -> LearnedCost | None:
-        """Weighted sum of KPIs that explains the answers so far best, to look at or export.
+        """Return the weighted sum of KPIs that best explains the answers, to inspect or export.
 
-        None if no KPIs came with the answers, or nothing is learned from them.
+        None if the answers came without KPIs, or nothing can be learned from the KPIs.
         """
         with one_thread():
             return LearnedCost.of(self._session.history, self._seed, self._backend)
@@ -183,8 +183,8 @@ class GLISp(Stored, PreferenceBased):
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return Ĵ/ΔĴ at physical `thetas`, shape (m, n), minus its smallest value on the samples.
 
-        The best sample has 0 and the worst 1: shape (m,), without unit, for plotting. All
-        zeros while nothing is known.
+        The best sample has 0 and the worst 1: shape (m,), without unit, for plotting. The values
+        are all 0 while nothing is known.
 
         Raises:
             KnobError: `thetas` has another shape or leaves the box.

@@ -31,7 +31,7 @@ class Dataset:
     def of(cls, history: History, *, with_kpis: bool) -> "Dataset":
         """Extract what `history` teaches."""
         memory = Memory.of(history)
-        kpis = Outcomes.of(memory.history).foreseeable() if with_kpis else Outcomes.none()
+        kpis = Outcomes.of(memory.history).predictable() if with_kpis else Outcomes.none()
         return cls(history, memory.kept, memory.history.preferences(), kpis)
 
     @property

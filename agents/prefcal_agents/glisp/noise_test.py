@@ -59,7 +59,7 @@ def evidence_of_mistakes(
         return 0.0
     constraints = rows_of(preferences, shape, columns)
     fallible, sure = (
-        ExpectationPropagation.of(constraints, e).foretold for e in (error_rate, ALMOST_SURE)
+        ExpectationPropagation.of(constraints, e).predicted for e in (error_rate, ALMOST_SURE)
     )
     return fallible - sure
 
@@ -76,7 +76,7 @@ def suited_shape(
         return shape
 
     def score(shape: Shape) -> float:
-        return ExpectationPropagation.of(rows_of(preferences, shape), error_rate).foretold
+        return ExpectationPropagation.of(rows_of(preferences, shape), error_rate).predicted
 
     candidates = _EPSILONS if first else nearest(_EPSILONS, shape.epsilon, 1)
     best, epsilon = max((score(replace(shape, epsilon=x)), x) for x in candidates)

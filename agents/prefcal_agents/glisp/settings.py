@@ -1,4 +1,4 @@
-"""The settings of GLISp, checked when they are made; those of the paper are one call away."""
+"""Define the settings of GLISp, checked on creation, including those of the paper."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -27,34 +27,34 @@ class GLISpSettings:
     these off. Gaps with and without them: docs/benchmarks.md, rows GLISp and GLISp.paper.
 
     Args:
-        expected_improvement: Whether, where KPIs count, expected improvement replaces
-            eq. acquisition. Its Gaussian process goes through the values of Ĵ at the samples.
+        expected_improvement: Whether expected improvement replaces eq. acquisition if KPIs
+            count. Its Gaussian process goes through the values of Ĵ at the samples.
             Measured in docs/research/improvement.md.
         delta: δ of eq. acquisition, 0 or more; 0 trusts the surrogate, well above 1 explores.
         rbf: φ of eq. rbf, a key of `RADIAL_FUNCTIONS`.
-        error_rate: Chance that an answer is wrong, below 0.5. It is assumed once answers
-            contradict each other; 0 takes every answer for right. Measured in
+        error_rate: Probability that an answer is wrong, below 0.5. It applies once answers
+            contradict each other; with 0, every answer counts as right. Measured in
             docs/research/noise.md.
         epsilon: ε of eq. rbf before the first cross-validation, above 0, in the unit cube.
             Cross-validation chooses among its multiples, `EPSILONS`.
         validate_at: Numbers of experiments after which ε is chosen anew, or "every step": before
             every proposal that is not the process's.
-        rescale: Whether each cross-validation also tries to let one knob (they take turns) count
-            more or less in the distances.
-        margin_power: How the margin of a strict preference grows with the distance of its two
-            samples; 0 gives all of them σ, as in eq. RBF-pref.
+        rescale: Whether each cross-validation also tries a larger and a smaller scale for one
+            knob in the distances; the knobs take turns.
+        margin_power: Exponent with which the margin of a strict preference grows with the
+            distance of its two samples; with 0 every margin is σ, as in eq. RBF-pref.
         process: Whether every second proposal, from 20 experiments on, minimizes the mean of a
             Gaussian process that follows the answers instead of eq. acquisition; see
             `PreferenceGP`. Measured in docs/research/process.md.
-        outcome_scales: How much the KPIs that come with the answers may count beside θ, 0 or
-            more, increasing; cross-validation chooses. (0,) leaves KPIs out.
-        unsafe_weight: Cost of a place that is surely unsafe by the marks so far, in units of
-            ΔĴ, 0 or more; 0 ignores that mark.
-        least_safe: Chance of being safe, above 0 and below 1, from which on a place costs
-            nothing; it is raised for a while after each unsafe experiment.
-        questions_per_experiment: Largest number of comparisons for each experiment, 1 or more.
-            Those beyond the first find its place among the experiments so far, or ask whether
-            the best is really the best if answers contradict each other.
+        outcome_scales: Weights of the KPIs relative to θ that cross-validation chooses from, 0 or
+            more, increasing; (0,) leaves KPIs out.
+        unsafe_weight: Penalty for a place that is certainly unsafe by the marks so far, in units
+            of ΔĴ, 0 or more; 0 ignores the mark.
+        least_safe: Minimum probability of being safe for no penalty, above 0 and below 1; it
+            rises for a while after each unsafe experiment.
+        questions_per_experiment: Maximum number of comparisons for each experiment, 1 or more.
+            Those after the first find its place among the experiments so far or, if answers
+            contradict each other, ask whether the best is really the best.
 
     Raises:
         SettingsError: an impossible value.
@@ -111,7 +111,7 @@ class GLISpSettings:
 
     @property
     def learning(self) -> Learning:
-        """How β is learned."""
+        """Return how β is learned."""
         return Learning(margin_power=self.margin_power)
 
     def shape(self, n: int) -> Shape:
@@ -120,7 +120,7 @@ class GLISpSettings:
 
     @property
     def candidates(self) -> Sequence[float]:
-        """Values of ε that cross-validation chooses from, increasing."""
+        """Return the values of ε that cross-validation chooses from, increasing."""
         return tuple(self.epsilon * factor for factor in EPSILONS)
 
     def pairs(self) -> tuple[tuple[str, Any], ...]:
@@ -129,7 +129,7 @@ class GLISpSettings:
 
     @classmethod
     def of(cls, saved: Mapping[str, Any]) -> "GLISpSettings":
-        """Make settings from saved ones; a setting that is missing has its default.
+        """Create settings from saved ones; a missing setting gets its default.
 
         Raises:
             SettingsError: an unknown setting or an impossible value.

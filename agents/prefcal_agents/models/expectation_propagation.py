@@ -1,4 +1,4 @@
-"""What answers teach where some of them may be wrong: a distribution of β."""
+"""Estimate the distribution of β from answers, some of which may be wrong."""
 
 from dataclasses import dataclass
 
@@ -7,22 +7,22 @@ from jaxtyping import Float
 
 from .preference_qp import Constraints
 
-_SWEEPS = 40  # at most; some 20 to 30 are enough unless sure answers contradict each other
-_DAMPING = 0.7  # share of each step that is taken, all sites at once
-_SETTLED = 1e-2  # largest relative change of a site's precision at which it has converged
+_SWEEPS = 40  # maximum; 20 to 30 are enough unless answers that are surely right contradict
+_DAMPING = 0.7  # share of each step to take, for all sites at once
+_SETTLED = 1e-2  # converged when no site's precision changes relatively by more than this
 _SHORTEST = 1e-12  # a shorter row counts as this long
-_LEAST, _MOST = 1e-8, 1e8  # precisions of a site
-_FLAT = 1e-6  # precision of a site of which nothing is known
-_SURE = 1e-6  # error rate of a row that nobody answered (a weight that is 0 or more)
+_LEAST, _MOST = 1e-8, 1e8  # bounds of a site's precision
+_FLAT = 1e-6  # precision of a site without information
+_SURE = 1e-6  # error rate of a row that is not an answer (a weight that must be 0 or more)
 
 
 @dataclass(frozen=True, slots=True)
 class Sites:
-    """Normal distributions that stand in for R answers, of the rows · β scaled to length 1.
+    """Normal distributions that approximate R answers, over rows · β with rows of length 1.
 
     Args:
-        precision: Of each, shape (R,).
-        shift: Precision times mean, shape (R,).
+        precision: Precision of each site, shape (R,).
+        shift: Precision times mean of each site, shape (R,).
     """
 
     precision: Float[np.ndarray, " R"]
@@ -30,11 +30,11 @@ class Sites:
 
     @classmethod
     def flat(cls, count: int) -> "Sites":
-        """Those of `count` answers of which nothing is known yet."""
+        """Return `count` sites without information."""
         return cls(np.full(count, _FLAT), np.zeros(count))
 
     def towards(self, other: "Sites") -> "Sites":
-        """A damped step."""
+        """Return the sites after a damped step towards `other`."""
         return Sites(
             self.precision + _DAMPING * (other.precision - self.precision),
             self.shift + _DAMPING * (other.shift - self.shift),
@@ -43,28 +43,28 @@ class Sites:
 
 @dataclass(frozen=True, slots=True)
 class ExpectationPropagation:
-    """A normal distribution of β, from answers of which each is wrong with some chance.
+    """A normal distribution of β, from answers that are each wrong with some probability.
 
-    A priori β is standard normal, as βᵀβ in eq. QP-pref says, and an answer is right with
-    probability 1 - e: only the signs of the rows · β count, not their margins. So the
-    influence of an answer ends where all others contradict it, while the slack of eq. QP-pref lets
-    a mistake pull the harder the worse it is.
+    The prior of β is standard normal, which matches βᵀβ in eq. QP-pref. An answer is right with
+    probability 1 - e: only the signs of rows · β count, not their margins. So an answer that all
+    others contradict has little influence, whereas with the slack of eq. QP-pref a mistake pulls
+    harder the worse it is.
 
     Source: expectation propagation for such a likelihood, Kim and Ghahramani, SSPR 2008.
-    Deviation: in place of eq. QP-pref, where answers contradict each other.
+    Deviation: replaces eq. QP-pref if answers contradict each other.
 
     Args:
-        mean: Of β, shape (N,).
-        root: Lower Cholesky factor of its precision, shape (N, N).
-        foretold: Sum of the log probabilities of the answers, each as the others foretell it.
-        wrong: How likely each row is a mistake, shape (R,).
+        mean: Mean of β, shape (N,).
+        root: Lower Cholesky factor of the precision of β, shape (N, N).
+        predicted: Sum of the log probabilities of the answers, each predicted from the others.
+        wrong: Probability that each row is a mistake, shape (R,).
         evidence: Log probability of all rows together.
-        sites: What stands in for the rows; a start for similar ones.
+        sites: Sites of the rows; a starting point for similar fits.
     """
 
     mean: Float[np.ndarray, " N"]
     root: Float[np.ndarray, "N N"]
-    foretold: float
+    predicted: float
     wrong: Float[np.ndarray, " R"]
     evidence: float
     sites: Sites
@@ -73,9 +73,9 @@ class ExpectationPropagation:
     def of(
         cls, constraints: Constraints, error_rate: float, start: Sites | None = None
     ) -> "ExpectationPropagation":
-        """From answers of which each is wrong with chance `error_rate`; ties teach nothing.
+        """Fit to answers that are each wrong with probability `error_rate`; ties are ignored.
 
-        The search begins with the sites `start`: quicker, and the same within its tolerance.
+        Starting from the sites `start` is faster and gives the same result within tolerance.
         """
         from scipy.linalg.lapack import dtrtrs
 
@@ -92,18 +92,18 @@ class ExpectationPropagation:
                 break
         rest = _Rest.of(unit, sites)
         mean, _ = dtrtrs(rest.root, rest.half, lower=1, trans=1)
-        chance, foretells = rest.chance(e)
+        chance, right = rest.chance(e)
         return cls(
             mean=mean,
             root=rest.root,
-            foretold=float(np.sum(np.log(chance[answered]))),
-            wrong=np.asarray((e * (1 - foretells) / chance)[answered]),
+            predicted=float(np.sum(np.log(chance[answered]))),
+            wrong=np.asarray((e * (1 - right) / chance)[answered]),
             evidence=rest.evidence(sites, chance),
             sites=sites,
         )
 
     def deviations(self, rows: Float[np.ndarray, "R N"]) -> Float[np.ndarray, " R"]:
-        """By how many standard deviations each of rows · β is above 0, shape (R,)."""
+        """Return how many standard deviations each of rows · β is above 0, shape (R,)."""
         from scipy.linalg.lapack import dtrtrs
 
         across, _ = dtrtrs(self.root, rows.T, lower=1)
@@ -113,7 +113,7 @@ class ExpectationPropagation:
 
 @dataclass(frozen=True, slots=True)
 class _Rest:
-    """What all rows together say of β, and what all other rows say of each: its cavity."""
+    """The posterior of β from all rows, and for each row the cavity: what the other rows say."""
 
     root: Float[np.ndarray, "N N"]
     half: Float[np.ndarray, " N"]
@@ -136,14 +136,14 @@ class _Rest:
     def chance(
         self, e: Float[np.ndarray, " R"]
     ) -> tuple[Float[np.ndarray, " R"], Float[np.ndarray, " R"]]:
-        """Probability of each answer, wrong ones among them, and of its being true."""
+        """Return the probability of each answer given the error rate, and of its being true."""
         from scipy.special import ndtr
 
-        foretells = ndtr(self.m * np.sqrt(self.precision))
-        return np.maximum(e + (1 - 2 * e) * foretells, 1e-300), foretells
+        right = ndtr(self.m * np.sqrt(self.precision))
+        return np.maximum(e + (1 - 2 * e) * right, 1e-300), right
 
     def matched(self, e: Float[np.ndarray, " R"]) -> Sites:
-        """The sites with which each answer has its true mean and variance."""
+        """Return the sites that match the true mean and variance of each answer."""
         z, v = self.m * np.sqrt(self.precision), 1 / self.precision
         density = np.exp(-z * z / 2) / np.sqrt(2 * np.pi * v)
         slope = (1 - 2 * e) * density / self.chance(e)[0]
@@ -153,7 +153,7 @@ class _Rest:
         return Sites(target, to)
 
     def evidence(self, sites: Sites, chance: Float[np.ndarray, " R"]) -> float:
-        """Log of the integral over β of the prior and all sites, scaled as the answers are."""
+        """Return the log of the integral over β of prior and sites, scaled like the answers."""
         whole = self.precision + sites.precision
         pull = (self.m * self.precision + sites.shift) ** 2 / whole - self.m**2 * self.precision
         each = np.log(chance) + 0.5 * np.log(whole / self.precision) - 0.5 * pull
@@ -162,6 +162,6 @@ class _Rest:
 
 
 def unit_rows(rows: Float[np.ndarray, "R N"]) -> Float[np.ndarray, "R N"]:
-    """The rows scaled to length 1, which leaves the signs of rows · β."""
+    """Return the rows scaled to length 1, which keeps the signs of rows · β."""
     length = np.sqrt(np.sum(rows * rows, axis=1))
     return np.asarray(rows / np.maximum(length, _SHORTEST)[:, None])

@@ -1,4 +1,4 @@
-"""A Gaussian process through the values that Ĵ has at the samples: what lies between, how sure."""
+"""Fit a Gaussian process to the values of Ĵ at the samples."""
 
 from dataclasses import dataclass
 
@@ -7,26 +7,26 @@ from jaxtyping import Float
 
 from .matern import LONGEST, SHORTEST, matern, squares
 
-_LENGTH, _DOUBT = 0.5, 1.0  # of a knob before anything is known, in the cube; in natural logs
-_NOISE = 1e-8  # variance beside that of the process; 1e-6 kept samples from converging
-_FITTED = 100  # samples, the last ones, that say which lengths are likeliest: enough, and quick
-_STEPS = 25  # of the search for them
+_LENGTH, _DOUBT = 0.5, 1.0  # prior of a length: median in the cube, deviation of its logarithm
+_NOISE = 1e-8  # relative noise variance; 1e-6 kept samples from converging
+_FITTED = 100  # number of latest samples that the lengths are fit to, for speed
+_STEPS = 25  # maximum number of steps of that fit
 
 
 @dataclass(frozen=True, slots=True)
 class GaussianProcess:
-    """Mean and standard deviation of a function that is known at N samples.
+    """A Gaussian process through N samples, with mean and standard deviation anywhere.
 
     Source: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning" (2006),
-    algorithm 2.1, kernel `matern` with a length for each knob, which maximise the posterior of
-    section 5.2; mean and variance follow from them.
+    algorithm 2.1, kernel `matern` with a length for each knob. The lengths maximize the posterior
+    of section 5.2; mean and variance follow from them.
 
     Args:
-        centres: The samples, unit cube, shape (N, n).
-        lengths: ℓ, of each knob, shape (n,).
-        mean: Far from all samples.
-        variance: Far from all samples.
-        alpha: K⁻¹ (values - mean), shape (N,).
+        centres: Samples in the unit cube, shape (N, n).
+        lengths: Length ℓ of each knob, shape (n,).
+        mean: Mean far from all samples.
+        variance: Variance far from all samples.
+        alpha: Vector K⁻¹ (values - mean), shape (N,).
         factor: Lower Cholesky factor of K, the kernel between all samples, shape (N, N).
     """
 
@@ -41,7 +41,7 @@ class GaussianProcess:
     def through(
         cls, centres: Float[np.ndarray, "N n"], values: Float[np.ndarray, " N"]
     ) -> "GaussianProcess":
-        """The process with the likeliest lengths for `values` at `centres`; N is 1 or more."""
+        """Fit the process to `values` at `centres`, with the most likely lengths; N >= 1."""
         last = slice(max(len(values) - _FITTED, 0), None)
         return cls._with(centres, values, _likeliest(centres[last], values[last]))
 
@@ -65,7 +65,7 @@ class GaussianProcess:
     def __call__(
         self, z: Float[np.ndarray, "m n"]
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-        """Mean and standard deviation at the rows of `z`, unit cube, shape (m,) each."""
+        """Return mean and standard deviation at the rows of `z`, unit cube, shape (m,) each."""
         from scipy.linalg import solve_triangular
 
         k = matern(squares(z, self.centres) / self.lengths[:, None, None] ** 2)[0]
@@ -76,7 +76,7 @@ class GaussianProcess:
     def slopes(
         self, z: Float[np.ndarray, " n"]
     ) -> tuple[float, float, Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Mean and standard deviation at one point, and the gradient of each, shape (n,)."""
+        """Return mean and standard deviation at one point, and their gradients, shape (n,)."""
         from scipy.linalg import solve_triangular
 
         away = (z - self.centres) / self.lengths
@@ -98,7 +98,7 @@ class GaussianProcess:
 def _likeliest(
     centres: Float[np.ndarray, "N n"], values: Float[np.ndarray, " N"]
 ) -> Float[np.ndarray, " n"]:
-    """ℓ at the maximum of the posterior: log-normal prior, mean and variance the likeliest."""
+    """Return ℓ at the maximum of the posterior, with a log-normal prior."""
     from scipy.optimize import minimize
 
     apart, eye = squares(centres, centres), np.eye(len(values))

@@ -1,4 +1,4 @@
-"""Radial basis functions through known values, and how well they foretell one left out."""
+"""Interpolate known values by radial basis functions, with leave-one-out errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,23 +9,23 @@ from jaxtyping import Float
 from .rbf import RADIAL_FUNCTIONS, squared_distances
 
 POSITIVE_DEFINITE = ("gaussian", "inverse_quadratic")
-"""The radial functions whose matrix of all pairs of samples is positive definite."""
+"""Radial functions with a positive definite matrix over all pairs of samples."""
 
-_DECIDING = 100  # samples, at most, by which ε is chosen: with 400 it took 0.1 s
-_RIDGE = 1e-10  # relative to φ(0) = 1: far below any value that matters, above rounding
+_DECIDING = 100  # maximum number of samples that choose ε; with 400 it took 0.1 s
+_RIDGE = 1e-10  # relative to φ(0) = 1: far below any relevant value, but above rounding
 
 
 @dataclass(frozen=True, slots=True)
 class Interpolant:
-    """Σ β_i φ(ε |z - z_i|) + offset, with N centres.
+    """The interpolant Σ β_i φ(ε |z - z_i|) + offset, with N centers.
 
     Source: Bemporad 2020, equation 3; φ takes the distance there, its square in eq. rbf.
 
     Args:
-        centres: Shape (N, n).
-        beta: Shape (N,).
-        offset: The mean of the values: what is foretold far from all samples.
-        epsilon: ε.
+        centres: Centers, shape (N, n).
+        beta: Weights β, shape (N,).
+        offset: Mean of the values, predicted far from all samples.
+        epsilon: Width parameter ε.
         rbf: Name of φ, one of `POSITIVE_DEFINITE`.
     """
 
@@ -36,12 +36,12 @@ class Interpolant:
     rbf: str
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """Values at the rows of `z`, shape (m,)."""
+        """Return the values at the rows of `z`, shape (m,)."""
         u = self.epsilon**2 * squared_distances(z, self.centres)
         return np.asarray(self.offset + RADIAL_FUNCTIONS[self.rbf].value(u) @ self.beta)
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Gradient at one point, shape (n,)."""
+        """Return the gradient at one point, shape (n,)."""
         away = z - self.centres
         slope = RADIAL_FUNCTIONS[self.rbf].slope(self.epsilon**2 * np.sum(away**2, axis=1))
         return np.asarray((2 * self.epsilon**2 * self.beta * slope) @ away)
@@ -53,11 +53,11 @@ def interpolate(
     epsilon: float,
     rbf: str,
 ) -> tuple[Interpolant, float]:
-    """The interpolant of `values` at `samples`, and its leave-one-out error.
+    """Return the interpolant of `values` at `samples`, and its leave-one-out error.
 
-    The error is the root mean square of what each value differs from the one foretold without
-    it, which follows from one factorisation: S. Rippa, Advances in Computational Mathematics 11
-    (1999), equation 13.
+    The error is the root mean square difference between each value and its prediction from the
+    others. One factorization gives all of them: S. Rippa, Advances in Computational Mathematics
+    11 (1999), equation 13.
     """
     return _interpolate(samples, values[:, None], epsilon, rbf)[0]
 
@@ -68,7 +68,7 @@ def _interpolate(
     epsilon: float,
     rbf: str,
 ) -> list[tuple[Interpolant, float]]:
-    """The same of p columns of values, with one factorisation."""
+    """Return interpolant and error for each of p columns of values, with one factorization."""
     offsets = columns.mean(axis=0)
     phi = RADIAL_FUNCTIONS[rbf].value(epsilon**2 * squared_distances(samples, samples))
     eigenvalues, vectors = np.linalg.eigh(phi)
@@ -88,9 +88,9 @@ def best_interpolants(
     epsilons: Sequence[float],
     rbf: str,
 ) -> tuple[tuple[Interpolant, float], ...]:
-    """For each of p columns, that with the ε of `epsilons` that foretells left-out values best.
+    """Return for each of p columns the interpolant with the best ε, and its leave-one-out error.
 
-    With its leave-one-out error. Of many samples the last ones decide.
+    The best ε of `epsilons` has the smallest error; with many samples the last ones decide.
     """
     last = slice(max(len(samples) - _DECIDING, 0), None)
     tries = [_interpolate(samples[last], columns[last], epsilon, rbf) for epsilon in epsilons]
@@ -108,14 +108,14 @@ def best_interpolant(
     epsilons: Sequence[float],
     rbf: str,
 ) -> Interpolant:
-    """The interpolant with the ε of `epsilons` that foretells left-out values best."""
+    """Return the interpolant with the ε of `epsilons` that predicts left-out values best."""
     return best_interpolants(samples, values[:, None], epsilons, rbf)[0][0]
 
 
 def normalised(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndarray, " N"]:
-    """`values` as shares of their range: 0 for the best, 1 for the worst; all 0 where equal.
+    """Return `values` as shares of their range: 0 for the best, 1 for the worst; all 0 if equal.
 
-    Those more than `ceiling` (median - best) above the median are cut off there first.
+    Values more than `ceiling` (median - best) above the median are capped there first.
     """
     largest = float(np.abs(values).max())
     shares = values / (largest if largest > 0 else 1.0)  # differences of huge values overflow

@@ -1,4 +1,4 @@
-"""Which KPIs stand out in the answers: by evidence, not by the largest of equal shares."""
+"""Find the KPIs that stand out in the answers, by weighing the evidence."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,25 +14,25 @@ from .interpolant import normalised
 from .kpi_model import CEILING
 
 _SURE = 0.9
-"""Posterior probability from which on a KPI is said to stand out."""
+"""Minimum posterior probability for saying that a KPI stands out."""
 _NEEDED, _AS_GOOD = 10.0, 2.0
-"""How many times likelier two KPIs make the answers than one for both to be named; and how many
-times less likely a KPI may make them than the best one to be named with it."""
+"""How many times likelier the answers must be under two KPIs than under one to name both; and how
+many times less likely they may be under another KPI than under the best one to name it too."""
 _NAMED = 3
-_FEW = 2  # KPIs that may decide for them to stand out
-_FEWEST = 5  # strict answers below which nothing is compared
-_SEVERAL, _MIXES = (4, 7), 400  # sizes of the sums of several KPIs, and how many of them are drawn
-_ALIKE = 1e-9  # sums that differ by less are equal
+_FEW = 2  # maximum number of KPIs that decide together and still stand out
+_FEWEST = 5  # minimum number of strict answers for a comparison
+_SEVERAL, _MIXES = (4, 7), 400  # sizes of the sums of several KPIs, and number of sums drawn
+_ALIKE = 1e-9  # sums that differ by less count as equal
 
 
 @dataclass(frozen=True, slots=True)
 class Importance:
-    """How far single KPIs account for the strict answers.
+    """How well single KPIs explain the strict answers.
 
     Args:
-        agreement: KPI name to the share of the answers that it alone would have given, 0 to 1,
-            the largest first; where it is the same on both sides it counts as half.
-        named: KPIs that stand out by evidence, three at most; empty where none does.
+        agreement: KPI name to the share of answers that it alone would have given, 0 to 1,
+            largest first; an answer counts half if both sides have the same value.
+        named: KPIs that stand out, three at most; empty if none does.
         answers: Number of strict answers.
     """
 
@@ -44,22 +44,22 @@ class Importance:
     def of(cls, history: History, known: Sequence[str] = ()) -> "Importance | None":
         """Compare explanations of the answers in `history`.
 
-        Five explanations are weighed against each other, equally likely beforehand: one KPI
-        decides; two count equally; several (4 to 7) do; all do; none does, and the answers are
-        tosses of a coin. The first four leave an unknown share of slips ε below one half, so that
-        the evidence of h right answers of m is ∫ 2 (1-ε)^h ε^(m-h) dε from 0 to ½. A KPI stands
-        out when "one" and "two" together have a posterior probability of 90 %.
+        Five explanations compete, equally likely a priori: one KPI decides; two count equally;
+        several (4 to 7) do; all do; none does, and the answers are coin tosses. The first four
+        allow an unknown error rate ε below one half, so the evidence of h right answers of m is
+        ∫ 2 (1-ε)^h ε^(m-h) dε from 0 to ½. A KPI stands out when "one" and "two" together have a
+        posterior probability of 90 %.
 
         Source: none; Bayes' rule over sums of KPIs with equal shares, on the scale of the learned
         index. How often it names a KPI: docs/research/importance.md.
 
         Args:
             history: Samples, answers and KPIs.
-            known: Names of KPIs, those that a person sees; only these are compared if at least
-                two of them differ among the experiments, in this order where they agree alike.
+            known: Names of the KPIs that the person sees. If at least two of them differ among
+                the experiments, only these are compared; their order breaks ties.
 
         Returns:
-            None where there are no KPIs or no strict answers.
+            The importance; None without KPIs or strict answers.
         """
         preferences = history.preferences()
         strict = preferences.subset(np.flatnonzero(preferences.b))
@@ -75,7 +75,7 @@ class Importance:
 def _known(
     outcomes: Sequence[Mapping[str, float]], known: Sequence[str]
 ) -> tuple[list[str], Float[np.ndarray, "N p"]]:
-    """Names of the KPIs that differ, and their values; NaN where one is missing."""
+    """Return the names of the KPIs that differ, and their values; NaN if missing."""
     found = {}
     for name in sorted({name for outcome in outcomes for name in outcome}):
         values = np.array([outcome.get(name, np.nan) for outcome in outcomes], dtype=float)
@@ -87,14 +87,14 @@ def _known(
 
 
 def _signs(strict: Preferences, values: Float[np.ndarray, "N p"]) -> Float[np.ndarray, "M p"]:
-    """1 where a KPI speaks for the answer, -1 where against it, 0 where it is silent."""
+    """Return 1 if a KPI supports the answer, -1 if it contradicts it, 0 if it is equal."""
     first, second = values[strict.first], values[strict.second]
-    order = (first > second).astype(float) - (first < second)  # infinite ones do not subtract
+    order = (first > second).astype(float) - (first < second)  # works for infinite values
     return np.asarray(order * strict.b[:, None])
 
 
 def _scaled(values: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
-    """One KPI on the scale of the learned index: 0 for the best, 1 for the worst; ½ if missing."""
+    """Return a KPI scaled as in the learned index: best 0, worst 1, missing ½."""
     shares = np.full(len(values), 0.5)
     there = np.flatnonzero(~np.isnan(values))
     shares[there] = np.where(values[there] > 0, 1.0, 0.0)
@@ -105,14 +105,14 @@ def _scaled(values: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
 
 
 def _standing_out(strict: Preferences, values: Float[np.ndarray, "N p"]) -> list[int]:
-    """Columns of the KPIs that decide; none while "one or two decide" is not sure."""
+    """Return the columns of the KPIs that decide; none if that is not certain enough."""
     groups = _alike(_signs(strict, values))
     columns = np.array([_scaled(values[:, group[0]]) for group in groups]).T
     gaps = (columns[strict.first] - columns[strict.second]) * strict.b[:, None]
     explanations = _explanations(len(groups))
     logs = [_evidence(gaps @ sums.T) for sums in explanations]
     means = [np.logaddexp.reduce(log) - np.log(len(log)) for log in logs]
-    means.append(-len(gaps) * np.log(2))  # none counts: a coin
+    means.append(-len(gaps) * np.log(2))  # no KPI counts: coin tosses
     posterior = np.exp(means - np.logaddexp.reduce(means))
     if posterior[: min(_FEW, len(groups))].sum() < _SURE:
         return []
@@ -120,11 +120,11 @@ def _standing_out(strict: Preferences, values: Float[np.ndarray, "N p"]) -> list
 
 
 def _deciding(logs: list[np.ndarray], explanations: list[np.ndarray]) -> list[int]:
-    """One KPI, with those that explain as much alone; two where both are needed.
+    """Return one KPI and those that explain as much alone, or two KPIs if both are needed.
 
     Args:
-        logs: Of each explanation, the evidence of its s sums, shape (s,).
-        explanations: Its sums, shape (s, p).
+        logs: For each explanation, the evidence of its s sums, shape (s,).
+        explanations: For each explanation, its sums, shape (s, p).
     """
     alone = logs[0]
     if len(explanations) > 1 and logs[1].max() > alone.max() + np.log(_NEEDED):
@@ -134,7 +134,7 @@ def _deciding(logs: list[np.ndarray], explanations: list[np.ndarray]) -> list[in
 
 
 def _alike(signs: Float[np.ndarray, "M p"]) -> list[list[int]]:
-    """Columns that say the same of every answer belong together: nothing tells them apart."""
+    """Return groups of columns that agree on every answer, which nothing can tell apart."""
     groups: dict[tuple[float, ...], list[int]] = {}
     for k, column in enumerate(signs.T):
         groups.setdefault(tuple(column.tolist()), []).append(k)
@@ -142,14 +142,14 @@ def _alike(signs: Float[np.ndarray, "M p"]) -> list[list[int]]:
 
 
 def _explanations(p: int) -> list[np.ndarray]:
-    """Sums of KPIs as rows of ones and zeros, each shape (s, p): one, two, several, all."""
+    """Return sums of one, two, several and all KPIs, as rows of ones and zeros, shape (s, p)."""
     one = np.eye(p)
     if p < 2:
         return [one]
     sums = [one, np.array([one[list(pair)].sum(axis=0) for pair in combinations(range(p), 2)])]
     low, high = _SEVERAL[0], min(_SEVERAL[1], p - 1)
     if high >= low:
-        rng = np.random.default_rng(0)  # the same sums for everybody: no answer depends on chance
+        rng = np.random.default_rng(0)  # fixed seed: the result is deterministic
         sizes = rng.integers(low, high + 1, _MIXES)
         chosen = [one[rng.choice(p, size, replace=False)].sum(axis=0) for size in sizes]
         sums.append(np.array(chosen))
@@ -157,7 +157,7 @@ def _explanations(p: int) -> list[np.ndarray]:
 
 
 def _evidence(gaps: Float[np.ndarray, "M s"]) -> Float[np.ndarray, " s"]:
-    """Logarithm of the probability of all answers under each sum; equal sums toss a coin."""
+    """Return the log probability of all answers under each sum; equal sums are coin tosses."""
     right = np.sum(gaps > _ALIKE, axis=0)
     wrong = np.sum(gaps < -_ALIKE, axis=0)
     decided = (wrong + 1, right + 1)

@@ -1,4 +1,4 @@
-"""What happened, beside θ: the KPIs of all samples, and what they would be at another θ."""
+"""Model the KPIs of all samples, and predict them at other θ."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,24 +10,23 @@ from prefcal_agents.history.history import History
 
 from .interpolant import Interpolant, best_interpolants, normalised
 
-CEILING = 2.0  # see `normalised`: an interrupted run must not flatten the differences of others
+CEILING = 2.0  # see `normalised`: an interrupted run must not flatten the other differences
 _EPSILONS = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2)
 _RBF = "inverse_quadratic"
-_FEWEST = 3  # values that a KPI needs before anything can be foretold
-_FORESEEABLE = 0.9  # of the error of foretelling the mean, below which θ does tell something
+_FEWEST = 3  # minimum number of values of a KPI to predict it
+_PREDICTABLE = 0.9  # maximum error of a model, relative to that of predicting the mean
 
 
 @dataclass(frozen=True, slots=True)
 class Outcomes:
-    """p KPIs of N samples, and each as a function of θ.
+    """The p KPIs of N samples, each with a model over θ.
 
     Args:
-        columns: Lower is better; 0 for the best sample and 1 for the worst, shape (N, p).
-        models: Each column interpolated over the cube scaled to [-1, 1].
-        names: Of the KPIs, p of them.
-        ranges: Of each KPI, the values that count as 0 and as 1, in its unit.
-        errors: Of each KPI, by how much its model is wrong at a left-out sample, in units of how
-            wrong the mean of the others is.
+        columns: KPIs, lower is better: 0 for the best sample and 1 for the worst, shape (N, p).
+        models: Interpolant of each column over the cube scaled to [-1, 1].
+        names: Names of the p KPIs.
+        ranges: Values of each KPI that count as 0 and as 1, in its unit.
+        errors: Leave-one-out error of each KPI's model, relative to that of predicting the mean.
     """
 
     columns: Float[np.ndarray, "N p"]
@@ -38,20 +37,20 @@ class Outcomes:
 
     @classmethod
     def none(cls) -> "Outcomes":
-        """No KPIs at all."""
+        """Return no KPIs."""
         return cls(np.zeros((0, 0)), (), (), (), ())
 
     @classmethod
     def of(cls, history: History) -> "Outcomes":
-        """Those that the answers in `history` hold.
+        """Return the KPIs that came with the answers in `history`.
 
-        A value that is missing or no number is filled in by its KPI's interpolation; an infinite
-        one counts as the worst. A KPI with fewer than three values, or always the same, is left
-        out: nothing can be learned from it.
+        A missing value or NaN is filled in by the KPI's interpolant; an infinite value counts as
+        the worst. A KPI with fewer than three values, or with one value only, is left out because
+        nothing can be learned from it.
         """
         known = history.outcomes()
         x = 2 * history.cube() - 1
-        # KPIs that are known of the same samples share the costly part.
+        # KPIs that are known for the same samples share the expensive part.
         alike: dict[tuple[int, ...], list[_KPI]] = {}
         for name in sorted({name for outcome in known for name in outcome}):
             kpi = _KPI.of(known, name)
@@ -77,9 +76,9 @@ class Outcomes:
             errors=tuple(errors),
         )
 
-    def foreseeable(self) -> "Outcomes":
-        """Those KPIs that θ foretells: the others cannot say where to go, and lead astray."""
-        kept = [k for k, error in enumerate(self.errors) if error < _FORESEEABLE]
+    def predictable(self) -> "Outcomes":
+        """Return the KPIs that θ predicts; the others would mislead the search."""
+        kept = [k for k, error in enumerate(self.errors) if error < _PREDICTABLE]
         return Outcomes(
             self.columns[:, kept],
             tuple(self.models[k] for k in kept),
@@ -94,7 +93,7 @@ class Outcomes:
 
 @dataclass(frozen=True, slots=True)
 class _KPI:
-    """One KPI: at which samples it is known, how bad it is there, and what counts as 0 and 1."""
+    """One KPI: the samples where it is known, its shares there, and the values for 0 and 1."""
 
     name: str
     there: Int[np.ndarray, " K"]
@@ -107,14 +106,14 @@ class _KPI:
         there = np.flatnonzero(~np.isnan(values))
         values = values[there]
         finite = np.isfinite(values)
-        shares = np.where(values > 0, 1.0, 0.0)  # of the infinite ones
+        shares = np.where(values > 0, 1.0, 0.0)  # for infinite values
         if not finite.any():
             return cls(name, there, shares, (0.0, np.inf))
         shares[finite] = normalised(values[finite], CEILING)
         best = float(values[finite].min())
         if not shares[finite].any():
-            return cls(name, there, shares, (best, np.inf))  # only an infinite one is worse
-        # Shares are linear in the values up to where they are cut off, or up to the largest.
+            return cls(name, there, shares, (best, np.inf))  # only infinite values are worse
+        # Shares are linear in the values up to the cap, or up to the largest value.
         inner = int(np.argmax(np.where(shares[finite] < 1.0, shares[finite], 0.0)))
         share, value = float(shares[finite][inner]), float(values[finite][inner])
         worst = best + (value - best) / share if share > 0 else float(values[finite].max())
@@ -123,32 +122,32 @@ class _KPI:
 
 @dataclass(frozen=True, slots=True)
 class KPIModel:
-    """What the KPIs add to the surrogate: Σ w_k times KPI k, foretold at any θ.
+    """The part of the surrogate from KPIs: the sum of w_k times KPI k, predicted at any θ.
 
     Args:
-        outcomes: The KPIs.
-        weights: w, 0 or more, shape (p,).
+        outcomes: KPIs with their models.
+        weights: Weights w, 0 or more, shape (p,).
     """
 
     outcomes: Outcomes
     weights: Float[np.ndarray, " p"]
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """Value at the rows of `z`, unit cube, shape (m,)."""
+        """Return the values at the rows of `z`, unit cube, shape (m,)."""
         total = np.zeros(len(z))
         for weight, model in self._terms():
             total += weight * model(2 * z - 1)
         return total
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Gradient at one point of the cube, shape (n,)."""
+        """Return the gradient at one point of the cube, shape (n,)."""
         total = np.zeros(len(z))
         for weight, model in self._terms():
             total += 2 * weight * model.gradient(2 * z - 1)
         return total
 
     def _terms(self) -> list[tuple[float, Interpolant]]:
-        """The KPIs that count."""
+        """Return weight and model of the KPIs that count."""
         most = float(np.max(self.weights, initial=0.0))
         pairs = zip(self.weights, self.outcomes.models, strict=True)
         return [(float(w), model) for w, model in pairs if w > 1e-6 * most]

@@ -1,4 +1,4 @@
-"""The score that a person could not write down: a weighted sum of KPIs, from his answers."""
+"""Learn the score behind a person's answers as a weighted sum of KPIs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,22 +14,22 @@ from .kpi_model import Outcomes
 from .preference_qp import Constraints, Learning, fit
 
 _SOFT = Learning(sigma=1.0, lam=0.1)
-"""Of a few dozen answers some contradict any sum of KPIs: a slack costs ten margins, no more."""
-_ALIKE = 1e-6  # experiments whose KPIs differ less count as this far apart
+"""Soft margins, since some answers contradict any sum of KPIs: a slack costs ten margins."""
+_ALIKE = 1e-6  # minimum distance in KPIs that two experiments count as
 
 _FOLDS = 3
 _SURE = 1.645  # standard deviations: one-sided 5 %
-_COUNTS = 0.01  # a smaller share of the weights is left out
+_COUNTS = 0.01  # KPIs with a smaller share of the weights are left out
 
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """One KPI of a learned index: nothing at `best`, `weight` from `worst` on.
+    """One KPI of a learned index, which adds 0 at `best` and `weight` at `worst` and beyond.
 
     Args:
         weight: Share of all weights, above 0.
         best: Lowest value of the study, in the unit of the KPI.
-        worst: Value that counts in full; far larger ones count no more.
+        worst: Value that counts in full; larger values count the same.
     """
 
     weight: float
@@ -39,40 +39,40 @@ class Term:
 
 @dataclass(frozen=True)
 class LearnedCost:
-    """Σ of terms, lower is better. Call it with KPIs by name.
+    """A learned index, a sum of terms: lower is better. Call it with KPIs by name.
 
     Args:
-        terms: KPI name to its term, the heaviest first; the weights sum to 1.
-        foretold: Answers that it gave right without having learned them.
-        answers: Of so many.
+        terms: KPI name to its term, largest weight first; the weights sum to 1.
+        predicted: Number of answers predicted correctly when left out of the training.
+        answers: Number of strict answers.
     """
 
     terms: Mapping[str, Term]
-    foretold: int
+    predicted: int
     answers: int
 
     def __call__(self, kpis: Mapping[str, float]) -> float:
-        """The index of an experiment; a KPI that is not known or infinite counts in full."""
-        # fsum: the sum of the exported module, to the last digit, whichever Python runs that.
+        """Return the index of an experiment; an unknown or infinite KPI counts in full."""
+        # fsum gives the same digits as the exported module in every Python version.
         return fsum(t.weight * _share(kpis.get(name), t) for name, t in self.terms.items())
 
     @property
     def explains(self) -> bool:
-        """Whether it foretells clearly more than half: by chance it would once in 20 studies."""
-        beyond = self.foretold - self.answers / 2
+        """Return whether it predicts clearly more than half; chance does once in 20 studies."""
+        beyond = self.predicted - self.answers / 2
         return bool(beyond > _SURE * np.sqrt(self.answers) / 2)
 
     @property
     def weights(self) -> Mapping[str, float]:
-        """KPI name to its share of all weights, the heaviest first."""
+        """Return KPI name to share of all weights, largest first."""
         return {name: term.weight for name, term in self.terms.items()}
 
     @classmethod
     def of(cls, history: History, seed: int, backend: Backend) -> "LearnedCost | None":
-        """Learn it from the answers in `history`; None where KPIs or strict answers are missing.
+        """Learn the index from the answers in `history`; None without KPIs or strict answers.
 
-        Source: none; eq. QP-pref with KPIs in the place of φ, weights 0 or more, and soft.
-        Its margins are in `_weights`.
+        Source: none; eq. QP-pref with KPIs instead of φ, weights 0 or more, and soft margins,
+        explained in `_weights`.
         """
         outcomes, preferences = Outcomes.of(history), history.preferences()
         if not len(outcomes) or not preferences.b.any():
@@ -83,22 +83,24 @@ class LearnedCost:
         weights = np.where(weights < _COUNTS * weights.sum(), 0.0, weights)
         shares = weights / weights.sum()
         order = [int(k) for k in np.argsort(-shares, kind="stable") if shares[k] > 0]
-        foretold = _foretold(preferences, outcomes.columns, seed, backend)
+        predicted = _predicted(preferences, outcomes.columns, seed, backend)
         terms = {outcomes.names[k]: Term(float(shares[k]), *outcomes.ranges[k]) for k in order}
-        return cls(terms, foretold, int(np.count_nonzero(preferences.b)))
+        return cls(terms, predicted, int(np.count_nonzero(preferences.b)))
 
     def to_python(self) -> str:
-        """Source of a module with a function `index(kpis)` that needs nothing else."""
+        """Return the source of a self-contained Python module with a function `index(kpis)`."""
         lines = [
             f"    {name!r}: ({term.weight!r}, {term.best!r}, {term.worst!r}),"
             for name, term in self.terms.items()
         ]
-        return _MODULE.format(terms="\n".join(lines), foretold=self.foretold, answers=self.answers)
+        return _MODULE.format(
+            terms="\n".join(lines), predicted=self.predicted, answers=self.answers
+        )
 
 
 _MODULE = '''"""An index learned from comparisons of experiments; lower is better.
 
-It foretold {foretold} of {answers} answers that it had not learned from.
+It predicted {predicted} of {answers} answers that it had not learned from.
 """
 
 from math import fsum, inf
@@ -110,7 +112,7 @@ TERMS = {{
 
 
 def index(kpis):
-    """The index of an experiment, from its KPIs by name; an unknown one counts in full."""
+    """Return the index of an experiment from its KPIs by name; an unknown KPI counts in full."""
     terms = []
     for name, (weight, best, worst) in TERMS.items():
         share = (kpis.get(name, worst) - best) / (worst - best)
@@ -132,12 +134,12 @@ def _share(value: float | None, term: Term) -> float:
 def _weights(
     preferences: Preferences, columns: Float[np.ndarray, "N p"], backend: Backend
 ) -> Float[np.ndarray, " p"]:
-    """w, 0 or more, shape (p,).
+    """Return the weights w, 0 or more, shape (p,).
 
-    The margin of a comparison is the distance of its two experiments in KPIs. (One margin for
-    all takes those that hardly differ, the most towards the end of a study, for the weightiest:
-    it found the two KPIs behind the answers in 6 of 10 studies of a toy, this one in 8, and on
-    the CSTR ranked other experiments with a correlation of 0.41 with the true index, this 0.60.)
+    The margin of a comparison is the distance of its two experiments in KPIs. With one margin for
+    all, experiments that hardly differ, which are most common late in a study, would weigh most.
+    That found the two KPIs behind the answers in 6 of 10 toy studies, this one in 8; on the CSTR
+    its correlation with the true index on other experiments was 0.41, this one's 0.60.
     """
     nothing = np.zeros((len(columns), 0))
     plain = Constraints.of(preferences, nothing, np.ones(len(preferences)))
@@ -148,10 +150,10 @@ def _weights(
     return np.asarray(np.maximum(fit(unit, _SOFT, backend), 0.0))
 
 
-def _foretold(
+def _predicted(
     preferences: Preferences, columns: Float[np.ndarray, "N p"], seed: int, backend: Backend
 ) -> int:
-    """Strict answers that are given right by weights learned from others (3-fold)."""
+    """Return the number of strict answers that weights learned from others predict (3-fold)."""
     strict = preferences.subset(np.flatnonzero(preferences.b))
     share = np.random.default_rng([seed, len(strict), 2]).permutation(len(strict)) % _FOLDS
     right = 0

@@ -1,4 +1,4 @@
-"""The Matérn kernel of smoothness 5/2, with a length for each knob."""
+"""Compute the Matérn kernel of smoothness 5/2, with a length for each knob."""
 
 import numpy as np
 from jaxtyping import Float
@@ -9,14 +9,14 @@ _ROOT5 = np.sqrt(5.0)
 
 
 def squares(a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "n m N"]:
-    """Squared differences of every knob."""
+    """Return the squared differences of every knob."""
     return np.asarray((a.T[:, :, None] - b.T[:, None, :]) ** 2)
 
 
 def matern(
     u: Float[np.ndarray, "n m N"],
 ) -> tuple[Float[np.ndarray, "m N"], Float[np.ndarray, "m N"]]:
-    """The kernel, and twice its slope in their sum, of differences squared and over ℓ².
+    """Return the kernel, and twice its slope in Σ u, for squared differences u scaled by 1/ℓ².
 
     Source: C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning" (2006),
     equation 4.17.

@@ -1,4 +1,4 @@
-"""A Gaussian process of which only comparisons are known: the mean of what may have been meant."""
+"""Fit a Gaussian process to comparisons only."""
 
 from dataclasses import dataclass, replace
 
@@ -11,28 +11,28 @@ from .expectation_propagation import ExpectationPropagation, Sites, unit_rows
 from .matern import LONGEST, SHORTEST, matern, squares
 from .preference_qp import Constraints
 
-_LENGTH, _DOUBT = 0.35, 1.0  # of a knob, in the cube, times √n, before anything is known; in logs
-_NUGGET = 1e-9  # variance added for the factor's sake, that of the process is 1
-_STEPS = 10  # of the search for the lengths
-_MOST = 100  # samples, those compared last, that it knows: enough, and quick
-_SURE = 1e-6  # error rate of somebody who is never wrong: 0 would allow no rounding
+_LENGTH, _DOUBT = 0.35, 1.0  # prior of a length: median / √n in the cube, deviation of its log
+_NUGGET = 1e-9  # variance added for the Cholesky factor; that of the process is 1
+_STEPS = 10  # maximum number of steps of the fit of the lengths
+_MOST = 100  # number of samples, compared last, that it is trained on, for speed
+_SURE = 1e-6  # smallest error rate; 0 would leave no room for rounding
 
 
 @dataclass(frozen=True, slots=True)
 class PreferenceGP:
-    """Mean of a Gaussian process, given which of its values at N samples are lower.
+    """Mean of a Gaussian process, given comparisons of its values at N samples.
 
     Source: W. Chu, Z. Ghahramani, "Preference learning with Gaussian processes", ICML 2005, with
     expectation propagation (`ExpectationPropagation`) in place of their Laplace approximation.
-    Deviation: in place of eq. QP-pref at some proposals (`is_process_turn`). Least weights make one
-    Ĵ that keeps the answers; this is the average of all functions that (nearly) keep them, each as
-    likely as it is smooth, and the lengths say which knobs matter. It knows the last 100 samples
-    that were compared. What it is worth: docs/research/process.md.
+    Deviation: replaces eq. QP-pref for some proposals (`is_process_turn`). Least weights give one
+    Ĵ that keeps the answers; this is the average of all functions that (nearly) keep them, smooth
+    ones weighing more, and the lengths say which knobs matter. It is trained on the last 100
+    samples that were compared. Measured in docs/research/process.md.
 
     Args:
-        centres: The samples, unit cube, shape (N, n).
-        lengths: ℓ, of each knob, shape (n,).
-        alpha: K⁻¹ times the mean at the samples, shape (N,).
+        centres: Samples in the unit cube, shape (N, n).
+        lengths: Length ℓ of each knob, shape (n,).
+        alpha: Vector K⁻¹ times the mean at the samples, shape (N,).
     """
 
     centres: Float[np.ndarray, "N n"]
@@ -41,9 +41,9 @@ class PreferenceGP:
 
     @classmethod
     def of(cls, preferences: Preferences, error_rate: float = 0.0) -> "PreferenceGP":
-        """The process of the likeliest lengths; one comparison at least must be no tie.
+        """Fit the process with the most likely lengths; at least one answer must not be a tie.
 
-        Each answer is wrong with chance `error_rate`.
+        Each answer is wrong with probability `error_rate`.
         """
         from scipy.linalg import solve_triangular
 
@@ -55,27 +55,27 @@ class PreferenceGP:
         return cls(known.centres, lengths, np.asarray(alpha))
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """Mean at the rows of `z`, shape (m,), without unit: lower is better."""
+        """Return the mean at the rows of `z`, shape (m,), without unit; lower is better."""
         u = squares(z, self.centres) / self.lengths[:, None, None] ** 2
         return np.asarray(matern(u)[0] @ self.alpha)
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Its gradient at one point of the cube, shape (n,)."""
+        """Return the gradient at one point of the cube, shape (n,)."""
         away = (z - self.centres) / self.lengths
         slope = matern((away.T**2)[:, :, None])[1][:, 0]
         return np.asarray((self.alpha * slope) @ away / self.lengths)
 
     @property
     def spread(self) -> float:
-        """Range of the mean over the samples."""
+        """Return the range of the mean over the samples."""
         return float(np.ptp(self(self.centres)))
 
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """R strict comparisons of N samples, each wrong with chance `error_rate`.
+    """R strict comparisons of N samples, each wrong with probability `error_rate`.
 
-    Each row has a 1 at the sample that lost and a -1 at the one that won.
+    Each row has a 1 at the losing sample and a -1 at the winning one.
     """
 
     centres: Float[np.ndarray, "N n"]
@@ -85,7 +85,7 @@ class _Known:
 
     @classmethod
     def of(cls, preferences: Preferences, error_rate: float) -> "_Known":
-        """The comparisons of the last samples, ties left out."""
+        """Return the comparisons of the last samples, without ties."""
         strict = np.flatnonzero(preferences.b)
         first, second = preferences.first[strict], preferences.second[strict]
         samples, at = np.unique(np.stack([first, second], 1).ravel()[::-1], return_index=True)
@@ -103,7 +103,7 @@ class _Known:
     def factor(
         self, lengths: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "N N"], Float[np.ndarray, "n N N"], Float[np.ndarray, "N N"]]:
-        """Lower Cholesky factor of the kernel, the scaled squares and the kernel's slope."""
+        """Return the Cholesky factor of the kernel, the scaled squares and the kernel's slope."""
         u = self.apart / lengths[:, None, None] ** 2
         kernel, slope = matern(u)
         return np.linalg.cholesky(kernel + _NUGGET * np.eye(len(kernel))), u, slope
@@ -111,21 +111,21 @@ class _Known:
     def belief(
         self, factor: Float[np.ndarray, "N N"], start: Sites | None
     ) -> ExpectationPropagation:
-        """Of β, where the values at the samples are factor · β."""
+        """Return the belief about β, where the values at the samples are factor · β."""
         rows = self.constraints.rows @ factor
         return ExpectationPropagation.of(
             replace(self.constraints, rows=rows), self.error_rate, start
         )
 
     def likeliest(self) -> tuple[Float[np.ndarray, " n"], Sites | None]:
-        """ℓ at the maximum of evidence times a log-normal prior, and sites that are near."""
+        """Return ℓ that maximizes evidence times a log-normal prior, and sites close to it."""
         from scipy.optimize import minimize
 
         n = len(self.apart)
         expected, sites = np.log(_LENGTH * np.sqrt(n)), None
 
         def loss(logs: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
-            nonlocal sites  # each search for them starts from the last
+            nonlocal sites  # each fit starts from the last sites
             factor, u, slope = self.factor(np.exp(logs))
             belief = self.belief(factor, sites)
             sites = belief.sites
@@ -148,7 +148,7 @@ class _Known:
     def _pull(
         self, factor: Float[np.ndarray, "N N"], belief: ExpectationPropagation
     ) -> Float[np.ndarray, "N N"]:
-        """Twice the slope of the evidence in the kernel, at fixed sites.
+        """Return twice the slope of the evidence in the kernel, at fixed sites.
 
         Source: Rasmussen and Williams (2006), equation 5.27, for the differences of the values.
         """

@@ -1,7 +1,7 @@
-"""Radial basis functions φ(εd) of eq. rbf and the distances they are made of.
+"""Define the radial basis functions φ(εd) of eq. rbf and their distances.
 
-All of them are smooth in u = (εd)², so value and slope are given as functions of u; the chain
-rule then has no division by a distance.
+All of them are smooth in u = (εd)², so value and slope are functions of u; the chain rule then
+needs no division by a distance.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 Array = Float[np.ndarray, "..."]
-_TINY = 1e-300  # keeps log(u) finite on a centre
+_TINY = 1e-300  # keeps log(u) finite at a center
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ RADIAL_FUNCTIONS: Mapping[str, RadialFunction] = MappingProxyType(
         )
     }
 )
-"""The radial functions of the paper by name."""
+"""Radial functions of the paper by name."""
 
 
 def squared_distances(

@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float
 
 Box = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 
-_SCALES = (1e-4, 0.3)  # of the steps around the incumbent, in units of the cube
-_APART = 0.1  # two starts of a descent are at least this far from each other, in the cube
+_SCALES = (1e-4, 0.3)  # smallest and largest step around the incumbent, in units of the cube
+_APART = 0.1  # minimum distance between two starts of a descent, in the cube
 
 
 @runtime_checkable
@@ -23,21 +23,21 @@ class Objective(Protocol):
     """A function to minimize: many values at once, and the gradient at one point."""
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """Values at the rows of `z`."""
+        """Return the values at the rows of `z`."""
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Gradient at one point."""
+        """Return the gradient at one point."""
 
 
 @dataclass(frozen=True, slots=True)
 class Domain:
-    """Region to search: a box in the unit cube, which coordinates stay put, and how points snap.
+    """Region to search: a box in the unit cube, its fixed coordinates, and how points snap.
 
     Args:
-        fixed: Coordinates that a descent must not move (integer knobs), shape (n,).
-        snap: Moves the rows of an array (m, n) to the points of the cube that can run.
-        start: A point worth starting from (the incumbent), shape (n,).
-        corners: Lower and upper corner of what is searched, each of shape (n,).
+        fixed: Mask of coordinates that a descent must not move (integer knobs), shape (n,).
+        snap: Function that moves the rows of an array (m, n) to points that can run.
+        start: Point to start from (the incumbent), shape (n,).
+        corners: Lower and upper corner of the box to search, each of shape (n,).
     """
 
     fixed: Bool[np.ndarray, " n"]
@@ -55,9 +55,9 @@ def multistart(
     starts: int = 3,
     iterations: int = 40,
 ) -> Float[np.ndarray, "m n"]:
-    """Sample the cube and the surroundings of the incumbent, then descend from the best few.
+    """Sample the cube and the neighborhood of the incumbent, then descend from the best few.
 
-    Source: none; it solves eq. xNp1, for every agent here.
+    Source: none; it solves eq. xNp1 for every agent here.
     Deviation: L-BFGS-B with analytic gradients from sampled starts instead of the paper's particle
     swarm, also in `GLISp.paper`. Measured in docs/deviations.md.
     """
@@ -84,7 +84,7 @@ def _sampled(domain: Domain, rng: np.random.Generator, draws: int) -> Float[np.n
 
 
 def _apart(points: Float[np.ndarray, "m n"], count: int) -> list[int]:
-    """Indices of the first `count` points that keep their distance from each other."""
+    """Return the indices of the first `count` points that are far enough from each other."""
     chosen = [0]
     nearest = np.sum((points - points[0]) ** 2, axis=1)
     while len(chosen) < count:
@@ -99,7 +99,7 @@ def _apart(points: Float[np.ndarray, "m n"], count: int) -> list[int]:
 def _descend(
     objective: Objective, domain: Domain, z: Float[np.ndarray, " n"], iterations: int
 ) -> Float[np.ndarray, " n"]:
-    """L-BFGS-B from `z` over the coordinates that may move, shape (n,)."""
+    """Return the result of L-BFGS-B from `z` over the free coordinates, shape (n,)."""
     free = ~domain.fixed
     if not free.any():
         return z

@@ -1,4 +1,4 @@
-"""Other people's optimisers as agents, to compare with: the extra `peers` installs them."""
+"""Provide optimizers from other packages as agents, for comparison; needs the extra `peers`."""
 
 from .optuna_preferential import OptunaPreferential as OptunaPreferential
 from .reference_glis import ReferenceGLIS as ReferenceGLIS

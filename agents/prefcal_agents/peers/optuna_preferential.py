@@ -1,4 +1,4 @@
-"""Optuna's preferential sampler, a Gaussian process, as an agent."""
+"""Provide Optuna's preferential sampler, a Gaussian process, as an agent."""
 
 from typing import ClassVar, final
 
@@ -21,22 +21,22 @@ from .optuna_session import OptunaSession
 
 @final
 class OptunaPreferential(Stored, PreferenceBased):
-    """Gaussian process of preferences, hallucination believer (`PreferentialGPSampler`).
+    """A preferential Gaussian process with hallucination believer (`PreferentialGPSampler`).
 
-    The first `n_init` samples are a Latin hypercube. Then an Optuna study is told every answer
-    and its sampler asked for the next sample. It knows no ties: those teach it nothing, as
-    abstentions. The sampler starts each fit where the last one ended, so it is kept while
-    answers are added, and lives through them anew after an undo, a retraction or a restart.
+    The first `n_init` samples are a Latin hypercube. Then an Optuna study gets every answer, and
+    its sampler proposes the next sample. It ignores ties and abstentions. The sampler starts each
+    fit where the last one ended, so it is kept while answers are added, and replays all of them
+    after an undo, a retraction or a restart.
 
     Source: package `optuna-dashboard`, after Takeno et al. 2023.
-    Deviation: a fit that diverges, which ends the library's sampler, is started from nothing; if
-    that diverges too, the next sample is random.
+    Deviation: a fit that diverges, which stops the library's sampler, starts from scratch; if it
+    diverges again, the next sample is random.
 
     Args:
-        space: The knobs; the sampler sees the unit cube, and integers are snapped afterwards.
-        n_init: Samples of the start, 1 or more.
-        n_max: Experiments in all, which take n_max - 1 comparisons.
-        seed: Of all randomness, 0 or more.
+        space: Knobs to tune; the sampler sees the unit cube, and integers are snapped afterwards.
+        n_init: Number of samples of the start, 1 or more.
+        n_max: Number of experiments, which take n_max - 1 comparisons.
+        seed: Seed of all randomness, 0 or more.
 
     Raises:
         SettingsError: an impossible value.

@@ -1,4 +1,4 @@
-"""A study of Optuna's preferential sampler that lives in memory and says nothing."""
+"""Run a study of Optuna's preferential sampler silently in memory."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,11 +12,11 @@ from prefcal_agents.support.extras import load
 
 @final
 class OptunaSession:
-    """The study, told about one experiment after another.
+    """An Optuna study that gets one experiment after another.
 
     Args:
-        n: Knobs.
-        seed: Of the sampler, below 2**32.
+        n: Number of knobs.
+        seed: Seed of the sampler, below 2**32.
 
     Raises:
         MissingExtraError: the extra `peers` is not installed.
@@ -39,7 +39,7 @@ class OptunaSession:
             load(module, "peers")
 
     def run(self, z: Float[np.ndarray, " n"]) -> None:
-        """The experiment of `z`, in the unit cube, shape (n,), was run."""
+        """Add the experiment at `z`, a point of the unit cube, shape (n,)."""
         params = dict(zip(self._knobs, map(float, z), strict=True))
         with self._alone():
             self._study.add_trial(
@@ -48,14 +48,14 @@ class OptunaSession:
         self._trials.append(self._study.get_trials(deepcopy=False)[-1])
 
     def prefer(self, better: int, worse: int) -> None:
-        """Experiment number `better` was preferred to number `worse`."""
+        """Add the answer that experiment `better` is preferred to `worse`."""
         self._study.report_preference(self._trials[better], self._trials[worse])
 
     def ask(self, seed: int) -> None:
-        """Set `proposal` to the next point of the unit cube, shape (n,); None if there is none.
+        """Set `proposal` to the next point of the unit cube, shape (n,), or to None.
 
-        There is none before the first preference, and when two fits have diverged, the second of
-        a new sampler with `seed`.
+        It is None before the first preference, and if two fits diverge, the second with a new
+        sampler seeded by `seed`.
         """
         self.proposal = None
         if not self._study.preferences:
@@ -64,7 +64,7 @@ class OptunaSession:
             try:
                 with self._alone():
                     params = self._study.ask(self._knobs).params
-            except (RuntimeError, ValueError):  # a covariance that is none, a noise that is NaN
+            except (RuntimeError, ValueError):  # an invalid covariance or a noise of NaN
                 self._study._study.sampler = _sampler(seed)
             else:
                 self.proposal = np.array([params[name] for name in self._knobs])
@@ -72,11 +72,11 @@ class OptunaSession:
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
-        """Inside, Optuna reports errors only, and linear algebra keeps to one thread.
+        """Let Optuna report errors only and limit linear algebra to one thread in the context.
 
         So a proposal has the same digits whatever else the machine does.
         """
-        from threadpoolctl import threadpool_limits  # finds what torch has loaded
+        from threadpoolctl import threadpool_limits  # finds libraries that torch loaded
 
         logging = self._optuna.logging
         before = logging.get_verbosity()
@@ -89,9 +89,9 @@ class OptunaSession:
 
 
 def _sampler(seed: int) -> Any:
-    """The sampler as it is by default, except that a fit which has diverged stops.
+    """Return the default sampler with argument checks, so that a diverged fit stops at once.
 
-    With its arguments unchecked, it goes on for minutes.
+    Without these checks it would continue for minutes.
     """
     noise = load("gpytorch.priors", "peers").GammaPrior(5.0, 50.0, validate_args=True)
     module = load("optuna_dashboard.preferential.samplers.gp", "peers")

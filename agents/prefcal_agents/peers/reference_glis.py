@@ -1,4 +1,4 @@
-"""The reference implementation of GLIS, package `glis`, as a value-based agent."""
+"""Provide the reference implementation of GLIS, package `glis`, as a value-based agent."""
 
 from typing import ClassVar, final
 
@@ -20,20 +20,21 @@ from .solvers import cube_solver, design
 
 @final
 class ReferenceGLIS(Stored, ValueBased):
-    """GLIS as its authors published it, with the package's own settings.
+    """GLIS as published by its authors, with the package's own settings.
 
-    Set up anew for each proposal, as `ReferenceGLISp` is. Experiments without a score are left out.
+    It is set up anew for each proposal, like `ReferenceGLISp`. Experiments without a score are
+    left out.
 
     Source: package `glis` 2.0.2 by Bemporad and Zhu.
     Deviation: its random generator is seeded for each proposal; it searches the unit cube, and
-    integers are snapped afterwards; scores are divided by a power of 2, to which it is indifferent,
-    lest very large ones overflow.
+    integers are snapped afterwards; scores are divided by a power of 2, which changes no proposal
+    and avoids overflow.
 
     Args:
-        space: The knobs.
-        n_init: Samples of the package's Latin hypercube, 1 or more.
-        n_max: Experiments in all.
-        seed: Of all randomness, 0 or more.
+        space: Knobs to tune.
+        n_init: Number of samples of the package's Latin hypercube, 1 or more.
+        n_max: Number of experiments.
+        seed: Seed of all randomness, 0 or more.
 
     Raises:
         SettingsError: an impossible value.

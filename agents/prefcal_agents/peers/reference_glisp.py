@@ -1,4 +1,4 @@
-"""The reference implementation of GLISp, package `glis`, as an agent."""
+"""Provide the reference implementation of GLISp, package `glis`, as an agent."""
 
 from typing import Any, ClassVar, final
 
@@ -20,21 +20,21 @@ from .solvers import cube_solver, design
 
 @final
 class ReferenceGLISp(Stored, PreferenceBased):
-    """GLISp as its authors published it, with the package's own settings.
+    """GLISp as published by its authors, with the package's own settings.
 
-    The package owns its state; here its solver is set up anew for each proposal, from the stored
-    samples and the answers that stand, so nothing else has to be remembered. What it does not
-    know, an abstention, teaches it nothing.
+    The package owns its state. Here its solver is set up anew for each proposal from the stored
+    samples and the valid answers, so nothing else has to be stored. It ignores abstentions, which
+    it does not support.
 
     Source: package `glis` 2.0.2 by Bemporad and Zhu.
     Deviation: its random generator is seeded for each proposal; it searches the unit cube, and
     integers are snapped afterwards.
 
     Args:
-        space: The knobs.
-        n_init: Samples of the package's Latin hypercube, 1 or more (it takes 2 at least).
-        n_max: Experiments in all, which take n_max - 1 comparisons.
-        seed: Of all randomness, 0 or more.
+        space: Knobs to tune.
+        n_init: Number of samples of the package's Latin hypercube, 1 or more (it uses at least 2).
+        n_max: Number of experiments, which take n_max - 1 comparisons.
+        seed: Seed of all randomness, 0 or more.
 
     Raises:
         SettingsError: an impossible value.
@@ -61,13 +61,13 @@ class ReferenceGLISp(Stored, PreferenceBased):
             theta = self._theta(history)
             solver = self._solver(history, RBFcalibrate=False, thetas=np.array([theta]))
             with seeded(self._seed, index):
-                # Told a tie that its lists do not take up, it learns from them and proposes.
+                # The tie reported here is not added to its lists; it learns from them and proposes.
                 z = solver.update(0)
         rng = np.random.default_rng([self._seed, index])
         return Tried(self.space, history).fresh(np.clip(z, 0.0, 1.0), rng)
 
     def _solver(self, history: History, **options: Any) -> Any:
-        """The package's solver as it is when it has just run the last sample of `history`."""
+        """Return the package's solver in its state after running the last sample of `history`."""
         z = history.cube()
         solver = cube_solver(self._package.GLISp, z, expected_max_evals=self.n_max, **options)
         solver.initialize()
@@ -80,7 +80,7 @@ class ReferenceGLISp(Stored, PreferenceBased):
         return solver
 
     def _theta(self, history: History) -> float:
-        """θ, the package's factor on ε, as it was validated last before the next sample."""
+        """Return θ, the package's factor on ε, from its last validation before the next sample."""
         start = max(self.n_init, 2)
         quarters = [round(k * (self.n_max - start) / 4) for k in (0, 1, 2, 3)]
         past = history.until(max(start + q for q in quarters if start + q <= history.answered))
@@ -93,7 +93,7 @@ class ReferenceGLISp(Stored, PreferenceBased):
 
 
 class _Full(list[list[int]]):
-    """A list that holds all it should and takes up nothing more."""
+    """A list that ignores everything that is appended."""
 
     def append(self, _: list[int]) -> None:
         """Do nothing."""

@@ -1,4 +1,4 @@
-"""Setting up a solver of the package `glis` on the unit cube."""
+"""Set up a solver of the package `glis` on the unit cube."""
 
 from typing import Any
 
@@ -7,17 +7,17 @@ from jaxtyping import Float
 
 
 def design(solver: Any, n: int, count: int) -> Float[np.ndarray, "count n"]:
-    """The `count` samples that the class `solver` starts with, from numpy's global generator."""
+    """Return the first `count` samples of the class `solver`, from numpy's global generator."""
     fresh = solver(bounds=(np.zeros(n), np.ones(n)), n_initial_random=count, display=0)
     fresh.initialize_()
     return np.array(fresh.X)
 
 
 def cube_solver(solver: Any, z: Float[np.ndarray, "N n"], **options: Any) -> Any:
-    """An instance of the class `solver` whose initial samples are `z`, shape (N, n).
+    """Return an instance of the class `solver` whose initial samples are `z`, shape (N, n).
 
-    To the package every sample counts alike once it has run, so all that ran are its initial
-    ones: told about the last, it proposes the next.
+    The package treats all samples alike once they ran, so all of them can be initial samples:
+    after the answer about the last one, it proposes the next.
     """
     count, n = z.shape
     fresh = solver(bounds=(np.zeros(n), np.ones(n)), n_initial_random=count, display=0, **options)

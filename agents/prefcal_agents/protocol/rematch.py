@@ -1,19 +1,19 @@
-"""Which two samples to compare when the answers leave open who is the best."""
+"""Choose which two samples to compare when the answers leave open which one is best."""
 
 from prefcal_agents.history.history import History
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.best import contradictory, reigns, representative, undominated
 
 FINALS = 3
-"""Most questions after the last experiment."""
+"""Maximum number of questions after the last experiment."""
 
 
 def rematch(history: History) -> tuple[int, int] | None:
-    """Return the best sample and one that never lost to it either; None where there is none.
+    """Return the best sample and another unbeaten one; None if there is no other.
 
-    As long as every new sample meets the best, only one stays unbeaten. A retraction or "can't
-    tell" may leave two: the next question compares them. A pair that cannot be told apart is not
-    asked again; one whose answer was taken back is.
+    As long as every new sample is compared with the best, only one stays unbeaten. A retraction or
+    "can't tell" can leave two, which the next question then compares. A pair that the person
+    cannot tell apart is not asked again; a pair whose answer was retracted is.
 
     Returns:
         The later and the earlier sample of the pair.
@@ -29,12 +29,12 @@ def rematch(history: History) -> tuple[int, int] | None:
 
 
 def final(history: History) -> tuple[int, int] | None:
-    """Return the best sample and a former best for a last comparison; None where none is due.
+    """Return the best sample and a former best for a final comparison; None if none is needed.
 
-    People who call two experiments about the same have a threshold, and steps below it add up:
-    each new best may be a little worse in what counts most. So after the last experiment the best
-    meets up to three former ones that it has not met, the earliest first. Someone who never
-    said "about the same" and never contradicted themselves is not asked.
+    People who call two experiments "about the same" have a threshold, and differences below it add
+    up: each new best may be slightly worse in what matters most. So after the last experiment, the
+    best is compared with up to three former bests, earliest first, that it was not compared with
+    yet. People who never said "about the same" and never contradicted themselves are not asked.
 
     Source: none.
     Deviation: the paper compares each experiment with the best so far only.

@@ -1,7 +1,7 @@
-"""A live session as a cache, for optimisers that own their state.
+"""Replay a history into optimizers that own their state.
 
-A strategy is a function of the history. An optimiser that learns a step at a time is not; so it is
-fed the history one answer after another, and kept while the history only grows.
+A strategy is a function of the history. An optimizer that learns step by step is not, so it gets the
+history one answer at a time, and is kept as long as the history only grows.
 """
 
 from collections.abc import Callable
@@ -14,14 +14,14 @@ Session = TypeVar("Session")
 
 @final
 class Replay(Generic[Session]):
-    """The session that has seen exactly a history: kept where that continues, else made afresh.
+    """A session that has seen exactly a history: kept if the history continues, else started anew.
 
-    Fresh ones are needed after an undo, a retraction, a restart, and in twins. They see the
-    stored samples and the answers as they stand now.
+    A new session is needed after an undo, a retraction or a restart, and in copies of an agent. It
+    sees the stored samples and the current answers.
 
     Args:
-        start: Makes a session that has seen nothing.
-        feed: Lets a session see the last answer of a history, having seen the ones before.
+        start: Function that creates a session that has seen nothing.
+        feed: Function that shows a session the last answer of a history; it has seen the others.
     """
 
     def __init__(
@@ -32,11 +32,11 @@ class Replay(Generic[Session]):
         self._session: Session | None = None
 
     def at(self, history: History) -> Session:
-        """A session that has seen all answers of `history`, and no more."""
+        """Return a session that has seen all answers of `history` and no others."""
         past = self._seen.answered
         if self._session is None or history.until(past) != self._seen:
             self._session, past = self._start(), 0
-        session, self._session = self._session, None  # lost, should feeding fail
+        session, self._session = self._session, None  # dropped if feeding fails
         for count in range(past + 1, history.answered + 1):
             self._feed(session, history.until(count))
         self._seen, self._session = history.until(history.answered), session

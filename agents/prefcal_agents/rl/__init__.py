@@ -1,7 +1,7 @@
-"""Reinforcement learning with stable-baselines3: the extra `rl` installs it.
+"""Provide reinforcement learning with stable-baselines3, which the extra `rl` installs.
 
-As agents (`PPOBandit`, `SACBandit`) it tunes a controller within a budget of experiments, as the
-others do. On the plant (`train_on_plant`) it learns the control law itself.
+As agents, `PPOBandit` and `SACBandit` tune a controller within a budget of experiments. On the
+plant, `train_on_plant` learns the control law itself.
 """
 
 from .plant import Evaluation as Evaluation

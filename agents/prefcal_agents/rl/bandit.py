@@ -1,4 +1,4 @@
-"""Tuning as reinforcement learning sees it: a bandit, whose episodes are of one step."""
+"""Describe tuning as reinforcement learning: a bandit whose episodes have one step."""
 
 from typing import Any
 
@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Float
 
 OBSERVATION = np.ones((1, 1), np.float32)
-"""What is observed before every experiment: always the same, since each starts afresh."""
+"""Observation before every experiment; always the same, since each one starts afresh."""
 
 Array = np.ndarray[Any, Any]
 
 
 class Bandit(gym.Env[Array, Array]):
-    """The spaces that a model needs. Its steps are taken by the agent, a query at a time."""
+    """An environment that only provides spaces; the agent takes the steps, one per query."""
 
     def __init__(self, n: int) -> None:
         self.observation_space = gym.spaces.Box(0.0, 1.0, (1,), np.float32)
@@ -21,10 +21,10 @@ class Bandit(gym.Env[Array, Array]):
 
 
 def rewards(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
-    """Reward of each score, shape (K,), from its rank among all of them: 1 is best, -1 worst.
+    """Return the reward of each score, shape (K,), from its rank: 1 is best, -1 worst.
 
-    The unit of a score means nothing to a learning rate, and the CSTR's interrupted runs score a
-    thousand times what good ones do.
+    Ranks do not depend on the unit of the score, nor on outliers: interrupted runs of the CSTR
+    score a thousand times as much as good ones.
     """
     below = np.array([np.mean(values < value) for value in values])
     equal = np.array([np.mean(values == value) for value in values])
@@ -32,11 +32,11 @@ def rewards(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
 
 
 def actions(z: Float[np.ndarray, "K n"]) -> Array:
-    """Samples of the unit cube as actions in [-1, 1], float32, shape (K, n)."""
+    """Return samples of the unit cube as actions in [-1, 1], float32, shape (K, n)."""
     scaled: Array = (2 * z - 1).astype(np.float32)
     return scaled
 
 
 def sample(action: Array) -> Float[np.ndarray, " n"]:
-    """The point of the unit cube that an action, shape (n,), stands for; outside, its edge."""
+    """Return the point of the unit cube for an action, shape (n,), clipped to the cube."""
     return np.clip((np.asarray(action, dtype=float) + 1) / 2, 0.0, 1.0)

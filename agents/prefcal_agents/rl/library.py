@@ -1,4 +1,4 @@
-"""stable-baselines3 and torch, loaded on demand, and their global random state."""
+"""Load stable-baselines3 and torch on demand, and seed their global random state."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,16 +9,16 @@ from prefcal_agents.support.global_random import seeded
 
 
 def stable_baselines() -> Any:
-    """The package. Raises MissingExtraError where the extra `rl` is not installed."""
+    """Return the package. Raises MissingExtraError if the extra `rl` is not installed."""
     return load("stable_baselines3", "rl")
 
 
 @contextmanager
 def torch_seeded(*key: int) -> Iterator[int]:
-    """Inside, torch's, numpy's and Python's global generators are seeded by `key`.
+    """Seed the global generators of torch, numpy and Python by `key` inside the context.
 
-    Afterwards they are as before. Inside, torch keeps to one thread: quicker with networks this
-    small, and the same digits whatever else runs.
+    Afterwards they are restored. Inside, torch uses one thread, which is faster for such small
+    networks and gives the same digits whatever else runs.
 
     Yields:
         A seed below 2**32 that follows from `key`.
@@ -35,7 +35,7 @@ def torch_seeded(*key: int) -> Iterator[int]:
 
 
 def silent(model: Any) -> Any:
-    """Give `model` a logger that keeps no log; returns it."""
+    """Give `model` a logger that keeps no log, and return the model."""
     logger = load("stable_baselines3.common.logger", "rl")
     model.set_logger(logger.Logger(None, []))
     return model

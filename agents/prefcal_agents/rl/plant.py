@@ -1,4 +1,4 @@
-"""Control learned directly on a plant environment, with no model and no MPC."""
+"""Learn control directly on a plant environment, without a model or MPC."""
 
 from collections.abc import Mapping
 from contextlib import nullcontext
@@ -20,12 +20,12 @@ SETTINGS: Mapping[str, Mapping[str, Any]] = {
         "n_steps": 1000,
         "batch_size": 100,
         "gamma": 0.98,
-        # With its default, 0, most actions lie beyond the limits of the plant's inputs.
+        # With the default 0, most actions exceed the limits of the plant's inputs.
         "policy_kwargs": {"log_std_init": -1.0},
     },
     "SAC": {"learning_starts": 1000, "learning_rate": 1e-3, "gamma": 0.98, "train_freq": 2},
 }
-"""Where they are not the library's: for trainings of some ten thousand steps."""
+"""Settings that differ from the library's, for about ten thousand training steps."""
 
 
 def train_on_plant(
@@ -43,11 +43,11 @@ def train_on_plant(
     global random states come out unchanged.
 
     Args:
-        env_id: A plant environment, registered with Gymnasium.
+        env_id: Id of a plant environment registered with Gymnasium.
         algorithm: "PPO" or "SAC" of stable-baselines3.
-        steps: Sampling periods, 0 or more; none leaves the policy untrained. PPO rounds up to a
-            multiple of its 1000.
-        seed: Of all randomness, 0 or more.
+        steps: Number of sampling periods, 0 or more; 0 leaves the policy untrained. PPO rounds up
+            to a multiple of its 1000.
+        seed: Seed of all randomness, 0 or more.
         env_options: Keyword arguments of the environment.
         progress: Whether to show a progress bar on standard error.
 
@@ -81,9 +81,9 @@ class Evaluation:
 
     Args:
         total_reward: Sum of the rewards, the return.
-        steps: Sampling periods that it lasted.
-        time: The same in the plant's unit of time.
-        end: Why it ended, as the environment says.
+        steps: Number of sampling periods.
+        time: Duration in the plant's unit of time.
+        end: Reason for the end, as reported by the environment.
     """
 
     total_reward: float
@@ -93,7 +93,7 @@ class Evaluation:
 
 
 def evaluate(policy: TrainedPolicy, env: gym.Env[Any, Any], seed: int = 0) -> Evaluation:
-    """Let `policy` drive one episode of `env`, a plant environment."""
+    """Run one episode of the plant environment `env` with `policy`."""
     observation, info = env.reset(seed=seed)
     total, steps, over = 0.0, 0, False
     while not over:
@@ -103,7 +103,7 @@ def evaluate(policy: TrainedPolicy, env: gym.Env[Any, Any], seed: int = 0) -> Ev
 
 
 class _Bar:
-    """A progress bar with the time that remains."""
+    """A progress bar with the remaining time."""
 
     def __init__(self, algorithm: str, steps: int) -> None:
         from rich.console import Console
@@ -120,7 +120,7 @@ class _Bar:
         self._progress.stop()
 
     def callback(self) -> Any:
-        """What the library calls after each step."""
+        """Update the bar; the library calls this after each step."""
         callbacks = load("stable_baselines3.common.callbacks", "rl")
 
         def advance(_locals: Any, _globals: Any) -> bool:

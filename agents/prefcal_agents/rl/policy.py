@@ -1,4 +1,4 @@
-"""A control law that was learned on a plant: acts, drives an experiment, is saved and loaded."""
+"""Use, save and load a control law that was learned on a plant."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,19 +15,19 @@ from .library import stable_baselines
 
 Array = np.ndarray[Any, Any]
 ALGORITHMS = ("PPO", "SAC")
-_ORIGIN = "prefcal_origin"  # of the model, which the library saves with it
+_ORIGIN = "prefcal_origin"  # attribute of the model that the library saves with it
 
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where a policy comes from.
+    """The origin of a policy.
 
     Args:
-        algorithm: One of `ALGORITHMS`.
-        env_id: The plant environment.
-        T_s: Sampling time that it was trained with, in the plant's unit of time.
-        steps: Sampling periods of the plant that the training took.
-        seed: Of the training.
+        algorithm: Name of the algorithm, one of `ALGORITHMS`.
+        env_id: Id of the plant environment.
+        T_s: Sampling time of the training, in the plant's unit of time.
+        steps: Number of sampling periods of the training.
+        seed: Seed of the training.
     """
 
     algorithm: str
@@ -43,22 +43,22 @@ class TrainedPolicy:
     """A policy of stable-baselines3, used without its exploration noise.
 
     Args:
-        model: The library's model.
-        origin: How it was trained.
+        model: Model of the library.
+        origin: Training of the model.
     """
 
     model: Any
     origin: Origin
 
     def control(self, observation: Array) -> Array:
-        """The action, inputs scaled to [-1, 1], for an observation of the plant environment."""
+        """Return the action, inputs scaled to [-1, 1], for an observation of the plant."""
         action, _ = self.model.predict(observation, deterministic=True)
         return np.asarray(action)
 
     def controller(self, env: gym.Env[Any, Any]) -> Controller:
-        """It as a controller in `env`, a plant environment, for `prefcal_env.experiments.rollout`.
+        """Return a controller in the plant environment `env`, for `prefcal_env.experiments.rollout`.
 
-        It sees the environment's observation, not more.
+        It sees only the environment's observation.
 
         Raises:
             SettingsError: `env` cannot be observed apart from its steps.
@@ -70,7 +70,7 @@ class TrainedPolicy:
         return _PolicyController(self, plant)
 
     def save(self, path: str | Path) -> Path:
-        """Write it as a zip of stable-baselines3; returns the path, which ends in .zip."""
+        """Save as a zip file of stable-baselines3 and return its path, which ends in .zip."""
         setattr(self.model, _ORIGIN, asdict(self.origin))
         target = Path(path)
         target = target if target.suffix == ".zip" else target.with_name(target.name + ".zip")
@@ -79,10 +79,10 @@ class TrainedPolicy:
 
     @classmethod
     def load(cls, path: str | Path) -> "TrainedPolicy":
-        """Read what `save` wrote. Only open files that you trust: they may hold code.
+        """Load a file written by `save`. Only open files that you trust: they may contain code.
 
         Raises:
-            SettingsError: there is no such file, or it holds no policy that was saved here.
+            SettingsError: there is no such file, or it was not written by `save`.
             MissingExtraError: the extra `rl` is not installed.
         """
         library = stable_baselines()
@@ -104,9 +104,9 @@ class _PolicyController:
 
     @property
     def T_s(self) -> float:
-        """Sampling time of the training."""
+        """Return the sampling time of the training."""
         return self.policy.origin.T_s
 
     def move(self, measurement: Measurement) -> Move:
-        """What the policy does where the plant is now."""
+        """Return the policy's move for the current state of the plant."""
         return Move(self.plant.inputs(self.policy.control(self.plant.observe())))

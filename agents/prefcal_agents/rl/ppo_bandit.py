@@ -1,4 +1,4 @@
-"""PPO as a value-based agent: a Gaussian over θ that moves to where the scores are low."""
+"""Provide PPO as a value-based agent: a Gaussian over θ that moves to low scores."""
 
 from typing import Any, ClassVar, final
 
@@ -22,22 +22,21 @@ from .library import silent, stable_baselines, torch_seeded
 class PPOBandit(Stored, ValueBased):
     """PPO of stable-baselines3 with exactly `n_max` experiments, each an episode of one step.
 
-    Its policy is a Gaussian, its update one after every `n_steps` experiments with a score. The
-    library's own loop, which owns the experiments, is left out: its buffer is filled from the
-    history, with the θ that ran. Without an observation a network has nothing to look at, so the
-    policy has none.
+    The policy is a Gaussian, updated after every `n_steps` experiments with a score. Instead of the
+    library's own loop, which would run the experiments, the buffer is filled from the history with
+    the θ that ran. The policy has no network, since there is no observation.
 
     Deviation: rewards are ranks (see `rewards`); settings other than the library's, which are
     for thousands of times as many steps: `n_steps`, `learning_rate`, `target_kl` and the width.
 
     Args:
-        space: The knobs.
-        n_init: Kept for the contract of all agents; 1 or more.
-        n_max: Experiments in all.
-        seed: Of all randomness, 0 or more.
-        n_steps: Experiments between two updates, 2 or more.
-        n_epochs: Gradient steps of an update.
-        learning_rate: Of the optimiser, above 0.
+        space: Knobs to tune.
+        n_init: Required of all agents, without effect here; 1 or more.
+        n_max: Number of experiments.
+        seed: Seed of all randomness, 0 or more.
+        n_steps: Number of experiments between two updates, 2 or more.
+        n_epochs: Number of gradient steps of an update.
+        learning_rate: Learning rate of the optimizer, above 0.
 
     Raises:
         SettingsError: an impossible value.
@@ -107,7 +106,7 @@ class PPOBandit(Stored, ValueBased):
 
 
 def _fill(model: Any, taken: Any, reward: Float[np.ndarray, " K"]) -> None:
-    """Put K experiments into the rollout buffer, as if the present policy had just run them."""
+    """Put K experiments into the rollout buffer, as if the current policy had just run them."""
     from torch import as_tensor, no_grad
 
     policy, buffer = model.policy, model.rollout_buffer
@@ -116,7 +115,7 @@ def _fill(model: Any, taken: Any, reward: Float[np.ndarray, " K"]) -> None:
         value, log_prob, _ = policy.evaluate_actions(seen, as_tensor(taken))
     buffer.reset()
     for k, action in enumerate(taken):
-        # Every experiment starts an episode, and ends it.
+        # Every experiment is one episode.
         buffer.add(
             OBSERVATION, action[None], reward[k : k + 1], np.ones(1), value[k], log_prob[k : k + 1]
         )

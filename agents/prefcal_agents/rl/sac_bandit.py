@@ -1,4 +1,4 @@
-"""SAC as a value-based agent: a critic learned from all experiments, an actor that follows it."""
+"""Provide SAC as a value-based agent: a critic of all experiments, and an actor following it."""
 
 from typing import Any, ClassVar, final
 
@@ -23,21 +23,21 @@ class SACBandit(Stored, ValueBased):
     """SAC of stable-baselines3 with exactly `n_max` experiments, each an episode of one step.
 
     The first `n_init` samples are a Latin hypercube, where the library draws uniformly. From then
-    on the networks are trained after every experiment, on all so far, and the actor proposes the
-    next. The library's own loop, which owns the experiments, is left out: its buffer is filled
-    from the history, with the θ that ran.
+    on the networks are trained on all experiments after each new one, and the actor proposes the
+    next. Instead of the library's own loop, which would run the experiments, the buffer is filled
+    from the history with the θ that ran.
 
     Deviation: rewards are ranks (see `rewards`); the library does nothing before 100 steps, so
-    here there are more gradient steps, in larger ones, and the weight of the entropy is fixed.
+    here the gradient steps are more and larger, and the weight of the entropy is fixed.
 
     Args:
-        space: The knobs.
-        n_init: Samples of the start, 1 or more.
-        n_max: Experiments in all.
-        seed: Of all randomness, 0 or more.
-        gradient_steps: After each experiment.
-        learning_rate: Of the optimisers, above 0.
-        entropy: Weight of the policy's entropy beside rewards in [-1, 1]: large explores.
+        space: Knobs to tune.
+        n_init: Number of samples of the start, 1 or more.
+        n_max: Number of experiments.
+        seed: Seed of all randomness, 0 or more.
+        gradient_steps: Number of gradient steps after each experiment.
+        learning_rate: Learning rate of the optimizers, above 0.
+        entropy: Weight of the policy's entropy relative to rewards in [-1, 1]; large explores.
 
     Raises:
         SettingsError: an impossible value.

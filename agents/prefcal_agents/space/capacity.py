@@ -1,4 +1,4 @@
-"""How many different θ a space holds."""
+"""Count the different θ of a space."""
 
 from math import prod
 
@@ -8,17 +8,17 @@ from jaxtyping import Float
 from prefcal_env.errors import KnobError
 from prefcal_env.knobs.knob import Knob, KnobSpace
 
-_COUNTED = 100_000  # θ of a space up to which those that are allowed are counted
-_MANY = 10**6  # values of one knob beyond which it counts as having no step
+_COUNTED = 100_000  # spaces with at most this many θ are checked against the constraints
+_MANY = 10**6  # a knob with more values counts as having no step
 
 
 def capacity(space: KnobSpace) -> float:
-    """Return how many different θ are searched; infinite where a knob has no step.
+    """Return the number of different θ to search; infinite if a knob has no step.
 
-    Those that constraints refuse are left out, where all can be looked at.
+    In a small space, θ that the constraints refuse are not counted.
 
     Raises:
-        KnobError: all were looked at, and none is allowed.
+        KnobError: the space is small, and the constraints allow no θ.
     """
     counts = [_count(knob, *part) for knob, part in zip(space, space.within, strict=True)]
     total = prod(counts)

@@ -1,4 +1,4 @@
-"""The part of the unit cube that the constraints allow: random points of it, and ways into it."""
+"""Find points in the part of the unit cube that the constraints allow."""
 
 from dataclasses import dataclass
 
@@ -13,32 +13,32 @@ from prefcal_env.knobs.knob import KnobSpace
 
 from .snapping import decode_all, integer_mask, scaled, snap_all
 
-_BLOCKS = (300, 1_000, 4_000, 16_000)  # random points looked at, a block at a time
-_LEADERS = 20  # points from which an allowed one is searched where no random one is
-_AROUND = 30  # points tried around each of them, at each of these
+_BLOCKS = (300, 1_000, 4_000, 16_000)  # numbers of random points to check, block by block
+_LEADERS = 20  # points to search from if no random point is allowed
+_AROUND = 30  # points to try around each of them at each step size
 _STEPS = np.geomspace(0.3, 1e-5, 40)  # in units of the cube
-_HALVINGS = 14  # of the way to an allowed point
-_ROUNDS = 3  # of drawing on from points drawn before
+_HALVINGS = 14  # bisections on the way to an allowed point
+_ROUNDS = 3  # rounds of hit and run
 
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """What the constraints of `space` allow, as points of the cube that are snapped as they run."""
+    """The points of the cube that the constraints of `space` allow, after snapping integers."""
 
     space: KnobSpace
 
     def allows(self, z: Float[np.ndarray, "m n"]) -> Bool[np.ndarray, " m"]:
-        """Whether the θ of each row of `z` is allowed, shape (m,)."""
+        """Return whether the θ of each row of `z` is allowed, shape (m,)."""
         return np.asarray(self.space.allows(self._thetas(z)))
 
     def _thetas(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
         return decode_all(self.space, snap_all(self.space, z, only_integers=True))
 
     def draw(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count n"]:
-        """Random points of the region, shape (count, n); uniform unless it is tiny.
+        """Return random points of the region, shape (count, n); uniform unless it is tiny.
 
         Raises:
-            KnobError: none was found.
+            KnobError: no allowed point was found.
         """
         n = len(self.space)
         found = np.zeros((0, n))
@@ -56,14 +56,14 @@ class Region:
     def _beside(
         self, anchors: Float[np.ndarray, "a n"], count: int, rng: np.random.Generator
     ) -> Float[np.ndarray, "count n"]:
-        """Hit and run: from a random anchor a random part of the way to the edge, (count, n)."""
+        """Return points by hit and run: from random anchors part of the way to the edge."""
         start = anchors[rng.integers(len(anchors), size=count)]
         edge = self._towards(start, scaled(self.space, rng.random((count, start.shape[1]))))
         inside = start + rng.random((count, 1)) * (edge - start)
         return np.where(self.allows(inside)[:, None], inside, start)
 
     def _search(self, rng: np.random.Generator) -> Float[np.ndarray, "a n"]:
-        """Allowed points, by going where the constraints are violated less and less."""
+        """Return allowed points, found by reducing the violation of the constraints."""
         leaders = scaled(self.space, rng.random((_BLOCKS[-1], len(self.space))))
         sizes = np.nan_to_num(np.abs(self.space.excess(self._thetas(leaders))))
         scale = np.median(sizes, axis=0)
@@ -98,29 +98,29 @@ class Region:
         tries = sum(_BLOCKS) + _LEADERS * _AROUND * len(_STEPS)
         return (
             f"no θ was found that the constraints allow, in {tries} tries; each must be 0 or "
-            f"less, but where they are closest to it, {self.space.named(theta[0])}, {violated}"
+            f"less, but at the closest point, {self.space.named(theta[0])}, {violated}"
         )
 
     def repaired(
         self, z: Float[np.ndarray, "m n"], anchors: Float[np.ndarray, "a n"]
     ) -> Float[np.ndarray, "m n"]:
-        """The rows of `z` snapped; from the nearest anchor up to the edge where not allowed.
+        """Return the rows of `z` snapped; rows that are not allowed move to the region's edge.
 
-        The anchors are allowed points, shape (a, n).
+        They move towards the nearest of the anchors, which are allowed points, shape (a, n).
         """
         snapped = snap_all(self.space, z)
         out = np.flatnonzero(~self.allows(snapped))
         if len(out):
             nearest = anchors[np.argmin(squared_distances(snapped[out], anchors), axis=1)]
             edge = self._towards(nearest, snapped[out])
-            # A rounded point beyond the edge is refused: those at the edge are not rounded.
+            # Points at the edge are not rounded, since rounding could leave the region.
             snapped[out] = snap_all(self.space, edge, only_integers=True)
         return snapped
 
     def _towards(
         self, start: Float[np.ndarray, "m n"], end: Float[np.ndarray, "m n"]
     ) -> Float[np.ndarray, "m n"]:
-        """An allowed point of each way from `start`, which is allowed, to `end`; at its edge."""
+        """Return the last allowed point on each line from `start`, which is allowed, to `end`."""
         allowed, refused = np.zeros((len(start), 1)), np.ones((len(start), 1))
         allowed[self.allows(end)] = 1.0
         for _ in range(_HALVINGS):
@@ -133,10 +133,10 @@ class Region:
 def random_points(
     space: KnobSpace, count: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "count n"]:
-    """Random points of the cube, or of what the constraints leave of it, shape (count, n).
+    """Return random points of the searched space that the constraints allow, shape (count, n).
 
     Raises:
-        KnobError: none was found that they allow.
+        KnobError: no allowed point was found.
     """
     if space.constraints:
         return Region(space).draw(count, rng)
@@ -144,12 +144,11 @@ def random_points(
 
 
 def search_domain(space: KnobSpace, history: History, *, best: int | None = None) -> Domain:
-    """Where an acquisition is minimised: the cube, or what the constraints leave of it.
+    """Return the domain in which to minimize an acquisition.
 
-    Of a space that is searched in part it is that part; frozen knobs stay put.
-
-    Points that are not allowed are moved to the edge of the region; so a search need not know
-    about it, and finds optima at the edge. It starts at sample number `best`, or the incumbent.
+    It is the searched part of the cube; frozen knobs stay fixed. Points that constraints refuse
+    move to the edge of the region, so a search can ignore the constraints and still finds optima
+    at the edge. It starts at sample number `best`, or at the incumbent.
     """
     lower, upper = space.corners
     best = (history.incumbent or 0) if best is None else best
@@ -162,7 +161,7 @@ def search_domain(space: KnobSpace, history: History, *, best: int | None = None
 
 
 def _anchors(space: KnobSpace, history: History) -> Float[np.ndarray, "a n"]:
-    """Allowed points of what is searched: the samples there, or random ones if there are none."""
+    """Return allowed points to search from: the samples there, or random points without any."""
     tried = history.cube()
     lower, upper = space.corners
     inside = tried[np.all((tried >= lower) & (tried <= upper), axis=1)]

@@ -1,4 +1,4 @@
-"""Many points of the unit cube at once, rounded to what each knob can be set to."""
+"""Round many points of the unit cube at once to values that each knob can be set to."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -14,9 +14,9 @@ def integer_mask(space: KnobSpace) -> Bool[np.ndarray, " n"]:
 def snap_all(
     space: KnobSpace, z: Float[np.ndarray, "m n"], *, only_integers: bool = False
 ) -> Float[np.ndarray, "m n"]:
-    """Round many points at once as `KnobSpace.snap` does, constraints aside, shape (m, n).
+    """Round many points at once like `KnobSpace.snap` without constraints, shape (m, n).
 
-    Points outside of what is searched are moved to its border.
+    Points outside the searched range move to its border.
     """
     lower, upper = space.corners
     snapped = np.asarray(np.clip(z, lower, upper))
@@ -29,13 +29,13 @@ def snap_all(
 
 
 def scaled(space: KnobSpace, w: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
-    """Return points `w` of a unit cube, shape (m, n), as points of what is searched of `space`."""
+    """Return points `w` of a unit cube, shape (m, n), scaled to the searched part of `space`."""
     lower, upper = space.corners
     return np.asarray(lower + (upper - lower) * w)
 
 
 def decode_all(space: KnobSpace, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
-    """Decode many points at once as `KnobSpace.decode` does, up to rounding, shape (m, n)."""
+    """Decode many points at once like `KnobSpace.decode`, up to rounding, shape (m, n)."""
     thetas = np.empty(z.shape)
     for k, knob in enumerate(space):
         value = _decoded(knob, z[:, k])
@@ -57,7 +57,7 @@ def _encoded(knob: Knob, value: Float[np.ndarray, " m"]) -> Float[np.ndarray, " 
 
 
 def _rounded(knob: Knob, value: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """As `Knob.round`, but that powers of the step are not cut to a few digits."""
+    """Round like `Knob.round`, but without cutting powers of the step to a few digits."""
     step = knob.resolution
     if knob.scale == "log10" and not knob.integer:
         count = np.floor(np.log(value / knob.low) / np.log1p(step) + 0.5)

@@ -1,4 +1,4 @@
-"""Warm start: θ that a person has already, the present tuning say, as the first samples."""
+"""Use θ that a person already has, such as the current tuning, as the first samples."""
 
 from collections.abc import Sequence
 
@@ -15,18 +15,18 @@ Start = Sequence[Float[np.ndarray, " n"]] | Sequence[Sequence[float]] | Sequence
 
 
 def start_points(space: KnobSpace, start: Start | None, n_max: int) -> Points:
-    """Points of the cube of the θ in `start`, in order, each of length n.
+    """Return the θ in `start` as points of the cube, in order, each of length n.
 
-    They take the place of the first samples of the initial design.
+    They replace the first samples of the initial design.
 
     Args:
-        space: The knobs.
-        start: One physical θ, shape (n,), or several; None or empty: no warm start.
-        n_max: Experiments in all.
+        space: Knobs to tune.
+        start: One physical θ, shape (n,), or several; None or empty for no warm start.
+        n_max: Number of experiments.
 
     Raises:
-        KnobError: a θ that is not in `space`; it names the knob, the value and its unit.
-        SettingsError: one θ twice, or more θ than experiments.
+        KnobError: a θ is not in `space`; the message names the knob, the value and its unit.
+        SettingsError: a θ is given twice, or there are more θ than experiments.
     """
     if start is None:
         return ()

@@ -1,4 +1,4 @@
-"""Checks of settings, each with an error that says name, value and what was expected."""
+"""Check settings; each error says the name, the value and what was expected."""
 
 from collections.abc import Collection
 from math import isfinite

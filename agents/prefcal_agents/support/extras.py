@@ -1,4 +1,4 @@
-"""Optional dependencies: imported when needed, with a clear word where they are missing."""
+"""Import optional dependencies when needed, with a clear error if they are missing."""
 
 from importlib import import_module
 from typing import Any

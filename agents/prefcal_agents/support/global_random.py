@@ -1,4 +1,4 @@
-"""Order among libraries that draw from the process's global random state."""
+"""Seed the global random state for libraries that draw from it, and restore it afterwards."""
 
 import random
 from collections.abc import Iterator
@@ -12,13 +12,13 @@ _ONE_AT_A_TIME = RLock()
 
 @contextmanager
 def seeded(*key: int) -> Iterator[int]:
-    """Inside, numpy's and Python's global generators are seeded by `key`; then they are as before.
+    """Seed numpy's and Python's global generators by `key` inside the context, then restore them.
 
-    So two agents in one process do not disturb each other, and the caller's own draws come out
-    as if nothing had happened. One thread at a time is inside.
+    Two agents in one process therefore do not disturb each other or the caller's own draws. Only
+    one thread at a time can enter.
 
     Args:
-        key: Integers, each 0 or more: a seed and a counter, say.
+        key: Integers, each 0 or more, such as a seed and a counter.
 
     Yields:
         A seed below 2**32 that follows from `key`, for a library's own generator.

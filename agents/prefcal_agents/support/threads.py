@@ -1,4 +1,4 @@
-"""Linear algebra on one thread: at 50 samples, two of them took three to four times as long."""
+"""Limit linear algebra to one thread: with 50 samples, two threads took 3 to 4 times as long."""
 
 from contextlib import AbstractContextManager
 from functools import cache
@@ -9,13 +9,13 @@ from threadpoolctl import ThreadpoolController
 
 @cache
 def _controller() -> Any:
-    # Looks through all loaded libraries, so once; numpy's and scipy's are loaded by then.
+    # It inspects all loaded libraries, so run it once, after numpy's and scipy's are loaded.
     import scipy.linalg  # noqa: F401
 
     return ThreadpoolController()
 
 
 def one_thread() -> AbstractContextManager[Any]:
-    """Inside, numpy's and scipy's linear algebra keep to one thread."""
+    """Return a context in which linear algebra of numpy and scipy uses one thread."""
     limit: AbstractContextManager[Any] = _controller().limit(limits=1, user_api="blas")
     return limit

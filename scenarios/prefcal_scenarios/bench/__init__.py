@@ -1,7 +1,7 @@
 """The benchmark: agents x problems x calibrators x seeds, resumable and deterministic.
 
-`Suite` says which cells there are, `run_suite` runs those that a `Store` has no result of on
-`Processes` or a `DaskCluster`, `digest` tells whether two runs gave the same.
+`Suite` lists the cells, `run_suite` runs those without a result in a `Store` on `Processes` or a
+`DaskCluster`, and `digest` tells whether two runs gave the same results.
 """
 
 from .cell import Cell as Cell

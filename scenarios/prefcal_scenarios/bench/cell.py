@@ -1,4 +1,4 @@
-"""A cell of the benchmark: one agent on one problem, answered by one calibrator, with one seed."""
+"""A cell of the benchmark: one agent, one problem, one calibrator, and one seed."""
 
 import hashlib
 import json
@@ -14,24 +14,24 @@ from .problems import problem
 from .roster import entry
 
 FORMAT = 1
-"""Format of keys and results; raised when older results must not be taken for new ones."""
+"""Format of keys and results; raised when older results must not be reused."""
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Cell:
-    """Everything that a result depends on.
+    """Everything that determines a result.
 
     Args:
-        agent: Name in the roster, or path/to/own.py:Agent.
-        problem: Name of a problem.
+        agent: Name of the agent in the roster, or path/to/own.py:Agent.
+        problem: Name of the problem.
         calibrator: Name of one of the problem's calibrators.
         seed: Seed of the agent and of the calibrator, 0 or more.
         n_init: Number of experiments before the agent learns.
-        n_max: Number of experiments in all.
+        n_max: Number of experiments.
 
     Raises:
-        SettingsError: an impossible value.
+        SettingsError: If a value is invalid.
     """
 
     agent: str
@@ -59,10 +59,10 @@ class Cell:
     def key(self) -> str:
         """Return the sha256 in hex of the cell and of the versions of its agent and problem.
 
-        A new version of either has other keys, so that its results are computed anew.
+        A new version of either changes the key, so that its results are computed again.
 
         Raises:
-            SettingsError: there is no such agent or problem.
+            SettingsError: If there is no such agent or problem.
         """
         content = self.to_dict() | {
             "format": FORMAT,
@@ -77,10 +77,10 @@ class Cell:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Cell":
-        """Read what `to_dict` gave.
+        """Return the cell for the data that `to_dict` returned.
 
         Raises:
-            SettingsError: something is missing, malformed or unknown.
+            SettingsError: If anything is missing, malformed or unknown.
         """
         return read_as(cls, data)
 
@@ -89,15 +89,15 @@ class Cell:
 
 
 def canonical(content: Any) -> str:
-    """Return the one JSON text of `content`: sorted, without spaces, floats by their repr."""
+    """Return the canonical JSON of `content`: sorted keys, no spaces, floats by their repr."""
     return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
 def read_as(kind: type[T], data: Any) -> T:
-    """Make a dataclass of plain data that came from JSON, where "inf" is a number.
+    """Return a dataclass for plain data from JSON, in which "inf" is a number.
 
     Raises:
-        SettingsError: something is missing, malformed or unknown.
+        SettingsError: If anything is missing, malformed or unknown.
     """
     what = f"a {kind.__name__.lower()}"
     names = {f.name for f in fields(kind)}  # type: ignore[arg-type]

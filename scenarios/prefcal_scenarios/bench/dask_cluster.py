@@ -1,4 +1,4 @@
-"""An existing Dask cluster as workers, for benchmarks too large for one machine."""
+"""Use an existing Dask cluster as workers, for benchmarks too large for one machine."""
 
 import time
 from collections.abc import Callable
@@ -10,22 +10,23 @@ from prefcal_env.errors import BenchmarkError, MissingExtraError
 from .roster import is_installed
 
 _PATIENCE = 60.0
-"""Seconds without any worker after which nothing more is expected of a cluster."""
+"""Default time without any worker before the cluster is given up, in seconds."""
 
 
 @final
 class DaskCluster:
-    """The workers of a Dask scheduler, which must have this prefcal installed (and own.py).
+    """Workers of a Dask scheduler, which need the same prefcal (and own.py).
 
-    One cell runs at a time in each worker process, so processes of one thread are best. A worker
-    that dies is up to the scheduler at first: it tries the task elsewhere, a few times.
+    Each worker process runs one cell at a time, so single-threaded processes are best. If a
+    worker dies, the scheduler first retries the task elsewhere a few times.
 
     Args:
-        address: Address of the scheduler, as in tcp://host:8786.
-        patience: Seconds to wait for the first worker, or for another when all are gone.
+        address: Address of the scheduler, such as tcp://host:8786.
+        patience: Time to wait for the first worker, or for a new one when all are gone, in
+            seconds.
 
     Raises:
-        MissingExtraError: Dask's distributed is not installed.
+        MissingExtraError: If Dask's distributed is not installed.
     """
 
     def __init__(self, address: str, patience: float = _PATIENCE) -> None:
@@ -37,11 +38,11 @@ class DaskCluster:
 
     @property
     def serial(self) -> bool:
-        """Whether times are comparable: never, other machines may be slower, or busy."""
+        """Return False: times on different machines are not comparable."""
         return False
 
     def width(self) -> int:
-        """Return the number of worker processes, now; wait if there is none."""
+        """Return the current number of worker processes; wait if there is none."""
         until = time.monotonic() + self._patience
         while not (count := self._count()):
             if time.monotonic() > until:
@@ -56,7 +57,7 @@ class DaskCluster:
         try:
             if self._client.status == "running":
                 return len(self._client.nthreads())
-        except OSError:  # a connection that is closed, or no answer in time
+        except OSError:  # a closed connection, or a timeout
             pass
         raise BenchmarkError(f"the Dask scheduler at {self._address} is gone")
 
@@ -67,7 +68,7 @@ class DaskCluster:
         connect: Any = distributed.Client  # untyped
         try:
             self._client = connect(self._address, timeout=10, set_as_default=False)
-        except (OSError, ValueError) as error:  # no answer in time is an OSError, too
+        except (OSError, ValueError) as error:  # a timeout is an OSError, too
             raise BenchmarkError(
                 f"there is no Dask scheduler at {self._address!r}: {error}"
             ) from error
@@ -79,14 +80,14 @@ class DaskCluster:
         return future
 
     def close(self, *, at_once: bool) -> None:
-        """Disconnect; `at_once` cancels what has not begun. The cluster itself stays."""
+        """Disconnect; `at_once` cancels tasks that have not started. The cluster keeps running."""
         client, self._client = self._client, None
         if client is not None:
             self._executor.shutdown(wait=not at_once)
             client.close()
 
     def why(self, error: BaseException) -> str:
-        """Return why a task has no result; empty if workers died of it, time and again."""
+        """Return why a task has no result; empty if it repeatedly killed its worker."""
         from distributed import KilledWorker
 
         died = isinstance(error, (KilledWorker, CancelledError))

@@ -1,4 +1,4 @@
-"""Duels: compare what two agents returned where there is no cost."""
+"""Duels: compare the results of two agents on problems without a cost."""
 
 import hashlib
 from collections.abc import Sequence
@@ -15,20 +15,20 @@ from .result import Result, Theta
 from .run import alone
 
 PAPER = "the paper's optimum"
-"""The rival that is no agent."""
+"""Name of the rival that is not an agent."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Duel:
-    """The noise-free verdict on what `agent` and `rival` returned with the same seed.
+    """Noise-free verdict on the results of `agent` and `rival` with the same seed.
 
     Args:
-        problem: Problem without a cost.
-        calibrator: Calibrator that answered in the studies.
+        problem: Name of a problem without a cost.
+        calibrator: Name of the calibrator that answered in the studies.
         agent: Name of the agent.
         rival: Name of another agent, or `PAPER`.
         seed: Seed of both studies.
-        outcome: -1 the agent's is preferred, 0 a tie, 1 the rival's.
+        outcome: -1 if the agent's θ is preferred, 0 for a tie, 1 if the rival's is.
     """
 
     problem: str
@@ -45,13 +45,13 @@ class Duel:
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """All θ that agents returned with one seed: each meets each other, and the paper's optimum.
+    """Results of all agents with one seed, compared pairwise and with the paper's optimum.
 
     Args:
-        problem: Problem without a cost.
-        calibrator: Calibrator that answered.
+        problem: Name of a problem without a cost.
+        calibrator: Name of the calibrator that answered.
         seed: Seed of the studies.
-        thetas: θ that each agent returned, physical.
+        thetas: Physical θ that each agent returned.
     """
 
     problem: str
@@ -67,10 +67,10 @@ class Round:
 
 
 def rounds(results: Sequence[Result]) -> tuple[Round, ...]:
-    """Return the rounds to play, in canonical order: of results without a cost that did not fail.
+    """Return the rounds to play in canonical order, from successful results without a cost.
 
     Raises:
-        SettingsError: results of one study with different numbers of experiments.
+        SettingsError: If results of one study have different numbers of experiments.
     """
     groups: dict[tuple[str, str, int], dict[str, Theta]] = {}
     for result in sorted(results, key=lambda result: result.cell):
@@ -85,7 +85,7 @@ def rounds(results: Sequence[Result]) -> tuple[Round, ...]:
 
 
 def play(round_: Round) -> tuple[Duel, ...]:
-    """Compare each with each by the referee, who is never wrong."""
+    """Compare all pairs of a round by the referee, which is never wrong."""
     where = problem(round_.problem)
     thetas = {name: np.array(theta) for name, theta in round_.thetas}
     if where.paper is not None:

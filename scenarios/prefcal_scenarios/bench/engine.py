@@ -12,67 +12,67 @@ from prefcal_scenarios.own.own_line import whole
 T = TypeVar("T")
 Task = Callable[[], T]
 _PATIENCE = 0.5
-"""Seconds between two looks at whether workers have come or gone."""
+"""Interval at which the number of workers is checked, in seconds."""
 _RUNNING: list[str] = []
-"""In a worker: what its task is about."""
+"""Description of the current task, in a worker."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """A task without a result, and why."""
+    """A task without a result, and the reason."""
 
     why: str
 
 
 class Workers(Protocol):
-    """Processes that run tasks, here or elsewhere."""
+    """Processes that run tasks, on this machine or elsewhere."""
 
     @property
     def serial(self) -> bool:
-        """Whether tasks run one by one on this machine: only then are times worth anything."""
+        """Return whether tasks run one by one on this machine, so that times are comparable."""
 
     def open(self, tasks: int) -> None:
-        """Get ready to run that many tasks.
+        """Prepare to run `tasks` tasks.
 
         Raises:
-            BenchmarkError: the workers cannot be reached.
+            BenchmarkError: If the workers cannot be reached.
         """
 
     def width(self) -> int:
-        """Return the number of tasks that can run at the same time, now.
+        """Return the number of tasks that can run at the same time at present.
 
         Raises:
-            BenchmarkError: no worker is left.
+            BenchmarkError: If no worker is left.
         """
 
     def submit(self, task: Callable[[], Any]) -> Future[Any]:
-        """Start `task`; its future holds an exception only if the worker never finished it.
+        """Start `task`; its future holds an exception only if the worker did not finish it.
 
         Raises:
-            BenchmarkError: workers die as soon as they start.
+            BenchmarkError: If workers die as soon as they start.
         """
 
     def close(self, *, at_once: bool) -> None:
-        """Give the workers up; `at_once` drops what is running."""
+        """Release the workers; `at_once` drops running tasks."""
 
     def why(self, error: BaseException) -> str:
-        """Return why a task has no result, in words; empty if its worker died."""
+        """Return why a task has no result; empty if its worker died."""
 
 
 def each(tasks: Sequence[Task[T]], workers: Workers) -> Generator[tuple[int, T | Lost], None, None]:
-    """Run all `tasks`; yield the number and the result of each as it lands, in any order.
+    """Run all `tasks`; yield the number and the result of each when it completes, in any order.
 
-    A task whose worker dies is run again at the end with nothing beside it, since a worker can
-    also be killed from outside or for lack of memory. If its worker dies again it is `Lost`; so is
-    a task that raises, or that takes longer than the workers allow. All others get their results.
-    Closing the iterator drops what is running.
+    A worker can also be killed from outside or for lack of memory. So if a worker dies, its task
+    runs again at the end, alone. If it dies again, the task is `Lost`, as is a task that raises or
+    exceeds the time limit of the workers. All other tasks get their results. Closing the iterator
+    drops running tasks.
 
     Args:
         tasks: Functions that can be pickled.
-        workers: Where they run.
+        workers: Workers that run them.
 
     Raises:
-        BenchmarkError: the workers are all gone, or cannot be reached.
+        BenchmarkError: If all workers are gone, or cannot be reached.
     """
     if not tasks:
         return
@@ -85,7 +85,7 @@ def each(tasks: Sequence[Task[T]], workers: Workers) -> Generator[tuple[int, T |
                 suspects.append(number)
             else:
                 yield number, result[0]
-        dead = Lost("its worker died, and again when it ran with nothing beside it")
+        dead = Lost("its worker died, and again when it ran alone")
         for suspect in sorted(suspects):
             for number, result in _round([suspect], tasks, workers):
                 yield number, dead if result is None else result[0]
@@ -97,7 +97,7 @@ def each(tasks: Sequence[Task[T]], workers: Workers) -> Generator[tuple[int, T |
 def _round(
     numbers: Iterable[int], tasks: Sequence[Task[T]], workers: Workers
 ) -> Iterator[tuple[int, tuple[T | Lost] | None]]:
-    """Run the tasks of these numbers; yield None in place of a result if the worker died."""
+    """Run the tasks with these numbers; yield None as the result if the worker died."""
     waiting = deque(numbers)
     flying: dict[Future[Any], int] = {}
     while waiting or flying:
@@ -119,7 +119,7 @@ def _landed(future: Future[Any], workers: Workers) -> tuple[Any] | None:
 
 
 def _attempt(task: Task[T]) -> T | Lost:
-    """In a worker: run `task`. Exceptions become words here, since not all can be pickled."""
+    """Run `task` in a worker; return exceptions as text, since not all can be pickled."""
     _RUNNING[:] = [str(about) for about in getattr(task, "args", ())[:1]]
     try:
         return task()
@@ -128,5 +128,5 @@ def _attempt(task: Task[T]) -> T | Lost:
 
 
 def running() -> str:
-    """Return what this worker's latest task is about; empty before the first one."""
+    """Return the description of this worker's latest task; empty before the first one."""
     return _RUNNING[0] if _RUNNING else ""

@@ -1,4 +1,4 @@
-"""Workers on this machine: processes of a pool that names the task whose process died."""
+"""Run workers on this machine: a pool of processes that identifies a task whose process died."""
 
 import multiprocessing
 import os
@@ -20,22 +20,22 @@ from prefcal_env.errors import BenchmarkError, SettingsError
 from .engine import running
 
 _ATTEMPTS = 3
-"""Pools in a row that may break without a result."""
+"""Number of consecutive pools that may break without a result."""
 _PATIENCE = 2.0
-"""Seconds until a task is given up whose process is gone; its result may be on the way."""
+"""Seconds to wait for a task whose process is gone, since its result may still arrive."""
 
 
 @final
 class Processes:
-    """Processes on this machine, spawned: they inherit nothing.
+    """Processes on this machine, spawned so that they inherit nothing.
 
     Args:
         jobs: Number of processes, 1 or more.
-        limit: Seconds that a task may take.
-        last_words: What one of them prints on standard error if this process is killed.
+        limit: Time limit of a task in seconds.
+        last_words: Message that a process prints on standard error if this process is killed.
 
     Raises:
-        SettingsError: `jobs` below 1, or a `limit` that is not above 0.
+        SettingsError: If `jobs` is below 1, or `limit` is not above 0.
     """
 
     def __init__(self, jobs: int, *, limit: float = np.inf, last_words: str = "") -> None:
@@ -52,18 +52,18 @@ class Processes:
 
     @property
     def serial(self) -> bool:
-        """Whether there is one process."""
+        """Return whether there is a single process."""
         return self._jobs == 1
 
     def open(self, tasks: int) -> None:
-        """Start the processes, no more than there are tasks."""
+        """Start the processes, at most one per task."""
         count = min(self._jobs, tasks)
         self._others = set(multiprocessing.active_children())
         context = multiprocessing.get_context("spawn")
         self._places = [_Place() for _ in range(count)]
         self._pids = context.RawArray("q", count)
         told = (self._last_words, context.Lock(), self._pids)
-        with _postponed():  # also in the pool's threads, which replace processes that died
+        with _postponed():  # inherited by the pool's threads, which replace dead processes
             self._pool = ProcessPool(count, initializer=_begin, initargs=told, context=context)
             _ = self._pool.active  # starts it
 
@@ -77,7 +77,7 @@ class Processes:
         return len(self._places)
 
     def submit(self, task: Callable[[], Any]) -> Future[Any]:
-        """Start `task` in one of the processes; in new ones if the pool has broken down."""
+        """Start `task` in one of the processes, after replacing a broken pool."""
         if self._pool is None or not self._pool.active:
             self._broken += 1
             if self._broken > _ATTEMPTS:
@@ -96,8 +96,8 @@ class Processes:
         return future
 
     def close(self, *, at_once: bool) -> None:
-        """Kill the processes; what an agent has left running, a thread say, would keep them."""
-        pool: Any = self._pool  # its methods are not typed
+        """Kill the processes, which an agent's leftover threads would otherwise keep alive."""
+        pool: Any = self._pool  # its methods are untyped
         self._pool = None
         if pool is None:
             return
@@ -109,7 +109,7 @@ class Processes:
             process.join()
 
     def why(self, error: BaseException) -> str:
-        """Return why a task has no result, in words; empty if its process died."""
+        """Return why a task has no result; empty if its process died."""
         if isinstance(error, (ProcessExpired, BrokenExecutor, CancelledError)):
             return ""
         if isinstance(error, TimeoutError):
@@ -118,26 +118,26 @@ class Processes:
 
 
 class _Place:
-    """Where one task runs. The pool itself does not notice a process that exits with code 0."""
+    """Slot of one task. The pool itself does not notice a process that exits with code 0."""
 
     def __init__(self, future: Future[Any] | None = None) -> None:
         self._future, self._seen = future, time.monotonic()
 
     @property
     def free(self) -> bool:
-        """Whether no task runs here."""
+        """Return whether no task runs here."""
         return self._future is None or self._future.done()
 
     @property
     def succeeded(self) -> bool:
-        """Whether the task has a result."""
+        """Return whether the task has a result."""
         future = self._future
         return (
             future is not None and future.done() and not (future.cancelled() or future.exception())
         )
 
     def look(self, *, gone: bool) -> None:
-        """Give the task up if its process has been gone for some time."""
+        """Give up the task if its process has been gone for some time."""
         now = time.monotonic()
         if not gone:
             self._seen = now
@@ -147,17 +147,17 @@ class _Place:
     def give_up(self) -> None:
         """Cancel the task, unless it is done."""
         if self._future is not None and self._future.cancel():
-            with suppress(RuntimeError):  # the pool was faster
+            with suppress(RuntimeError):  # the pool completed it first
                 self._future.set_running_or_notify_cancel()
 
 
 @contextmanager
 def _postponed() -> Iterator[None]:
-    """Hold Ctrl-C back; processes and threads that start inside begin with it blocked."""
+    """Hold back Ctrl-C; processes and threads that start inside the block have it blocked."""
     resource_tracker.ensure_running()  # starting it later would unblock the signal
     pressed: list[int] = []
-    # Blocked in this thread, the signal goes to another one, and then its handler runs in the
-    # main thread all the same.
+    # The signal is blocked in this thread, so another thread receives it; its handler still
+    # runs in the main thread.
     main = threading.current_thread() is threading.main_thread()
     before: Any = signal.signal(signal.SIGINT, lambda *_: pressed.append(1)) if main else None
     blocks = hasattr(signal, "pthread_sigmask")  # not on Windows
@@ -181,14 +181,14 @@ def usable_cores() -> int:
 
 
 _PIDS: Any = None
-"""In a worker: the array of `Processes` that says which process runs what."""
+"""Array of `Processes` that maps slots to processes, in a worker."""
 
 
 def _begin(last_words: str, speaker: Any, pids: Any) -> None:
-    """Prepare a worker: it ignores Ctrl-C, dies with its parent and has no standard output.
+    """Prepare a worker: ignore Ctrl-C, exit with the parent, print to standard error only.
 
-    If the parent is killed, the worker that gets the lock `speaker` prints the last words, and
-    each prints what it was running: an agent may have killed the parent.
+    If the parent is killed, possibly by an agent, every worker prints its current task. The worker
+    that gets the lock `speaker` also prints the last words.
     """
     global _PIDS
     _PIDS = pids
@@ -198,13 +198,13 @@ def _begin(last_words: str, speaker: Any, pids: Any) -> None:
 
 
 def _run(number: int, task: Callable[[], Any]) -> Any:
-    """In a worker: run `task`, whose place has this number."""
+    """Run `task` in a worker, in the slot with this number."""
     _PIDS[number] = os.getpid()
     return task()
 
 
 def _end_with_parent(last_words: str, speaker: Any) -> None:
-    """End this worker with its parent, so that none waits for tasks for ever."""
+    """End this worker when its parent ends, so that it does not wait for tasks forever."""
     parent = multiprocessing.parent_process()
     if parent is None:
         return

@@ -1,4 +1,4 @@
-"""The problems that agents are compared on: test functions, the reactor, the overtaking."""
+"""Problems on which agents are compared: test functions, the reactor, and the overtaking."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -17,25 +17,26 @@ from prefcal_scenarios.cases.test_functions import FUNCTIONS, TestFunction
 from prefcal_scenarios.scenario import Scenario
 
 CSTR_BROAD = 0.69066
-"""Smallest eq. perf_index known of a run of the CSTR that does not undershoot the accepted band.
+"""Smallest known eq. perf_index of a CSTR run that does not undershoot the accepted band.
 
-At θ = (0.25, 25, -1.000783). Gaps are measured from it: it is the bottom of the basin that answers
-lead to, and people would be content with. Source: `benchmarks/best_known.py`.
+Attained at θ = (0.25, 25, -1.000783). Gaps are measured from it, since it is the bottom of the
+basin that answers lead to and that people would accept. Source: `benchmarks/best_known.py`.
 """
 CSTR_HOLE = 0.41508
-"""Smallest eq. perf_index known in the whole box, at θ = (0.25, 4, -0.98486).
+"""Smallest known eq. perf_index in the whole box, at θ = (0.25, 4, -0.98486).
 
-A crease some 0.09 wide in log Q, where C_A undershoots the target by 0.49 kgmol/m³, which the index
-does not count, and ends on it by chance. Source: `benchmarks/best_known.py`, docs/reactor_index.md.
+It lies in a crease about 0.09 wide in log Q, where C_A undershoots the target by 0.49 kgmol/m³,
+which the index does not count, and ends on the target by chance.
+Source: `benchmarks/best_known.py`, docs/reactor_index.md.
 """
 HOLES: Mapping[str, float] = {"cstr": CSTR_BROAD - CSTR_HOLE}
-"""How far the cost of a problem falls below its `best_known` in a hole that gaps leave out."""
+"""How far below `best_known` a problem's cost can fall in a hole that gaps exclude."""
 
 GUIDELINES = "cstr-guidelines"
-"""The reactor judged by criteria in their order."""
+"""Name of the problem of the reactor, judged by criteria in their order."""
 
 NOISES: Mapping[str, float] = {"noisy10": 0.1, "noisy20": 0.2}
-"""Share of the answers that are flipped, by the name of the calibrator."""
+"""Share of answers that are flipped, by the name of the calibrator."""
 
 Judge = Calibrator[Any]
 JudgeFactory = Callable[[int], Judge]
@@ -43,13 +44,13 @@ JudgeFactory = Callable[[int], Judge]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The result of running a θ.
+    """Result of running a θ.
 
     Args:
-        theta: Physical, shape (n,).
-        cost: Latent, lower is better; None where the problem has none.
-        experiment: None for a test function.
-        kpis: What an agent may learn from beside the answers; None for a test function.
+        theta: Physical θ, shape (n,).
+        cost: Latent cost, lower is better; None if the problem has none.
+        experiment: Experiment; None for a test function.
+        kpis: KPIs that an agent can learn from besides the answers; None for a test function.
     """
 
     theta: Float[np.ndarray, " n"]
@@ -59,24 +60,25 @@ class Outcome:
 
     @property
     def judged(self) -> "Experiment | Outcome":
-        """What calibrators compare: the experiment, or this outcome of a test function."""
+        """Return what calibrators compare: the experiment, or this outcome of a test function."""
         return self if self.experiment is None else self.experiment
 
 
 @dataclass(frozen=True)
 class Problem:
-    """A problem of the benchmark.
+    """Problem of the benchmark.
 
     Args:
         name: Name in tables and on the command line.
-        space: The knobs.
-        run: Runs a θ, physical, shape (n,), inside the box.
-        calibrators: Who compares, by name; each is made from a seed.
-        referee: Decides between results: never wrong, the same for every calibrator.
-        best_known: The cost that gaps are measured from: the smallest known, holes (see `HOLES`)
-            left out; None where there is no cost.
-        paper: The paper's optimum, physical, shape (n,), to compare with where there is no cost.
-        version: Raised when the same θ has another outcome, or calibrators answer differently.
+        space: Knobs of the problem.
+        run: Function that runs a physical θ, shape (n,), inside the box.
+        calibrators: Calibrators by name, each a function of a seed.
+        referee: Noise-free judge of final results, the same for every calibrator.
+        best_known: Smallest known cost outside holes (see `HOLES`), from which gaps are measured;
+            None if the problem has no cost.
+        paper: Paper's optimum, physical, shape (n,), to compare with if there is no cost.
+        version: Version, raised when the same θ has another outcome, or calibrators answer
+            differently.
     """
 
     name: str
@@ -90,22 +92,22 @@ class Problem:
 
     @property
     def has_cost(self) -> bool:
-        """Whether experiments have a cost that value-based agents can be told."""
+        """Return whether experiments have a cost that value-based agents can use."""
         return self.best_known is not None
 
     def outcome(self, theta: Float[np.ndarray, " n"]) -> Outcome:
-        """Try θ, physical, shape (n,).
+        """Run θ, physical, shape (n,).
 
         Raises:
-            KnobError: θ does not fit the space.
+            KnobError: If θ does not fit the space.
         """
         return self.run(self.space.check(theta))
 
     def gap(self, outcome: Outcome) -> float:
-        """Return how far the cost lies above the best known one, free of noise; below 0 in a hole.
+        """Return the noise-free difference of the cost to the best known one, negative in a hole.
 
         Raises:
-            SettingsError: the problem has no cost.
+            SettingsError: If the problem has no cost.
         """
         if self.best_known is None or outcome.cost is None:
             raise SettingsError(f"problem {self.name!r} has no cost, and so no gap")
@@ -117,7 +119,7 @@ def problem(name: str) -> Problem:
     """Return the problem called `name`, one of `PROBLEMS`.
 
     Raises:
-        SettingsError: there is none.
+        SettingsError: If there is no such problem.
     """
     if name not in PROBLEMS:
         raise SettingsError(f"problem must be one of {', '.join(PROBLEMS)}, got {name!r}")
@@ -135,18 +137,18 @@ def prefer(judge: Judge, challenger: Outcome, incumbent: Outcome) -> Preference:
 
 
 def judges(referee: Judge, name: str) -> dict[str, JudgeFactory]:
-    """Return the `referee` under `name`, and calibrators that err now and then."""
+    """Return the `referee` under `name`, and calibrators that are sometimes wrong."""
     noisy = {noise: partial(Flipping, referee, share) for noise, share in NOISES.items()}
     return {name: partial(_sure, referee), **noisy}
 
 
 def _sure(judge: Judge, seed: int) -> Judge:
-    """Return the same judge, whatever the seed."""
+    """Return the same judge for any seed."""
     return judge
 
 
 def _cost(outcome: Any) -> float:
-    """Return the cost of an outcome, which a test function has in place of an experiment."""
+    """Return the cost of an outcome, which test functions use in place of an experiment."""
     if outcome.cost is None:
         raise SettingsError("outcomes without a cost cannot be compared by it")
     return float(outcome.cost)
@@ -168,7 +170,7 @@ def _of_function(function: TestFunction) -> Problem:
 
 
 def _reactor() -> Problem:
-    """The paper's reactor, judged by its index."""
+    """Return the paper's reactor, judged by its index."""
     from prefcal_scenarios.cases.cstr.scenario import synthetic
 
     referee = synthetic()
@@ -184,10 +186,10 @@ def _reactor() -> Problem:
 
 
 def _guidelines() -> Problem:
-    """The same reactor, judged by the paper's guidelines in their order, not by its index.
+    """Return the same reactor, judged by the paper's guidelines in their order.
 
-    Answers by the guidelines do not follow the index, so the index cannot score their result:
-    the returned θ are compared with each other by the guidelines, as in the overtaking.
+    Answers by the guidelines do not follow the index, so it cannot score the result. As in the
+    overtaking, the returned θ are compared with each other by the guidelines.
     """
     from prefcal_scenarios.cases.cstr.scenario import lexicographic
 
@@ -208,7 +210,7 @@ def _guidelines() -> Problem:
 
 
 def _cstr() -> Scenario:
-    from prefcal_scenarios.cases.cstr import cstr  # loads solvers
+    from prefcal_scenarios.cases.cstr import cstr  # imports solvers
 
     return cstr
 
@@ -225,7 +227,7 @@ def _run_reactor(theta: Float[np.ndarray, " 3"]) -> Outcome:
 
 
 def _overtaking() -> Problem:
-    """The paper's overtaking: criteria in their order, and no cost."""
+    """Return the paper's overtaking, judged by criteria in their order, without a cost."""
     from prefcal_scenarios.cases.overtake import overtake as scenario
     from prefcal_scenarios.cases.overtake.criteria import synthetic
     from prefcal_scenarios.kpis import outcome
@@ -249,4 +251,4 @@ def _overtaking() -> Problem:
 PROBLEMS = (*FUNCTIONS, "cstr", GUIDELINES, "overtake")
 """Names of the problems, in the order of the tables."""
 CALIBRATORS = ("perfect", "lexicographic", *NOISES)
-"""Names of all calibrators, in the order of the tables; a problem has some of them."""
+"""Names of all calibrators, in the order of the tables; each problem has some of them."""

@@ -1,4 +1,4 @@
-"""The result of a cell, and one number for many results."""
+"""The result of a cell, and a digest of many results."""
 
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -16,26 +16,26 @@ Theta = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """The course of a study of N experiments.
+    """Course of a study of N experiments.
 
-    A gap is the latent cost, free of noise, minus the best known one: 0 is the optimum. Where a
-    best known value is only measured, a better one would show as a gap just below 0; a gap far
-    below 0 lies in a hole of the cost that gaps leave out (`problems.HOLES`).
+    A gap is the noise-free latent cost minus the best known cost, so 0 is the optimum. A gap just
+    below 0 means that a measured best known cost was beaten; a gap far below 0 lies in a hole of
+    the cost that gaps exclude (`problems.HOLES`).
 
     Args:
-        cell: The cell that was run.
-        thetas: θ tried, physical, in their order; N tuples.
-        gaps: Gap of the θ that the agent would return after each experiment, N values; None
-            where the problem has no cost.
-        visited: Smallest gap of all θ tried until then, N values; None as `gaps`.
+        cell: Cell that was run.
+        thetas: Physical θ that were tried, in order; N tuples.
+        gaps: Gap of the θ that the agent would return after each experiment, N values; None if
+            the problem has no cost.
+        visited: Smallest gap of all θ tried so far, N values; None if `gaps` is.
         questions: Number of questions answered up to each experiment, N values.
         best: θ that the agent returned.
-        failure: Why the cell failed; then everything else is empty.
-        seconds: Time of a proposal at the end (median of the last five); measured in serial
-            runs only, and never compared.
+        failure: Reason why the cell failed; all other fields are then empty.
+        seconds: Time of a proposal at the end (median of the last five), measured in serial runs
+            only and ignored when results are compared.
 
     Raises:
-        SettingsError: lengths that do not fit each other, or NaN.
+        SettingsError: If lengths do not fit each other, or there are NaN values.
     """
 
     cell: Cell
@@ -65,25 +65,25 @@ class Result:
         return cls(cell, (), (), (), (), (), failure=whole(why) or "for no stated reason")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON; floats survive exactly, an infinite one as a word."""
+        """Return plain data for JSON; floats are exact, and infinity is a word."""
         plain: dict[str, Any] = _plain(asdict(self))
         return plain
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Result":
-        """Read what `to_dict` gave, before or after JSON.
+        """Return the result for the data that `to_dict` returned, before or after JSON.
 
         Raises:
-            SettingsError: something is missing, malformed or unknown.
+            SettingsError: If anything is missing, malformed or unknown.
         """
         return read_as(cls, data)
 
 
 def digest(results: Iterable[Result]) -> str:
-    """Return the sha256 in hex of all results in the order of their cells, in whatever order given.
+    """Return the sha256 in hex of all results, sorted by cell, so their order does not matter.
 
-    Times are left out, and so is the text of a failure, which may name a process or an address.
-    That a cell failed counts.
+    Times are excluded, and so is the text of a failure, which can contain process ids or
+    addresses. Whether a cell failed is included.
     """
     total = hashlib.sha256()
     for result in sorted(results, key=lambda result: result.cell):

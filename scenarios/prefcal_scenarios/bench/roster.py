@@ -1,4 +1,4 @@
-"""The agents that the benchmark knows by name, and a user's own."""
+"""Agents that the benchmark knows by name, and users' own agents."""
 
 import hashlib
 import inspect
@@ -25,16 +25,16 @@ Make = Callable[[KnobSpace, int, int, int], Any]
 
 @dataclass(frozen=True)
 class Entry:
-    """An agent by name; nothing is imported before it is made.
+    """Agent known by name; nothing is imported until it is made.
 
     Args:
         name: Name in tables and on the command line.
-        kind: Whether it is told preferences, or the value of each experiment.
-        build: Makes it from space, n_init, n_max and seed.
-        algorithm: Returns the version of its algorithm, settings included.
-        needs: Modules that have to be installed.
-        extra: The extra that installs them: `pip install prefcal[extra]`.
-        learns: Whether it uses what it is told for more than keeping the winner.
+        kind: Whether the agent is told preferences, or the value of each experiment.
+        build: Function that makes the agent from space, n_init, n_max and seed.
+        algorithm: Function that returns the version of the algorithm, including its settings.
+        needs: Modules that must be installed.
+        extra: Extra that installs them: `pip install prefcal[extra]`.
+        learns: Whether the agent uses answers for more than keeping the winner.
     """
 
     name: str
@@ -49,8 +49,8 @@ class Entry:
         """Return the agent, which has `ask`, `tell`, `done` and `best`.
 
         Raises:
-            MissingExtraError: something is not installed.
-            SettingsError: an impossible value.
+            MissingExtraError: If a package is not installed.
+            SettingsError: If a value is invalid.
         """
         if self.missing:
             raise MissingExtraError(self.missing)
@@ -58,7 +58,7 @@ class Entry:
 
     @property
     def missing(self) -> str:
-        """Return what is not installed, in words; empty if nothing is missing."""
+        """Return a message about packages that are not installed; empty if none is missing."""
         absent = [name for name in self.needs if not is_installed(name)]
         if not absent:
             return ""
@@ -66,7 +66,7 @@ class Entry:
 
     @cached_property
     def version(self) -> str:
-        """Return the version of the algorithm: with another one, results are computed anew."""
+        """Return the version of the algorithm; a new version runs its cells again."""
         return "" if self.missing else self.algorithm()
 
 
@@ -74,8 +74,8 @@ def entry(name: str) -> Entry:
     """Return the agent called `name`: one of `AGENTS`, or "path/to/own.py:Agent".
 
     Raises:
-        SettingsError: no agent has that name, or what does is no agent.
-        ScenarioError: the file does not exist or does not import.
+        SettingsError: If no agent has that name, or the object with that name is not an agent.
+        ScenarioError: If the file does not exist or cannot be imported.
     """
     if name in AGENTS:
         return AGENTS[name]
@@ -96,7 +96,7 @@ def entry(name: str) -> Entry:
 
 @cache
 def _own(name: str, version: str) -> Entry:
-    """Return a user's agent; `version` is the hash of its file: a changed one is loaded anew."""
+    """Return a user's agent; `version` is the hash of its file, so that a change reloads it."""
     path, _, attribute = name.rpartition(":")
     found = getattr(module_at(Path(path)), attribute, None)
     if not callable(found):
@@ -105,7 +105,7 @@ def _own(name: str, version: str) -> Entry:
 
 
 def _kind(name: str, agent: Any) -> Kind:
-    """Return what an agent is told, from its `tell(query, answer)` or `tell(query, value)`."""
+    """Return what an agent is told, based on its `tell(query, answer)` or `tell(query, value)`."""
     tell = getattr(agent, "tell", None)
     if tell is None:
         raise SettingsError(f"{name!r} must have a method tell(query, answer) or (query, value)")
@@ -142,7 +142,7 @@ def _make_row(row: AgentRow, space: KnobSpace, n_init: int, n_max: int, seed: in
 
 
 def _glisp(name: str, **settings: Any) -> Entry:
-    """Return the entry of GLISp with these settings in place of its own."""
+    """Return the entry of GLISp with some settings changed."""
     make = partial(_make_glisp, tuple(settings.items()))
     return Entry(name, "preference", make, partial(_state_version, make))
 
@@ -157,7 +157,7 @@ def _make_glisp(
 
 
 def is_installed(module: str) -> bool:
-    """Return whether `module` could be imported; its parents are imported, it is not."""
+    """Return whether `module` could be imported; imports only its parents."""
     try:
         return find_spec(module) is not None
     except ModuleNotFoundError:
@@ -186,11 +186,11 @@ def _make_roster() -> Mapping[str, Entry]:
 
 
 AGENTS = _make_roster()
-"""The agents by name, in the order of the tables."""
+"""Agents by name, in the order of the tables."""
 
 
 def in_order(agents: Iterable[str]) -> tuple[str, ...]:
-    """Return agents in the order of the tables; a user's own come before blind searches."""
+    """Return agents in the order of the tables; users' own come before the blind searches."""
     names = list(AGENTS)
 
     def key(agent: str) -> tuple[int, int, str]:

@@ -1,4 +1,4 @@
-"""Run one cell: the agent proposes, the problem runs, the calibrator or the value answers."""
+"""Run one cell: the agent proposes, the problem runs, and a calibrator or a value answers."""
 
 import sys
 import threading
@@ -21,22 +21,22 @@ from .roster import entry
 
 Clock = Callable[[], float]
 _LAST = 5
-"""Number of proposals at the end whose time is measured."""
+"""Number of proposals at the end of a study that are timed."""
 _ALONE = threading.Lock()
-"""Agents from elsewhere use numpy's global generator: one cell at a time in a process."""
+"""Lock for one cell at a time: third-party agents use numpy's global generator."""
 
 
 def run_cell(cell: Cell, clock: Clock | None = None, key: str = "") -> Result:
-    """Run `cell`, on one thread; the same result wherever and whenever it runs.
+    """Run `cell` on one thread; the result is the same wherever and whenever it runs.
 
-    Whatever goes wrong in it is a failed result, not an exception. What an agent prints goes to
-    standard error.
+    An error becomes a failed result, not an exception. The output of an agent goes to standard
+    error.
 
     Args:
-        cell: The cell to run.
-        clock: Returns seconds; only given where nothing else runs, since it times the proposals.
-        key: Key of the cell where the result is kept; a worker whose agent or problem is of
-            another version refuses.
+        cell: Cell to run.
+        clock: Clock that times the proposals, in seconds; pass it only if nothing else is running.
+        key: Key of the cell in the store; a worker with another version of the agent or the
+            problem reports a failure.
     """
     with alone():
         try:
@@ -47,7 +47,7 @@ def run_cell(cell: Cell, clock: Clock | None = None, key: str = "") -> Result:
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Keep everything else of the benchmark in this process out, on one thread and silently."""
+    """Run the block on one thread, without output, and with no other cell in this process."""
     with _ALONE, redirect_stdout(sys.stderr), one_thread():
         yield
 
@@ -76,7 +76,7 @@ def _run(cell: Cell, clock: Clock | None, key: str) -> Result:
 
 
 class _Study:
-    """One agent at work; outcomes are kept by θ, so that none is computed twice."""
+    """Study of one agent; outcomes are kept by θ, so that none is computed twice."""
 
     def __init__(
         self, agent: Any, where: Problem, judge: Judge, n_max: int, clock: Clock | None
@@ -107,7 +107,7 @@ class _Study:
             self._note(asked)
 
     def by_value(self) -> None:
-        """Tell values until the agent is done; there are no questions."""
+        """Pass values to the agent until it is done, without questions."""
         while not self._agent.done:
             query = self._ask()
             self._agent.tell(query, self._tried(query.challenger).cost)
@@ -119,7 +119,7 @@ class _Study:
         if self._clock:
             self._seconds.append(self._clock() - start)
         self._asked += 1
-        if self._asked > self._n_max**2:  # every pair has been compared by then
+        if self._asked > self._n_max**2:  # enough to compare every pair
             raise ProtocolError(f"the agent is not done after {self._n_max**2} answers")
         new, theta = query.challenger.index, query.challenger.theta
         if new == len(self._thetas):
@@ -138,13 +138,13 @@ class _Study:
         return self._outcome(suggestion.theta)
 
     def _outcome(self, theta: Float[np.ndarray, " n"]) -> Outcome:
-        key = (theta + 0.0).tobytes()  # + 0.0: there is one zero
+        key = (theta + 0.0).tobytes()  # + 0.0 turns -0.0 into 0.0
         if key not in self._known:
             self._known[key] = self._where.outcome(theta)
         return self._known[key]
 
     def _note(self, asked: int) -> None:
-        """Write down the state after the latest answer, in the row of the latest experiment."""
+        """Record the state after the latest answer in the row of the latest experiment."""
         row = len(self._thetas) - 1
         self._questions[row:] = [asked]
         if self._where.has_cost:

@@ -1,4 +1,4 @@
-"""Run what is missing of a suite, whatever happens to the workers."""
+"""Run the missing cells of a suite, even if workers die."""
 
 import time
 from contextlib import closing
@@ -16,26 +16,26 @@ from .suite import Suite
 
 
 class Watcher(Protocol):
-    """Shows progress."""
+    """Display of progress."""
 
     def begin(self, what: str, total: int, done: int) -> None:
-        """Start on `total` of something, `done` of which are there already."""
+        """Start a phase with `total` items, of which `done` are there already."""
 
     def landed(self, what: str) -> None:
-        """Note that one more is done."""
+        """Count one more item as done."""
 
     def say(self, words: str) -> None:
-        """Tell something that a user should know."""
+        """Print a message for the user."""
 
 
 @dataclass(frozen=True)
 class Finished:
-    """The outcome of a suite.
+    """Outcome of a suite.
 
     Args:
-        results: Results of all its cells, in canonical order.
+        results: Results of all cells, in canonical order.
         duels: Duels of the problems without a cost, in canonical order.
-        trouble: Duels that could not be played, in words.
+        trouble: Descriptions of duels that could not be played.
     """
 
     results: tuple[Result, ...]
@@ -49,17 +49,17 @@ class Finished:
 
     @property
     def digest(self) -> str:
-        """Return the digest of all results: the same for the same suite, wherever it ran."""
+        """Return the digest of all results, which does not depend on where the suite ran."""
         return digest(self.results)
 
 
 def run_suite(suite: Suite, store: Store, workers: Workers, watcher: Watcher) -> Finished:
-    """Run all cells of `suite` without a result in `store`; failed ones run again.
+    """Run all cells of `suite` that have no result in `store` or failed.
 
-    Every result is stored as it lands, so that at most what is running is lost.
+    Every result is stored when it completes, so an interruption loses only running cells.
 
     Raises:
-        BenchmarkError: the folder or the workers cannot be used any more.
+        BenchmarkError: If the folder or the workers can no longer be used.
     """
     results = _cells(suite, store, workers, watcher)
     duels, trouble = _duels(results, store, workers, watcher)
@@ -75,7 +75,7 @@ def _cells(suite: Suite, store: Store, workers: Workers, watcher: Watcher) -> tu
         if found is not None and not found.failure:
             results[cell] = found
     missing = [cell for cell in suite.cells if cell not in results]
-    # Times mean nothing while something else runs on the machine.
+    # Times are meaningless while anything else runs on the machine.
     clock = time.perf_counter if workers.serial else None
     tasks = [partial(run_cell, cell, clock, cell.key) for cell in missing]
     watcher.begin("cells", len(suite.cells), len(results))

@@ -1,7 +1,7 @@
-"""The folder of results: one file each, written as it lands, found by the key of its cell.
+"""Store results in a folder, one file each, named by the key of the cell.
 
-Results of several suites may share a folder, and several processes may write into it: if two
-compute the same cell, both write the same. A file is whole or absent, and damage is noticed.
+Several suites can share a folder, and several processes can write to it: if two compute the same
+cell, both write the same content. Files appear whole or not at all, and damage is detected.
 """
 
 import hashlib
@@ -22,18 +22,18 @@ from .duels import Duel, Round
 from .result import Result
 
 Trouble = str
-"""What is wrong with a file, in words; empty if nothing is."""
+"""Description of a problem with a file; empty if there is none."""
 
 
 @final
 class Store:
     """Results by cell and duels by round, in subfolders of `folder`.
 
-    A file that is damaged, or holds something else, counts as absent and is replaced when its
-    cell has run again.
+    A file that is damaged or holds other content counts as missing, and is replaced when its cell
+    has run again.
 
     Raises:
-        SettingsError: the folder is a file, or cannot be made or written to.
+        SettingsError: If the folder is a file, or cannot be made or written to.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -42,10 +42,10 @@ class Store:
         self._duels = folder_for(self.folder / "duels")
 
     def find(self, cell: Cell) -> tuple[Result | None, Trouble]:
-        """Return the result of `cell`, if there is one.
+        """Return the result of `cell`, None if there is none, and any problem with its file.
 
         Raises:
-            BenchmarkError: another version of prefcal has written it, or it cannot be read.
+            BenchmarkError: If another version of prefcal wrote it, or it cannot be read.
         """
         path = self.path(cell)
         content, trouble = _content(path)
@@ -60,18 +60,18 @@ class Store:
         return result, ""
 
     def add(self, result: Result) -> None:
-        """Keep `result`, durably. Raises BenchmarkError if it cannot be written."""
+        """Store `result` durably. Raises BenchmarkError if it cannot be written."""
         write_record(self.path(result.cell), result.to_dict())
 
     def path(self, cell: Cell) -> Path:
-        """Return where the result of `cell` is kept."""
+        """Return the path of the result of `cell`."""
         return self._results / f"{cell.key}.json"
 
     def duels(self, round_: Round) -> tuple[tuple[Duel, ...] | None, Trouble]:
-        """Return the duels of `round_`, if they have been played.
+        """Return the duels of `round_`, None if not yet played, and any problem with their file.
 
         Raises:
-            BenchmarkError: as `find`.
+            BenchmarkError: See `find`.
         """
         path = self._duels / f"{round_.key}.json"
         content, trouble = _content(path)
@@ -83,7 +83,7 @@ class Store:
             return None, f"{path}: {error}"
 
     def add_duels(self, round_: Round, duels: Sequence[Duel]) -> None:
-        """Keep the duels of `round_`, durably. Raises BenchmarkError if that is impossible."""
+        """Store the duels of `round_` durably. Raises BenchmarkError if they cannot be written."""
         write_record(self._duels / f"{round_.key}.json", [asdict(duel) for duel in duels])
 
 
@@ -97,11 +97,11 @@ def _content(path: Path) -> tuple[Any, Trouble]:
 
 
 class DamagedError(ValueError):
-    """A file holds no record, or only half of one."""
+    """Error for a file that holds no record, or an incomplete one."""
 
 
 class _Record(msgspec.Struct, forbid_unknown_fields=True):
-    """A file: its content with a checksum. Of another format, nothing else is known."""
+    """A file: its content with a checksum. The content of other formats is not read."""
 
     format: Any
     sha256: str
@@ -109,13 +109,13 @@ class _Record(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def write_record(path: Path, content: Any) -> None:
-    """Keep `content` at `path`: when this returns, it survives a crash of the machine.
+    """Write `content` to `path`; after this returns, it survives a crash of the machine.
 
-    A reader at the same time finds the old file or the new one; of two writers at the same
-    time, the later one wins.
+    A concurrent reader sees either the old file or the new one; of two concurrent writers, the
+    later one wins.
 
     Raises:
-        BenchmarkError: it cannot be written; no part of it is left then.
+        BenchmarkError: If it cannot be written; no partial file is left.
     """
     record = {"format": FORMAT, "sha256": _checksum(content), "content": content}
     half = path.with_name(f".{uuid4().hex}.half")
@@ -133,12 +133,12 @@ def write_record(path: Path, content: Any) -> None:
 
 
 def read_record(path: Path) -> Any:
-    """Return the content that `write_record` has kept.
+    """Return the content that `write_record` wrote.
 
     Raises:
-        FileNotFoundError: there is no file.
-        DamagedError: the file holds something else, or is incomplete.
-        BenchmarkError: it was written by a newer prefcal, or cannot be read.
+        FileNotFoundError: If there is no file.
+        DamagedError: If the file holds other content, or is incomplete.
+        BenchmarkError: If a newer prefcal wrote it, or it cannot be read.
     """
     try:
         record = msgspec.json.decode(path.read_bytes(), type=_Record)
@@ -147,13 +147,13 @@ def read_record(path: Path) -> Any:
     except OSError as error:
         raise BenchmarkError(f"cannot read {path}: {error.strerror}") from error
     except msgspec.ValidationError as error:
-        raise DamagedError(f"{path} is no record of the benchmark: {error}") from error
+        raise DamagedError(f"{path} is not a record of the benchmark: {error}") from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise DamagedError(f"{path} is cut off or no record: {error}") from error
     if record.format != FORMAT:
         raise BenchmarkError(
             f"{path} has format {record.format!r}, this prefcal reads {FORMAT}: use the one "
-            "that has written it, or another folder"
+            "that wrote it, or another folder"
         )
     if record.sha256 != _checksum(record.content):
         raise DamagedError(f"{path} was changed: its checksum does not fit")
@@ -165,7 +165,7 @@ def _checksum(content: Any) -> str:
 
 
 def _sync(folder: Path) -> None:
-    """Make a file's new name durable, where the system can."""
+    """Make a file's new name durable, if the system can."""
     if os.name == "posix":
         handle = os.open(folder, os.O_RDONLY)
         try:

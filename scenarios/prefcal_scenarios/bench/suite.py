@@ -1,4 +1,4 @@
-"""A suite: which cells a benchmark consists of, and which combinations are impossible."""
+"""A suite: the cells of a benchmark, and the combinations that are impossible."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,22 +20,22 @@ FULL_SEEDS = 20
 
 @dataclass(frozen=True)
 class Suite:
-    """Agents x problems x calibrators x seeds, as far as they go together.
+    """All possible combinations of agents, problems, calibrators and seeds.
 
-    Value-based agents see the value: they run with a cost only, and with the calibrator
-    "perfect" alone.
+    Value-based agents run only on problems with a cost, and only with the calibrator "perfect",
+    since they see the exact value.
 
     Args:
         agents: Names in the roster, or path/to/own.py:Agent.
         problems: Names of problems.
-        calibrators: Names of calibrators; a problem takes those that it has.
+        calibrators: Names of calibrators; each problem uses those that it has.
         seeds: Number of seeds: 0, 1, ...
         n_init: Number of experiments before an agent learns.
-        n_max: Number of experiments in all.
+        n_max: Number of experiments.
 
     Raises:
-        SettingsError: an unknown name, one that is there twice, or an impossible number.
-        ScenarioError: the file of an own agent does not load.
+        SettingsError: If a name is unknown or repeated, or a number is invalid.
+        ScenarioError: If the file of a user's own agent cannot be loaded.
     """
 
     agents: Sequence[str]
@@ -70,12 +70,12 @@ class Suite:
 
     @classmethod
     def full(cls) -> "Suite":
-        """Return everything."""
+        """Return the suite of all agents, problems and calibrators."""
         return cls(tuple(AGENTS), PROBLEMS, CALIBRATORS)
 
     @cached_property
     def cells(self) -> tuple[Cell, ...]:
-        """Return all cells; seed by seed, so that early results are of all agents."""
+        """Return all cells sorted by seed, so that early results cover all agents."""
         studies = [
             (agent, where, calibrator)
             for where in self.problems
@@ -91,13 +91,13 @@ class Suite:
 
     @cached_property
     def baseline(self) -> str:
-        """Return the agent that all others are compared with: the first one named that runs."""
+        """Return the agent that others are compared with: the first named agent that runs."""
         running = {cell.agent for cell in self.cells}
         return next((agent for agent in self.agents if agent in running), self.agents[0])
 
     @cached_property
     def left_out(self) -> tuple[str, ...]:
-        """Return what is not among the cells although it was named, and why, in words."""
+        """Return descriptions of the named combinations that have no cells, with the reasons."""
         return tuple(dict.fromkeys(self._reasons()))
 
     def _reasons(self) -> Iterator[str]:
@@ -112,14 +112,14 @@ class Suite:
                     yield f"{agent} on {where}: {'; '.join(sorted(reasons))}"
 
     def _obstacle(self, agent: str, where: str, calibrator: str) -> str:
-        """Return why there is no such cell, in words; empty where there is."""
+        """Return why there is no such cell; empty if there is one."""
         one, place = entry(agent), problem(where)
         if one.missing:
             return one.missing
         if one.kind == "value" and not place.has_cost:
             return "it learns from values, and there is no cost"
         if one.kind == "value" and calibrator != "perfect":
-            return "it sees the value, which is the calibrator perfect alone"
+            return "it sees exact values, as only the calibrator perfect does"
         if calibrator not in place.calibrators:
             return f"the calibrators there are {', '.join(place.calibrators)}"
         return ""

@@ -1,7 +1,7 @@
-"""Latent test functions: what a synthetic calibrator may secretly minimise.
+"""Latent test functions that a synthetic calibrator can minimize.
 
-Each is defined on its usual box. Optima are known; where no formula gives them, they were
-computed to 1e-9 or better by descent from the published minimiser.
+Each function is defined on its usual box. Optima without a formula were computed to 1e-9 or better
+by descent from the published minimizer.
 """
 
 from collections.abc import Callable, Mapping
@@ -18,17 +18,17 @@ Latent = Callable[[Float[np.ndarray, " n"]], float]
 
 @dataclass(frozen=True, slots=True)
 class TestFunction:
-    """A function of physical θ, shape (n,), whose global minimum is known.
+    """Function of a physical θ, shape (n,), whose global minimum is known.
 
     Args:
-        name: How the benchmark calls it.
-        f: The latent function, without unit.
-        space: Its box.
-        optimum: Its smallest value there.
-        minimizers: Points where it takes that value, each of length n.
+        name: Name in the benchmark.
+        f: Latent function, dimensionless.
+        space: Domain of the function.
+        optimum: Smallest value in the domain.
+        minimizers: Points at which the function takes that value, each of length n.
     """
 
-    __test__ = False  # a value, not a test, whatever its name suggests to pytest
+    __test__ = False  # despite the name, not a test for pytest to collect
 
     name: str
     f: Latent
@@ -37,29 +37,30 @@ class TestFunction:
     minimizers: tuple[tuple[float, ...], ...]
 
     def __call__(self, theta: Float[np.ndarray, " n"]) -> float:
-        """Value at physical `theta`, shape (n,)."""
+        """Return the value at physical `theta`, shape (n,)."""
         return float(self.f(np.asarray(theta, dtype=float)))
 
     def gap(self, theta: Float[np.ndarray, " n"]) -> float:
-        """How far the value at `theta` lies above the optimum."""
+        """Return the difference between the value at `theta` and the optimum."""
         return self(theta) - self.optimum
 
     def prefer(self, a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> int:
-        """Preference of the latent function, as in eq. pref_fun-f: -1 if `a` is lower."""
+        """Return the preference of the latent function, eq. pref_fun-f: -1 if `a` is lower."""
         return int(np.sign(self(a) - self(b)))
 
 
 def box(*bounds: tuple[float, float]) -> KnobSpace:
     """Return a space of linear knobs x1, x2, ...
 
-    They have no step: a calibrator that compares values of a function tells any difference.
+    The knobs have no step, since a calibrator that compares function values notices any
+    difference.
     """
     knobs = [Knob(f"x{k}", low, high, step=0) for k, (low, high) in enumerate(bounds, start=1)]
     return KnobSpace(knobs)
 
 
 def camel(x: Float[np.ndarray, " 2"]) -> float:
-    """Six-hump camel: two global and four local minima."""
+    """Return the six-hump camel function: two global and four local minima."""
     a, b = x
     return float((4 - 2.1 * a**2 + a**4 / 3) * a**2 + a * b + (4 * b**2 - 4) * b**2)
 
@@ -88,41 +89,41 @@ _HARTMAN6_P = 1e-4 * np.array(
 
 
 def hartman3(x: Float[np.ndarray, " 3"]) -> float:
-    """Hartman 3-d: four Gaussian wells."""
+    """Return the 3-d Hartman function: four Gaussian wells."""
     return float(-_HARTMAN_ALPHA @ np.exp(-np.sum(_HARTMAN3_A * (x - _HARTMAN3_P) ** 2, axis=1)))
 
 
 def hartman6(x: Float[np.ndarray, " 6"]) -> float:
-    """Hartman 6-d: four Gaussian wells, six local minima."""
+    """Return the 6-d Hartman function: four Gaussian wells, six local minima."""
     return float(-_HARTMAN_ALPHA @ np.exp(-np.sum(_HARTMAN6_A * (x - _HARTMAN6_P) ** 2, axis=1)))
 
 
 def branin(x: Float[np.ndarray, " 2"]) -> float:
-    """Branin: three global minima."""
+    """Return the Branin function: three global minima."""
     a, b = x
     bowl = b - 5.1 / (4 * np.pi**2) * a**2 + 5 / np.pi * a - 6
     return float(bowl**2 + 10 * (1 - 1 / (8 * np.pi)) * np.cos(a) + 10)
 
 
 def rosenbrock(x: Float[np.ndarray, " n"]) -> float:
-    """Rosenbrock: a curved valley."""
+    """Return the Rosenbrock function: a curved valley."""
     return float(np.sum(100 * (x[1:] - x[:-1] ** 2) ** 2 + (1 - x[:-1]) ** 2))
 
 
 def ackley(x: Float[np.ndarray, " n"]) -> float:
-    """Ackley: a funnel covered by a lattice of local minima."""
+    """Return the Ackley function: a funnel covered by a lattice of local minima."""
     funnel = 20 * np.exp(-0.2 * np.sqrt(np.mean(x**2)))
     return float(20 + np.e - funnel - np.exp(np.mean(np.cos(2 * np.pi * x))))
 
 
 def adjiman(x: Float[np.ndarray, " 2"]) -> float:
-    """Adjiman: smooth, with its minimum on the edge of the box."""
+    """Return the Adjiman function: smooth, with its minimum on the edge of the box."""
     a, b = x
     return float(np.cos(a) * np.sin(b) - a / (b**2 + 1))
 
 
 def levy(x: Float[np.ndarray, " n"]) -> float:
-    """Levy: waves on a bowl."""
+    """Return the Levy function: waves on a bowl."""
     w = 1 + (x - 1) / 4
     middle = (w[:-1] - 1) ** 2 * (1 + 10 * np.sin(np.pi * w[:-1] + 1) ** 2)
     last = (w[-1] - 1) ** 2 * (1 + np.sin(2 * np.pi * w[-1]) ** 2)
@@ -130,15 +131,15 @@ def levy(x: Float[np.ndarray, " n"]) -> float:
 
 
 def styblinski_tang(x: Float[np.ndarray, " n"]) -> float:
-    """Styblinski-Tang: a minimum in each corner region, one of them global; mean over knobs."""
+    """Return the Styblinski-Tang function: a minimum per corner, one global; mean over knobs."""
     return float(0.5 * np.mean(x**4 - 16 * x**2 + 5 * x))
 
 
 def terraces(x: Float[np.ndarray, " 3"]) -> float:
-    """Flat terraces around a bowl: no answer on one of them says where it goes down.
+    """Return a bowl of flat terraces, on which comparisons do not show the way down.
 
-    The second knob is an integer. The lowest terrace, where the value is 0, lies around (0.3,
-    25, -1) and is some 0.3 % of the box.
+    The second knob is an integer. The lowest terrace, with value 0, is around (0.3, 25, -1) and
+    covers about 0.3 % of the box.
     """
     offset = (x - np.array([0.3, 25.0, -1.0])) / np.array([0.15, 10.0, 1.2])
     return float(np.floor(2 * offset @ offset) / 2)
@@ -192,4 +193,4 @@ def _make() -> Mapping[str, TestFunction]:
 
 
 FUNCTIONS = _make()
-"""The test functions by name."""
+"""Test functions by name."""

@@ -1,4 +1,4 @@
-"""Whether a scenario is in order: what is known before anything runs, and after one experiment."""
+"""Check a scenario: its parts before anything runs, and its results after one experiment."""
 
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
@@ -16,14 +16,18 @@ if TYPE_CHECKING:
     from prefcal_scenarios.scenario import Scenario
 
 _ROUNDED = 0.1
-"""Share of a knob's range that a plant may round θ by."""
+"""Largest rounding of θ by a plant, as a share of the knob's range."""
 
 
 def check_parts(scenario: "Scenario", kpi: type) -> None:
-    """Refuse what is known to be wrong before anything runs; `kpi` is the type of its KPIs.
+    """Check everything about a scenario that is known before it runs.
+
+    Args:
+        scenario: Scenario to check.
+        kpi: Type that its KPIs must have.
 
     Raises:
-        ScenarioError: as `Scenario` says.
+        ScenarioError: See `Scenario`.
     """
     where = f"scenario {scenario.name!r}"
     if not isinstance(scenario.space, KnobSpace):
@@ -70,7 +74,7 @@ def _check_types(scenario: "Scenario", kpi: type, where: str) -> None:
 
 
 def _check_against_run(scenario: "Scenario", where: str) -> None:
-    """Compare with what the run says of its experiments, as a `Rig` and a `ClosedLoop` do."""
+    """Check the scenario against the channels and KPIs that its run declares, if it does."""
     channels = getattr(scenario.run, "channels", None)
     signals = getattr(scenario.run, "signals", None)
     if isinstance(channels, Channels) and signals is not None:
@@ -94,12 +98,13 @@ def _check_against_run(scenario: "Scenario", where: str) -> None:
 def check_experiment(
     scenario: "Scenario", theta: Float[np.ndarray, " n"], result: object
 ) -> Experiment:
-    """Return `result` if it is the experiment that the scenario promises of θ.
+    """Return `result` if it is the experiment that the scenario promises for θ.
 
-    KPIs that are missing are forgiven if the run was interrupted: there may be nothing to measure.
+    An interrupted run may lack KPIs, since there may be nothing to measure.
 
     Raises:
-        ScenarioError: everything that is wrong, with the names that there are.
+        ScenarioError: If anything is wrong; the message lists every problem and the names that
+            exist.
     """
     if not isinstance(result, Experiment):
         forgotten = ": is a return missing?" if result is None else ""
@@ -114,7 +119,7 @@ def check_experiment(
     if wrong:
         raise ScenarioError(
             f"scenario {scenario.name!r} does not fit its own experiment: {'; '.join(wrong)}. "
-            "Mend its file and start again"
+            "Fix its file and start again"
         )
     return result
 
@@ -122,9 +127,9 @@ def check_experiment(
 def theta_problems(
     space: KnobSpace, theta: Float[np.ndarray, " n"], experiment: Experiment
 ) -> Iterator[str]:
-    """Say whether the experiment is of another θ, physical, shape (n,), than was asked for.
+    """Yield a problem if the experiment ran another θ, physical, shape (n,), than requested.
 
-    A plant may round what it is given: a tenth of a knob's range is too much for that.
+    A plant may round θ, but by less than a tenth of a knob's range.
     """
     got = experiment.theta
     if got.shape != (len(space),):
@@ -137,7 +142,7 @@ def theta_problems(
 
 
 def panel_problems(scenario: "Scenario", experiment: Experiment) -> Iterator[str]:
-    """Say which panels have no curve; of each run, if the experiment has several."""
+    """Yield the panels that have no curve, for each run if the experiment has several."""
     if not len(experiment.t):
         return
     for panel in scenario.panels:
@@ -150,7 +155,7 @@ def panel_problems(scenario: "Scenario", experiment: Experiment) -> Iterator[str
 
 
 def kpi_problems(scenario: "Scenario", kpis: Mapping[str, float]) -> Iterator[str]:
-    """Say which KPIs of the scenario are not among those that a run has returned."""
+    """Yield the scenario's KPIs that no run has returned."""
     missing = [kpi.name for kpi in scenario.kpis if kpi.name not in kpis]
     if missing and not kpis:
         yield f"no run returns the KPI {missing[0]!r}, or any other: is kpis= or a return missing?"

@@ -1,4 +1,4 @@
-"""A user's own Python file, named on the command line."""
+"""Load a user's own Python file, named on the command line."""
 
 import importlib.util
 import sys
@@ -12,23 +12,23 @@ from .own_line import own_line
 
 
 def module_at(path: Path) -> ModuleType:
-    """Execute the file at `path` as a module; modules beside it can be imported.
+    """Execute the file at `path` as a module; it can import modules from its own folder.
 
     Raises:
-        ScenarioError: there is no such file, or it does not import.
+        ScenarioError: If the file does not exist or cannot be imported.
     """
     if not path.is_file():
         raise ScenarioError(f"no file {str(path)!r} to load from")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules.setdefault(path.stem, module)  # dataclasses look their module up
-    sys.path.insert(0, str(path.resolve().parent))  # for modules beside it, as a script has it
+    sys.modules.setdefault(path.stem, module)  # dataclasses look up their module
+    sys.path.insert(0, str(path.resolve().parent))  # as for a script: its own folder comes first
     try:
-        # Not by the loader: its compiled copy counts as new for as long as size and second agree.
+        # Not with the loader: it reuses compiled code if size and modification second agree.
         exec(compile(path.read_bytes(), str(path), "exec"), module.__dict__)
     except Exception as error:
-        # Whatever the user's own file raises: where in it, not where in prefcal.
+        # Say where in the user's file the error is, not where in prefcal.
         raise ScenarioError(f"cannot load {str(path)!r}: {_told(error, path)}") from error
     finally:
         sys.path.pop(0)
@@ -36,9 +36,9 @@ def module_at(path: Path) -> ModuleType:
 
 
 def _told(error: Exception, path: Path) -> str:
-    """An error of somebody's own file in one line, with its line there, and the last own one."""
+    """Return an error in a user's file on one line, with the last line of the user's own code."""
     words = " ".join(str(error).split())
-    if isinstance(error, SyntaxError):  # it says its line
+    if isinstance(error, SyntaxError):  # the message includes the line
         return words
     if not isinstance(error, (ImportError, PrefcalError)):
         words = f"{type(error).__name__}: {words}"

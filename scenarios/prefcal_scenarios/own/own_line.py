@@ -1,4 +1,4 @@
-"""Where in a user's own code an error was raised: the line that they can mend."""
+"""Find the line of a user's own code that raised an error, so that they can fix it."""
 
 import site
 import sysconfig
@@ -12,7 +12,7 @@ _PACKAGES = ("prefcal_env", "prefcal_agents", "prefcal_scenarios")
 
 
 def own_line(error: BaseException) -> str:
-    """Return the last line of own code in the traceback, "own.py:12: x = 1 / 0"; "" if none."""
+    """Return the last line of the user's code in the traceback, "own.py:12: x = 1 / 0", or ""."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if _is_own(frame.filename)]
     if not own:
@@ -22,7 +22,7 @@ def own_line(error: BaseException) -> str:
 
 
 def located(error: Exception) -> Exception:
-    """Return `error` with a note of its own line, written once: the file may change meanwhile."""
+    """Return `error` with a note of its line; noted now, since the file may change later."""
     line = own_line(error)
     if line and not getattr(error, "__notes__", None):
         error.add_note(line)
@@ -30,9 +30,9 @@ def located(error: Exception) -> Exception:
 
 
 def in_words(error: BaseException) -> str:
-    """Return an error in one text for people, with its own line if `located` has found one.
+    """Return an error as one text for people, with the line that `located` found, if any.
 
-    Errors of prefcal speak for themselves, others need their name.
+    Errors of prefcal are shown as they are; others are prefixed with the name of their type.
     """
     words = str(error) if isinstance(error, PrefcalError) else f"{type(error).__name__}: {error}"
     line = next(iter(getattr(error, "__notes__", ())), "")
@@ -41,15 +41,15 @@ def in_words(error: BaseException) -> str:
 
 
 def whole(words: str) -> str:
-    """Return `words` of foreign code with half characters, of a file's name say, spelled out.
+    """Return `words` with lone surrogates, for example from a file name, escaped.
 
-    Neither a study nor a stream can hold them.
+    Neither a study file nor a stream can hold them.
     """
     return words.encode(errors="backslashreplace").decode()
 
 
 def _is_own(filename: str) -> bool:
-    if filename.startswith("<"):  # not a file: compiled on the fly, or a frozen module
+    if filename.startswith("<"):  # not a file: dynamically compiled code or a frozen module
         return False
     path = Path(filename).resolve()
     return not any(path.is_relative_to(folder) for folder in _others())
@@ -57,7 +57,7 @@ def _is_own(filename: str) -> bool:
 
 @cache
 def _others() -> tuple[Path, ...]:
-    """Folders of Python, of installed packages, and of prefcal."""
+    """Return the folders of Python, of installed packages, and of prefcal."""
     from importlib.util import find_spec
 
     names = ("stdlib", "platstdlib", "purelib", "platlib")

@@ -1,4 +1,4 @@
-"""How a scenario is named: by itself, or with its configuration after it, in JSON."""
+"""Names of scenarios: a plain name, or a name followed by its configuration in JSON."""
 
 import json
 from collections.abc import Mapping
@@ -9,10 +9,10 @@ from prefcal_env.errors import ScenarioError
 
 
 def split_source(source: str) -> tuple[str, dict[str, Any] | None]:
-    """The name in 'overtake {"lanes_count": 3}', and the configuration; None if there is none.
+    """Split 'overtake {"lanes_count": 3}' into the name and its configuration, None if absent.
 
     Raises:
-        ScenarioError: what follows the name is no JSON object.
+        ScenarioError: If the text after the name is not a JSON object.
     """
     name, brace, rest = source.partition("{")
     if not brace:
@@ -21,16 +21,16 @@ def split_source(source: str) -> tuple[str, dict[str, Any] | None]:
 
 
 def joined_source(name: str, config: Mapping[str, Any]) -> str:
-    """The source of the scenario called `name` with `config`."""
+    """Return the source of the scenario called `name` with configuration `config`."""
     return f"{name} {json.dumps(config, ensure_ascii=False, sort_keys=True)}"
 
 
 def with_config_of(source: str, path: Path | None) -> str:
-    """`source` with the configuration that is in a JSON file; as it is for None.
+    """Return `source` with the configuration from a JSON file, or unchanged if `path` is None.
 
     Raises:
-        ScenarioError: a file that cannot be read or holds no JSON object, or a source that has a
-            configuration already.
+        ScenarioError: If the file cannot be read or holds no JSON object, or if `source` already
+            has a configuration.
     """
     if path is None:
         return source
@@ -48,7 +48,7 @@ def _parsed(text: str, what: str) -> dict[str, Any]:
     try:
         found = json.loads(text)
     except ValueError as error:
-        raise ScenarioError(f"{what} is no JSON: {error}") from error
+        raise ScenarioError(f"{what} is not JSON: {error}") from error
     if not isinstance(found, dict):
         raise ScenarioError(f'{what} must be a JSON object, {{"lanes_count": 3}}, got {text!r:.80}')
     return found

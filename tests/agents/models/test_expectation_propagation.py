@@ -30,7 +30,7 @@ def test_one_answer_alone_is_believed_with_the_probability_of_the_gaussian_integ
     for e in (0.0, 0.1, 0.3):
         belief = ExpectationPropagation.of(rows, e)
         assert belief.mean == pytest.approx([(1 - 2 * e) * np.sqrt(2 / np.pi), 0.0], abs=1e-2)
-        assert belief.foretold == pytest.approx(np.log(0.5))
+        assert belief.predicted == pytest.approx(np.log(0.5))
         assert belief.wrong == pytest.approx([e])
 
 
@@ -53,7 +53,7 @@ def test_ties_teach_nothing_and_without_a_strict_preference_the_prior_stays():
     )  # fmt: skip
     belief = ExpectationPropagation.of(rows_of(ties, SHAPE), 0.1)
     assert not belief.mean.any()
-    assert belief.foretold == 0
+    assert belief.predicted == 0
 
 
 def test_kpis_that_explain_the_answers_get_weights_of_0_or_more():

@@ -62,11 +62,11 @@ def test_in_a_study_of_glisp_they_have_most_of_the_weight():
     assert np.mean(shares) > 0.6
 
 
-def test_answers_that_follow_kpis_are_foretold_and_coin_tosses_are_not():
+def test_answers_that_follow_kpis_are_predicted_and_coin_tosses_are_not():
     follows = index_of(study(RandomSearch(SQUARE, n_max=60, seed=2), honest, 50))
     rng = np.random.default_rng(4)
     tossed = index_of(study(RandomSearch(SQUARE, n_max=60), lambda *_: rng.choice([-1, 1]), 50))
-    assert follows.foretold > 0.8 * follows.answers
+    assert follows.predicted > 0.8 * follows.answers
     assert follows.explains
     assert not tossed.explains
 

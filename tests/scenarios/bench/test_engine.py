@@ -27,7 +27,7 @@ def test_only_the_task_that_kills_its_worker_is_lost(jobs):
     todo[2] = tasks.die
     results = run(todo, jobs)
     assert isinstance(results[2], Lost)
-    assert "its worker died, and again when it ran with nothing beside it" in results[2].why
+    assert "its worker died, and again when it ran alone" in results[2].why
     assert [r for k, r in enumerate(results) if k != 2] == [0, 2, 6, 8, 10]
 
 

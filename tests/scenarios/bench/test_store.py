@@ -59,9 +59,9 @@ def _other_cell(text):
         (lambda text: "\x00" * 40, "cut off or no record"),
         (_changed, "its checksum does not fit"),
         (_other_cell, "its checksum does not fit"),
-        (lambda text: '{"title": "a letter"}', "no record of the benchmark"),
+        (lambda text: '{"title": "a letter"}', "not a record of the benchmark"),
         (lambda text: '{"format":1,"sha256":"","content":NaN}', "cut off or no record"),
-        (lambda text: "[1, 2]", "no record of the benchmark"),
+        (lambda text: "[1, 2]", "not a record of the benchmark"),
     ],
 )
 def test_a_damaged_file_counts_as_absent_in_clear_words_and_is_replaced(store, damage, words):

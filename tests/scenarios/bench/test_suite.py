@@ -38,7 +38,7 @@ def test_what_is_left_out_is_said():
         for where in ("overtake", "cstr-guidelines")
     )
     noisy = replace(BOTH, calibrators=("noisy10",))
-    assert "GLIS on camel: it sees the value, which is the calibrator perfect alone" in (
+    assert "GLIS on camel: it sees exact values, as only the calibrator perfect does" in (
         noisy.left_out
     )
     only = replace(BOTH, problems=("camel",), calibrators=("lexicographic",))

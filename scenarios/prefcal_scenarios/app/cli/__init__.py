@@ -1,4 +1,4 @@
-"""The command line `prefcal`. Starts fast: agents, plants and plots are loaded when needed."""
+"""The command line `prefcal`. Agents, plants and plots are imported when needed, to start fast."""
 
 import os
 import re
@@ -52,13 +52,14 @@ def _common(
     ] = False,
 ) -> None:
     """Tune a controller by comparing experiments: you say which one went better."""
-    _one_thread()  # before any command loads numpy, which reads the environment once
+    _one_thread()  # before any command imports numpy, which reads the environment once
 
 
 def _one_thread() -> None:
-    """Keep linear algebra on one thread, unless the user has said otherwise.
+    """Limit linear algebra to one thread unless the user has set another number.
 
-    Our matrices are small: threads spend twice the time, most of it waiting for each other.
+    The matrices are small: with more threads the work takes twice as much processor time, most
+    of it spent waiting.
     """
     for library in ("OPENBLAS", "OMP", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
@@ -68,7 +69,7 @@ def _one_thread() -> None:
 def scenarios(
     name: Annotated[
         str | None,
-        typer.Argument(metavar="[SCENARIO]", help="One to describe: task, knobs and KPIs."),
+        typer.Argument(metavar="[SCENARIO]", help="Scenario to describe: task, knobs and KPIs."),
     ] = None,
 ) -> None:
     """List the scenarios that `prefcal calibrate` knows by name, or describe one."""
@@ -89,14 +90,14 @@ def scenarios(
 
 
 def main() -> None:
-    """Run the command line; a caller's mistake becomes one line and exit code 2."""
+    """Run the command line; an error of the caller becomes one line and exit code 2."""
     try:
         code = app(standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         _complain("interrupted")
         sys.exit(130)
     except Exception as error:
-        # Here, not above: --help must not wait for it.
+        # Imported here to keep --help fast.
         from prefcal_env.errors import PrefcalError
 
         wrong = (str(error), 2) if isinstance(error, PrefcalError) else _wrong_call(error)
@@ -109,7 +110,7 @@ def main() -> None:
 
 
 def _complain(words: str) -> None:
-    """Print one error for people on standard error."""
+    """Print an error message on standard error."""
     print(f"prefcal: {words}", file=sys.stderr)
 
 
@@ -120,7 +121,7 @@ _MISSING = {
     "NEW": "give the new name, too",
     "FILE": "name the exported file",
 }
-"""What to say if an argument is missing, by its placeholder."""
+"""Messages for missing arguments, by placeholder."""
 _PLAINER = (
     (r"^invalid value for '(.+?)': (?:value error, )?", r"\1: "),
     (r"input should be a (valid )?(\w+), unable to parse.*", r"expected an \2"),
@@ -133,14 +134,14 @@ _PLAINER = (
     (r"^got unexpected extra argument\(s\) \((.*)\)", r"too many arguments: \1"),
     (r"^option '(.+?)' requires an argument", r"\1 needs a value"),
 )
-"""The parser's phrases, and what we say instead."""
+"""Phrases of the argument parser and their replacements."""
 
 
 def _wrong_call(error: Exception) -> tuple[str, int] | None:
-    """Return the message and the exit code of an error of the argument parser.
+    """Return the message and exit code for an error of the argument parser; None for others.
 
-    None for every other error. An empty message: the help is on the screen already. The parser's
-    errors are recognized by what they offer, since their classes move between versions.
+    The message is empty if help was already printed. The parser's errors are recognized by their
+    attributes, since their classes differ between versions.
     """
     told = getattr(error, "format_message", None)
     if told is None:
@@ -155,7 +156,7 @@ def _wrong_call(error: Exception) -> tuple[str, int] | None:
 
 
 def _missing(error: Exception) -> str:
-    """Return what to say about a missing argument; empty for any other error."""
+    """Return the message for a missing argument; empty for any other error."""
     if type(error).__name__ != "MissingParameter":
         return ""
     from prefcal_scenarios.scenario import BUILT_IN
@@ -166,7 +167,7 @@ def _missing(error: Exception) -> str:
 
 
 def _sentence(words: str, context: object) -> str:
-    """Return `words` in our style; with the commands that exist if one was misspelled."""
+    """Return `words` in our style, with the list of commands if one was misspelled."""
     words = " ".join(words.split()).rstrip(".")
     words = words[:1].lower() + words[1:]
     for phrase, plainer in _PLAINER:

@@ -1,4 +1,4 @@
-"""`prefcal calibrate`: one study from start to report."""
+"""`prefcal calibrate`: run one study and write its report."""
 
 from typing import Any
 
@@ -63,7 +63,7 @@ def calibrate(**typed: Any) -> None:
     Every answer is saved before the next question. Ctrl-C stops and writes a
     report of the comparisons so far; the same --study resumes.
     """
-    # Here, not above: --help must not wait for it.
+    # Imported here to keep --help fast.
     from .calibrate_run import run
 
     raise typer.Exit(run(given(Options, typed)))

@@ -1,4 +1,4 @@
-"""One run of `prefcal calibrate`: open the study, have it answered, report."""
+"""Run `prefcal calibrate`: open the study, collect the answers, and write the report."""
 
 import shlex
 from collections.abc import Mapping
@@ -39,19 +39,22 @@ from .options import Options
 from .report import Reporter
 
 RUN_FAILED = 1
-"""Exit code if the code of the user's own scenario has ended an unattended study."""
+"""Exit code if the user's own scenario code ended an unattended study."""
 GONE = 20.0
-"""Seconds after the last page was closed at which a study that is over ends the command."""
+"""Seconds from closing the last page of a finished study to the end of the command."""
 
 
 def run(given: Mapping[str, Any]) -> int:
-    """Run the study, write its report, print the result; return the exit code.
+    """Run the study, write its report, and print the result; return the exit code.
 
-    Whatever ends the study early, a report of the comparisons so far is left, and a study file
-    can be resumed. `given` holds a value for each field of `Options`, None if it was not typed.
+    A study that ends early still gets a report of the comparisons so far, and a study file can be
+    resumed.
+
+    Args:
+        given: Values of the fields of `Options`, None for options that were not typed.
 
     Raises:
-        PrefcalError: the options do not fit the scenario, the study or the machine.
+        PrefcalError: If the options do not fit the scenario, the study or the machine.
     """
     given = {**given, "scenario": with_config_of(given["scenario"], given["config"])}
     source = given["scenario"]
@@ -76,16 +79,16 @@ def _say(messages: Console, text: str) -> None:
 
 
 def _check_address(options: Options) -> None:
-    """Raise SettingsError if the page cannot be served: a taken port must not cost a study."""
+    """Raise SettingsError if the page's port is taken, before the study starts."""
     if options.by_a_person and not options.terminal:
-        # Here, not above: unattended runs must not wait for a web server.
+        # Imported here: unattended runs need no web server.
         from prefcal_scenarios.app.web.server.binding import bind
 
         bind(options.host, options.port).close()
 
 
 def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Console) -> int:
-    """Ask and report, in a folder that is the study's own."""
+    """Collect the answers and write the report in a folder that belongs to the study."""
     claim, file = claim_folder(opened, scenario.name), opened.file
     options, name = opened.options, opened.name
     try:
@@ -105,11 +108,11 @@ def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Con
 
 @dataclass(frozen=True, slots=True)
 class CalibrateRun:
-    """A study being calibrated, until it is over or somebody stops it.
+    """Calibration that runs until the study is over or is stopped.
 
     Args:
-        reporter: Writes and prints the result.
-        ctrl_c: Handles Ctrl-C.
+        reporter: Reporter that writes and prints the result.
+        ctrl_c: Handler of Ctrl-C.
     """
 
     reporter: Reporter
@@ -117,37 +120,37 @@ class CalibrateRun:
 
     @property
     def interview(self) -> Interview:
-        """The agent and the study file."""
+        """Return the interview, which holds the agent and the study file."""
         return self.reporter.interview
 
     @property
     def opened(self) -> Opened:
-        """How the study was opened."""
+        """Return the opened study."""
         return self.reporter.opened
 
     @property
     def options(self) -> Options:
-        """What was asked for."""
+        """Return the options of the study."""
         return self.opened.options
 
     @property
     def again(self) -> str:
-        """The command that resumes the study."""
+        """Return the command that resumes the study."""
         options, name = self.options, self.opened.name or ""
         cost = [] if options.cost is None else ["--cost", options.cost]
         return shlex.join(["prefcal", "calibrate", options.scenario, "--study", name, *cost])
 
     @property
     def over(self) -> bool:
-        """Whether the study is over."""
+        """Return whether the study is over."""
         return self.interview.now().phase is Phase.OVER
 
     def say(self, text: str) -> None:
-        """Print one line for people."""
+        """Print one line for the user."""
         self.reporter.say(text)
 
     def introduce(self) -> None:
-        """Say where the report goes and the first θ come from, if that may surprise."""
+        """Print the report's folder and the origin of the first θ if they may be unexpected."""
         folder = self.reporter.claim.folder
         default = default_folder(self.opened, self.interview.scenario.name)
         if folder.name != default.name and self.options.out is None:
@@ -157,17 +160,17 @@ class CalibrateRun:
             self.say(f"From {earlier_text(taken)}.")
 
     def stopping(self) -> None:
-        """Say at once what Ctrl-C does."""
+        """Print what the first Ctrl-C does."""
         what = "Writing the report ..." if self.reporter.reportable else "Stopping ..."
         self.say(f"{what} (Ctrl-C again ends at once; no answer is lost)")
 
     def closing(self) -> None:
-        """Say what Ctrl-C does once the report is written."""
+        """Print what Ctrl-C does after the report is written."""
         self.say("Closing ...")
 
 
 def _attended(work: CalibrateRun) -> int:
-    """Let a person answer, who may come back any time; return the exit code."""
+    """Let a person answer, with pauses of any length; return the exit code."""
     how = "resumed" if work.opened.resumed else "started"
     work.say(f"Study {work.opened.name} {how}. Every answer is saved at once.")
     work.say(f"Stop any time, and resume with: {work.again}")
@@ -181,7 +184,7 @@ def _attended(work: CalibrateRun) -> int:
 
 def _in_window(work: CalibrateRun) -> None:
     """Serve the query window until it is closed."""
-    # Here, not above: unattended runs must not wait for a web server.
+    # Imported here: unattended runs need no web server.
     from prefcal_scenarios.app.web import Window, open_browser
 
     options, reporter, told = work.options, work.reporter, False
@@ -215,7 +218,7 @@ def _in_window(work: CalibrateRun) -> None:
 
 
 def _tell_in_passing(work: CalibrateRun) -> Path:
-    """Report a study that is over while its page is still open; return the report's folder."""
+    """Write the report of a finished study while its page is still open; return its folder."""
     record = work.reporter.write()
     if not work.options.json:
         work.reporter.tell(record)
@@ -224,7 +227,7 @@ def _tell_in_passing(work: CalibrateRun) -> Path:
 
 
 def _print_link(link: str, work: CalibrateRun) -> None:
-    """Print a link alone on its line, unwrapped and at once: programs read it."""
+    """Print a link on a line of its own, unwrapped and flushed, so that programs can read it."""
     stream = work.reporter.messages.file if work.options.json else None
     print(link, file=stream, flush=True)
 
@@ -245,20 +248,20 @@ def _in_terminal(work: CalibrateRun) -> None:
 
 
 def _unattended(work: CalibrateRun) -> int:
-    """Let a synthetic calibrator answer, as fast as the experiments run; return the exit code."""
+    """Let a synthetic calibrator answer as fast as the experiments run; return the exit code."""
     ctrl_c, failure = work.ctrl_c, None
     try:
         with ctrl_c.allowed():
             _answer_all(work)
     except (KeyboardInterrupt, Exception) as error:
-        # Whatever a rig raises, its results so far are kept. Compiled code turns a
-        # KeyboardInterrupt into an error of its own, so the press is what counts.
+        # Keep the results so far after any error of a rig. Compiled code can turn a
+        # KeyboardInterrupt into another error, so check whether Ctrl-C was pressed.
         if not (ctrl_c.pressed or isinstance(error, KeyboardInterrupt)):
             failure = error
         else:
             done = f"{work.interview.counts.experiments} of {work.interview.n_max} experiments"
             work.say(f"Interrupted after {done}.")
-    # A rig that has just broken down is not asked for more.
+    # Do not run the references on a rig that has just failed.
     record = work.reporter.write(rig_works=failure is None)
     work.reporter.tell(record)
     if isinstance(failure, RunError):
@@ -273,7 +276,7 @@ def _unattended(work: CalibrateRun) -> int:
 
 
 def _answer_all(work: CalibrateRun) -> None:
-    """Have all experiments run and compared, under a progress bar."""
+    """Run and compare all experiments, showing a progress bar."""
     interview, scenario = work.interview, work.interview.scenario
     calibrator = make_calibrator(work.options, scenario)
     with Display(scenario, interview.n_max, work.reporter.messages) as display:
@@ -288,7 +291,7 @@ def _answer_all(work: CalibrateRun) -> None:
 
 
 class Display:
-    """A progress bar that names the current θ, the best θ and the verdicts so far."""
+    """Progress bar with the current θ, the best θ and the verdicts so far."""
 
     def __init__(self, scenario: Scenario, n_max: int, console: Console) -> None:
         self._scenario, self._console = scenario, console
@@ -316,27 +319,27 @@ class Display:
     ) -> None:
         self._live.stop()
         if not self._console.is_terminal:
-            self._console.print()  # there, rich leaves the last line open
+            self._console.print()  # outside a terminal, rich leaves the last line open
 
     def compiling(self, part: Compiling) -> None:
-        """Say what is being compiled; only once if there is no live display."""
+        """Print what is being compiled, only once without a live display."""
         if not self._console.is_terminal and not self._compiling:
             self._console.print(part.words, markup=False, highlight=False, soft_wrap=True)
         self._compiling = True
         self._current = part.words
 
     def running(self, theta: Float[np.ndarray, " n"]) -> None:
-        """Say which θ is being tried now."""
+        """Show the θ that is running."""
         self._current = theta_text(self._scenario.space, theta)
 
     def compared(self, comparison: Comparison) -> None:
-        """Count one more experiment and its verdict."""
+        """Count one experiment and its verdict."""
         if comparison.incumbent is not None:
             self._counts[comparison.answer.preference] += 1
         self._bar.advance(self._task)
 
     def best(self, now: Now) -> None:
-        """Name the best experiment: the one that the study would return if it ended now."""
+        """Show the best experiment, which the study would return if it ended now."""
         index = now.incumbent
         if index is not None:
             theta = np.array(now.state.samples[index].theta)

@@ -1,4 +1,4 @@
-"""`prefcal check`: one trial run of a scenario, before anybody is asked."""
+"""`prefcal check`: check a scenario with one trial run before a study."""
 
 import json as json_
 from collections.abc import Callable
@@ -40,7 +40,7 @@ _FIRST = " (the very first run on a machine compiles for half a minute)"
 
 @dataclass(frozen=True, slots=True)
 class CheckOptions:
-    """The options of `prefcal check`, in the order of its help."""
+    """Options of `prefcal check`, in the order of its help."""
 
     scenario: Annotated[
         str,
@@ -79,12 +79,12 @@ class CheckOptions:
 def check(**typed: Any) -> None:
     """Run SCENARIO once, check all that a study relies on, and draw its panels.
 
-    Checked are: θ and how its run ended, the record, channels and panels, KPIs and
-    their goals, the cost, the calibrators, the references, the controller, whether
-    the same θ and seed give the same experiment, and whether a study can store it.
-    Ends with exit code 1 if anything is wrong.
+    The checks cover θ and how its run ended, the record, channels and panels, KPIs
+    and their goals, the cost, the calibrators, the references, the controller,
+    whether the same θ and seed give the same experiment, and whether a study can
+    store it. Ends with exit code 1 if anything is wrong.
     """
-    # Here, not above: --help must not wait for it.
+    # Imported here to keep --help fast.
     from prefcal_scenarios.app.isolated import isolation
 
     wanted = CheckOptions(**given(CheckOptions, typed))
@@ -93,10 +93,10 @@ def check(**typed: Any) -> None:
 
 
 def _check(wanted: CheckOptions, isolated: "Callable[[Scenario], Scenario]") -> int:
-    """Check the scenario and print what was found; return 1 if anything is wrong, else 0.
+    """Check the scenario and print the findings; return 1 if anything is wrong, else 0.
 
     Raises:
-        SettingsError: an impossible θ or file.
+        SettingsError: If θ or the file of the picture is invalid.
     """
     from rich.console import Console
 
@@ -109,7 +109,7 @@ def _check(wanted: CheckOptions, isolated: "Callable[[Scenario], Scenario]") -> 
     try:
         scenario = isolated(load(wanted.scenario))
         theta = middle_of(scenario) if wanted.theta is None else None
-    except Exception as error:  # of an own file: a finding like any other
+    except Exception as error:  # raised by the user's file: report it as a finding
         return _end(wanted, None, [Finding("scenario", False, in_words(located(error)))], None)
     if theta is None:
         assert wanted.theta is not None
@@ -144,7 +144,7 @@ def _draw(checkup: "Checkup", path: Path) -> bool:
     experiment = checkup.experiment
     if experiment is None or not len(experiment.t) or checkup.is_rig:
         return False
-    # Here, not above: plots take half a second to load.
+    # Imported here: plotting takes half a second to import.
     from io import BytesIO
 
     from prefcal_scenarios.app.presentation.folder import put
@@ -212,10 +212,10 @@ def _print_findings(checkup: "Checkup | None", findings: "list[Finding]") -> Non
 
 def _verdict(source: str, wrong: int, count: int, *, ran: bool) -> str:
     if wrong and not ran:
-        return "Nothing else can be checked without a run: mend this and check again."
+        return "Nothing else can be checked without a run: fix this and check again."
     if wrong:
-        return f"{wrong} of {count} checks failed: mend what is marked ✗ and check again."
-    return f"All in order. Begin with: prefcal calibrate {source}"
+        return f"{wrong} of {count} checks failed: fix what is marked ✗ and check again."
+    return f"All in order. Start with: prefcal calibrate {source}"
 
 
 def _as_dict(

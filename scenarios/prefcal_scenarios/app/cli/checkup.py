@@ -1,4 +1,4 @@
-"""A trial run of a scenario: one θ, and everything about it that a study relies on."""
+"""Check a scenario with one trial run: everything about it that a study relies on."""
 
 import json
 import time
@@ -21,7 +21,7 @@ from prefcal_scenarios.own.own_line import in_words, located
 from prefcal_scenarios.scenario import KPI, Scenario
 
 _DRAWS = 2000
-"""Random θ among which an allowed one is looked for, if the middle of the box is not."""
+"""Number of random θ to try if the constraints exclude the middle of the box."""
 _GOALS = {
     "lower": "lower is better",
     "higher": "higher is better",
@@ -32,7 +32,7 @@ _GOALS = {
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What was checked, whether it is in order (None: to be known, no judgment), and why."""
+    """Result of one check: the subject, whether it passed (None: information), and details."""
 
     what: str
     ok: bool | None
@@ -41,13 +41,13 @@ class Finding:
 
 @dataclass(slots=True)
 class Checkup:
-    """Checks of one scenario, one after the other; the trial run is kept for those that follow.
+    """Checks of one scenario, in order; later checks reuse the trial run.
 
     Args:
-        scenario: What is checked.
+        scenario: Scenario to check.
         theta: θ of the trial run, physical, shape (n,).
         seed: Seed of the trial run.
-        clock: Seconds, for how long the run took.
+        clock: Clock that times the run, in seconds.
     """
 
     scenario: Scenario
@@ -59,16 +59,16 @@ class Checkup:
 
     @property
     def failures(self) -> tuple[Finding, ...]:
-        """What is wrong."""
+        """Return the checks that failed."""
         return tuple(f for f in self.findings if f.ok is False)
 
     @property
     def is_rig(self) -> bool:
-        """Whether only a person can run it: a record is made up then."""
+        """Return whether only a person can run the scenario; its record is then made up."""
         return isinstance(self.scenario.run, Rig)
 
     def steps(self) -> Iterator[tuple[str, Callable[[], None]]]:
-        """Yield what comes next in words, and a function that does it and adds its findings."""
+        """Yield a description of each step and a function that runs it and adds its findings."""
         yield "looking at the knobs", self._step("knobs", self._knobs)
         yield "running θ", self._step("run", self._run)
         if self.experiment is None:
@@ -91,7 +91,7 @@ class Checkup:
         def do() -> None:
             try:
                 self.findings += check()
-            except (Exception, SystemExit) as error:  # whatever own code raises
+            except (Exception, SystemExit) as error:  # a user's code can raise anything
                 known = error if isinstance(error, Exception) else ScenarioError("it called exit")
                 self.findings.append(Finding(what, False, in_words(located(known))))
 
@@ -116,13 +116,13 @@ class Checkup:
         result: object = self.scenario.run(self.theta.copy(), seed=self.seed)
         took = self.clock() - start
         if not isinstance(result, Experiment):
-            check_experiment(self.scenario, self.theta, result)  # says so
+            check_experiment(self.scenario, self.theta, result)  # raises if anything is wrong
             return
         self.experiment = result
         yield Finding("run", True, f"{took:.2g} s, ended: {result.end.value}")
         wrong = list(theta_problems(self.scenario.space, self.theta, result))
         rounded = not wrong and not np.allclose(result.theta, self.theta, rtol=1e-9, atol=0)
-        words = f"it ran {result.theta.tolist()}: rounded" if rounded else "the one that was asked"
+        words = f"it ran {result.theta.tolist()}: rounded" if rounded else "as requested"
         yield Finding("θ of the experiment", not wrong, "; ".join(wrong) or words)
 
     def _record(self) -> Iterator[Finding]:
@@ -168,7 +168,7 @@ class Checkup:
         spare = sorted(set(e.kpis) - {kpi.name for kpi in self.scenario.kpis})
         if spare:
             yield Finding(
-                "further KPIs", None, f"returned, but on show nowhere: {', '.join(spare)}"
+                "further KPIs", None, f"returned, but not shown anywhere: {', '.join(spare)}"
             )
 
     def _cost(self) -> Iterator[Finding]:
@@ -187,7 +187,7 @@ class Checkup:
                 yield Finding(what, False, in_words(located(error)))
                 continue
             verdict = "abstains" if given.preference is None else given.preference.name.lower()
-            yield Finding(what, True, f"of twice the same experiment: {verdict}")
+            yield Finding(what, True, f"the same experiment twice: {verdict}")
 
     def _again(self) -> Iterator[Finding]:
         if self.is_rig:
@@ -244,10 +244,10 @@ class Checkup:
 
 
 def middle_of(scenario: Scenario) -> Float[np.ndarray, " n"]:
-    """Return the middle of the box, physical, shape (n,); what is allowed nearest to it.
+    """Return the allowed θ nearest to the middle of the box, physical, shape (n,).
 
     Raises:
-        ScenarioError: the constraints allow none of many random θ.
+        ScenarioError: If the constraints allow none of many random θ.
     """
     space = scenario.space
     lower, upper = space.corners
@@ -279,7 +279,7 @@ def _kpi(kpi: KPI, experiment: Experiment) -> Finding:
 
 
 def _made_up(rig: Rig, theta: Float[np.ndarray, " n"]) -> Experiment:
-    """An experiment of a rig from a record that nobody has measured: every channel stands still."""
+    """Return an experiment of a rig made from an invented record with constant channels."""
     columns = rig.columns
     values = [_plausible(rig, c.name, c.low, c.high) for c in (*rig.channels.x, *rig.channels.u)]
     rows = [[f"{t:g}", *(f"{v!r}" for v in values)] for t in range(60)]

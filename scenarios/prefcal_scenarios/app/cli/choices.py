@@ -1,4 +1,4 @@
-"""From the words of the command line to agents, calibrators, θ and processors."""
+"""Turn command-line values into agents, calibrators, θ and processors."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -30,11 +30,11 @@ _PROCESSOR = "processor"
 
 
 def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "AnyAgent":
-    """Make the agent of the options, which begins with the physical θ in `start`.
+    """Return the agent that the options select; it starts with the physical θ in `start`.
 
     Raises:
-        SettingsError: an unknown agent, settings that it refuses, or options for another one.
-        KnobError: a first θ that is outside the space.
+        SettingsError: If the agent is unknown, rejects its settings, or does not take an option.
+        KnobError: If a θ in `start` is outside the space.
     """
     if options.agent not in WORDS:
         hint = did_you_mean(options.agent, WORDS)
@@ -68,7 +68,7 @@ def check_agent_takes(options: Options) -> None:
 
 
 def _fed(options: Options) -> dict[str, Any]:
-    """Return the keyword arguments that the options feed to the agent."""
+    """Return the agent's keyword arguments that come from the options."""
     arguments: dict[str, Any] = {}
     for name, (_, kept) in kept_by(Options).items():
         if not kept.feeds or not options.changed(name):
@@ -83,7 +83,7 @@ def _fed(options: Options) -> dict[str, Any]:
 
 
 def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
-    """Return what to say about a calibrator that the scenario does not have."""
+    """Return the error message for a calibrator that the scenario does not have."""
     if isinstance(scenario.run, Rig):
         return (
             f"scenario {scenario.name!r} is a rig that only a person can run: its calibrator is "
@@ -98,10 +98,10 @@ def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
 
 
 def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experiment] | None:
-    """Make the calibrator of the options, one of the scenario's; None where scores are told.
+    """Return the scenario's calibrator that the options select; None if the agent gets scores.
 
     Raises:
-        SettingsError: unknown, or it does not take the tie band or the answer noise.
+        SettingsError: If the calibrator is unknown, or takes no tie band or answer noise.
     """
     if WORDS[options.agent].by_value:
         return None
@@ -130,10 +130,10 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
 
 
 def follows_cost(options: Options, scenario: Scenario) -> bool:
-    """Return whether the answers follow the scenario's cost; a person has never chosen it.
+    """Return whether the answers follow the scenario's cost, which no person chose.
 
-    They do with scores, a cost of the user's own (`--cost`), a calibrator called "synthetic", and
-    any that compares by a latent cost.
+    This is the case for scores, for a user's own cost (`--cost`), for a calibrator called
+    "synthetic", and for any calibrator that compares by a latent cost.
     """
     from prefcal_env.calibrators import LatentCost
 
@@ -146,15 +146,15 @@ def follows_cost(options: Options, scenario: Scenario) -> bool:
 
 
 def _check_score(options: Options, scenario: Scenario) -> None:
-    """Refuse what does not go with an agent that is told scores."""
+    """Raise SettingsError for options that do not fit an agent that learns from scores."""
     if scenario.cost is None:
         raise SettingsError(
             f"agent {options.agent!r} learns from a score, and scenario {scenario.name!r} has "
-            "none: take another agent, or give one with --cost own.py:NAME"
+            "none: choose another agent, or give a score with --cost own.py:NAME"
         )
     if options.calibrator != SCORE:
         raise SettingsError(
-            f"agent {options.agent!r} learns from the scenario's score and asks nobody: "
+            f"agent {options.agent!r} learns from the scenario's score and needs no answers: "
             f"leave --calibrator out, got {options.calibrator!r}"
         )
     if options.tie_band is not None or options.answer_noise is not None:
@@ -165,14 +165,15 @@ def _check_score(options: Options, scenario: Scenario) -> None:
 
 
 def start_of(text: str, scenario: Scenario) -> Float[np.ndarray, " n"]:
-    """Return the physical θ that `text` means, shape (n,).
+    """Return the physical θ that `text` describes, shape (n,).
 
-    Either `knob=value, ...` for every knob, in any order, or the name of a reference of the
-    scenario.
+    The text is either `knob=value, ...` for every knob in any order, or the name of one of the
+    scenario's references.
 
     Raises:
-        SettingsError: no such reference, an unknown or missing knob, or no number.
-        KnobError: a value outside its knob's range.
+        SettingsError: If a reference or knob is unknown, a knob is missing, or a value is not a
+            number.
+        KnobError: If a value is outside its knob's range.
     """
     if "=" in text:
         return scenario.space.check(theta_of(text, scenario.space))
@@ -186,10 +187,10 @@ def start_of(text: str, scenario: Scenario) -> Float[np.ndarray, " n"]:
 
 
 def theta_of(text: str, space: KnobSpace) -> Float[np.ndarray, " n"]:
-    """Return θ of `knob=value, ...`, shape (n,), physical; ranges are not checked.
+    """Return the physical θ of `knob=value, ...`, shape (n,), without checking the ranges.
 
     Raises:
-        SettingsError: an unknown or missing knob, one given twice, or no number.
+        SettingsError: If a knob is unknown, missing or given twice, or a value is not a number.
     """
     given: dict[str, float] = {}
     for part in text.split(","):
@@ -210,12 +211,12 @@ def theta_of(text: str, space: KnobSpace) -> Float[np.ndarray, " n"]:
 
 
 def knob_called(word: str, space: KnobSpace) -> str:
-    """Return the name of the knob that `word` means: the name, or a beginning that only it has.
+    """Return the name of the knob that matches `word`, a name or an unambiguous prefix.
 
-    Underscores stand for spaces.
+    Underscores in `word` match spaces.
 
     Raises:
-        SettingsError: none, or several.
+        SettingsError: If no knob or more than one knob matches.
     """
     plain = {name.replace(" ", "_"): name for name in space.names}
     wanted = word.replace(" ", "_")
@@ -230,12 +231,13 @@ def knob_called(word: str, space: KnobSpace) -> str:
 
 
 def target_of(path: str | None, scenario: Scenario) -> dict[str, Any]:
-    """Return what the configuration of a new study says of the processor in the file `path`.
+    """Return the entry of a new study's configuration for the processor in the file `path`.
 
-    Empty without one, so that studies with and without the option read the same.
+    It is empty without a file, so that configurations without the option stay the same.
 
     Raises:
-        SettingsError: not the file of a processor, or `scenario` judges no computation times.
+        SettingsError: If the file does not describe a processor, or `scenario` does not evaluate
+            computation times.
     """
     if path is None:
         return {}
@@ -248,10 +250,10 @@ def target_of(path: str | None, scenario: Scenario) -> dict[str, Any]:
 
 
 def check_target(path: str | None, configuration: Mapping[str, Any]) -> None:
-    """Refuse another processor than the one that a study was started with.
+    """Check that the file `path` holds the processor that the study was started with.
 
     Raises:
-        SettingsError: the file `path` holds another one, or the study was started without one.
+        SettingsError: If it holds another processor, or the study was started without one.
     """
     if path is None:
         return
@@ -269,20 +271,20 @@ def check_target(path: str | None, configuration: Mapping[str, Any]) -> None:
 
 
 def on_target(scenario: Scenario, configuration: Mapping[str, Any]) -> Scenario:
-    """Return `scenario`, judged on the processor that the study keeps if it keeps one.
+    """Return `scenario`, evaluated on the study's processor if the study has one.
 
     Raises:
-        SettingsError: what the study keeps is no processor, or `scenario` takes none.
+        SettingsError: If the study's processor is invalid, or `scenario` does not take one.
     """
     kept = configuration.get(_PROCESSOR)
     if kept is None:
         return scenario
     if scenario.on_processor is None:
-        raise SettingsError(f"scenario {scenario.name!r} judges no computation times any more")
+        raise SettingsError(f"scenario {scenario.name!r} no longer judges computation times")
     return scenario.on_processor(scenario, processor_of(kept, "the processor of the study"))
 
 
 def target_settings(configuration: Mapping[str, Any]) -> dict[str, str]:
-    """Return the processor by name, for the report's list of what was set."""
+    """Return the processor's name for the report's list of settings."""
     kept = configuration.get(_PROCESSOR)
     return {} if kept is None else {"processor": str(kept.get("name"))}

@@ -1,4 +1,4 @@
-"""A cost out of a user's own file, in place of a scenario's score."""
+"""Use a cost function from a user's own file in place of a scenario's score."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,18 +14,18 @@ from prefcal_scenarios.scenario import Scenario
 
 @dataclass(frozen=True, slots=True)
 class FileCost:
-    """A function of an experiment, lower is better, whose values are checked.
+    """Cost function of an experiment, lower is better, with checked values.
 
     Args:
-        source: Where it is from, PATH:NAME.
-        function: Takes an experiment, gives a number.
+        source: Origin of the function, PATH:NAME.
+        function: Function that takes an experiment and returns a number.
     """
 
     source: str
     function: Callable[[Experiment], Any]
 
     def __call__(self, experiment: Experiment) -> float:
-        """The cost of `experiment`. Raises ScenarioError if it is not a finite number."""
+        """Return the cost of `experiment`. Raises ScenarioError if it is not a finite number."""
         value = self.function(experiment)
         finite = isinstance(value, Real) and abs(float(value)) < float("inf")
         if not finite or isinstance(value, bool):
@@ -37,10 +37,10 @@ class FileCost:
 
 
 def with_cost(scenario: Scenario, source: str | None) -> Scenario:
-    """`scenario` with the cost PATH:NAME in place of its own; as it is for None.
+    """Return `scenario` with the cost at PATH:NAME, or unchanged if `source` is None.
 
     Raises:
-        ScenarioError: no such file, nothing of that name in it, or it cannot be called.
+        ScenarioError: If the file or the name in it does not exist, or it cannot be called.
     """
     if source is None:
         return scenario

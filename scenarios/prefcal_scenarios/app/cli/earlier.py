@@ -1,4 +1,4 @@
-"""Start from the best of an earlier study: `prefcal calibrate SCENARIO --from STUDY`."""
+"""Start from the best θ of an earlier study: `prefcal calibrate SCENARIO --from STUDY`."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,18 +14,18 @@ from prefcal_scenarios.app.session.memory import earlier_of
 from .choices import Thetas
 from .options import Options
 
-_SAME = 1e-9  # distance along a knob, in the unit cube, of two θ that differ by rounding
+_SAME = 1e-9  # tolerance per knob, in the unit cube, for θ that differ only by rounding
 
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """The best of an earlier study, and which one; the new study records it, and needs no more.
+    """Best θ of an earlier study, recorded in the new study, which then no longer needs the file.
 
     Args:
-        study: Name of the earlier study, as it was given.
+        study: Name of the earlier study, as typed.
         scenario: Name of the scenario that it calibrates.
         experiments: Number of its answered experiments.
-        theta: Its best θ as a physical θ of the new space, of length n.
+        theta: Best θ as a physical θ of the new space, of length n.
     """
 
     study: str
@@ -34,7 +34,7 @@ class Taken:
     theta: tuple[float, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data, for the configuration of the new study."""
+        """Return plain data for the configuration of the new study."""
         return {
             "study": self.study,
             "scenario": self.scenario,
@@ -43,7 +43,7 @@ class Taken:
         }
 
     def beside(self, mine: Thetas, space: KnobSpace) -> list[Float[np.ndarray, " n"]]:
-        """Return the θ, or nothing if it is among `mine`."""
+        """Return the θ in a list, which is empty if the θ is among `mine`."""
         theta = np.array(self.theta)
         z = space.encode(theta)
         known = any(np.allclose(z, space.encode(other), 0, _SAME) for other in mine)
@@ -51,19 +51,19 @@ class Taken:
 
 
 def taken_from(options: Options, space: KnobSpace, mine: Thetas) -> Taken | None:
-    """Return what the options take from an earlier study; None without `--from`.
+    """Return the best θ of the earlier study in `--from`; None without the option.
 
-    A knob that the earlier study did not have takes the value of the first θ of `mine`.
+    A knob that the earlier study did not have takes its value from the first θ in `mine`.
 
     Args:
         options: Options of the new study.
         space: Knobs of the new study.
-        mine: Physical θ that it starts with in any case, each of shape (n,).
+        mine: Other physical θ that the new study starts with, each of shape (n,).
 
     Raises:
-        StudyError: there is no such study, or it has no answered experiment.
-        KnobError: a knob without a value, or in another unit.
-        SettingsError: the constraints refuse its best θ, or there is no experiment left for one.
+        StudyError: If there is no such study, or it has no answered experiment.
+        KnobError: If a knob has no value or another unit.
+        SettingsError: If the constraints exclude the best θ, or no experiment is left for it.
     """
     name = options.earlier
     if name is None:
@@ -78,10 +78,10 @@ def taken_from(options: Options, space: KnobSpace, mine: Thetas) -> Taken | None
     missing = earlier.missing(space, added)
     if missing:
         raise KnobError(
-            f"study {name!r} has no knobs {missing}: give --start as well, whose values they take"
+            f"study {name!r} has no knobs {missing}: give their values with --start as well"
         )
     if options.n_max <= len(mine):
-        raise SettingsError("every experiment has its θ: leave --from out, or give more --n-max")
+        raise SettingsError("every experiment has its θ: leave --from out, or increase --n-max")
     theta = earlier.start(space, added=added)
     if theta is None:
         raise SettingsError(

@@ -1,4 +1,4 @@
-"""Ctrl-C at any moment: say so at once, stop, keep what is there, never half of a file."""
+"""Handle Ctrl-C at any moment: acknowledge it, stop, and keep all results in whole files."""
 
 import signal
 import threading
@@ -7,15 +7,15 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+"""Exit code after Ctrl-C, as in shells."""
 _ALSO = ("SIGTERM", "SIGHUP")
-"""Signals that end a program as Ctrl-C does: `kill`, and a terminal that was closed."""
+"""Signals that end a program like Ctrl-C does: `kill`, and closing the terminal."""
 
 
 class Interruption:
-    """Notes a first Ctrl-C, and raises where that is allowed; a second one always raises.
+    """Signal handler that remembers the first Ctrl-C, and raises at once on the second.
 
-    `on_press` is called at the first one, before anything else.
+    The first one raises only where this is allowed, after calling `on_press`.
     """
 
     def __init__(self) -> None:
@@ -27,7 +27,7 @@ class Interruption:
         """Handle the signal."""
         again, self.pressed = self.pressed, True
         if not again:
-            with suppress(OSError):  # the terminal may be gone
+            with suppress(OSError):  # the terminal may be closed
                 self.on_press()
         if again or self._allowed:
             raise KeyboardInterrupt
@@ -39,7 +39,7 @@ class Interruption:
 
     @contextmanager
     def allowed(self) -> Iterator[None]:
-        """Let a press raise at once inside, an earlier one too; outside, work is finished first."""
+        """Let a press raise at once inside the block, including an earlier press held back."""
         self.check()
         self._allowed = True
         try:
@@ -50,11 +50,11 @@ class Interruption:
 
 @contextmanager
 def interruption(*, others: bool = False) -> Iterator[Interruption]:
-    """Handle Ctrl-C inside; a thread that may not set handlers keeps Python's own behavior.
+    """Handle Ctrl-C inside the block; threads that cannot set handlers keep Python's behavior.
 
     Args:
-        others: Whether `kill` and a closed terminal are handled likewise. Leave it out if processes
-            are started, which would inherit that.
+        others: Whether to handle `kill` and a closed terminal, too. Must be False if the block
+            starts processes, which would inherit the handling.
     """
     handler = Interruption()
     if threading.current_thread() is not threading.main_thread():
@@ -62,8 +62,8 @@ def interruption(*, others: bool = False) -> Iterator[Interruption]:
         return
     before = {signal.SIGINT: signal.signal(signal.SIGINT, handler)}
     for name in _ALSO if others else ():
-        number = getattr(signal, name, None)  # Windows has not all of them
-        # Only in place of the system's own: `nohup` wants a hang-up ignored.
+        number = getattr(signal, name, None)  # Windows lacks some of them
+        # Replace only the default handler: `nohup` ignores SIGHUP on purpose.
         if number is not None and signal.getsignal(number) is signal.SIG_DFL:
             before[number] = signal.signal(number, handler)
     try:

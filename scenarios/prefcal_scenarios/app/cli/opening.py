@@ -1,4 +1,4 @@
-"""The study that a command works on: a new one, or one resumed where it stands."""
+"""Open the study that a command works on: create a new one or resume an existing one."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -60,10 +60,10 @@ class Opened:
     """An open study.
 
     Args:
-        file: The study file.
-        options: What it was started with, and what was asked for on top of it.
-        name: What `--study` calls it; None if it is kept in memory only.
-        resumed: Whether it existed before.
+        file: Study file.
+        options: Options that the study was started with, updated by those given now.
+        name: Name of the study, as in `--study`; None if it is kept in memory only.
+        resumed: Whether the study existed before.
     """
 
     file: StudyFile
@@ -73,14 +73,14 @@ class Opened:
 
 
 def open_study(given: Mapping[str, Any], scenario: Scenario, name: str | None) -> Opened:
-    """Open the study called `name`, a new one if there is none.
+    """Open the study called `name`, and create it if it does not exist.
 
-    Without a name, a person's study gets the next free one in their data folder. A synthetic
-    calibrator's is kept in memory: it can be run again any time.
+    Without a name, a person's study gets the next free name in their data folder, and a synthetic
+    calibrator's study is kept in memory, since it can be repeated at any time.
 
     Raises:
-        StudyError: it cannot be opened, is another scenario's, or cannot be written.
-        SettingsError: an option contradicts what the study was started with.
+        StudyError: If the study cannot be opened or written, or belongs to another scenario.
+        SettingsError: If an option contradicts those that the study was started with.
     """
     options = Options.of(given, len(scenario.space))
     if name is None and not options.by_a_person:
@@ -95,11 +95,11 @@ def open_study(given: Mapping[str, Any], scenario: Scenario, name: str | None) -
 
 
 def identity(file: StudyFile) -> str:
-    """Return a text that two studies share only if they are the same study.
+    """Return a text that is equal for two studies only if they are the same study.
 
-    A file is identified by what it was started with and when; a copy of it is the same study. A
-    study in memory is identified by the former alone: the same command gives the same study, bit
-    for bit.
+    A file is identified by its configuration and its start time, so a copy is the same study. A
+    study in memory is identified by its configuration alone, since the same command reproduces it
+    bit for bit.
     """
     first = next(iter(file.events()))
     at = "" if file.path == IN_MEMORY else first.at
@@ -107,9 +107,9 @@ def identity(file: StudyFile) -> str:
 
 
 def default_folder(opened: Opened, scenario: str) -> Path:
-    """Return the folder of the report unless the user names one: prefcal-STUDY.
+    """Return the default folder of the report: prefcal-STUDY.
 
-    A study that is kept in no file is called by its scenario and its seed.
+    For a study in memory, the scenario and the seed stand in for the name.
     """
     if opened.name is None:
         return Path(f"prefcal-{scenario}-{opened.options.seed}")
@@ -117,10 +117,10 @@ def default_folder(opened: Opened, scenario: str) -> Path:
 
 
 def claim_folder(opened: Opened, scenario: str) -> Claim:
-    """Claim the folder of the report: the one that was asked for, or a default that is free.
+    """Claim the folder of the report: the requested one, or a free default one.
 
     Raises:
-        SettingsError: it holds another study's report, or cannot be written to.
+        SettingsError: If the folder holds another study's report or cannot be written to.
     """
     options = opened.options
     owner = Owner(identity(opened.file), opened.name, options.scenario)
@@ -130,7 +130,7 @@ def claim_folder(opened: Opened, scenario: str) -> Claim:
 
 
 def _create(path: Path | str, options: Options, scenario: Scenario) -> StudyFile:
-    # Everything is refused before there is a file.
+    # Check everything before creating the file.
     configuration = _configuration(options, scenario)
     if not options.by_a_person:
         make_calibrator(options, on_target(scenario, configuration))
@@ -163,7 +163,7 @@ def _configuration(options: Options, scenario: Scenario) -> dict[str, Any]:
 
 
 def _constraints(scenario: Scenario) -> dict[str, Any]:
-    # Absent if there are none, so that studies with and without them read the same.
+    # Absent without constraints, so that configurations without them stay the same.
     names = constraint_names(scenario.space)
     return {"constraints": names} if names else {}
 
@@ -178,7 +178,7 @@ def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario)
                 f"not {scenario.name!r}: name that scenario, or another study"
             )
         if given.get("n_max") == state.configuration["options"]["n_max"]:
-            # The same line again: experiments that the page has added since stay.
+            # The same command again: keep the experiments that were added on the page.
             given = {**given, "n_max": None}
         check_target(given.get("processor"), state.configuration)
         options = Options.resumed(by_now(state), {**given, "processor": None})
@@ -194,7 +194,7 @@ def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario)
 
 
 def by_now(state: State) -> dict[str, Any]:
-    """Return the options that a study was started with, and what was changed since."""
+    """Return the study's current options: those that it was started with, and later changes."""
     return {
         **state.configuration["options"],
         "n_max": state.n_max,
@@ -203,7 +203,7 @@ def by_now(state: State) -> dict[str, Any]:
 
 
 def _free(scenario: str) -> str:
-    """Return the first of scenario-1, scenario-2, ... that no study is called."""
+    """Return the first of scenario-1, scenario-2, ... that is not the name of a study."""
     base = re.sub(r"[^A-Za-z0-9_-]+", "-", scenario).strip("-") or "study"
     number = 1
     while study_path(f"{base}-{number}").exists():
@@ -212,10 +212,10 @@ def _free(scenario: str) -> str:
 
 
 def worth_keeping(file: StudyFile, scenario: Scenario) -> bool:
-    """Return whether a study holds more than what the same command brings back by itself.
+    """Return whether a study holds more than the same command would reproduce.
 
-    Every answer, mark or note counts, even one that was taken back. So does every experiment,
-    unless the scenario is a built-in one, whose experiments are cheap simulations.
+    It does if it holds any answer, mark or note, even one that was undone. Experiments count too,
+    except those of built-in scenarios, which are cheap simulations.
     """
     if any(_by_somebody(recorded.event) for recorded in file.events()):
         return True
@@ -225,7 +225,7 @@ def worth_keeping(file: StudyFile, scenario: Scenario) -> bool:
 
 def _by_somebody(event: Event) -> bool:
     if isinstance(event, Answered):
-        return event.incumbent is not None  # the first experiment is compared with nothing
+        return event.incumbent is not None  # the first experiment has nothing to compare with
     return not isinstance(event, Created | Suggested | Finished | Failed | Shown)
 
 
@@ -236,9 +236,9 @@ def kept_if_worth_it(
     """Close a study at the end; remove it if it was started here and is not worth keeping.
 
     Args:
-        opened: The study.
-        scenario: What it calibrates.
-        say: Prints that the study was not kept, unless an error is printed anyway.
+        opened: Study to close.
+        scenario: Scenario of the study.
+        say: Function that prints that the study was not kept, unless an error is printed anyway.
     """
     keep, refused = opened.resumed or opened.name is None, False
     try:
@@ -256,9 +256,9 @@ def kept_if_worth_it(
 
 
 def _removed(path: str) -> bool:
-    """Remove a study; return whether it could be."""
+    """Remove a study; return whether it was removed."""
     try:
         remove_study(path)
     except StudyError:
-        return False  # open in another process, which may be about to fill it
+        return False  # open in another process, which may add answers
     return True

@@ -1,4 +1,4 @@
-"""The options of `prefcal calibrate`: one field each, and nothing else to write for a new one."""
+"""Options of `prefcal calibrate`; a new option is one new field here."""
 
 import shlex
 from collections.abc import Mapping
@@ -13,10 +13,10 @@ from prefcal_agents.registry import WORDS
 from .parameters import Kept, kept_by, parameters_of
 
 HUMAN = "human"
-"""The calibrator that is a person."""
+"""Name of the calibrator that is a person."""
 
 SCORE = "score"
-"""Stands for the scenario's own score, where the agent learns from that: nobody compares."""
+"""Name of the calibrator if the agent learns from the scenario's score, with no comparisons."""
 
 BY_VALUE = tuple(word for word, row in WORDS.items() if row.by_value)
 """The agents that are told scores."""
@@ -30,14 +30,14 @@ def _who_proposes() -> str:
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """The options of `prefcal calibrate`, in the order of its help.
+    """Options of `prefcal calibrate`, in the order of its help.
 
-    To add an option, add a field: its name, type, help and default. With `Kept` the study file
-    keeps it, checks it, and refuses another value on resuming; without, it is of one run only.
-    None stands for the default of the part that takes the value.
+    To add an option, add a field with its type, help and default. An option with `Kept` is stored
+    and checked in the study file and cannot change on resuming unless `anew` is set; one without
+    applies to a single run. None stands for the default of the component that takes the value.
 
     Raises:
-        SettingsError: a number that is too small, or more initial experiments than experiments.
+        SettingsError: If a number is too small, or `n_init` is above `n_max`.
     """
 
     scenario: Annotated[
@@ -85,14 +85,16 @@ class Options:
         int,
         Option(
             metavar="N",
-            help="Experiments before learning starts.",
+            help="Number of experiments before learning starts.",
             show_default="10; glisp: 2 per knob; at most half of --n-max",
         ),
         Kept(label="initial experiments", always=True, least=1),
     ] = 10
     n_max: Annotated[
         int,
-        Option(metavar="N", help="Experiments in all; you can add more later.", show_default="50"),
+        Option(
+            metavar="N", help="Number of experiments; you can add more later.", show_default="50"
+        ),
         Kept(label="experiments", always=True, anew=True, least=1),
     ] = 50
     delta: Annotated[
@@ -192,7 +194,7 @@ class Options:
         Path | None,
         Option(
             metavar="FILE.json",
-            help="Another configuration of the scenario: road and traffic of overtake, say.",
+            help="Configuration of the scenario, for example the road and traffic of overtake.",
         ),
     ] = None
     processor: Annotated[
@@ -259,18 +261,18 @@ class Options:
                 f"--n-init {self.n_init}"
             )
         if problem:
-            # Here, not above: --help must not wait for numpy.
+            # Imported here: --help must not import numpy.
             from prefcal_env.errors import SettingsError
 
             raise SettingsError(problem)
 
     @classmethod
     def of(cls, given: Mapping[str, Any], knobs: int = 5) -> "Options":
-        """Return the options as given, with defaults for None; `knobs` are to be calibrated.
+        """Return the given options, with defaults in place of None, for `knobs` knobs.
 
-        GLISp starts to learn after two experiments per knob, ten at most: on the reactor with its
-        three the index after 15 experiments was 0.714 with six and 0.732 with ten
-        (docs/research/outcomes.md).
+        GLISp starts to learn after two experiments per knob, at most ten. For the reactor with
+        three knobs, the index after 15 experiments was 0.714 with six initial experiments and
+        0.732 with ten (docs/research/outcomes.md).
         """
         said = {name: value for name, value in given.items() if value is not None}
         n_max: int = said.get("n_max", parameters_of(Options)["n_max"].default)
@@ -282,12 +284,12 @@ class Options:
 
     @classmethod
     def resumed(cls, stored: Mapping[str, Any], given: Mapping[str, Any]) -> "Options":
-        """Return the options of a study by now: those it was started with, and what may change.
+        """Return the current options of a study: those it was started with, and allowed changes.
 
         Raises:
-            SettingsError: any other option is given with another value.
+            SettingsError: If another option is given with a new value.
         """
-        # A study from before KPIs were learned from goes on as it started.
+        # A study from before agents learned from KPIs continues without them.
         kept: dict[str, Any] = {"outcomes": stored.get("agent") != "glisp"}
         kept |= {name: stored[name] for name in kept_by(cls) if name in stored}
         kept["start"] = tuple(kept.get("start", ()))  # a list in JSON
@@ -298,19 +300,19 @@ class Options:
 
     @property
     def by_a_person(self) -> bool:
-        """Whether a person compares."""
+        """Return whether a person compares."""
         return self.calibrator == HUMAN
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data for the study file: the options that it keeps."""
+        """Return the options that the study file keeps, as plain data."""
         return {name: getattr(self, name) for name in kept_by(Options)}
 
     def changed(self, name: str) -> bool:
-        """Return whether an option has another value than its default."""
+        """Return whether an option differs from its default."""
         return bool(getattr(self, name) != parameters_of(Options)[name].default)
 
     def settings(self) -> Mapping[str, str | int | float]:
-        """Return what was set, for people."""
+        """Return the options to list in the report, by label."""
         return {
             kept.label: parameter.shown(getattr(self, name))
             for name, (parameter, kept) in kept_by(Options).items()
@@ -318,7 +320,7 @@ class Options:
         }
 
     def command(self) -> str:
-        """Return one command line that repeats the study, the folder aside."""
+        """Return a command line that repeats the study, without its folder."""
         words = ["prefcal", "calibrate", self.scenario]
         for name, (parameter, kept) in kept_by(Options).items():
             if name != "scenario" and (kept.always or self.changed(name)):
@@ -327,17 +329,17 @@ class Options:
 
 
 def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """Refuse to run another program or configuration than the user names."""
+    """Raise SettingsError if the study's program or configuration is not the one given."""
     from prefcal_env.errors import SettingsError
     from prefcal_scenarios.own.source import split_source
 
     if kept.get("cost") is not None and given.get("cost") is None:
-        # Those who send a study must not choose which program is run here.
+        # A study from somebody else must not decide which program runs here.
         raise SettingsError(
             f"the study is scored by a program: if you trust it, add "
             f"--cost {shlex.quote(str(kept['cost']))}"
         )
-    # The file of a configuration may have moved, so only what it said counts.
+    # The configuration's file may have moved, so compare only its content.
     then = split_source(str(kept.get("scenario", "")))[1]
     now = then if given.get("scenario") is None else split_source(given["scenario"])[1]
     if now != then:
@@ -349,7 +351,7 @@ def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
 
 
 def _check_unchanged(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
-    """Refuse other values than the study was started with, where they may not change."""
+    """Raise SettingsError if an option that cannot change has a new value."""
     from prefcal_env.errors import SettingsError
 
     for name, (parameter, rule) in kept_by(Options).items():
@@ -363,6 +365,5 @@ def _check_unchanged(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
     wanted = given.get("n_max")
     if wanted is not None and wanted < kept["n_max"]:
         raise SettingsError(
-            f"--n-max must not fall below the {kept['n_max']} that the study has by now, "
-            f"got {wanted}"
+            f"--n-max must not be below the {kept['n_max']} that the study has by now, got {wanted}"
         )

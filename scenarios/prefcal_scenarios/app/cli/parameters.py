@@ -1,7 +1,7 @@
-"""Parameters of a command, declared once: each is a field of a dataclass.
+"""Parameters of a command, each declared once as a field of a dataclass.
 
 A field is annotated with a `typer.Option` or `typer.Argument`, and with `Kept` if the study file
-keeps the value. The command line, the checks of the file and every message read that declaration.
+keeps its value. The command line, the checks of the file and all messages use that declaration.
 """
 
 import inspect
@@ -20,19 +20,19 @@ def _unchanged(value: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """What holds for a parameter that the study file keeps; another value is refused on resuming.
+    """Rules for a parameter whose value the study file keeps; by default it cannot change later.
 
     Args:
-        label: Name in the report's list of settings; empty leaves it out.
-        always: Whether the report and the command that repeats the study name it even if it has
-            its default.
-        anew: Whether a resumed study takes another value.
-        least: Smallest value; None if there is none.
-        agents: The only agents that take another value than the default; empty: all.
-        refusal: What users of other agents are told, with `{agent}`; empty: the usual words.
-        feeds: Keyword argument of the agent that gets the value, or "settings.NAME" for one of its
-            settings; empty: none.
-        convert: From the value of the option to the one that is fed.
+        label: Name in the report's list of settings; empty to leave it out.
+        always: Whether the report and the command that repeats the study include the parameter
+            even if it has its default.
+        anew: Whether the value can change when a study is resumed.
+        least: Smallest value; None if there is no limit.
+        agents: Agents that accept a value other than the default; empty for all.
+        refusal: Error message for other agents, with `{agent}`; empty for the default message.
+        feeds: Keyword argument of the agent that receives the value, or "settings.NAME" for one of
+            its settings; empty for none.
+        convert: Function that converts the option's value to the agent's.
     """
 
     label: str = ""
@@ -47,14 +47,14 @@ class Kept:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter of a command.
+    """Parameter of a command.
 
     Args:
         name: Name of the field.
-        type: Type of its value.
-        info: What the parser needs: flag, help, placeholder.
-        default: Its value if nobody gives one; MISSING if somebody must.
-        kept: What holds because the study file keeps it; None if it is of one run only.
+        type: Type of the value.
+        info: Declaration for the parser: flag, help, placeholder.
+        default: Default value; MISSING if the parameter is required.
+        kept: Rules if the study file keeps the value; None if it applies to a single run.
     """
 
     name: str
@@ -65,16 +65,17 @@ class Parameter:
 
     @property
     def flag(self) -> str:
-        """The option as people type it: "--n-max" for n_max."""
+        """Return the option as typed on the command line: "--n-max" for n_max."""
         declared = (self.info.default, *(self.info.param_decls or ()))
         flags = [text for text in declared if isinstance(text, str)]
         return flags[0] if flags else f"--{self.name.replace('_', '-')}"
 
     @property
     def signature(self) -> inspect.Parameter:
-        """The parameter as typer expects it in the signature of a command.
+        """Return the parameter as typer expects it in the signature of a command.
 
-        What a study keeps is None unless it is typed: a resumed study has its own values.
+        The default of a parameter that a study keeps is None, since a resumed study has its own
+        value.
         """
         type_, default = self.type, self.default
         if get_origin(type_) is tuple:
@@ -91,9 +92,9 @@ class Parameter:
         )
 
     def given(self, typed: Any) -> Any:
-        """Return the value of what the parser found; None for what the study is to decide."""
+        """Return the field's value for a parsed value; None if the study decides."""
         if self.type is bool:
-            if typed:  # a flag turns its default around
+            if typed:  # a flag inverts its default
                 return not self.default
             return None if self.kept else self.default
         if get_origin(self.type) is tuple:
@@ -109,20 +110,20 @@ class Parameter:
         return f"no {self.flag}" if value in (None, "") else f"{self.flag} {value}"
 
     def words(self, value: Any) -> list[str]:
-        """Return the words of a command line that give `value`."""
+        """Return the command-line words that set `value`."""
         if self.type is bool:
             return [self.flag]
         many = value if isinstance(value, list | tuple) else (value,)
         return [word for one in many for word in (self.flag, str(one))]
 
     def shown(self, value: Any) -> Any:
-        """Return `value` as the report lists it."""
+        """Return `value` as listed in the report."""
         if self.type is bool:
             return "yes" if value else "no"
         return "; ".join(value) if isinstance(value, tuple) else value
 
     def problem(self, value: Any) -> str:
-        """Return what is wrong with the size of a kept value; empty if nothing is."""
+        """Return an error message if a kept value is too small or not finite, else ""."""
         least = None if self.kept is None else self.kept.least
         if least is None or value is None or least <= value < inf:
             return ""
@@ -133,7 +134,7 @@ class Parameter:
 
 @cache
 def parameters_of(options: type) -> Mapping[str, Parameter]:
-    """Return the parameters that the dataclass `options` declares, by name, in their order."""
+    """Return the parameters that the dataclass `options` declares, by name and in order."""
     hints = get_type_hints(options, include_extras=True)
     return {field.name: _parameter(field.name, hints[field.name], field.default)
             for field in fields(options)}  # fmt: skip
@@ -156,7 +157,7 @@ def kept_by(options: type) -> Mapping[str, tuple[Parameter, Kept]]:
 
 
 def takes(options: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the parameters that the dataclass `options` declares."""
+    """Return a decorator that gives a command the parameters declared by `options`."""
 
     def declare(command: Callable[..., None]) -> Callable[..., None]:
         parameters = [parameter.signature for parameter in parameters_of(options).values()]
@@ -167,5 +168,5 @@ def takes(options: type) -> Callable[[Callable[..., None]], Callable[..., None]]
 
 
 def given(options: type, typed: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what was typed as values of the fields of `options`; None where a study decides."""
+    """Return values for the fields of `options` from the typed ones; None if a study decides."""
     return {name: p.given(typed[name]) for name, p in parameters_of(options).items()}

@@ -1,4 +1,4 @@
-"""`prefcal processor`: files for judging computation times on a computer of your choice."""
+"""`prefcal processor`: write files for evaluating computation times on another computer."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,10 +20,10 @@ MEASURE_EPILOG = """\
 [bold]Examples[/bold]
 
 [cyan]prefcal processor measure[/cyan]
-  Time the overtaking's controller on this machine; writes processor.json.
+  Time the overtaking controller on this machine; writes processor.json.
 
 [cyan]prefcal calibrate overtake --processor processor.json[/cyan]
-  A calibration in which the controller must run in real time on it.
+  A calibration in which the controller must run in real time on that machine.
 """
 CYCLES_EPILOG = """\
 [bold]Examples[/bold]
@@ -37,11 +37,11 @@ One row for each timed step, from three or more pairs of N_p and N_u:
 phase,N_p,N_u,iterations,cycles
 lane keeping,10,3,6,412000
 overtaking,16,5,9,1270000
-In place of N_u, ε_c (or eps_c) may be given.
+N_u can be replaced by ε_c (or eps_c).
 """
 
 _PAPER = "paper, preferences"
-"""The reference θ of overtaking that is timed."""
+"""The reference θ of the overtaking scenario that is timed."""
 
 _Name = Annotated[
     str | None,
@@ -59,11 +59,11 @@ def measure(
     name: _Name = None,
     out: _Out = Path("processor.json"),
 ) -> None:
-    """Time the overtaking's controller on this machine, and write its processor file.
+    """Time the overtaking controller on this machine, and write its processor file.
 
-    Close what else is running: only then do the times belong to the controller.
+    Close other programs first, so that the times are those of the controller alone.
     """
-    # Here, not above: --help must not wait for it.
+    # Imported here to keep --help fast.
     from rich.console import Console
     from rich.progress import track
 
@@ -71,7 +71,7 @@ def measure(
     from prefcal_scenarios.cases.overtake.measuring import timed_steps
 
     messages = Console(stderr=True)
-    overtake.run(overtake.references[_PAPER])  # compiles, so that nothing compiled is timed
+    overtake.run(overtake.references[_PAPER])  # compile first, to exclude it from the times
     steps = timed_steps(
         rounds, lambda thetas: track(list(thetas), "timing the controller", console=messages)
     )
@@ -87,17 +87,17 @@ def from_cycles(
     name: _Name = None,
     out: _Out = Path("processor.json"),
 ) -> None:
-    """Make the processor file of an embedded target from cycle counts."""
+    """Write the processor file of an embedded target from its cycle counts."""
     from prefcal_scenarios.cases.overtake.cycles import read_cycles
 
     _conclude(read_cycles(file, clock_mhz), name or out.stem, out)
 
 
 def _conclude(steps: "Sequence[TimedStep]", name: str, out: Path) -> None:
-    """Write the processor of `steps` to `out`, and print how it does.
+    """Write the processor of `steps` to `out`, and print how well it fits.
 
     Raises:
-        SettingsError: too few problem sizes, or `out` cannot be written.
+        SettingsError: If there are too few problem sizes, or `out` cannot be written.
     """
     from rich.console import Console
 
@@ -113,9 +113,9 @@ def _conclude(steps: "Sequence[TimedStep]", name: str, out: Path) -> None:
     verdict = "in real time" if worst <= theta[0] else "too slow"
     console = Console(highlight=False, soft_wrap=True)
     console.print(f"Processor {name!r} from {len(steps)} steps: {out}", markup=False)
-    console.print(f"90 % of the steps took {low:.2f} to {high:.2f} of the modelled time.")
+    console.print(f"90 % of the steps took {low:.2f} to {high:.2f} times the modeled time.")
     console.print(
-        f"The paper's θ takes {1e3 * worst:.3g} ms a step at worst, T_s is "
+        f"The paper's θ takes up to {1e3 * worst:.3g} ms a step, T_s is "
         f"{1e3 * theta[0]:.0f} ms: {verdict}."
     )
     console.print(f"Use it: prefcal calibrate overtake --processor {out}", markup=False)

@@ -1,4 +1,4 @@
-"""The report of a study, and its result for people (a table) and for programs (JSON)."""
+"""Write the report of a study, and print its result as a table or as JSON."""
 
 import json as json_
 from collections.abc import Mapping
@@ -34,13 +34,13 @@ from .options import Options
 
 @dataclass(frozen=True, slots=True)
 class Reporter:
-    """Writes and prints the result of a study, any number of times while it goes on.
+    """Writer of a study's report and result, which can be repeated while the study runs.
 
     Args:
-        interview: The agent and the study file.
-        opened: How the study was opened.
-        claim: The folder of the report.
-        messages: Where people read, standard error.
+        interview: Interview, which holds the agent and the study file.
+        opened: Opened study.
+        claim: Claim on the folder of the report.
+        messages: Console for messages, standard error.
     """
 
     interview: Interview
@@ -50,9 +50,9 @@ class Reporter:
 
     @property
     def reportable(self) -> bool:
-        """Whether there is anything to report: a completed experiment of a study that is kept.
+        """Return whether the study has a completed experiment and is kept, so can be reported.
 
-        Takes no lock: the handler of Ctrl-C asks, in the middle of anything.
+        Takes no lock, since the handler of Ctrl-C calls it at any point.
         """
         file = self.opened.file
         if not file.state.closed:
@@ -65,7 +65,7 @@ class Reporter:
         """Write the report of the study as it stands, if there is anything to report.
 
         Raises:
-            StudyError: it cannot be written, for example because the disk is full.
+            StudyError: If it cannot be written, for example because the disk is full.
         """
         options, scenario = self.opened.options, self.interview.scenario
         wanted = self.reportable
@@ -76,7 +76,7 @@ class Reporter:
         return record
 
     def _write(self, record: Record) -> None:
-        # Here, not above: plots take half a second to load, and a refused option must not wait.
+        # Imported here: plotting takes half a second, and invalid options must fail fast.
         from prefcal_scenarios.app.report.write import write_report
 
         scenario = self.interview.scenario
@@ -100,7 +100,7 @@ class Reporter:
             self.say("Nothing to report: no experiment was compared.")
         else:
             show(record, report, Console())
-            if not options.by_a_person:  # no program gives a person's answers again
+            if not options.by_a_person:  # no program can repeat a person's answers
                 Console().print(f"Repeat it: {options.command()}", soft_wrap=True, markup=False)
         if report is not None and record.stopped and not record.good_enough:
             self.say(
@@ -108,7 +108,7 @@ class Reporter:
             )
 
     def say(self, text: str) -> None:
-        """Print one line for people."""
+        """Print one line for the user."""
         self.messages.print(text, soft_wrap=True, highlight=False, markup=False)
 
 
@@ -117,11 +117,16 @@ def report_of(
 ) -> None:
     """Write the report of the study called `name`.
 
-    `source` and `cost` are the programs that the user trusts, None if none was named.
+    Args:
+        name: Name of the study.
+        source: Scenario program that the user trusts; None if not given.
+        cost: Cost program that the user trusts; None if not given.
+        out: Folder of the report; None for the default.
+        json: Whether to print the result as JSON.
 
     Raises:
-        StudyError: no such study, or its scenario has to be named.
-        SettingsError: its cost has to be named.
+        StudyError: If there is no such study, or its scenario must be given.
+        SettingsError: If its cost must be given.
     """
     with open_described(existing(name)) as file, ExitStack() as stack:
         stored = by_now(file.state)
@@ -134,7 +139,7 @@ def report_of(
         opened = Opened(file, Options.resumed(stored, given), name, resumed=True)
         if not file.state.closed:
             raise StudyError(f"study {name!r} has no completed experiment yet: nothing to report")
-        # A page may be open on it: one event from here, and its next answer would be refused.
+        # A page may have the study open: writing an event here would make its next answer fail.
         scenario = on_target(scenario, file.state.configuration)
         interview = Interview(scenario, file, ahead=False, asks=False)
         claim = claim_folder(opened, scenario.name)
@@ -148,7 +153,7 @@ def report_of(
 def record_of(
     interview: Interview, options: Options, references: Mapping[str, Experiment]
 ) -> Record:
-    """Return the study as it stands, for reports."""
+    """Return the record of the study as it stands, for reports."""
     now = interview.now()
     state = now.state
     agent = state.configuration["agent"]
@@ -176,20 +181,20 @@ def record_of(
 
 
 def _best_after_each(now: Now) -> tuple[int, ...]:
-    """Return the index of the best experiment after each closed query; the last is the best now."""
+    """Return the best experiment's index after each closed query; the last is the best now."""
     winners = incumbents(now.state)
     return winners if now.incumbent is None else (*winners[:-1], now.incumbent)
 
 
 def _waiting(interview: Interview, now: Now) -> dict[int, Experiment]:
-    """Return the experiments that ran and are compared with nothing yet, by index."""
+    """Return the completed experiments that have not been compared yet, by index."""
     state = now.state
     indices = sorted(index for index in state.finished if index >= len(state.closed))
     return {index: interview.experiment(index) for index in indices}
 
 
 def references(scenario: Scenario, seed: int, messages: Console) -> dict[str, Experiment]:
-    """Run the reference θ; one that fails is left out, for the study itself is done."""
+    """Run the reference θ; leave out those that fail, since the study itself is complete."""
     experiments: dict[str, Experiment] = {}
     run = scenario.run
     if isinstance(run, Rig):
@@ -200,14 +205,14 @@ def references(scenario: Scenario, seed: int, messages: Console) -> dict[str, Ex
     for name, theta in scenario.references.items():
         try:
             experiments[name] = scenario.run(theta, seed=seed)
-        except Exception as error:  # whatever a rig raises
+        except Exception as error:  # a rig can raise anything
             words = f"The reference {name!r} did not run: {error}"
             messages.print(words, soft_wrap=True, markup=False)
     return experiments
 
 
 def as_json(record: Record, options: Options, report: Path | None, study: str | None) -> str:
-    """Return one JSON object on several lines; strict: null if there is no number or report."""
+    """Return the result as strict, indented JSON, with null for missing numbers or no report."""
     best = record.best
     theta = None if best is None else record.scenario.space.named(best.experiment.theta)
     content = {
@@ -229,7 +234,7 @@ def as_json(record: Record, options: Options, report: Path | None, study: str | 
 
 
 def show(record: Record, report: Path, console: Console) -> None:
-    """Print the best θ next to the references, their KPIs, and where the report is."""
+    """Print the best θ next to the references, their KPIs, and the path of the report."""
     if record.best is not None:
         console.print(_table(record, record.best.experiment))
     if record.outlook is not None:

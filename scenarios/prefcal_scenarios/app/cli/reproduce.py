@@ -1,4 +1,4 @@
-"""`prefcal reproduce`: the paper's case studies, done again."""
+"""`prefcal reproduce`: repeat the paper's case studies."""
 
 import json as json_
 import shlex
@@ -33,7 +33,7 @@ its reason. The figures are beside it as PNG files.
 
 
 class What(StrEnum):
-    """What can be reproduced."""
+    """Results that can be reproduced."""
 
     PAPER = "paper"
 
@@ -41,11 +41,11 @@ class What(StrEnum):
 def reproduce(
     what: Annotated[What, typer.Argument(metavar="WHAT", help="paper: section IV of the paper.")],
     seeds: Annotated[
-        int, typer.Option(min=1, help="How many times each study is done, from seed 0 on.")
+        int, typer.Option(min=1, help="Number of runs of each study, with seeds 0, 1, ...")
     ] = 5,
     jobs: Annotated[
         int | None,
-        typer.Option(min=1, help="Processes side by side.", show_default="all cores"),
+        typer.Option(min=1, help="Number of parallel processes.", show_default="all cores"),
     ] = None,
     out: Annotated[
         Path, typer.Option(metavar="FOLDER", help="Folder of the page; may exist.")
@@ -54,23 +54,23 @@ def reproduce(
         bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on stdout.")
     ] = False,
 ) -> None:
-    """Do the paper's case studies again, and put its results beside ours in one page.
+    """Repeat the paper's case studies, and show its results and ours on one page.
 
     GLISp with the paper's settings calibrates the reactor and the car by preferences,
-    GLIS calibrates the reactor by its performance index. Nobody is asked: synthetic
-    calibrators take the place of the person.
+    and GLIS calibrates the reactor by its performance index. Synthetic calibrators
+    answer in place of a person.
     """
     raise typer.Exit(_run(seeds, jobs, out, json=json))
 
 
 def _run(seeds: int, jobs: int | None, out: Path, *, json: bool) -> int:
-    """Run all studies, write the page, say where it is; return the exit code.
+    """Run all studies, write the page, and print its path; return the exit code.
 
     Raises:
-        SettingsError: `out` is a file, or cannot be made or written to.
-        BenchmarkError: a study ended without a result.
+        SettingsError: If `out` is a file, or cannot be made or written to.
+        BenchmarkError: If a study ended without a result.
     """
-    # Here, not above: --help must not wait for it.
+    # Imported here to keep --help fast.
     from rich.console import Console
 
     from prefcal_scenarios.app.cli.benchmark.display import BenchDisplay
@@ -99,7 +99,7 @@ def _run(seeds: int, jobs: int | None, out: Path, *, json: bool) -> int:
 
 
 def _studies(seeds: int, jobs: int, display: "BenchDisplay") -> "Sequence[Study]":
-    """Run every study; return them by seed and case."""
+    """Run all studies; return them sorted by seed and case."""
     from prefcal_env.errors import BenchmarkError
     from prefcal_scenarios.app.reproduce import tasks
     from prefcal_scenarios.bench import Processes

@@ -1,9 +1,9 @@
-"""Runs of a user's own scenario in a process of their own: no such run can stop prefcal.
+"""Run a user's own scenario in a separate process, so that no run can stop prefcal.
 
-Why a fresh interpreter (spawned), neither a fork nor a fork server: prefcal has threads when a run
-fails and the process is started again (web server, experiments, compiled code), and a fork copies
-their locks in whatever state they are. The fresh one loads the user's file itself, so nothing in
-it has to be picklable: θ goes in, the bytes of an experiment come out.
+The process is a fresh (spawned) interpreter instead of a fork or a fork server: when it is
+restarted after a failed run, prefcal has threads (web server, experiments, compiled code), and a
+fork copies their locks in any state. The fresh interpreter loads the user's file itself, so nothing
+needs to be picklable: θ goes in, the bytes of an experiment come out.
 """
 
 from .run import IsolatedRun as IsolatedRun

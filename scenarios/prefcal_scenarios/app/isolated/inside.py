@@ -1,4 +1,4 @@
-"""The process of own code: loads the user's file, runs θ after θ, and ends with prefcal."""
+"""Load the user's file in its own process, run θ after θ, and end with prefcal."""
 
 import faulthandler
 import io
@@ -29,29 +29,29 @@ from prefcal_scenarios.scenario import Scenario, load, with_ranges
 from .messages import Kind, Message, receive, send
 
 _TIDYING = 1.0
-"""Seconds that the interpreter has to end in after prefcal is gone."""
+"""Seconds for the interpreter to end after prefcal ended."""
 _BEYOND = 30.0
-"""Seconds beyond the time limit after which the process ends itself, should prefcal be gone."""
+"""Seconds after the time limit when the process ends itself, in case prefcal is gone."""
 _LONGEST = 1e6
-"""Seconds of a time limit that the process can watch itself."""
+"""Longest time limit in seconds that the process can watch itself."""
 
 _Given = SimpleQueue[bytes | None]
 
 
 def main(source: str, limit: float) -> None:
-    """Run what comes in until the other end is closed.
+    """Run all requests until the other end closes the pipe.
 
     Args:
-        source: Of the scenario, path/to/own.py:NAME.
-        limit: Most seconds of a run.
+        source: Source of the scenario, path/to/own.py:NAME.
+        limit: Maximum number of seconds of a run.
     """
-    with suppress(KeyboardInterrupt):  # ended while nothing runs
+    with suppress(KeyboardInterrupt):  # stopped while nothing runs
         _serve(source, limit)
 
 
 def _serve(source: str, limit: float) -> None:
     given, out = _pipes()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is prefcal's matter
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # prefcal handles Ctrl-C
     signal.signal(signal.SIGTERM, _interrupt)
     _volunteer()
     sys.argv = [source.rpartition(":")[0]]
@@ -59,7 +59,7 @@ def _serve(source: str, limit: float) -> None:
     threading.Thread(target=_listen, args=(given, requests), daemon=True).start()
     scenario, problem = _loaded(source)
     os.dup2(2, 1)
-    if isinstance(sys.stdout, io.TextIOWrapper):  # own code may have put another one there
+    if isinstance(sys.stdout, io.TextIOWrapper):  # the user's code may have replaced it
         sys.stdout.reconfigure(line_buffering=True)
     _say(out, Kind.READY)
     while (request := requests.get()) is not None:
@@ -67,7 +67,7 @@ def _serve(source: str, limit: float) -> None:
             faulthandler.dump_traceback_later(limit + _BEYOND, exit=True)
         try:
             answer = problem if scenario is None else _attempted(scenario, json.loads(request))
-        except KeyboardInterrupt as error:  # stopped: the last words say where it was
+        except KeyboardInterrupt as error:  # stopped: report where the code was
             return _say(out, *_error(error))
         faulthandler.cancel_dump_traceback_later()
         _say(out, *answer)
@@ -75,9 +75,9 @@ def _serve(source: str, limit: float) -> None:
 
 
 def _pipes() -> tuple[BinaryIO, BinaryIO]:
-    """Where requests come in and answers go out; own code reads nothing and prints beside them.
+    """Return the pipes for requests and answers, which the user's code can neither read nor write.
 
-    What the file prints as it loads is printed by prefcal already, which loads it, too.
+    Output of the file while loading is dropped, since prefcal loads the file too and prints it.
     """
     given, out = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     nothing = os.open(os.devnull, os.O_RDWR)
@@ -88,18 +88,18 @@ def _pipes() -> tuple[BinaryIO, BinaryIO]:
 
 
 def _interrupt(number: int, frame: Any) -> None:
-    """Let `finally` and `with` of own code put its plant at rest."""
+    """Raise KeyboardInterrupt, so that `finally` and `with` of the user's code stop the plant."""
     raise KeyboardInterrupt
 
 
 def _volunteer() -> None:
-    """Where memory runs out, this process is to go rather than prefcal."""
+    """Ask the system to end this process rather than prefcal if memory runs out."""
     with suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text("1000")
 
 
 def _listen(given: BinaryIO, requests: _Given) -> None:
-    """Pass requests on, and end the process soon after prefcal is gone, whatever runs."""
+    """Pass on requests; end the process soon after prefcal is gone, whatever is running."""
     while (message := receive(given)) is not None:
         requests.put(message[1])
     requests.put(None)
@@ -108,7 +108,7 @@ def _listen(given: BinaryIO, requests: _Given) -> None:
 
 
 def _loaded(source: str) -> tuple[Scenario | None, Message]:
-    """The scenario; if its file does not load here, what every run is answered."""
+    """Return the scenario, or the error that answers every run if its file does not load."""
     try:
         return load(source), (Kind.READY, b"")
     except (Exception, SystemExit) as error:
@@ -116,12 +116,12 @@ def _loaded(source: str) -> tuple[Scenario | None, Message]:
 
 
 def _attempted(scenario: Scenario, request: dict[str, Any]) -> Message:
-    """Run θ: its experiment, or what the code raised."""
+    """Run θ and return its experiment, or the error that the code raised."""
     try:
         theta = np.array(request["theta"], dtype=float)
         result: object = _run_of(scenario, request["space"])(theta, seed=request["seed"])
         if not isinstance(result, Experiment):
-            check_experiment(scenario, theta, result)  # says so
+            check_experiment(scenario, theta, result)  # raises
         assert isinstance(result, Experiment)
         return Kind.EXPERIMENT, encode(result)
     except (Exception, SystemExit) as error:
@@ -129,7 +129,7 @@ def _attempted(scenario: Scenario, request: dict[str, Any]) -> Message:
 
 
 def _run_of(scenario: Scenario, space: dict[str, Any] | None) -> Callable[..., Any]:
-    """The run of the scenario, with the ranges that the study has by now."""
+    """Return the run of the scenario with the current ranges of the study."""
     if space is None:
         return scenario.run
     by_now = space_of(space)

@@ -1,4 +1,4 @@
-"""One life of the process of own code: started, spoken to, and ended with all that it started."""
+"""Start, use and end one process of the user's code, with everything that it started."""
 
 import json
 import os
@@ -13,9 +13,9 @@ from typing import final
 from .messages import Kind, Message, receive, send
 
 GRACE = 2.0
-"""Seconds in which own code can put its plant at rest (finally, with) before it is killed."""
+"""Seconds for the user's code to stop its plant (finally, with) before it is killed."""
 _LAST_WORDS = 0.2
-"""Seconds in which what an ended process has said is read."""
+"""Seconds for reading the last messages of an ended process."""
 _BOOT = (
     "import json, sys; told = json.loads(sys.argv[1]); sys.path[:] = told['path']; "
     "from prefcal_scenarios.app.isolated.inside import main; main(told['source'], told['limit'])"
@@ -24,16 +24,16 @@ _BOOT = (
 
 @final
 class Life:
-    """A process from its start to its end; `loaded` says that the user's file is.
+    """A process from its start to its end; `loaded` says whether the user's file is loaded.
 
     Args:
-        source: Of the scenario, path/to/own.py:NAME.
-        limit: Most seconds of a run.
+        source: Source of the scenario, path/to/own.py:NAME.
+        limit: Maximum number of seconds of a run.
     """
 
     def __init__(self, source: str, limit: float) -> None:
         told = json.dumps({"path": sys.path, "source": source, "limit": limit})
-        # A group of its own: Ctrl-C in the terminal is not for it, and its children go with it.
+        # In its own process group, it gets no Ctrl-C from the terminal and ends with its children.
         self._process = subprocess.Popen(
             [sys.executable, "-c", _BOOT, told],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=os.name == "posix",
@@ -45,22 +45,22 @@ class Life:
         self._thread.start()
 
     def ask(self, request: bytes) -> None:
-        """Have a θ run; the answer comes by `hear`."""
+        """Request a run of θ; `hear` returns the answer."""
         assert self._process.stdin is not None
         with suppress(OSError):  # it is gone: `hear` will say so
             send(self._process.stdin, Kind.RUN, request)
 
     def hear(self, seconds: float) -> Message | None:
-        """Return the next message; None after so many seconds, if `wake` was called, or `gone`."""
+        """Return the next message; None after a timeout, after `wake`, or if it is `gone`."""
         with suppress(Empty):
             return self._inbox.get(timeout=max(seconds, 0.0))
         return None
 
     @property
     def gone(self) -> bool:
-        """Whether the process has ended, and all that it said is heard.
+        """Return whether the process has ended and all of its messages were read.
 
-        Children of own code may hold its pipe open, so the pipe alone does not tell.
+        The pipe alone cannot tell, since children of the user's code may hold it open.
         """
         if not self._silent and self._process.poll() is not None:
             self._thread.join(_LAST_WORDS)
@@ -72,7 +72,7 @@ class Life:
         self._inbox.put(None)
 
     def ended(self) -> str:
-        """Wait until the process is gone, and say how it ended."""
+        """Wait for the process to end, and return how it ended."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(GRACE)
         code = self._process.poll()
@@ -85,7 +85,7 @@ class Life:
         return f"its process was ended by {name}{hint.get(name, '')}"
 
     def end(self) -> str:
-        """End the process, first kindly, and whatever it has started; the own line it was in."""
+        """End the process and its children, gently at first; return the user's line it was in."""
         try:
             self._process.terminate()
             self._process.wait(GRACE)
@@ -100,7 +100,7 @@ class Life:
         return ""
 
     def leave(self) -> None:
-        """End the process while nothing runs: own code may tidy up at its exit."""
+        """End the process while nothing runs; the user's code can clean up at exit."""
         assert self._process.stdin is not None
         try:
             with suppress(OSError):

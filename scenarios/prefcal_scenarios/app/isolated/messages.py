@@ -1,4 +1,4 @@
-"""Messages between prefcal and the process of own code: one letter, a length, and bytes."""
+"""Exchange messages with the process of the user's code: one letter, a length, and bytes."""
 
 import struct
 from enum import Enum
@@ -8,7 +8,7 @@ _HEAD = struct.Struct("<cQ")
 
 
 class Kind(Enum):
-    """What a message is about."""
+    """The kind of a message."""
 
     RUN = b"R"
     """To the process: θ, seed and space, as JSON."""
@@ -24,13 +24,13 @@ Message = tuple[Kind, bytes]
 
 
 def send(pipe: IO[bytes], kind: Kind, content: bytes = b"") -> None:
-    """Write one message. Raises OSError if nobody reads any more."""
+    """Write one message. Raises OSError if the reader is gone."""
     pipe.write(_HEAD.pack(kind.value, len(content)) + content)
     pipe.flush()
 
 
 def receive(pipe: IO[bytes]) -> Message | None:
-    """Read the next message; None if there is none, or half of one, because the writer is gone."""
+    """Read the next message; None if the writer is gone, even in the middle of a message."""
     head = pipe.read(_HEAD.size)
     if len(head) < _HEAD.size:
         return None

@@ -1,4 +1,4 @@
-"""The run of a scenario in the process of own code, in place of its own."""
+"""Move the run of a scenario into the process of the user's code."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,22 +18,22 @@ from .worker import DEFAULT_LIMIT, Worker
 
 @dataclass(frozen=True, slots=True)
 class IsolatedRun:
-    """Runs θ in the process of `worker`.
+    """A run of θ in the process of `worker`.
 
     Args:
-        worker: Where it runs.
-        space: Ranges of the study, where they were changed; None: those of the scenario.
+        worker: Worker that runs θ.
+        space: Ranges of the study, if they were changed; those of the scenario if None.
     """
 
     worker: Worker
     space: KnobSpace | None = None
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Run θ, physical, shape (n,). Raises RunError if that gives no experiment."""
+        """Run θ, physical, shape (n,). Raises RunError if there is no experiment."""
         return self.worker.run(theta, seed, self.space)
 
     def within(self, space: KnobSpace) -> "IsolatedRun":
-        """The same with the ranges of `space`."""
+        """Return the same run with the ranges of `space`."""
         return replace(self, space=space)
 
 
@@ -41,18 +41,18 @@ class IsolatedRun:
 def isolation(
     source: str, limit: float = DEFAULT_LIMIT, *, early: bool = True
 ) -> Iterator[Callable[[Scenario], Scenario]]:
-    """Give a function that moves the runs of a scenario into a process of their own.
+    """Yield a function that moves the runs of a scenario into a separate process.
 
-    The process starts `early`, to load the file while prefcal does, or when it is needed.
-    Built-in scenarios, which are known to end, and rigs, which a person runs, stay as they are.
+    Built-in scenarios, which always end, and rigs, which a person runs, are not moved.
 
     Args:
         source: Name of the scenario, or path/to/own.py:NAME.
-        limit: Most seconds of a run; infinite for no limit.
-        early: Whether the process starts at once.
+        limit: Maximum number of seconds of a run; infinite for no limit.
+        early: Whether the process starts at once, to load the file while prefcal does, or only
+            when needed.
 
     Raises:
-        SettingsError: a limit that is not above 0.
+        SettingsError: the limit is not above 0.
     """
     if not limit > 0:
         raise SettingsError(f"--run-timeout must be above 0 s, got {limit:g}")

@@ -1,4 +1,4 @@
-"""Runs θ in the process of own code: within a time limit, to be stopped, and after any crash."""
+"""Run θ in the process of the user's code, with a time limit, a stop, and recovery from crashes."""
 
 import json
 import threading
@@ -19,26 +19,26 @@ from .life import GRACE, Life
 from .messages import Kind, Message
 
 DEFAULT_LIMIT = 3600.0
-"""Seconds that a run may take: longer than most simulations, short enough to come back to."""
+"""Default time limit of a run in seconds, longer than most simulations."""
 _LOADING = 120.0
-"""Seconds that the user's file may take to load at least, however short its runs are."""
+"""Minimum time limit in seconds for loading the user's file, however short its runs are."""
 _LONG = 5.0
-"""Seconds after which a run that had to be ended may well never have returned."""
+"""Seconds after which a run that was ended counts as hanging."""
 _LOOK = 1.0
-"""Seconds after which a waiting thread looks whether the process is still there."""
+"""Seconds between checks whether the process still exists."""
 
 
 @final
 class Worker:
-    """Runs one θ at a time, from whichever thread; all other methods can be called meanwhile.
+    """A worker that runs one θ at a time, from any thread; other methods can be called meanwhile.
 
-    The process lives from run to run. If it crashed, or its run was ended, the next run gets a
-    fresh one. `hangs` says that the last run had to be ended, and that the next one may, too.
+    The process is kept between runs. After a crash or an ended run, the next run gets a fresh
+    process. `hangs` says that the last run had to be ended, so the next one may hang too.
 
     Args:
-        source: Of the scenario, path/to/own.py:NAME.
-        limit: Most seconds of a run.
-        clock: Seconds that never run backwards.
+        source: Source of the scenario, path/to/own.py:NAME.
+        limit: Maximum number of seconds of a run.
+        clock: Monotonic clock, in seconds.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Worker:
         self.hangs = False
 
     def start(self) -> None:
-        """Start the process, if there is none: it loads the user's file meanwhile."""
+        """Start the process if there is none, so that it loads the user's file meanwhile."""
         with self._lock:
             if self._life is None and not self._closed:
                 self._life = Life(self._source, self.limit)
@@ -67,12 +67,12 @@ class Worker:
             self._theta, self._why, self._due = _key(theta), "late", np.inf
 
     def busy_with(self, theta: Float[np.ndarray, " n"]) -> bool | None:
-        """Whether θ is what is run now; None if nothing is run."""
+        """Return whether θ is running now; None if nothing is running."""
         with self._lock:
             return None if self._theta is None else self._theta == _key(theta)
 
     def stop(self, why: str, within: float = 0.0) -> None:
-        """End what is run now, `within` so many seconds from now; its run raises RunError."""
+        """End the current run in `within` seconds; the run raises RunError."""
         with self._lock:
             self._stop(why, within)
 
@@ -84,10 +84,10 @@ class Worker:
                 self._life.wake()
 
     def run(self, theta: Float[np.ndarray, " n"], seed: int, space: KnobSpace | None) -> Experiment:
-        """Run θ, physical, shape (n,), in `space`, or in that of the scenario.
+        """Run θ, physical, shape (n,), in `space`, or in the scenario's space if None.
 
         Raises:
-            RunError: it gave no experiment; says why.
+            RunError: there is no experiment; the message says why.
         """
         with self._running:
             if not self.busy_with(theta):
@@ -117,7 +117,7 @@ class Worker:
                     self._theta = None
 
     def close(self) -> None:
-        """End the process; nothing runs any more."""
+        """End the process; nothing can run afterwards."""
         with self._lock:
             self._stop("given up", 0.0)
             self._closed, life, self._life = True, self._life, None
@@ -131,7 +131,7 @@ class Worker:
             life.kill()
 
     def _answer(self, life: Life) -> Experiment:
-        """Wait for it. The time limit counts from when the user's file is loaded."""
+        """Wait for the experiment. The time limit starts once the user's file is loaded."""
         self._limit(0.0 if life.loaded else _LOADING)
         while True:
             with self._lock:
@@ -164,7 +164,7 @@ class Worker:
         return f"the run was given up after {took}: nobody waited for it any more"
 
     def _renew(self) -> str:
-        """End the process, and have the next one ready; the own line that the old one was in."""
+        """End the process, start the next one, and return the user's line the old one was in."""
         with self._lock:
             life, self._life = self._life, None
         line = "" if life is None else life.end()

@@ -1,4 +1,4 @@
-"""The folder that a report goes to, and how a file gets into it."""
+"""Make the folder of a report and write files to it."""
 
 import os
 from pathlib import Path
@@ -7,10 +7,10 @@ from prefcal_env.errors import SettingsError
 
 
 def folder_for(path: str | Path) -> Path:
-    """Make the folder `path` with its parents, unless it is there, and return it.
+    """Return the folder `path`, created with its parents if necessary.
 
     Raises:
-        SettingsError: it is a file, or cannot be made or written to.
+        SettingsError: If it is a file, or cannot be created or written to.
     """
     folder = Path(path)
     try:
@@ -25,7 +25,7 @@ def folder_for(path: str | Path) -> Path:
 
 
 def put(path: Path, content: bytes) -> None:
-    """Write beside, then rename: an interruption never leaves half a file."""
+    """Write a file atomically: an interruption never leaves a partial file."""
     beside = path.with_name(f".{path.name}.part")
     beside.write_bytes(content)
     os.replace(beside, path)

@@ -1,6 +1,6 @@
-"""One look for every figure: colours for the colour-blind too, light grid, no chart junk.
+"""One look for all figures: colors that color-blind people can tell apart, and a light grid.
 
-Blue is the best, orange whatever it is held against, grey the first experiment.
+Blue marks the best experiment, orange what it is compared with, gray the first experiment.
 """
 
 from collections.abc import Iterator
@@ -17,12 +17,12 @@ BEST, OTHERS, FIRST = "#0a66c2", ("#d9610a", "#8a4fb0", "#7a6a10"), "#7f8893"
 INK, FAINT, GRID = "#1f2933", "#5d6874", "#e4e8ec"
 GOOD, LIMIT = "#12805c", "#b9463c"
 WIDTH, DPI = 8.4, 140
-"""Inches and dots an inch: about 1180 pixels, sharp at the width of a README."""
+"""Width in inches and resolution in dots per inch: about 1180 pixels, sharp in a README."""
 
 HEAT = LinearSegmentedColormap.from_list("heat", ["#7a2e04", "#d9610a", "#f0ab7a", "#e5d2c3"])
-"""From good (dark) to bad (pale): the good ones are what the eye should find."""
+"""Colors from good (dark) to bad (pale), so that good ones stand out."""
 VALLEY = LinearSegmentedColormap.from_list("valley", ["#2f77b8", "#a8c9e6", "#f2f5f8"])
-"""Learned cost, from low (blue like the best) to high (pale)."""
+"""Colors of the learned cost, from low (blue, like the best) to high (pale)."""
 
 _RC: Any = {
     "font.family": "DejaVu Sans",
@@ -58,13 +58,13 @@ _RC: Any = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Draw and save within this look; the caller's own settings come back afterwards."""
+    """Apply this style inside the block, and restore the caller's settings afterwards."""
     with rc_context(_RC):
         yield
 
 
 def canvas(height: float, width: float = WIDTH) -> Figure:
-    """An empty figure, `width` by `height` inches, drawn without any window system."""
+    """Return an empty figure, `width` by `height` inches, that needs no window system."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     figure.get_layout_engine().set(w_pad=0.06, h_pad=0.05)  # type: ignore[union-attr, call-arg]
@@ -79,7 +79,7 @@ def save(figure: Figure, target: IO[bytes]) -> None:
 
 
 def legend(figure: Figure, axes: Axes, columns: int = 6) -> None:
-    """One row of the labels of `axes` above the whole figure."""
+    """Draw a legend with the labels of `axes` above the whole figure."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(
         handles, labels, loc="outside upper left", ncols=columns, columnspacing=1.6,

@@ -1,4 +1,4 @@
-"""How numbers and names read, for terminals, HTML and plots alike."""
+"""Format numbers and names for terminals, HTML and plots."""
 
 import re
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ _SUBSCRIPTED = re.compile(r"([^\W_]+)_(\w+)")
 
 
 def number(value: float | None) -> str:
-    """Four significant digits with a typographic minus; a dash where there is no number."""
+    """Return a number with four significant digits and a typographic minus; a dash if missing."""
     if value is None or value != value:
         return "–"
     if not isfinite(value):
@@ -26,9 +26,9 @@ def number(value: float | None) -> str:
 
 
 def knob_number(knob: Knob, value: float) -> str:
-    """A knob's value to the digits that its resolution has, else to a thousandth of its range.
+    """Return a knob's value, rounded to its resolution or else to a thousandth of its range.
 
-    Two values that read the same are, for whoever turns the knob, the same.
+    Values that read the same are indistinguishable to the person who sets the knob.
     """
     if knob.integer:
         return number(float(value))
@@ -42,13 +42,13 @@ def knob_number(knob: Knob, value: float) -> str:
 
 
 def _decimals(step: float) -> int:
-    """Decimal places that tell neighbours apart, one more where `step` is written with that."""
+    """Return the decimal places that tell neighbors apart, and any more that `step` has."""
     least = ceil(-log10(step) - 1e-9)
     return next((k for k in (least, least + 1) if abs(round(step, k) - step) < 1e-9), least)
 
 
 def measured(kpi: KPI, experiment: Experiment) -> str:
-    """The value of a KPI; an infinite time is "never"."""
+    """Return the value of a KPI as text; an infinite time is "never"."""
     value = experiment.kpis.get(kpi.name)
     if value == inf and kpi.unit == experiment.channels.time_unit:
         return "never"
@@ -56,48 +56,48 @@ def measured(kpi: KPI, experiment: Experiment) -> str:
 
 
 INTERRUPTED = "unsafe: run interrupted"
-"""What is said of an experiment that counts as unsafe though nobody marked it."""
+"""Text for an experiment that counts as unsafe although nobody marked it."""
 
 
 def earlier_text(taken: Mapping[str, Any]) -> str:
-    """Return what a study has taken from an earlier one, as its configuration says."""
+    """Return what a study took from an earlier one, according to its configuration."""
     found = f"its best θ of {taken['experiments']} experiments"
     return f"{taken['study']} ({taken['scenario']}): {found}"
 
 
 def mark_text(mark: Mark, *, automatic: bool = False) -> str:
-    """Return a mark in the words of the tables, which name the challenger first."""
+    """Return a mark as in the tables, which name the challenger first."""
     words = mark.value.replace("challenger ", "first: ").replace("incumbent ", "second: ")
     return words.replace("unsafe", INTERRUPTED) if automatic else words
 
 
 def marks_text(answer: Answer) -> list[str]:
-    """The marks of an answer; of those that nobody gave, why they are there."""
+    """Return the marks of an answer, with the reason for automatic ones."""
     return [mark_text(mark, automatic=mark in answer.automatic) for mark in answer.marks]
 
 
 def quantity(value: float | None, unit: str) -> str:
-    """A number with its unit."""
+    """Return a number with its unit."""
     return with_unit(number(value), unit)
 
 
 def with_unit(text: str, unit: str) -> str:
-    """A number that is written already with its unit; words such as "never" have none."""
+    """Return a formatted number with its unit; words such as "never" have none."""
     return f"{text} {unit}" if unit not in ("", "-") and text[:1] in "-−+0123456789" else text
 
 
 def printable(text: object) -> str:
-    """`text` without what would steer a terminal: a study may come from somebody else."""
+    """Return `text` without control characters, since a study may come from somebody else."""
     return "".join(c if c.isprintable() else " " for c in str(text))
 
 
 def labelled(name: str, unit: str) -> str:
-    """A name with its unit, for plain text headings."""
+    """Return a name with its unit, for headings in plain text."""
     return f"{name} [{unit}]" if unit else name
 
 
 def theta_text(space: KnobSpace, theta: object) -> str:
-    """θ on one line: name, value and unit of each knob."""
+    """Return θ on one line: name, value and unit of each knob."""
     values = space.named(theta)  # type: ignore[arg-type]
     return " · ".join(
         f"{k.name} {with_unit(knob_number(k, values[k.name]), k.unit)}" for k in space
@@ -105,18 +105,18 @@ def theta_text(space: KnobSpace, theta: object) -> str:
 
 
 def mathtext(name: str) -> str:
-    """`name` for matplotlib, with what follows an underscore as a subscript."""
+    """Return `name` for matplotlib, with the part after an underscore as a subscript."""
     return _SUBSCRIPTED.sub(
         lambda m: f"${m[1]}_{{{m[2].replace('_', ' ')}}}$", name.replace("$", r"\$")
     )
 
 
 def with_subscripts(name: str) -> Markup:
-    """Return `name` for HTML, escaped, with what follows an underscore as a subscript."""
-    # As plain text: Markup would escape the tags that are put into it.
+    """Return `name` for HTML, escaped, with the part after an underscore as a subscript."""
+    # On plain text: Markup would escape the tags that are inserted.
     return Markup(_SUBSCRIPTED.sub(r"\1<sub>\2</sub>", str(escape(name))))
 
 
 def knob_axis(knob: Knob) -> str:
-    """Axis label of a knob in mathtext."""
+    """Return the axis label of a knob in mathtext."""
     return labelled(mathtext(knob.name), knob.unit)

@@ -1,4 +1,4 @@
-"""The comparisons as a CSV file: full precision, units in the headings, one row a question."""
+"""Write the comparisons as CSV: one row per question, full precision, units in the headings."""
 
 import csv
 import io
@@ -12,7 +12,7 @@ from .record import VERDICTS, Record
 
 
 def comparisons_as_csv(record: Record) -> str:
-    """The text of comparisons.csv."""
+    """Return the text of comparisons.csv."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(_headings(record))

@@ -1,4 +1,4 @@
-"""Figure: the KPIs of every experiment, those of the best so far, and what was answered."""
+"""Figure: KPIs of every experiment and of the best so far, and the answers."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,13 +14,13 @@ from prefcal_scenarios.scenario import KPI
 from .record import VERDICTS, Record
 
 _ROWS = 4
-"""KPIs that are drawn: the most important ones that differ."""
+"""Largest number of KPIs to draw: the most important ones that differ."""
 _INNER = (0.05, 0.9)
-"""Quantiles of the experiments that are on the scale in any case."""
+"""Quantiles of the experiments that are always within the scale."""
 
 
 def course(record: Record) -> Figure:
-    """A row for each KPI: a dot an experiment, the best so far as steps; the verdicts below."""
+    """Draw each KPI in a row, with a dot per experiment and steps for the best; answers below."""
     kpis = drawn_kpis(record)
     heights = [1.35] * len(kpis) + [1.05]
     figure = canvas(0.8 + sum(heights))
@@ -34,12 +34,12 @@ def course(record: Record) -> Figure:
 
 
 def drawn_kpis(record: Record) -> list[KPI]:
-    """The most important KPIs that are known and differ among the experiments."""
+    """Return the most important KPIs that are known and differ among the experiments."""
     return [kpi for kpi in record.kpis if len(_distinct(_values(record, kpi))) > 1][:_ROWS]
 
 
 def _values(record: Record, kpi: KPI) -> Float[np.ndarray, " N"]:
-    """Of all experiments; NaN where it is not known."""
+    """Return the KPI of all experiments; NaN where it is unknown."""
     known = [t.experiment.kpis.get(kpi.name, np.nan) for t in record.trials]
     return np.array(known, dtype=float)
 
@@ -85,7 +85,7 @@ def _off(
 def _scale(
     values: Float[np.ndarray, " N"], held: Float[np.ndarray, " H"], kpi: KPI
 ) -> tuple[float, float]:
-    """Ends of the axis: most experiments and all that were the best; far ones would flatten it."""
+    """Return axis limits that include most experiments and every best one, but no outliers."""
     finite = values[np.isfinite(values)]
     if not len(finite):
         return 0.0, 1.0
@@ -99,7 +99,7 @@ def _scale(
 
 
 def _verdicts(axes: Axes, record: Record) -> None:
-    """A mark for each answer, in the row of its verdict."""
+    """Draw a mark for each answer, in the row of its verdict."""
     rows = {verdict: -k for k, verdict in enumerate(VERDICTS)}
     asked = [c for c in record.asked if not c.query.further]
     for verdict, row in rows.items():

@@ -1,4 +1,4 @@
-"""The tuned controller as a file, `best.json`, and the way back from it to a controller."""
+"""Export the tuned controller to a file, `best.json`, and rebuild the controller from it."""
 
 import json
 import platform
@@ -19,18 +19,18 @@ from prefcal_scenarios.scenario import Scenario, load, with_ranges
 from .record import Record
 
 FORMAT = 1
-"""Of best.json; raised when an older prefcal could not read a newer file."""
+"""Format of best.json; raised when older versions of prefcal could not read a newer file."""
 
 REBUILD = """\
 from prefcal_scenarios import load_controller
 controller = load_controller("best.json")
 # at every sampling instant: u = controller.move(measurement).u
 """
-"""What a user writes to have the tuned controller back."""
+"""Code with which a user rebuilds the tuned controller."""
 
 
 def versions() -> dict[str, str]:
-    """Versions of whatever decides about a result."""
+    """Return the versions of the packages that affect results."""
     found = {"python": platform.python_version()}
     for package in ("prefcal", "numpy", "scipy", "piqp", "numba"):
         try:
@@ -41,7 +41,7 @@ def versions() -> dict[str, str]:
 
 
 def best_as_json(record: Record) -> str:
-    """The text of best.json: θ by name, the controller's settings, and where they come from."""
+    """Return the text of best.json: θ by knob name, the controller's settings, and their origin."""
     best, scenario = record.best, record.scenario
     if best is None:
         raise ScenarioError("there is no best θ to export before the first experiment")
@@ -70,13 +70,13 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
     """Rebuild the controller that `best.json` at `path` describes.
 
     Args:
-        path: The file.
-        check: Refuse if the scenario of today would set the controller up differently from
-            what the file says, as a newer version or an edited file may.
+        path: Path of the file.
+        check: Whether to raise an error if the current scenario would set up the controller
+            differently from the file, for example after an update or an edit.
 
     Raises:
-        ScenarioError: no such file, not a best.json, an unknown scenario or one without a
-            controller, θ that does not fit it, or other settings than in the file.
+        ScenarioError: If the file does not exist or is not a best.json, the scenario is unknown
+            or has no controller, θ does not fit it, or the settings differ from the file's.
     """
     content = _read(Path(path))
     scenario = _scenario(content["scenario"], Path(path).parent)
@@ -99,14 +99,14 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
 
 
 def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:
-    """`space`, as wide as the study that found θ had made it."""
+    """Return `space` with the ranges of the study that found θ, if they were wider."""
     parts = [(knob, *ranges.get(knob.name, (knob.low, knob.high))) for knob in space]
     knobs = [replace(k, low=min(k.low, low), high=max(k.high, high)) for k, low, high in parts]
     return KnobSpace(knobs, space.constraints)
 
 
 def jsonable(value: Any) -> Any:
-    """`value` in strict JSON: lists for arrays and tuples, null for what is no number."""
+    """Return `value` as strict JSON: lists for arrays and tuples, null for non-finite numbers."""
     if isinstance(value, Mapping):
         return {str(k): jsonable(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
@@ -131,7 +131,7 @@ def _read(path: Path) -> dict[str, Any]:
         content if isinstance(content, dict) else ()
     )
     if missing:
-        raise ScenarioError(f"{str(path)!r} is no best.json: it lacks {sorted(missing)}")
+        raise ScenarioError(f"{str(path)!r} is not a best.json: it lacks {sorted(missing)}")
     if content["format"] != FORMAT:
         raise ScenarioError(
             f"{str(path)!r} has format {content['format']}, this prefcal reads {FORMAT}"
@@ -140,9 +140,9 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _scenario(source: str, folder: Path) -> Scenario:
-    """Load by name; a file is looked for from here, then from the folder of best.json upwards.
+    """Load a scenario by name; look for a file in the working directory and above best.json.
 
-    The folder of a report usually lies below the one that the study was started in.
+    The folder of a report is usually below the folder in which the study was started.
     """
     path, _, attribute = source.rpartition(":")
     if path.endswith(".py") and not Path(path).is_file():

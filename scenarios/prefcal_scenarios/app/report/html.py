@@ -1,4 +1,4 @@
-"""Write report.html: one file that holds everything and asks the network for nothing."""
+"""Write report.html, a single self-contained file."""
 
 from base64 import b64encode
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from .tables import comparison_headings, comparison_rows, result_columns, result
 
 @cache
 def environment() -> Environment:
-    """Return the templates of this package: every value is escaped unless it is `Markup`."""
+    """Return the template environment of this package, which escapes all values but `Markup`."""
     made = Environment(
         loader=PackageLoader("prefcal_scenarios", "."),
         autoescape=True,
@@ -44,12 +44,12 @@ def page(record: Record, drawn: Sequence[Drawn]) -> str:
 
 
 def data_uri(content: bytes, file: str) -> str:
-    """Return an image as an address that holds it; `file` names its kind (.png, .gif)."""
+    """Return a data URI with the image `content`; the suffix of `file` (.png, .gif) is its type."""
     return f"data:image/{file.rpartition('.')[2]};base64,{b64encode(content).decode('ascii')}"
 
 
 def _view(record: Record) -> dict[str, Any]:
-    """Return what the template shows besides the record itself."""
+    """Return the values that the template needs besides the record itself."""
     view: dict[str, Any] = {"lead": _lead(record)}
     view["who"] = "You seem" if record.by_a_person else "The calibrator seems"
     view["comparison_headings"] = comparison_headings(record)
@@ -67,11 +67,11 @@ def _view(record: Record) -> dict[str, Any]:
 def _lead(record: Record) -> str:
     tried = f"{len(record.trials)} experiments"
     if record.scored:
-        return f"Calibrated by its score, nobody was asked: {tried}"
+        return f"Calibrated by its score, without comparisons: {tried}"
     verdicts = ", ".join(f"{words} {n}" for words, n in record.verdict_counts().items())
     return f"Calibrated by preferences: {tried}, {record.questions} comparisons ({verdicts})"
 
 
 def _listed(value: object) -> str:
-    """Return a value as text, a list without its brackets."""
+    """Return a value as text, with a list's items separated by commas."""
     return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)

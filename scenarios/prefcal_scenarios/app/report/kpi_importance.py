@@ -1,4 +1,4 @@
-"""What somebody seems to care about, in words and bars: for the page, terminal and report."""
+"""Describe which KPIs seem to matter to a person, for the page, the terminal and the report."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ _SHOWN = 6
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """One line of a chart whose axis runs from 0 to 100 %.
+    """A bar of a chart whose axis runs from 0 to 100 %.
 
     Args:
-        title: Of a KPI.
-        share: Of the answers that this KPI alone would have given, 0 to 1; ½ is a coin.
+        title: Title of a KPI.
+        share: Share of the answers that this KPI alone would have given, 0 to 1; ½ is chance.
     """
 
     title: str
@@ -25,19 +25,19 @@ class Bar:
 
     @property
     def text(self) -> str:
-        """The share as people read it."""
+        """Return the share as a percentage."""
         return f"{100 * self.share:.0f} %"
 
 
 @dataclass(frozen=True, slots=True)
 class Minded:
-    """What the answers say of the KPIs, for people.
+    """What the answers say about the KPIs, for people.
 
     Args:
-        named: Titles of the KPIs that stand out by evidence; see `Importance`.
-        bars: How far single KPIs agree with the answers, the best first.
-        explained: Whether a weighted sum of the KPIs predicts answers better than a coin.
-        predicted: Answers that it predicted without having learned from them.
+        named: Titles of the KPIs that clearly stand out; see `Importance`.
+        bars: Agreement of single KPIs with the answers, the best first.
+        explained: Whether a weighted sum of the KPIs predicts answers better than chance.
+        predicted: Number of answers that it predicted without having learned from them.
         answers: Number of answers that prefer one side.
     """
 
@@ -51,7 +51,7 @@ class Minded:
     def of(
         cls, index: LearnedCost | None, importance: Importance | None, scenario: Scenario
     ) -> "Minded | None":
-        """In the words of `scenario`; None where the answers say nothing of KPIs."""
+        """Return it with the titles of `scenario`; None if the answers say nothing about KPIs."""
         if index is None or importance is None:
             return None
         known = titles(scenario)
@@ -62,12 +62,12 @@ class Minded:
                 for name, share in list(importance.agreement.items())[:_SHOWN]
             ),
             explained=index.explains,
-            predicted=index.foretold,
+            predicted=index.predicted,
             answers=index.answers,
         )
 
     def sentence(self, who: str = "You seem") -> str:
-        """What it comes to."""
+        """Return the main finding as a sentence."""
         if self.named:
             *most, last = self.named
             listed = " and ".join([", ".join(most), last] if most else [last])
@@ -80,7 +80,7 @@ class Minded:
 
     @property
     def caption(self) -> str:
-        """What the bars show."""
+        """Return the caption of the bars."""
         return (
             f"Share of the {self.answers} answers that each KPI alone would have given. "
             "50 % is chance."
@@ -88,14 +88,14 @@ class Minded:
 
     @property
     def trust(self) -> str:
-        """How far a weighted sum of the KPIs can be trusted."""
+        """Return how reliable a weighted sum of the KPIs is."""
         right = f"{self.predicted} of {self.answers} answers that it had not learned from"
         if self.explained:
             return f"A weighted sum of the KPIs predicted {right}."
         return f"A weighted sum of the KPIs predicted {right}: not clearly better than a coin."
 
     def drawn(self, width: int) -> Iterator[tuple[str, Bar]]:
-        """Each bar in characters on an axis of `width` characters, for a terminal."""
+        """Yield each bar as text of at most `width` characters, for a terminal."""
         for bar in self.bars:
             full = round(width * bar.share)
             yield "█" * full + "·" * (width - full), bar

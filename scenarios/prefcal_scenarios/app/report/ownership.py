@@ -1,4 +1,4 @@
-"""One folder per study: a report never replaces another study's."""
+"""Reserve a folder for each study, so that a report never replaces another study's."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -9,18 +9,18 @@ from prefcal_env.errors import SettingsError
 from prefcal_scenarios.app.presentation.folder import folder_for
 
 MARKER = "study.json"
-"""The file in a report's folder that names the study."""
+"""Name of the file in a report's folder that identifies the study."""
 _REPORT = ("report.html", "best.json", "comparisons.csv")
 
 
 @dataclass(frozen=True, slots=True)
 class Owner:
-    """The study that a report is of.
+    """Study that a report belongs to.
 
     Args:
-        identity: Equal for the same study only.
+        identity: Text that is equal only for the same study.
         study: Name of the study; None if it is not kept in a file.
-        scenario: What it calibrates, as on the command line.
+        scenario: Scenario of the study, as on the command line.
     """
 
     identity: str
@@ -30,13 +30,13 @@ class Owner:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """The folder that belongs to a study from now on.
+    """Folder that is reserved for a study.
 
     Args:
-        folder: Of the report.
-        owner: The study.
-        marked: Whether this run has marked it; otherwise an earlier one had.
-        made: Whether this run has made it.
+        folder: Folder of the report.
+        owner: Study that owns it.
+        marked: Whether this run wrote the marker file, rather than an earlier one.
+        made: Whether this run created the folder.
     """
 
     folder: Path
@@ -45,11 +45,11 @@ class Claim:
     made: bool
 
     def renew(self) -> None:
-        """Mark the folder again, in case another run of this study has given it up."""
+        """Write the marker again, in case another run of this study removed it."""
         _claim(self.folder, self.owner)
 
     def release(self) -> None:
-        """Leave no trace of a folder that got no report."""
+        """Remove the marker and the folder if they are new, since there is no report."""
         if not self.marked or (self.folder / "report.html").exists():
             return
         try:
@@ -57,28 +57,28 @@ class Claim:
             if self.made:
                 self.folder.rmdir()
         except OSError:
-            pass  # somebody has put files there: they stay
+            pass  # keep a folder to which other files were added
 
 
 def claim_given(path: Path, owner: Owner) -> Claim:
     """Claim the folder that the user named; it may exist.
 
     Raises:
-        SettingsError: it is no folder, cannot be written to, or holds another report.
+        SettingsError: If it is not a folder, cannot be written to, or holds another report.
     """
     claim = _claim(path, owner)
     if claim is None:
         raise SettingsError(
-            f"--out {path} holds {_holder(path)}: take another folder, or remove that one"
+            f"--out {path} holds {_holder(path)}: choose another folder, or remove that one"
         )
     return claim
 
 
 def claim_default(base: Path, owner: Owner) -> Claim:
-    """Claim `base`, or else base-2, base-3 ...: the first one that is free or the study's own.
+    """Claim the first of `base`, base-2, base-3, ... that is free or belongs to the study.
 
     Raises:
-        SettingsError: none can be made or written to.
+        SettingsError: If none can be created or written to.
     """
     for number in count(1):
         path = base if number == 1 else base.with_name(f"{base.name}-{number}")
@@ -91,14 +91,14 @@ def claim_default(base: Path, owner: Owner) -> Claim:
 
 
 def _claim(path: Path, owner: Owner) -> Claim | None:
-    """The claim; None if the folder is another's."""
+    """Return the claim; None if the folder belongs to another study."""
     there = path.is_dir()
     folder = folder_for(path)
     marker = folder / MARKER
     if not marker.exists() and any((folder / name).exists() for name in _REPORT):
         return None
     try:
-        # Created or refused by the system: of two studies that come at once, one gets it.
+        # Exclusive creation: of two studies that try at the same time, one succeeds.
         with marker.open("x", encoding="utf-8") as file:
             json.dump(asdict(owner), file, indent=2, ensure_ascii=False)
             file.write("\n")
@@ -120,7 +120,7 @@ def _holder(folder: Path) -> str:
 
 
 def _read(marker: Path) -> dict[str, object]:
-    """What a marker says; nothing if it cannot be read."""
+    """Return the content of a marker; empty if it cannot be read."""
     try:
         content = json.loads(marker.read_text("utf-8"))
     except (OSError, ValueError):

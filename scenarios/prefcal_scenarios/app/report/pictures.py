@@ -1,4 +1,4 @@
-"""Which figures a report has, their names, and how they read to those who cannot see."""
+"""The figures of a report: their names, captions, and texts for people who cannot see them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,12 +24,12 @@ class Picture:
     Args:
         file: Name of its file, .png or .gif.
         title: Heading.
-        caption: What it shows, in a sentence or two.
-        alt: What it says, for those who cannot see it; made from the study.
-        draw: Makes it: a figure, or what is in the file.
-        applies: Whether the study has what it needs; drawn anyway where not stated.
-        markup: HTML that stands for the picture in report.html, trusted as it is: it must need
-            nothing from elsewhere. None: the picture itself.
+        caption: Description in a sentence or two.
+        alt: Function of the record that returns a text for people who cannot see the figure.
+        draw: Function of the record that returns a figure, or the content of the file.
+        applies: Function that tells whether the study has the necessary data; by default, always.
+        markup: Function that returns HTML to show in report.html in place of the picture. It is
+            trusted and must be self-contained. None to show the picture itself.
     """
 
     file: str
@@ -43,7 +43,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """A picture, what is in its file, and the HTML that stands for it, if not itself."""
+    """A picture, the content of its file, and HTML to show in its place, if any."""
 
     picture: Picture
     alt: str
@@ -52,7 +52,7 @@ class Drawn:
 
 
 def draw(record: Record, extra: Sequence[Picture] = ()) -> list[Drawn]:
-    """Draw every picture that applies, first those that a scenario brings in `extra`."""
+    """Draw every picture that applies, starting with the scenario's own ones in `extra`."""
     if record.best is None:
         return []
     drawn = []
@@ -74,7 +74,7 @@ def _content(made: Figure | bytes) -> bytes:
 
 
 def automated(record: Record) -> str | None:
-    """Name of the reference that stands for fully automated calibration, if there is one."""
+    """Return the name of the reference for fully automated calibration, if there is one."""
     named = [name for name in record.references if "automat" in name.lower()]
     return named[0] if named else next(iter([*record.references][::-1]), None)
 
@@ -160,8 +160,8 @@ PICTURES: tuple[Picture, ...] = (
     Picture(
         "course.png",
         "How it went",
-        "KPIs of each experiment and of the best so far, in the order tried, and what was "
-        "answered. Green: the objectives.",
+        "KPIs of each experiment and of the best so far, in the order tried, and the "
+        "answers. Green: the objectives.",
         _course_alt,
         course,
         lambda record: not record.shows_cost and bool(record.asked),
@@ -177,7 +177,7 @@ PICTURES: tuple[Picture, ...] = (
         "surrogate.png",
         "What was learned",
         "The cost that the agent has learned, cut through the best θ: from the verdicts alone, "
-        "unless it was told the score. Only its order has a meaning, its unit has none.",
+        "unless it was told the score. It has no unit: only its order has a meaning.",
         _slices_alt,
         slices,
         lambda record: record.surrogate is not None,
@@ -185,15 +185,15 @@ PICTURES: tuple[Picture, ...] = (
     Picture(
         "final_performance.png",
         "By preferences and fully automated",
-        "What preferences have reached, beside what the minimisation of a written-down "
-        "index reaches.",
+        "The result of calibration by preferences, beside the result of minimizing a "
+        "predefined index.",
         _pair_alt,
         _side_by_side,
         lambda record: (
             bool(record.scenario.panels)
-            and record.scenario.cost is not None  # else nothing can be automated
+            and record.scenario.cost is not None  # otherwise nothing can be automated
             and automated(record) is not None
-            and not record.scored  # both sides would be automated
+            and not record.scored  # otherwise both sides would be automated
         ),
     ),
 )

@@ -12,7 +12,7 @@ from .record import Record
 
 
 def best_so_far(record: Record) -> Figure:
-    """Cost against experiments: a dot each, the incumbent's as steps, references as lines."""
+    """Draw the cost of experiments as dots, the best so far as steps, and references as lines."""
     numbers = np.array([t.number for t in record.trials])
     costs = np.array([np.nan if t.cost is None else t.cost for t in record.trials])
     answered = np.array([c.query.challenger.index + 1 for c in record.comparisons])
@@ -58,14 +58,15 @@ def _dots(
 
 
 def _ceiling(record: Record, held: Float[np.ndarray, " N"]) -> float:
-    """Upper end of the axis: where the search was half through its initial samples.
+    """Return the upper end of the axis, based on the second half of the initial samples.
 
-    Costs before and elsewhere may be a hundred times the best one, and would flatten the rest.
+    Costs of earlier and other experiments can be a hundred times the best one and would flatten
+    the plot.
     """
     settled = held[min(record.n_init // 2, len(held) - 1) :]
     shown = np.array([*record.reference_costs.values(), *settled])
     shown = shown[np.isfinite(shown)]
-    if not len(shown):  # every cost is infinite
+    if not len(shown):  # if every cost is infinite
         return 1.0
     low, high = shown.min(), shown.max()
     return float(high + 0.08 * (high - low if high > low else 1.0))

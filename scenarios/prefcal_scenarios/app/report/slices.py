@@ -15,11 +15,11 @@ from prefcal_scenarios.app.presentation.wording import knob_axis
 from .record import Record, Surrogate, above
 
 _LINE, _PLANE = 121, 41
-"""Points a slice, and along each side of a plane."""
+"""Number of points of a slice, and along each side of a plane."""
 
 
 def slices(record: Record) -> Figure:
-    """Every knob's slice on the diagonal, every pair's plane below it, the samples on both."""
+    """Draw each knob's slice on the diagonal, each pair's plane below, and the samples on both."""
     assert record.surrogate is not None
     space = record.scenario.space
     n = len(space)
@@ -107,7 +107,7 @@ def _plane(axes: Axes, record: Record, pair: tuple[int, int], learned: "_Learned
 def _moved(
     best: Float[np.ndarray, " n"], i: int, values: Float[np.ndarray, " c"]
 ) -> Float[np.ndarray, "c n"]:
-    """The best θ with knob `i` at each of `values`."""
+    """Return the best θ with knob `i` set to each of `values`."""
     points = np.repeat(best[None, :], len(values), axis=0)
     points[:, i] = values
     return points
@@ -119,7 +119,7 @@ def _plane_points(
     across: Float[np.ndarray, " a"],
     up: Float[np.ndarray, " b"],
 ) -> Float[np.ndarray, "m n"]:
-    """The best θ with two knobs at each pair of values, row by row upwards."""
+    """Return the best θ with two knobs set to each pair of values, row by row upwards."""
     first, second = (grid.ravel() for grid in np.meshgrid(across, up))
     points = _moved(best, pair[0], first)
     points[:, pair[1]] = second
@@ -128,9 +128,9 @@ def _plane_points(
 
 @dataclass(frozen=True, slots=True)
 class _Learned:
-    """The learned cost as it is drawn: the square root of how far it lies above the lowest shown.
+    """Learned cost as it is drawn: the square root of the difference to the lowest value shown.
 
-    Only the order has a meaning, and the good end is what matters.
+    Only the order of learned costs has a meaning, and the square root emphasizes low ones.
     """
 
     surrogate: Surrogate
@@ -138,7 +138,7 @@ class _Learned:
 
     @classmethod
     def of(cls, record: Record) -> "_Learned":
-        """With the lowest value of all samples, slices and planes."""
+        """Return the learned cost, offset by its lowest value in all samples, slices and planes."""
         assert record.surrogate is not None
         space, best = record.scenario.space, _best(record)
         n = len(space)
@@ -152,12 +152,12 @@ class _Learned:
         return cls(record.surrogate, float(record.surrogate(np.vstack(points)).min()))
 
     def __call__(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """At physical θ, 0 or more."""
+        """Return the drawn cost of physical θ, 0 or more."""
         return above(self.surrogate(thetas), self.lowest)
 
 
 def _along(space: KnobSpace, i: int, count: int) -> Float[np.ndarray, " c"]:
-    """Physical values of knob `i` over its range, each once (integers repeat else)."""
+    """Return values of knob `i` over its range, physical and without repeated integers."""
     knob = space.knobs[i]
     return np.unique([knob.decode(z) for z in np.linspace(0, 1, count)])
 

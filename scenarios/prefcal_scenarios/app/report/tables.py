@@ -1,4 +1,4 @@
-"""Rows and headings of the report's tables, as the templates show them."""
+"""Rows and headings of the report's tables, prepared for the templates."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,16 +13,16 @@ from prefcal_scenarios.scenario import KPI
 from .record import Record, verdict_text
 
 _MOST = 3
-"""Number of KPIs of one side of a comparison that are shown on the page."""
+"""Number of KPIs that the page shows for each side of a comparison."""
 
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A cell of a table.
+    """Cell of a table.
 
     Args:
-        text: What it says.
-        met: Whether it meets its objective; None where there is none.
+        text: Text of the cell.
+        met: Whether the value meets its objective; None if there is none.
     """
 
     text: str
@@ -31,13 +31,13 @@ class Value:
 
 @dataclass(frozen=True, slots=True)
 class ResultRow:
-    """A row of the result table: a knob, a KPI, the cost or the end.
+    """Row of the result table: a knob, a KPI, the cost, or how the run ended.
 
     Args:
         name: Heading of the row.
-        unit: Unit of its values; empty for none.
-        aim: Objective in words; empty for none.
-        values: One for each of `result_columns`.
+        values: Values, one for each of `result_columns`.
+        unit: Unit of the values; empty for none.
+        aim: Objective as text; empty for none.
     """
 
     name: str
@@ -48,7 +48,7 @@ class ResultRow:
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """One side of a comparison: number of the experiment, from 1, and its values."""
+    """One side of a comparison: the experiment's number, starting at 1, and its values."""
 
     number: int
     preferred: bool
@@ -57,7 +57,7 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonRow:
-    """A question and its answer; the newer experiment is the first of `sides`."""
+    """A question with its answer; the newer experiment is the first of `sides`."""
 
     number: int
     verdict: str
@@ -90,13 +90,13 @@ def result_rows(record: Record) -> Iterator[ResultRow]:
 
 
 def objective(kpi: KPI) -> str:
-    """Return the objective of a KPI in words, empty where none is stated."""
+    """Return the objective of a KPI as text; empty if there is none."""
     limits = (("≥", kpi.at_least), ("≤", kpi.at_most))
     return " and ".join(f"{sign} {number(limit)}" for sign, limit in limits if not isinf(limit))
 
 
 def comparison_headings(record: Record) -> list[tuple[str, str]]:
-    """Return name and unit of each value that one side of a comparison shows."""
+    """Return the name and unit of each value that a comparison shows for one side."""
     knobs = [(k.name, k.unit) for k in record.scenario.space]
     return knobs + [(k.title, k.unit) for k in _columns(record)]
 
@@ -110,7 +110,7 @@ def comparison_rows(record: Record) -> Iterator[ComparisonRow]:
 
 
 def _columns(record: Record) -> tuple[KPI, ...]:
-    """Return the KPIs that a comparison has room for: the most important ones."""
+    """Return the most important KPIs, as many as fit into the table of comparisons."""
     return record.kpis[:_MOST]
 
 

@@ -31,7 +31,7 @@ _DASHES: tuple[Any, ...] = ((0, (5, 1.6)), (0, (1.5, 1.2)), "-")
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One run to draw."""
+    """A run to draw."""
 
     experiment: Experiment
     label: str
@@ -42,14 +42,14 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """One panel, or the neighbourhood of its target."""
+    """A panel, or a zoom on the range around its target."""
 
     panel: Plot
     zoomed: bool = False
 
 
 def curves_of(record: Record) -> list[Curve]:
-    """First, references' and best; without a run that left no record, so there may be none."""
+    """Return the first run, the references and the best run, except runs without a record."""
     assert record.best is not None
     first, best = record.trials[0], record.best
     curves = [Curve(first.experiment, f"first (experiment {first.number})", FIRST, 1.4)]
@@ -61,7 +61,7 @@ def curves_of(record: Record) -> list[Curve]:
 
 
 def best_against(record: Record) -> Figure:
-    """The best trajectory against the first and the references'; one panel above another."""
+    """Draw the best trajectory with the first one and the references, a panel per signal."""
     curves = curves_of(record)
     panels = panels_of(record.scenario, *(c.experiment for c in curves))
     rows = list(_rows(panels, curves))
@@ -75,7 +75,7 @@ def best_against(record: Record) -> Figure:
 
 
 def side_by_side(record: Record, other: str) -> Figure:
-    """The best trajectory to the left, the reference `other` to the right, on equal axes."""
+    """Draw the best trajectory on the left and the reference `other` on the right."""
     assert record.best is not None
     best, rival = record.best.experiment, record.references[other]
     rows = [_Row(panel) for panel in panels_of(record.scenario, best, rival)]
@@ -92,10 +92,10 @@ def figure(
     """Draw two experiments side by side on equal axes.
 
     Args:
-        scenario: Of both.
-        left: One experiment.
-        right: The other.
-        labels: What the two are called, left and right.
+        scenario: Scenario of both experiments.
+        left: Left experiment.
+        right: Right experiment.
+        labels: Labels of the left and the right experiment.
     """
     rows = [_Row(panel) for panel in panels_of(scenario, left, right)]
     pair = (Curve(left, labels[0], BEST, 1.9), Curve(right, labels[1], OTHERS[0], 1.9))
@@ -104,11 +104,11 @@ def figure(
 
 
 def alone(scenario: Scenario, experiment: Experiment) -> Figure:
-    """One experiment, one panel above another, and where its target's band is narrow, a zoom.
+    """Draw one experiment, a panel per signal, with a zoom on targets that have a narrow band.
 
     Args:
-        scenario: Its scenario.
-        experiment: A run that left a record.
+        scenario: Scenario of the experiment.
+        experiment: Experiment that left a record.
     """
     with style():
         curve = Curve(experiment, "this run", BEST, 1.9)
@@ -142,7 +142,7 @@ def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
 
 
 def _rows(panels: Sequence[Plot], curves: Sequence[Curve]) -> Iterator[_Row]:
-    """Every panel, and a zoomed one after it where the accepted band would be a mere line."""
+    """Yield every panel, followed by a zoom if its accepted band would look like a line."""
     for panel in panels:
         yield _Row(panel)
         values = [panel.values(c.experiment) for c in curves]
@@ -174,7 +174,7 @@ def _draw(axes: Axes, panel: Plot, curve: Curve) -> None:
         t, values, label=curve.label, color=curve.color, linewidth=curve.width,
         linestyle=curve.dashes, drawstyle="steps-post" if panel.held else "default",
     )  # fmt: skip
-    # Runs end at different times: a cross says it was stopped, a dot that it came to its end.
+    # Runs end at different times: a dot marks a completed run, a cross a stopped one.
     marker = "X" if curve.experiment.end.interrupted else "o"
     axes.plot(t[-1], values[-1], marker, color=curve.color, markersize=5, markeredgewidth=0)
 
@@ -191,7 +191,7 @@ def _limits(axes: Axes, channel: Channel) -> None:
 
 
 def panel_title(channel: Channel, *, zoomed: bool = False) -> str:
-    """What is drawn, its unit, and what it should do."""
+    """Return the title of a panel: the signal, its unit, and its target or limits."""
     parts = [channel.name[:1].upper() + channel.name[1:]]
     if channel.symbol:
         parts.append(f"${channel.symbol}$")

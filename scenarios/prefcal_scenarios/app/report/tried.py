@@ -20,7 +20,7 @@ from .record import Record
 
 @dataclass(frozen=True, slots=True)
 class _Colors:
-    """What lines are coloured by, and which of them are drawn first."""
+    """Values that color the lines, and the order in which lines are drawn."""
 
     values: Float[np.ndarray, " N"]
     label: str
@@ -31,7 +31,7 @@ class _Colors:
 
 
 def tried(record: Record) -> Figure:
-    """One line a θ across the knobs' axes, coloured by cost (or order), the best in blue."""
+    """Draw each θ as a line across the knobs' axes, colored by cost or order; the best is blue."""
     assert record.best is not None
     space = record.scenario.space
     cube = np.array([space.encode(theta) for theta in record.thetas])
@@ -63,7 +63,7 @@ def tried(record: Record) -> Figure:
 
 
 def _by_number(record: Record) -> _Colors:
-    """The later, the darker, and on top of the earlier ones."""
+    """Return colors by number: later θ are darker and drawn over earlier ones."""
     numbers = np.array([float(t.number) for t in record.trials])
     norm = Normalize(1, max(float(numbers.max()), 2.0))
     order = np.argsort(numbers, kind="stable")
@@ -71,7 +71,7 @@ def _by_number(record: Record) -> _Colors:
 
 
 def _by_cost(record: Record) -> _Colors:
-    """The lower, the darker, and on top of the worse ones."""
+    """Return colors by cost: better θ are darker and drawn over worse ones."""
     costs = np.array([t.cost for t in record.trials], dtype=float)
     norm = PowerNorm(0.5, *_range(costs))
     extend: Literal["max", "neither"] = "max" if costs.max() > (norm.vmax or 0) else "neither"
@@ -80,9 +80,9 @@ def _by_cost(record: Record) -> _Colors:
 
 
 def _range(values: Float[np.ndarray, " N"]) -> tuple[float, float]:
-    """Colours end at the better three quarters: whatever is worse is merely bad."""
+    """Return the range of colors, which covers the better three quarters of the values."""
     finite = values[np.isfinite(values)]
-    if not len(finite):  # every cost is infinite
+    if not len(finite):  # if every cost is infinite
         return 0.0, 1.0
     low, high = np.quantile(finite, [0, 0.75])
     return float(low), float(high if high > low else low + 1)
@@ -104,7 +104,7 @@ def _axis_lines(axes: Axes, knobs: list[Knob], best: Float[np.ndarray, " n"]) ->
                 number(end), (i, z), (0, -5 if z == 0 else 5), textcoords="offset points",
                 ha="center", va=anchor, color=FAINT, fontsize=8.5, annotation_clip=False,
             )  # fmt: skip
-        # Below the name, not at the point: there it would lie on lines and on the axis' ends.
+        # Below the name: at the point, it would cover lines and the axis' ends.
         axes.annotate(
             f"best {number(value)}", (i, 0), (0, -36), textcoords="offset points", ha="center",
             va="top", color=BEST, fontweight="bold", annotation_clip=False,

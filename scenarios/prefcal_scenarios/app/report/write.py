@@ -1,4 +1,4 @@
-"""Writes the folder of a report. Every file appears whole or not at all."""
+"""Write the folder of a report; every file appears whole or not at all."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,14 +13,14 @@ from .record import Record
 
 
 def write_report(record: Record, folder: Path, extra: Sequence[Picture] = ()) -> Path:
-    """Write best.json, comparisons.csv, figures and report.html; return the last one's path.
+    """Write best.json, comparisons.csv, figures and report.html; return the path of report.html.
 
-    Equal studies write equal bytes. Files of an earlier report in `folder` are replaced.
+    Equal studies give equal bytes. Files of an earlier report in `folder` are replaced.
 
     Args:
-        record: The study, complete or not.
-        folder: An existing folder.
-        extra: Further figures, a scenario's own.
+        record: Record of the study, complete or not.
+        folder: Existing folder.
+        extra: Additional figures of the scenario.
     """
     if record.best is not None:
         put(folder / "best.json", best_as_json(record).encode())

@@ -1,4 +1,4 @@
-"""How prefcal stands to its paper: the case studies done again, and every deviation as data."""
+"""Compare prefcal with its paper: repeat the case studies, and list every deviation as data."""
 
 from .deviations import DEVIATIONS as DEVIATIONS
 from .page import write_page as write_page

@@ -1,4 +1,4 @@
-"""Every deviation from the paper, as data: docs/deviations.md shows exactly these rows."""
+"""All deviations from the paper, as data; docs/deviations.md shows exactly these rows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,14 +6,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """One point in which prefcal differs from the paper, or decides where the paper is silent.
+    """A point in which prefcal differs from the paper, or decides where the paper is silent.
 
     Args:
         paper: What the paper says, with the label of its equation or section.
         ours: What prefcal does.
-        why: The reason.
-        effect: What it changes, measured; where nothing can change, why.
-        part: The part of `benchmarks/deviations.py` that measures it; empty if another page does.
+        why: Reason for the deviation.
+        effect: Measured effect, or the reason why there can be none.
+        part: Part of `benchmarks/deviations.py` that measures the effect; empty if another page
+            documents the measurement.
     """
 
     paper: str
@@ -226,7 +227,7 @@ AGENT: tuple[Deviation, ...] = (
     ),
 )
 DEVIATIONS: tuple[Deviation, ...] = (*REACTOR, *CONTROLLER, *CAR, *AGENT)
-"""All of them, the case studies' before the agent's."""
+"""All deviations, those of the case studies before those of the agent."""
 
 
 def deviations_as_markdown(rows: Sequence[Deviation] = DEVIATIONS) -> str:

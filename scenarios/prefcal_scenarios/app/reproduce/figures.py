@@ -1,4 +1,4 @@
-"""The paper's four figures of section IV, drawn from the studies that ran here."""
+"""Draw the paper's four figures of section IV from the repeated studies."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,14 +18,15 @@ from .results import Found
 
 @dataclass(frozen=True, slots=True)
 class Pictured:
-    """One figure of the paper.
+    """A figure of the paper and its reproduction.
 
     Args:
-        label: Its label.
-        statement: What the paper shows and says of it.
-        caption: What ours shows.
-        content: Ours, PNG.
-        reference: The same at the paper's θ, simulated here, PNG; None where the paper gives none.
+        label: Label of the figure in the paper.
+        statement: What the paper shows and says about it.
+        caption: Caption of the reproduction.
+        content: Reproduction as PNG.
+        reference: The same figure at the paper's θ, simulated here, as PNG; None if the paper
+            states no θ.
     """
 
     label: str
@@ -36,7 +37,7 @@ class Pictured:
 
 
 def pictures(results: Sequence[Found]) -> Iterator[Pictured]:
-    """Draw the four figures; the studies of the first seed supply the experiments."""
+    """Yield the four figures, drawn from the experiments of the first seed's studies."""
     reactor, automated, car = results
     with style():
         yield _cstr_query(reactor)
@@ -52,7 +53,7 @@ def _cstr_query(result: Found) -> Pictured:
         "Fig. CSTR_query",
         "Query window of one iteration; the left experiment is preferred because its transient is "
         "faster.",
-        "Of the comparisons with seed 0 between two experiments that settle, the one with the "
+        "Among the comparisons with seed 0 between two experiments that settle, the one with the "
         "largest difference in the time to steady state.",
         _png(picture),
     )
@@ -67,7 +68,7 @@ def _cstr_final(reactor: Found, automated: Found) -> Pictured:
         "Fig. CSTR_final_performance",
         "Calibrated by preferences (left) and by minimizing eq. perf_index (right): both achieve "
         "similar performance.",
-        "First at the paper's θ, simulated here; then as calibrated here with seed 0.",
+        "Top: at the paper's θ, simulated here. Bottom: as calibrated here with seed 0.",
         _png(picture),
         _png(reference),
     )
@@ -80,8 +81,8 @@ def _car_query(result: Found) -> Pictured:
         "Fig. car_comparison",
         "Query window of one iteration; both controllers compute in time, and the right one is "
         "preferred because the left one moves far to the side.",
-        "Of the comparisons with seed 0 between two controllers that compute in time, the one with "
-        "the largest difference in how far they move to the side.",
+        "Among the comparisons with seed 0 between two controllers that compute in time, the one "
+        "with the largest difference in how far they move to the side.",
         _png(compared(*pair, result.scenario.space)),
     )
 
@@ -93,7 +94,7 @@ def _car_final(result: Found) -> Pictured:
     return Pictured(
         "Fig. car_finalPerf",
         "Performance of the calibrated controller.",
-        "First at the paper's θ, simulated here; then as calibrated here with seed 0.",
+        "Top: at the paper's θ, simulated here. Bottom: as calibrated here with seed 0.",
         _png(wide(shown, space)),
         _png(wide(printed, space)),
     )
@@ -102,9 +103,9 @@ def _car_final(result: Found) -> Pictured:
 def _clearest(
     result: Found, kpi: str, fit: Callable[[Experiment], bool]
 ) -> tuple[Experiment, Experiment]:
-    """Return the better and the worse experiment of the comparison that `kpi` explains best.
+    """Return the preferred and the other experiment of the comparison that `kpi` explains best.
 
-    Of experiments that are both `fit` to be shown, where there are such.
+    Considers only comparisons in which both experiments are `fit` to be shown, if there are any.
     """
     asked = result.studies[0].asked
     thetas = {theta for one in asked for theta in (one.better, one.worse)}

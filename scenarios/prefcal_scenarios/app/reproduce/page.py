@@ -1,4 +1,4 @@
-"""Write the page of the reproduction: one file that asks the network for nothing."""
+"""Write the page of the reproduction, a single self-contained file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ PAPER = "Zhu, Bemporad, Piga: Preference-based MPC calibration (ECC 2021)"
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """The table of one case, and a remark below it; empty for none."""
+    """The table of one case, and a note below it; empty for none."""
 
     title: str
     heads: tuple[str, ...]
@@ -38,8 +38,8 @@ def write_page(studies: Sequence[Study], folder: Path, command: str) -> Path:
 
     Args:
         studies: Studies of all cases, for one or more seeds.
-        folder: An existing folder.
-        command: The command line that repeats it.
+        folder: Existing folder.
+        command: Command line that repeats the reproduction.
     """
     results = found(studies)
     drawn = list(pictures(results))

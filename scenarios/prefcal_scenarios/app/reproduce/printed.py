@@ -1,19 +1,19 @@
-"""What the paper prints: parameters, settings, and the results of section IV."""
+"""Values printed in the paper: parameters, settings, and the results of section IV."""
 
 from types import MappingProxyType
 
 N_INIT, N_MAX, COMPARISONS = 10, 50, 49
-"""Initial experiments, experiments in all, and comparisons of each study."""
+"""Number of initial experiments, of experiments, and of comparisons of each study."""
 
 THETA = MappingProxyType({
     "cstr-preferences": (0.31, 26.0, -1.79),
     "cstr-automated": (0.25, 26.0, -0.91),
     "overtake-preferences": (0.085, 0.310, 16.0, 0.261, 0.918),
 })  # fmt: skip
-"""The calibrated θ of each study, in the order of the scenario's knobs."""
+"""Calibrated θ of each study, in the order of the scenario's knobs."""
 
 T_COMP = 0.0808
-"""Worst computation time of an MPC step at the car's calibrated θ [s]."""
+"""Largest computation time of an MPC step at the car's calibrated θ [s]."""
 
 CSTR_TABLE = MappingProxyType({
     "F/V": (1.0, "1/h"),
@@ -37,7 +37,7 @@ ALGORITHM = MappingProxyType({
     "first cross-validation": 10.0,
     "last cross-validation": 40.0,
 })  # fmt: skip
-"""The settings of GLISp at the beginning of section IV."""
+"""Settings of GLISp at the beginning of section IV."""
 
 RANGES = MappingProxyType({
     "cstr": {"T_s": (0.25, 1.5), "N_p": (4.0, 40.0), "log Q_Δu": (-5.0, 3.0)},

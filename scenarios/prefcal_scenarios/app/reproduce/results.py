@@ -1,4 +1,4 @@
-"""The calibrated θ and what it achieves: as printed, simulated here, and calibrated here."""
+"""Results at the calibrated θ: as printed, simulated here, and calibrated here."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ SHOWN = {
 """KPIs in the tables, by scenario."""
 
 Row = tuple[str, str, str, str, str, str]
-"""Name, printed value, at the paper's θ here, of the first study, median and range of all."""
+"""Name, and values: printed, at the paper's θ here, of the first study, median and range of all."""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """One case: the experiment at the paper's θ and at the calibrated θ of each study."""
+    """Results of one case: the experiments at the paper's θ and at the θ of each study."""
 
     case: Case
     scenario: Scenario
@@ -36,12 +36,12 @@ class Found:
 
     @property
     def first(self) -> Experiment:
-        """The experiment at the calibrated θ of the first study."""
+        """Return the experiment at the calibrated θ of the first study."""
         return self.experiments[0]
 
 
 def found(studies: Sequence[Study]) -> list[Found]:
-    """Run the experiments of the tables: at the paper's θ, and at what each study returned."""
+    """Run the experiments of the tables: at the paper's θ, and at the best θ of each study."""
     results = []
     for case in CASES:
         scenario = load(case.scenario)
@@ -77,12 +77,12 @@ def _kpi(scenario: Scenario, name: str) -> KPI:
 
 
 def _spread(values: Sequence[float]) -> tuple[str, str]:
-    """Median, and smallest to largest value."""
+    """Return the median, and the smallest and largest values, as text."""
     return number(float(np.median(values))), f"{number(min(values))} … {number(max(values))}"
 
 
 def summary(results: Sequence[Found]) -> list[str]:
-    """Return the findings in sentences, one for each claim of section IV that can be checked."""
+    """Return the findings as sentences, one for each verifiable claim of section IV."""
     reactor, automated, car = results
     index = [float(np.median([e.kpis["index"] for e in r.experiments])) for r in results[:2]]
     at_paper = [float(r.paper.kpis["index"]) for r in (reactor, automated)]
@@ -91,9 +91,9 @@ def summary(results: Sequence[Found]) -> list[str]:
                 for e in car.experiments)  # fmt: skip
     n = len(car.experiments)
     return [
-        f"Reactor, by preferences: performance index {number(index[0])} in the median of "
-        f"{_studies(n)}; at the paper's θ it is {number(at_paper[0])}.",
-        f"Reactor, automated with GLIS: {number(index[1])} in the median; at the paper's θ "
+        f"Reactor, by preferences: the median performance index of {_studies(n)} is "
+        f"{number(index[0])}; at the paper's θ it is {number(at_paper[0])}.",
+        f"Reactor, automated with GLIS: the median is {number(index[1])}; at the paper's θ it is "
         f"{number(at_paper[1])}. The paper's finding that both approaches achieve similar "
         f"performance is {'confirmed' if abs(index[0] - index[1]) < 0.02 else 'not confirmed'}: "
         f"the medians differ by {number(abs(index[0] - index[1]))}.",

@@ -1,4 +1,4 @@
-"""What the paper states and what the code uses: parameters, ranges, settings of the algorithm."""
+"""Compare the paper's values with the code's: parameters, ranges, settings of the algorithm."""
 
 from prefcal_agents import GLISpSettings
 from prefcal_agents.models.cross_validation import FOLDS
@@ -10,7 +10,7 @@ from prefcal_scenarios.scenario import load
 from .printed import ALGORITHM, CSTR_TABLE, N_INIT, N_MAX, RANGES
 
 Row = tuple[str, str, str]
-"""Name, printed value, our value."""
+"""Name, printed value, and our value."""
 
 
 def parameters() -> list[Row]:

@@ -1,4 +1,4 @@
-"""The studies of section IV: reactor and car by preferences, the reactor also by its index."""
+"""The studies of section IV: reactor and car by preferences, and the reactor by its index."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ Theta = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One study of the paper; without a calibrator, the agent is told the performance index."""
+    """A study of the paper; without a calibrator, the agent is told the performance index."""
 
     name: str
     scenario: str
@@ -31,12 +31,12 @@ CASES = (
     Case("cstr-automated", "cstr", "GLIS", None),
     Case("overtake-preferences", "overtake", "GLISp", "synthetic"),
 )
-"""In the order of the paper."""
+"""Cases in the order of the paper."""
 
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """One comparison: θ of the better experiment, θ of the worse one, and which was the new one."""
+    """One comparison: the better θ, the worse θ, and which of them was the new one."""
 
     better: Theta
     worse: Theta
@@ -45,15 +45,15 @@ class Asked:
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """What one study gave.
+    """Results of one study.
 
     Args:
-        case: Its name, as in `CASES`.
-        seed: Of the agent.
-        best: The calibrated θ, physical.
+        case: Name of the case, as in `CASES`.
+        seed: Seed of the agent.
+        best: Calibrated θ, physical.
         experiments: Number of experiments.
         comparisons: Number of comparisons.
-        asked: The comparisons with a winner, in order; empty without a calibrator.
+        asked: Comparisons with a winner, in order; empty without a calibrator.
     """
 
     case: str
@@ -65,7 +65,7 @@ class Study:
 
 
 def tasks(seeds: Sequence[int]) -> list[Callable[[], Study]]:
-    """Return one task for each case and seed, to run in any process."""
+    """Return one task for each case and seed; tasks can run in any process."""
     return [partial(study, case, seed) for seed in seeds for case in CASES]
 
 
@@ -85,7 +85,7 @@ def study(case: Case, seed: int) -> Study:
 
 
 def _automated(case: Case, scenario: Scenario, seed: int) -> Study:
-    """GLIS, told the performance index of every experiment."""
+    """Run GLIS with the performance index of every experiment as the score."""
     assert scenario.cost is not None
     agent = GLIS(scenario.space, n_init=N_INIT, n_max=N_MAX, seed=seed)
     while not agent.done:

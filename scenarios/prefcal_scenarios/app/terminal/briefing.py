@@ -1,4 +1,4 @@
-"""The briefing in a terminal: what the task is, what knobs and KPIs mean, how long it takes."""
+"""Show the briefing in a terminal: the task, the knobs and KPIs, and the duration."""
 
 from rich.console import Console
 from rich.table import Table
@@ -11,13 +11,13 @@ from prefcal_scenarios.scenario import Scenario
 
 
 def show_brief(interview: Interview, console: Console) -> None:
-    """Everything that a person should know before the first question."""
+    """Print everything that a person should know before the first question."""
     show_scenario(interview.scenario, console)
     console.print(Text(how(interview)))
 
 
 def show_scenario(scenario: Scenario, console: Console) -> None:
-    """What a scenario is about: its task, its knobs and its KPIs."""
+    """Print a scenario's task, knobs and KPIs."""
     console.rule(Text(scenario.title, style="bold"))
     if scenario.brief:
         console.print(Text(scenario.brief))

@@ -1,4 +1,4 @@
-"""The conversation in a terminal: show, read a key, do it; until the study is over or stopped."""
+"""Hold the conversation in a terminal: show a question, read a key, act on it, and repeat."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
@@ -24,7 +24,7 @@ from .keys import END, ESCAPE, ask_line, pressed
 from .looking import show_history, show_status
 from .showing import show_comparison, show_keys, show_next, show_question
 
-# A key that the page has too means the same there.
+# Keys that the page has too mean the same there.
 CHOICES = {
     "l": Choice.LEFT, "left": Choice.LEFT, "r": Choice.RIGHT, "right": Choice.RIGHT,
     "=": Choice.SAME, "same": Choice.SAME, "s": Choice.CANNOT_TELL,
@@ -39,9 +39,9 @@ MARKS = {
 STOP = ("x", "stop")
 STOP_RUN = "k"
 _LOOK = 0.2
-"""Seconds after which a waiting conversation looks at the keys."""
+"""Interval, in seconds, at which a waiting conversation reads the keyboard."""
 _LARGEST = 20 << 20
-"""Bytes of a record, as on the page."""
+"""Largest size of a record in bytes, as on the page."""
 
 
 @dataclass(slots=True)
@@ -59,7 +59,7 @@ class _Conversation:
     pressed: Callable[[], AbstractContextManager[Callable[[], str]]] = pressed
 
     def run(self) -> None:
-        """Go on until it is over or stopped."""
+        """Ask until the study is over or stopped."""
         if self.interview.scenario.brief and len(self.interview.now().state.closed) <= 1:
             show_brief(self.interview, self.console)
         while (now := self.interview.now()).phase is not Phase.OVER:
@@ -76,18 +76,18 @@ class _Conversation:
                 status.update(_waiting(now))
                 stops = pressed() == STOP_RUN and now.run_limit is not None
                 if stops and now.pending is not None:
-                    with suppress(StaleError):  # it has just ended
+                    with suppress(StaleError):  # the run has just ended
                         self.interview.stop_run(now.pending.index)
                 now = self.interview.wait(now.version, _LOOK)
 
     def _compiling(self, now: Now) -> None:
-        """Say it once where nothing can move: a file, or a pipe."""
+        """Print once what is compiling, for output without animation such as a file or a pipe."""
         if now.preparing is not None and not self.console.is_terminal and not self.compiles:
             self.compiles = True
             self._say(now.preparing.words)
 
     def _one(self, now: Now) -> bool:
-        """One step of the person; False if he stops."""
+        """Take one step with the person; return False if they stop."""
         try:
             if now.phase is Phase.QUESTION:
                 return self._question(now)
@@ -123,7 +123,7 @@ class _Conversation:
         self.interview.answer(
             question, choice, strength=strength, comment=self.comment, blind=self.blind
         )
-        self.comment = ""  # not before: on a full disk the answer is given again
+        self.comment = ""  # after the answer is saved: on a full disk it is repeated
         much = ", much better" if strength is Strength.MUCH_BETTER else ""
         self._say(f"Saved: {choice.value}{much}.")
 
@@ -132,7 +132,7 @@ class _Conversation:
             self._undo(now)
         elif key == "c":
             said = self.line("comment on the next answer")
-            # Ctrl-D says END: the person wants no comment.
+            # END means Ctrl-D: no comment.
             self.comment = "" if said == END else said
         elif key == "b":
             self.blind, self.shown = not self.blind, -1
@@ -141,7 +141,7 @@ class _Conversation:
         elif key == "p":
             self.interview.repeat()
         elif key == "f":
-            # It lies beside the keys of the marks.
+            # Asks again, since the key is beside those of the marks.
             self._say("Press f again to finish the study.")
             if self.keys() == "f":
                 self.interview.finish()
@@ -156,11 +156,11 @@ class _Conversation:
             show_keys(self.console)
 
     def _undo(self, now: Now) -> None:
-        """Take the last answer back, with its comment; a question asked again is put away."""
+        """Undo the last answer and its comment, or skip a question that was asked again."""
         skipped = now.question is not None and now.question.repeats is not None
         self.comment = self.interview.undo(now.version).draft or self.comment
         kept = f" Its comment is kept for the next one: {self.comment}" if self.comment else ""
-        self._say("Skipped." if skipped else f"The last answer is taken back.{kept}")
+        self._say("Skipped." if skipped else f"The last answer is undone.{kept}")
 
     def _record(self, now: Now) -> bool:
         assert now.pending is not None
@@ -186,7 +186,7 @@ class _Conversation:
         return True
 
     def _file(self, said: str, pending: Suggested) -> None:
-        """Save a record: of the pending experiment, or with "replace N" of an earlier one."""
+        """Save a record of the pending experiment, or of an earlier one with "replace N"."""
         index, theta = pending.index, self.dialed
         if said.startswith("replace "):
             number, _, said = said.removeprefix("replace ").strip().partition(" ")
@@ -203,7 +203,7 @@ class _Conversation:
         self._say(f"Experiment {index + 1}: {view['text']}.")
         for warning in view["warnings"]:
             self._say(warning)
-        if view["warnings"] and self.line("save it all the same? yes or no") != "yes":
+        if view["warnings"] and self.line("save it anyway? yes or no") != "yes":
             self._say("Nothing was saved.")
             return
         self.interview.record(replace(given, again=True))
@@ -211,7 +211,7 @@ class _Conversation:
         self._say("The record is saved.")
 
     def _content(self, name: str) -> bytes | None:
-        """Of a file; None, said in words, if it cannot be read."""
+        """Return the content of a file; None, after a message, if it cannot be read."""
         try:
             with Path(name).expanduser().open("rb") as file:
                 content = file.read(_LARGEST + 1)
@@ -242,7 +242,7 @@ class _Conversation:
 
 
 def _waiting(now: Now) -> str:
-    """Say what is waited for."""
+    """Return a description of what the conversation waits for."""
     if now.preparing is not None:
         return now.preparing.words
     if now.pending is None:
@@ -255,11 +255,11 @@ def _waiting(now: Now) -> str:
 
 
 def dialed(text: str, space: KnobSpace, sample: Suggested) -> tuple[float, ...]:
-    """θ of `sample` with what was really set: "KNOB=VALUE, ...", a _ in place of a space.
+    """Return θ of `sample` with the values actually set: "KNOB=VALUE, ...", _ for spaces.
 
     Raises:
-        RecordError: an unknown knob, or no number.
-        KnobError: it is outside the space.
+        RecordError: If a knob is unknown, or a value is not a number.
+        KnobError: If θ is outside the space.
     """
     values = dict(zip(space.names, sample.theta, strict=True))
     plain = {name.replace(" ", "_"): name for name in space.names}
@@ -284,10 +284,10 @@ def converse(
     """Ask in a terminal until the study is over or the person stops.
 
     Args:
-        interview: Whose background work is done by somebody else, a `Background` say.
-        console: Where to print; 80 columns are enough.
-        keys: Gives the next key.
-        line: Asks for a whole line; from standard input if None.
+        interview: Interview whose background work runs elsewhere, for example in a `Background`.
+        console: Console to print to, at least 80 columns wide.
+        keys: Function that returns the next key.
+        line: Function that asks for a line of text; None to read standard input.
     """
     asks = line or (lambda words: ask_line(console, words))
     _Conversation(interview, console, keys, asks).run()

@@ -1,4 +1,4 @@
-"""Curves of an experiment in braille, for a terminal."""
+"""Draw the curves of an experiment in braille, for a terminal."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,11 +15,11 @@ from prefcal_scenarios.app.presentation.wording import labelled, number
 from prefcal_scenarios.app.web.view.panels import reference_of
 
 ROWS = 5
-"""Height of a plot in lines, where nothing is known of the screen."""
+"""Default height of a plot in lines if the height of the screen is unknown."""
 LEAST, MOST = 2, 8
-"""Of a plot that is fitted to the screen."""
+"""Limits of the height of a plot that is fitted to the screen."""
 _LABEL = 12
-"""Characters to the left of a plot, for its upper and lower edge."""
+"""Characters to the left of a plot, for the values at its upper and lower edges."""
 
 
 def curves(
@@ -31,15 +31,15 @@ def curves(
     rows: int = ROWS,
     style: str = "",
 ) -> RenderableType:
-    """Every panel of one side, `width` characters wide, with one time axis below.
+    """Return every panel of one side, `width` characters wide, with one time axis below.
 
     Args:
-        experiment: What is drawn.
-        panels: Top down.
-        axes: Of both sides, as `Seen.frame` gives them.
-        width: In characters.
+        experiment: Experiment to draw.
+        panels: Panels from top to bottom.
+        axes: Axes that both sides share, as `Seen.frame` returns them.
+        width: Width in characters.
         rows: Height of each plot in lines.
-        style: Of the curves.
+        style: Style of the curves.
     """
     if not len(experiment.t):
         return Text("This run failed and left no record.", style="bold red")
@@ -60,12 +60,12 @@ def curves(
 
 
 def lines_beside_plots(experiment: Experiment, panels: Sequence[Plot]) -> int:
-    """Lines that `curves` takes apart from the plots themselves."""
+    """Return the number of lines that `curves` needs in addition to the plots."""
     return len(panels) + 1 + (len(experiment.runs) > 1) if len(experiment.t) else 1
 
 
 def _title(panel: Plot) -> str:
-    """What is drawn, its unit, and what it should do."""
+    """Return the title of a panel: the signal, its unit, and its target or limits."""
     channel = panel.channel
     words = labelled(channel.name, channel.unit)
     if channel.target is not None:
@@ -84,9 +84,9 @@ def _plot(
     axes: tuple[float, float, float, float],
     size: tuple[int, int],
 ) -> str:
-    """Rows of braille with the values of the upper and lower edge on the left.
+    """Return rows of braille with the values of the upper and lower edges on the left.
 
-    Axes are start, end, low and high; the size is columns and rows.
+    The axes are start, end, low and high; the size is columns and rows.
     """
     (start, end, low, high), (columns, rows) = axes, size
     canvas = plotille.Canvas(columns, rows, start, low, end, high)
@@ -112,7 +112,7 @@ def _curve(
     *,
     steps: bool,
 ) -> None:
-    """A line through all that is finite; inputs as steps."""
+    """Draw a line through all finite points, with inputs as steps."""
     finite = np.isfinite(y)
     for k in np.flatnonzero(finite).tolist():
         canvas.point(float(t[k]), float(y[k]))

@@ -1,4 +1,4 @@
-"""What the person types: single keys on a terminal, lines where the input is a file or a pipe."""
+"""Read what the person types: single keys in a terminal, lines from a file or a pipe."""
 
 import os
 import select
@@ -13,9 +13,9 @@ LEFT, RIGHT, DOWN = "\x1b[D", "\x1b[C", "\x1b[B"
 ARROWS = {LEFT: "l", RIGHT: "r", DOWN: "=", "\x1bOD": "l", "\x1bOC": "r", "\x1bOB": "=",
           "\xe0K": "l", "\xe0M": "r", "\xe0P": "=",
           "\x1b[1;2D": "L", "\x1b[1;2C": "R", "\x1b[d": "L", "\x1b[c": "R"}  # fmt: skip
-"""What arrow keys send, on Windows too; with shift, where a terminal tells."""
+"""Sequences that arrow keys send, on Windows too; with shift, if the terminal reports it."""
 SHIFTED = ("L", "R")
-"""Letters that mean more as capitals: much better."""
+"""Letters whose capitals have another meaning: much better."""
 END = "x"
 ESCAPE = "\x1b"
 
@@ -23,9 +23,9 @@ Keys = Callable[[], str]
 
 
 def keys_of(console: Console) -> Keys:
-    """A function that gives the next key, or the next line of an input that is no terminal.
+    """Return a function that returns the next key, or the next line if input is not a terminal.
 
-    The end of the input stops the study: everything is saved.
+    The end of the input stops the study; everything is saved.
     """
     if sys.stdin.isatty():
         return _key
@@ -42,9 +42,9 @@ def _key() -> str:
 
 @contextmanager
 def pressed() -> Iterator[Keys]:
-    """Give a function that returns the key that was pressed meanwhile, or "".
+    """Yield a function that returns a key pressed since the last call, or "".
 
-    Nothing is read of a file or a pipe: its lines are answers.
+    A file or a pipe is not read, since its lines are answers.
     """
     if not sys.stdin.isatty() or os.name != "posix":
         yield lambda: ""
@@ -75,7 +75,7 @@ def _folded(typed: str) -> str:
 
 
 def ask_line(console: Console, words: str) -> str:
-    """A whole line from the person: a comment, or a file's name; `END` at the input's end."""
+    """Return a line of text from the person, such as a comment; `END` at the end of the input."""
     if sys.stdin.isatty():
         try:
             return console.input(f"{words}: ", markup=False).strip()

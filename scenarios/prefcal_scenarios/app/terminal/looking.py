@@ -1,4 +1,4 @@
-"""History and state of a study in a terminal."""
+"""Show the history and the state of a study in a terminal."""
 
 from rich.console import Console
 from rich.markup import escape
@@ -11,11 +11,11 @@ from prefcal_scenarios.app.web.view.history import history_view
 from prefcal_scenarios.app.web.view.status import in_words
 
 _WIDTH = 24
-"""Characters of a bar that stands for 100 %."""
+"""Length in characters of a bar for 100 %."""
 
 
 def show_history(interview: Interview, console: Console) -> None:
-    """Every answer."""
+    """Print every answer."""
     answers = history_view(interview)["answers"]
     if not answers:
         console.print("No answers yet.")
@@ -35,7 +35,7 @@ def show_history(interview: Interview, console: Console) -> None:
 
 
 def show_status(interview: Interview, console: Console) -> None:
-    """The best so far, how far it is, and how consistent the answers are."""
+    """Print the best so far, the progress, and how consistent the answers are."""
     now = interview.now()
     counts = interview.counts
     plural = "" if counts.comparisons == 1 else "s"

@@ -1,4 +1,4 @@
-"""A question in a terminal: two experiments in words and curves."""
+"""Show a question in a terminal: two experiments as text and curves."""
 
 from typing import Any
 
@@ -20,10 +20,10 @@ from prefcal_scenarios.scenario import Scenario, panels_of
 from .drawing import LEAST, MOST, ROWS, curves, lines_beside_plots
 
 WIDE = 110
-"""Columns from which both sides stand beside each other."""
+"""Smallest width in columns at which the sides are next to each other."""
 STYLES = {"left": "blue", "right": "dark_orange3"}
 _MOST, _FEW = 6, 3
-"""KPIs of a side that are shown; and where the screen is low."""
+"""Number of KPIs to show per side, normally and on a low screen."""
 
 KEYS = (
     ("← or l", "left is better"), ("→ or r", "right is better"),
@@ -41,10 +41,10 @@ KEYS = (
 def show_question(
     interview: Interview, now: Now, console: Console, *, blind: bool, seen: Seen | None = None
 ) -> None:
-    """Both sides, side by side where there is room, and the keys.
+    """Print both sides, next to each other if there is room, and the keys.
 
-    Curves of both sides begin in the same line, on the axes of the study; on a terminal they are
-    as high as lets the headline stay in sight.
+    The curves of both sides start on the same line and share the study's axes. In a terminal they
+    are as high as possible with the headline still visible.
     """
     question = now.question
     assert question is not None
@@ -73,14 +73,14 @@ def _headline(interview: Interview, question: Question) -> str:
     if question.repeats is not None:
         head = "An earlier question again (Esc or z skips it)"
     elif question.further:
-        head = "A further comparison of two that you have seen"
+        head = "A further comparison of two experiments that you have seen"
     return f"{head}: which experiment is better?"
 
 
 def _sides(
     question: Question, scenario: Scenario, console: Console, seen: Seen, *, blind: bool
 ) -> list[RenderableType]:
-    """Both boxes, of equal heights above their curves."""
+    """Return both boxes, with equal heights above their curves."""
     wide = console.width >= WIDE
     width = (console.width // 2 if wide else console.width) - 6
     pair = {"left": question.left, "right": question.right}
@@ -110,7 +110,7 @@ def _sides(
 
 
 def _rows(console: Console, panels: int, beside: int, *, stacked: int) -> int:
-    """Lines of each plot with which all of a question is in sight; as usual if not on a screen."""
+    """Return the lines per plot that fit a question on the screen; the default without one."""
     if not console.is_terminal or not panels:
         return ROWS
     left = console.height - 3 - stacked * beside  # the headline, the keys, and the next line
@@ -120,7 +120,7 @@ def _rows(console: Console, panels: int, beside: int, *, stacked: int) -> int:
 def _head(
     experiment: Experiment, other: Experiment, scenario: Scenario, most: int, *, blind: bool
 ) -> RenderableType:
-    """KPIs and θ of one side."""
+    """Return the KPIs and θ of one side."""
     parts: list[RenderableType] = [_kpis(numbers_view(experiment, scenario)["kpis"][:most])]
     if not blind:
         parts.append(_theta(theta_view(scenario.space, experiment, other)))
@@ -141,7 +141,7 @@ def _title(name: str, side: Side, *, blind: bool) -> str:
 
 
 def show_comparison(interview: Interview, question: Question, console: Console, seen: Seen) -> None:
-    """All KPIs of both sides, those that differ most first; the better value is bold."""
+    """Print all KPIs of both sides, most different first, with the better value in bold."""
     table = Table(title_justify="left", expand=False)
     for heading, style in (("KPI", ""), ("LEFT", STYLES["left"]), ("RIGHT", STYLES["right"])):
         table.add_column(heading, header_style=style, justify="right" if style else "left")
@@ -157,7 +157,7 @@ def show_comparison(interview: Interview, question: Question, console: Console, 
 
 
 def _kpis(kpis: list[dict[str, Any]]) -> RenderableType:
-    """One a line: what, how much, whether it meets its objective, and the objective."""
+    """Return a table of KPIs: title, value, whether it meets its objective, and the objective."""
     table = Table.grid(padding=(0, 2, 0, 0))
     table.add_column(overflow="fold")
     table.add_column(justify="right", no_wrap=True)
@@ -171,7 +171,7 @@ def _kpis(kpis: list[dict[str, Any]]) -> RenderableType:
 
 
 def _theta(knobs: list[dict[str, Any]]) -> RenderableType:
-    """What differs is set off by brackets, not by style alone."""
+    """Return a table of knobs; brackets, not only style, mark values that differ."""
     values = []
     for knob in knobs:
         value = f"{knob['name']} = {with_unit(knob['text'], knob['unit'])}"
@@ -183,7 +183,7 @@ def _theta(knobs: list[dict[str, Any]]) -> RenderableType:
 
 
 def show_keys(console: Console) -> None:
-    """All keys."""
+    """Print all keys."""
     table = Table.grid(padding=(0, 2))
     for key, words in KEYS:
         table.add_row(Text(key, style="bold"), words)
@@ -191,7 +191,7 @@ def show_keys(console: Console) -> None:
 
 
 def show_next(interview: Interview, now: Now, console: Console) -> None:
-    """The next θ of a rig, and what its record has to hold."""
+    """Print the next θ of a rig, and what its record must contain."""
     rig, sample = interview.scenario.run, now.pending
     assert isinstance(rig, Rig)
     assert sample is not None

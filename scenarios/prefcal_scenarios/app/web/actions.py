@@ -1,4 +1,4 @@
-"""What a person can do on the page: the fields of each request, and what is done with them."""
+"""Define the actions of the page: the fields of each request and the method that handles it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,25 +11,25 @@ from prefcal_scenarios.app.session import Choice, Interview
 from .bodies import Check, at_most, between, flag, numbered, one_of, text, whole
 
 MOST_MORE = 10_000
-"""Further experiments that can be asked for at once."""
+"""Maximum number of additional experiments per request."""
 MOST_QUESTIONS = 99
-"""Comparisons for each experiment: more than any place takes."""
+"""Maximum number of comparisons for each experiment; no ranking needs more."""
 
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """One kind of request.
+    """A kind of request.
 
     Args:
-        fields: Of its body, all of them required.
-        do: Called with the interview, and the fields by name.
+        fields: Checks of the body's fields by name; every field is required.
+        do: Function to call with the interview and, by name, the fields.
     """
 
     fields: Mapping[str, Check]
     do: Callable[..., Any]
 
 
-# "much left" rather than a strength beside the choice: nobody can ask for a stronger tie.
+# "much left" instead of a separate strength, so that a request for a stronger tie cannot exist.
 _MUCH = {f"much {side.value}": side for side in (Choice.LEFT, Choice.RIGHT)}
 
 
@@ -41,7 +41,7 @@ def _answer(interview: Interview, choice: str, **rest: Any) -> Any:
 
 
 def _method(name: str) -> Callable[..., Any]:
-    """The interview's method, which takes the fields by name."""
+    """Return a function that calls the interview's method `name` with the fields."""
 
     def do(interview: Interview, **given: Any) -> Any:
         return getattr(interview, name)(**given)

@@ -1,4 +1,4 @@
-"""How the server answers: JSON, and errors as sentences for the person."""
+"""Build the server's responses: JSON, and errors as sentences for the person."""
 
 import json
 import logging
@@ -23,39 +23,39 @@ _KINDS: tuple[tuple[type[Exception], int, str], ...] = (
     (StudyError, 507, "study"),
     (PrefcalError, 422, "refused"),
 )
-"""Error, status, kind: the first that fits."""
+"""Error, status and kind; the first match counts."""
 _WORDS = {
     404: "There is nothing at this address.",
-    405: "This address does not take that kind of request.",
+    405: "This address does not accept that kind of request.",
 }
 
 
 def as_json(content: bytes, status: int = 200) -> Response:
-    """JSON that is encoded already."""
+    """Return a response with JSON that is already encoded."""
     return Response(content, status, media_type="application/json")
 
 
 def error_response(status: int, error: str, kind: str, now: bytes = b"null") -> Response:
-    """One sentence for the person, its kind for the script, and where things stand."""
+    """Return an error: a sentence for the person, its kind and the current state for the script."""
     head = json.dumps({"error": error, "kind": kind})[:-1].encode()
     return as_json(head + b', "now": ' + now + b"}", status)
 
 
 def refused(error: Exception) -> tuple[int, str, str]:
-    """Status, sentence and kind of an error.
+    """Return status, sentence and kind of an error.
 
-    What is no error of ours is a fault of this program: it goes to the log, and to the person.
+    Any error that is not one of prefcal's own is a bug: it is logged and reported to the person.
     """
     for type_, status, kind in _KINDS:
         if isinstance(error, type_):
             return status, str(error), kind
     _log.error("a request failed", exc_info=error)
-    words = f"prefcal has failed here, which is a fault in it ({type(error).__name__}: {error})."
+    words = f"prefcal failed because of a bug in it ({type(error).__name__}: {error})."
     return 500, words, "refused"
 
 
 async def http_error(request: Request, error: Exception) -> Response:
-    """What the router refuses: an address or a method that does not exist."""
+    """Return the response to an address or a method that does not exist."""
     assert isinstance(error, HTTPException)
     words = _WORDS.get(error.status_code, str(error.detail))
     if request.scope["path"].startswith("/api/"):

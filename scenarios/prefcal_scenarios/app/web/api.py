@@ -1,4 +1,4 @@
-"""What the page's script asks for, and what it sends."""
+"""Handle the requests of the page's script."""
 
 import threading
 from collections.abc import Callable
@@ -28,11 +28,11 @@ _RECORD = {"index": digits, "unsafe": bit, "again": bit, "theta": numbers, **_BL
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How long a page is let wait, in seconds.
+    """How long a page may wait for a response, in seconds.
 
     Args:
-        poll: For a change, when nothing has changed yet.
-        after_answer: For the next question, which often is there in less.
+        poll: Longest wait for a change.
+        after_answer: Longest wait for the next question, which is often ready sooner.
     """
 
     poll: float = 10.0
@@ -40,7 +40,7 @@ class Pace:
 
 
 def _answering(handler: Callable[..., Any]) -> Callable[..., Any]:
-    """Errors as sentences for the person, with where things stand if something has gone by."""
+    """Turn errors into sentences for the person; after a stale request, add the current state."""
 
     @wraps(handler)
     async def answering(self: "Api", request: Request, *args: Any) -> Response:
@@ -58,15 +58,16 @@ def _answering(handler: Callable[..., Any]) -> Callable[..., Any]:
 
 @dataclass(frozen=True, slots=True)
 class Api:
-    """Handlers of the JSON addresses. Whatever touches the interview runs in a thread.
+    """Handlers of the JSON addresses. Everything that uses the interview runs in a thread.
 
     Args:
-        interview: What is answered.
-        views: What is shown of it.
-        watch: Waits for its changes.
-        closed: Set when the person closes the window.
-        seen: Called whenever a page asks how things stand, with whether it waits for a change.
-        pace: How long pages are let wait.
+        interview: Interview to answer.
+        views: JSON views of the interview.
+        watch: Watcher for changes of the interview.
+        closed: Event to set when the person closes the window.
+        seen: Function to call whenever a page asks for the current state; its argument says
+            whether the page waits for a change.
+        pace: How long pages may wait.
     """
 
     interview: Interview
@@ -78,7 +79,7 @@ class Api:
 
     @_answering
     async def now(self, request: Request) -> Response:
-        """How things stand; with `after`, once they differ from that version."""
+        """Return the current state; with `after`, wait until its version differs from that."""
         query = _query(request, {"after": digits, **_BLIND})
         after = query.get("after")
         self.seen(after is not None)
@@ -89,19 +90,19 @@ class Api:
 
     @_answering
     async def brief(self, request: Request) -> Response:
-        """What the task is, what knobs and KPIs mean, and how long it takes."""
+        """Return the briefing: the task, what knobs and KPIs mean, and how long it takes."""
         _query(request, _BLIND)
         return as_json(await run_in_threadpool(self.views.brief))
 
     @_answering
     async def history(self, request: Request) -> Response:
-        """Every question and answer."""
+        """Return every question and answer."""
         _query(request, _BLIND)
         return as_json(await run_in_threadpool(self.views.history))
 
     @_answering
     async def asked(self, request: Request) -> Response:
-        """A closed question, as it was shown."""
+        """Return an answered question as it was shown."""
         query = _query(request, _BLIND)
         try:
             answer = number_of_answer("answer", request.path_params["answer"])
@@ -112,12 +113,12 @@ class Api:
 
     @_answering
     async def status(self, request: Request) -> Response:
-        """Where we are."""
+        """Return the status of the study."""
         _query(request, _BLIND)
         return as_json(await run_in_threadpool(self.views.status))
 
     def acting(self, action: Action) -> Handler:
-        """The handler of an action with a JSON body."""
+        """Return the handler of an action with a JSON body."""
 
         async def handler(request: Request) -> Response:
             response: Response = await self._act(request, action)
@@ -135,19 +136,19 @@ class Api:
 
     @_answering
     async def record(self, request: Request) -> Response:
-        """Save the record of an experiment that the person has run."""
+        """Save the record of an experiment that the person ran."""
         query, given = await _given(request)
         return await self._done(query, partial(self.interview.record, given))
 
     @_answering
     async def preview(self, request: Request) -> Response:
-        """What would be saved of a record, with its curves."""
+        """Return what would be saved of a record, with its curves."""
         _, given = await _given(request)
         return as_json(await run_in_threadpool(self.views.preview, given))
 
     @_answering
     async def close(self, request: Request) -> Response:
-        """Close the window, after this answer is sent."""
+        """Close the window after sending this response."""
         query = _query(request, _BLIND)
         if not _sent_as(request, "application/json"):
             return error_response(415, "The request must be JSON.", "refused")
@@ -157,7 +158,7 @@ class Api:
         return response
 
     async def stand(self, request: Request, error: Exception) -> bytes:
-        """NOW for whoever was too late; null for all else."""
+        """Return NOW if the request was stale, null after any other error."""
         if not isinstance(error, StaleError):
             return b"null"
         try:
@@ -174,7 +175,7 @@ class Api:
         return as_json(await run_in_threadpool(self.views.now, query.get("blind", False)))
 
     async def _done(self, query: dict[str, Any], do: Callable[[], Now]) -> Response:
-        """Do it; then the next question, if that is there soon."""
+        """Call `do`, then return the next question if it is ready soon."""
         now = await run_in_threadpool(do)
         with anyio.move_on_after(self.pace.after_answer):
             while now.phase is Phase.RUNNING:
@@ -188,12 +189,12 @@ def _query(request: Request, fields: dict[str, Any]) -> dict[str, Any]:
 
 
 async def _given(request: Request) -> tuple[dict[str, Any], Given]:
-    """The parameters and the record of a request that brings one."""
+    """Return the parameters and the record of a request that contains a record."""
     query = _query(request, _RECORD)
     if not _sent_as(request, "text/csv"):
-        raise HTTPException(415, "A record is sent as a CSV file (text/csv).")
+        raise HTTPException(415, "The record must be a CSV file (text/csv).")
     if "index" not in query:
-        raise MalformedError("The request does not say of which experiment the record is.")
+        raise MalformedError("The request does not say which experiment the record belongs to.")
     given = Given(
         query["index"], await request.body(), query.get("unsafe", False), query.get("theta"),
         query.get("again", False),

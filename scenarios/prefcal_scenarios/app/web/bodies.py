@@ -1,4 +1,4 @@
-"""Strict reading of what a page sends: exact names, exact types, bounded sizes."""
+"""Check strictly what a page sends: exact names, exact types, bounded sizes."""
 
 import json
 import re
@@ -9,23 +9,23 @@ from typing import Any
 from urllib.parse import parse_qsl
 
 LARGEST_NUMBER = 2**53 - 1
-"""What every JavaScript, JSON and SQLite holds exactly."""
+"""Largest whole number that JavaScript, JSON and SQLite all hold exactly."""
 LONGEST_TEXT = 10_000
-"""Characters of a comment or note."""
+"""Maximum number of characters of a comment or note."""
 
 Check = Callable[[str, Any], Any]
-"""Gives the value of the field of a name, or raises MalformedError."""
+"""Function of a field's name and value that returns the value or raises MalformedError."""
 
 
 class MalformedError(ValueError):
-    """A request that no page of ours sends; the text is a sentence for the person."""
+    """A request that prefcal's page never sends; the text is a sentence for the person."""
 
 
 def read_json(body: bytes, fields: Mapping[str, Check]) -> dict[str, Any]:
-    """The object in `body`, with these fields and no others.
+    """Return the JSON object in `body`, which must have exactly these fields.
 
     Raises:
-        MalformedError: no JSON object in UTF-8, other fields, or a value that a check refuses.
+        MalformedError: not a JSON object in UTF-8, other fields, or a value that a check refuses.
     """
     try:
         found = json.loads(
@@ -34,20 +34,20 @@ def read_json(body: bytes, fields: Mapping[str, Check]) -> dict[str, Any]:
     except MalformedError:
         raise
     except (ValueError, RecursionError) as error:
-        raise MalformedError("The request is no JSON text in UTF-8.") from error
+        raise MalformedError("The request is not JSON in UTF-8.") from error
     if not isinstance(found, dict):
         raise MalformedError("The request must be a JSON object.")
     return _checked(found, fields, optional=False)
 
 
 def read_query(query: bytes, fields: Mapping[str, Check]) -> dict[str, Any]:
-    """The parameters behind the "?" of an address, each of them optional, as text.
+    """Return the checked parameters after the "?" of an address; each is optional.
 
     Raises:
-        MalformedError: other parameters, one twice, or a value that a check refuses.
+        MalformedError: other or repeated parameters, or a value that a check refuses.
     """
     try:
-        # An empty one is no parameter, yet strict parsing refuses it.
+        # Strict parsing refuses an empty query, which is allowed here.
         pairs = _pairs(query.decode("ascii")) if query else []
     except ValueError as error:
         raise MalformedError("The address has parameters that cannot be read.") from error
@@ -55,22 +55,22 @@ def read_query(query: bytes, fields: Mapping[str, Check]) -> dict[str, Any]:
 
 
 def whole(name: str, value: Any) -> int:
-    """A whole number from 0 on."""
-    # Not isinstance: true is an int for Python, and 3.0 none for JSON.
+    """Return `value`, which must be a whole number from 0 on."""
+    # Not isinstance: in Python, True is an int.
     if type(value) is not int or not 0 <= value <= LARGEST_NUMBER:
-        raise MalformedError(f"{name} must be a whole number from 0 on.")
+        raise MalformedError(f"{name} must be a whole number, 0 or more.")
     return value
 
 
 def numbered(name: str, value: Any) -> int:
-    """The number of an answer: a whole number, below 0 for a further one."""
+    """Return `value`, the number of an answer: not 0, and below 0 for a follow-up question."""
     if type(value) is not int or not 0 < abs(value) <= LARGEST_NUMBER:
         raise MalformedError(f"{name} must be a whole number other than 0.")
     return value
 
 
 def between(low: int, high: int) -> Check:
-    """A whole number from `low` to `high`."""
+    """Return a check for a whole number from `low` to `high`."""
 
     def check(name: str, value: Any) -> int:
         if not low <= whole(name, value) <= high:
@@ -81,7 +81,7 @@ def between(low: int, high: int) -> Check:
 
 
 def at_most(limit: int) -> Check:
-    """A whole number from 0 to `limit`."""
+    """Return a check for a whole number from 0 to `limit`."""
 
     def check(name: str, value: Any) -> int:
         if whole(name, value) > limit:
@@ -92,26 +92,26 @@ def at_most(limit: int) -> Check:
 
 
 def text(name: str, value: Any) -> str:
-    """Text of a reasonable length, that any file can hold."""
+    """Return `value`, which must be text of limited length that any file can hold."""
     if type(value) is not str:
         raise MalformedError(f"{name} must be text.")
     if len(value) > LONGEST_TEXT:
         raise MalformedError(f"{name} is too long: at most {LONGEST_TEXT} characters.")
-    # Cc: control characters, NUL among them. Cs: halves of a surrogate pair, which no UTF-8 has.
+    # Cc: control characters, including NUL. Cs: half a surrogate pair, not allowed in UTF-8.
     if any(unicodedata.category(c) in ("Cc", "Cs") and c not in "\t\n\r" for c in value):
-        raise MalformedError(f"{name} has characters that are no text.")
+        raise MalformedError(f"{name} has characters that are not text.")
     return value
 
 
 def flag(name: str, value: Any) -> bool:
-    """True or false."""
+    """Return `value`, which must be true or false."""
     if type(value) is not bool:
         raise MalformedError(f"{name} must be true or false.")
     return value
 
 
 def one_of(*choices: str) -> Check:
-    """One of these words."""
+    """Return a check for one of these words."""
 
     def check(name: str, value: Any) -> str:
         if type(value) is not str or value not in choices:
@@ -122,32 +122,32 @@ def one_of(*choices: str) -> Check:
 
 
 def digits(name: str, value: Any) -> int:
-    """A whole number from 0 on, in an address."""
+    """Return the whole number, 0 or more, that is written in an address."""
     if not re.fullmatch("[0-9]{1,15}", value):
-        raise MalformedError(f"{name} must be a whole number from 0 on.")
+        raise MalformedError(f"{name} must be a whole number, 0 or more.")
     return int(value)
 
 
 def number_of_answer(name: str, value: Any) -> int:
-    """A whole number other than 0, in an address."""
+    """Return the whole number other than 0 that is written in an address."""
     if not re.fullmatch("-?[1-9][0-9]{0,14}", value):
         raise MalformedError(f"{name} must be a whole number other than 0.")
     return int(value)
 
 
 def numbers(name: str, value: Any) -> tuple[float, ...]:
-    """Finite numbers between commas, in an address."""
+    """Return the finite numbers that are written in an address, separated by commas."""
     try:
         found = tuple(float(part) for part in value.split(","))
     except ValueError as error:
-        raise MalformedError(f"{name} must be numbers between commas.") from error
+        raise MalformedError(f"{name} must be numbers separated by commas.") from error
     if not all(map(isfinite, found)):
         raise MalformedError(f"{name} must be finite.")
     return found
 
 
 def bit(name: str, value: Any) -> bool:
-    """0 or 1, in an address."""
+    """Return whether the address says 1 rather than 0."""
     if value not in ("0", "1"):
         raise MalformedError(f"{name} must be 0 or 1.")
     return bool(value == "1")
@@ -158,9 +158,9 @@ def _checked(
 ) -> dict[str, Any]:
     missing = [] if optional else [name for name in fields if name not in found]
     if missing:
-        raise MalformedError(f"The request lacks {', '.join(missing)}.")
+        raise MalformedError(f"The request is missing {', '.join(missing)}.")
     if any(name not in fields for name in found):
-        raise MalformedError("The request has fields that are not known here.")
+        raise MalformedError("The request has unknown fields.")
     return {name: fields[name](name, value) for name, value in found.items()}
 
 
@@ -173,9 +173,9 @@ def _pairs(query: str) -> list[tuple[str, str]]:
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) != len(pairs):
-        raise MalformedError("The request has a field twice.")
+        raise MalformedError("The request has the same field twice.")
     return found
 
 
 def _no_number(name: str) -> None:
-    raise MalformedError(f"{name} is no number.")
+    raise MalformedError(f"{name} is not a number.")

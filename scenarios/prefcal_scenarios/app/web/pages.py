@@ -1,4 +1,4 @@
-"""The page itself, its files, and those of the finished report."""
+"""Serve the page, its files, and the files of the finished report."""
 
 from dataclasses import dataclass
 
@@ -17,13 +17,13 @@ _FOREVER = "private, max-age=31536000, immutable"
 
 @dataclass(frozen=True, slots=True)
 class Pages:
-    """Handlers of what a browser loads by itself.
+    """Handlers of everything that a browser loads without a script.
 
     Args:
-        assets: The page's files.
-        reports: The finished report.
-        token: The secret of the link.
-        port: Part of the cookie's name.
+        assets: Files of the page.
+        reports: Finished report.
+        token: Secret of the link.
+        port: Port, part of the cookie's name.
     """
 
     assets: Assets
@@ -32,7 +32,7 @@ class Pages:
     port: int
 
     async def open(self, request: Request) -> Response:
-        """The page, and the cookie that all else asks for."""
+        """Return the page and set the cookie that all other requests need."""
         if not same(request.path_params["token"], self.token):
             return PlainTextResponse(NO_COOKIE.error, NO_COOKIE.status)
         response = await self.index(request)
@@ -40,14 +40,14 @@ class Pages:
         return response
 
     async def index(self, request: Request) -> Response:
-        """The page."""
+        """Return the page."""
         page = self.assets.get("index.html")
         if page is None:
             raise HTTPException(404)
         return Response(page.content, media_type=page.media_type)
 
     async def static(self, request: Request) -> Response:
-        """A file of the page, gzipped where the browser takes that."""
+        """Return a file of the page, gzipped if the browser accepts that."""
         asset = self.assets.get(request.path_params["file"])
         if asset is None:
             raise HTTPException(404)
@@ -63,7 +63,7 @@ class Pages:
         return Response(content, headers=headers, media_type=asset.media_type)
 
     async def report(self, request: Request) -> Response:
-        """A file of the report; its page, which holds scripts of its own, in a sandbox."""
+        """Return a file of the report; its page has its own scripts and runs in a sandbox."""
         found = await run_in_threadpool(self.reports.read, request.path_params["file"])
         if found is None:
             raise HTTPException(404)
@@ -79,7 +79,7 @@ def _tag(asset: Asset, packed: bool) -> str:
 
 
 def _takes_gzip(request: Request) -> bool:
-    """Whether gzip is among the encodings that are accepted, and not with weight 0."""
+    """Return whether the browser accepts gzip, with a weight other than 0."""
     for part in request.headers.get("accept-encoding", "").lower().split(","):
         name, _, weight = part.replace(" ", "").partition(";q=")
         if name == "gzip":

@@ -1,4 +1,4 @@
-"""The folder of the finished report, as far as the page may show it."""
+"""Read the files of the finished report that the page may show."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -15,28 +15,28 @@ TYPES: Mapping[str, str] = {
 
 @dataclass(slots=True)
 class Reports:
-    """Where the finished report is, which is known only at the end.
+    """The location of the finished report, known only at the end.
 
     Args:
-        folder: Of the report; None until it is written.
-        changed: Called after the folder became known.
+        folder: Folder of the report; None until it is written.
+        changed: Function to call once the folder is known.
     """
 
     folder: Path | None = None
     changed: Callable[[], None] = lambda: None
 
     def put(self, folder: Path | None) -> None:
-        """Make the report known."""
+        """Set the folder of the report."""
         self.folder = folder
         self.changed()
 
     def read(self, name: str) -> tuple[bytes, str] | None:
-        """Content and type of the report's file called `name`; None if there is none to show."""
+        """Return content and type of the report's file `name`, or None if it cannot be shown."""
         media_type = TYPES.get(Path(name).suffix)
         if self.folder is None or media_type is None or name.startswith("."):
             return None
         try:
-            # Compared with what is there, never joined: no name can lead out of the folder.
+            # Compare with existing names instead of joining paths: no name can leave the folder.
             for path in self.folder.iterdir():
                 if path.name == name and path.is_file() and not path.is_symlink():
                     return path.read_bytes(), media_type

@@ -1,4 +1,4 @@
-"""What a page is shown, as JSON: made at most once for all tabs that look at the same moment."""
+"""Encode what a page shows as JSON, once for all tabs that show the same version."""
 
 import json
 import math
@@ -14,13 +14,13 @@ from .view import Seen, asked_view, brief_view, history_view, now_view, preview_
 
 @dataclass(slots=True)
 class Views:
-    """The views of one interview, encoded.
+    """The views of one interview, encoded as JSON.
 
     Args:
-        interview: What is shown.
-        reports: Where its report is, at the end.
-        again: The command that takes the study up again.
-        command: The command that repeats it from the start.
+        interview: Interview to show.
+        reports: Location of its report, known at the end.
+        again: Command that resumes the study.
+        command: Command that repeats the study from the start.
     """
 
     interview: Interview
@@ -32,7 +32,7 @@ class Views:
     _kept: dict[bool, tuple[Any, bytes]] = field(default_factory=dict)
 
     def now(self, blind: bool) -> bytes:
-        """NOW. Made once for each version: an answer must not wait for 40 tabs to be drawn."""
+        """Return NOW, made once per version: an answer must not wait for other tabs."""
         with self._lock:
             key = (self.interview.now().version, self.reports.folder)
             kept = self._kept.get(blind)
@@ -41,25 +41,25 @@ class Views:
             return kept[1]
 
     def brief(self) -> bytes:
-        """What the task is."""
+        """Return the briefing."""
         return encoded(brief_view(self.interview))
 
     def preview(self, given: Given) -> bytes:
-        """What would be saved of a record."""
+        """Return what would be saved of a record."""
         return encoded(preview_view(self.interview, given))
 
     def history(self) -> bytes:
-        """Every question and answer."""
+        """Return every question and answer."""
         return encoded(history_view(self.interview))
 
     def asked(self, answer: int, blind: bool) -> bytes:
-        """A closed question, as it was shown."""
-        with self._lock:  # what was seen is one for all threads
+        """Return an answered question as it was shown."""
+        with self._lock:  # all threads share `_seen`
             view = asked_view(self.interview, answer, blind=blind, seen=self._seen)
         return encoded(view)
 
     def status(self) -> bytes:
-        """Where we are."""
+        """Return the status of the study."""
         return encoded(status_view(self.interview, report=self.reports.folder))
 
     def _now(self, blind: bool) -> dict[str, Any]:
@@ -70,7 +70,7 @@ class Views:
 
 
 def encoded(view: Any) -> bytes:
-    """JSON in UTF-8. Numbers that JSON does not have become null."""
+    """Return JSON in UTF-8; NaN and infinite numbers become null."""
     try:
         return _dump(view)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Many pages wait for the next change of an interview, on one thread."""
+"""Let many pages wait for the next change of an interview, on one thread."""
 
 import asyncio
 import threading
@@ -7,27 +7,27 @@ from dataclasses import dataclass
 from typing import Protocol
 
 _ROUND = 1.0
-"""Seconds after which the thread looks whether anybody is still waiting."""
+"""Seconds after which the thread checks whether any page is still waiting."""
 _PAUSE = 0.05
-"""Seconds between rounds without a change: a closed interview does not let anybody wait."""
+"""Seconds between rounds without a change, since a closed interview returns at once."""
 
 
 class Versioned(Protocol):
-    """Of `Now`, what matters here."""
+    """The part of `Now` that is used here."""
 
     @property
     def version(self) -> int:
-        """Grows with every change."""
+        """Return the version, which grows with every change."""
 
 
 class Changing(Protocol):
-    """Of an `Interview`, what matters here."""
+    """The part of `Interview` that is used here."""
 
     def now(self) -> Versioned:
-        """The view of now."""
+        """Return the current view."""
 
     def wait(self, version: int, timeout: float) -> Versioned:
-        """The view of the time when the version differs, or after `timeout` seconds."""
+        """Return the view once its version differs from `version`, or after `timeout` seconds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,8 +37,8 @@ class _Waiter:
     version: int
 
     def wake(self) -> None:
-        """From any thread."""
-        # RuntimeError: the loop was closed meanwhile, nobody waits any more.
+        """End the wait; can be called from any thread."""
+        # RuntimeError: the loop is already closed, so nothing is waiting.
         with suppress(RuntimeError):
             self.loop.call_soon_threadsafe(self._done)
 
@@ -48,13 +48,12 @@ class _Waiter:
 
 
 class Watch:
-    """Wakes every page that waits for a change.
+    """A watcher that wakes every page that waits for a change.
 
-    However many tabs are open, one thread waits for all of them: the threads of the server stay
-    free for answers.
+    One thread waits for all open tabs, so the server's threads stay free for answers.
 
     Args:
-        interview: What changes.
+        interview: Interview to watch.
     """
 
     def __init__(self, interview: Changing) -> None:
@@ -78,19 +77,19 @@ class Watch:
 
     @property
     def waiting(self) -> int:
-        """How many are waiting."""
+        """Return the number of waiting pages."""
         with self._lock:
             return len(self._waiters)
 
     def wake(self) -> None:
-        """Wake everybody, though the version is the same."""
+        """Wake every page, even if the version is the same."""
         with self._lock:
             waiters = tuple(self._waiters)
         for waiter in waiters:
             waiter.wake()
 
     def stop(self) -> None:
-        """Wake everybody, and let nobody wait from now on."""
+        """Wake every page; from now on, no page waits."""
         self._stopping.set()
         self.wake()
 
@@ -112,7 +111,7 @@ class Watch:
             seen = version
 
     def _wake_late(self, version: int) -> bool:
-        """Wake who knows another version; False if nobody is there any more."""
+        """Wake the pages with another version; return whether any page is left waiting."""
         with self._lock:
             late = [w for w in self._waiters if w.version != version]
             self._running = bool(self._waiters) and not self._stopping.is_set()

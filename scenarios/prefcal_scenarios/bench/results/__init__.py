@@ -1,4 +1,4 @@
-"""The results of a campaign: tables, figures, and one page that holds both."""
+"""Present the results of a campaign: tables, figures, and one page with both."""
 
 from .duelling import duel_table as duel_table
 from .rows import as_csv as as_csv

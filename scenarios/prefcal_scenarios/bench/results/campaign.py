@@ -1,4 +1,4 @@
-"""Results as one table: a row for each study, in an order that does not depend on theirs."""
+"""Collect results in one table with a row for each study, in a canonical order."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from prefcal_scenarios.bench.result import Result
 from prefcal_scenarios.bench.roster import in_order
 
 HUGE = 1e300
-"""Stands for an infinite gap, so that quantiles remain numbers."""
+"""Value that replaces an infinite gap, so that quantiles remain numbers."""
 _FIRST_CALIBRATORS = ("perfect", "lexicographic")
 _NUMBERS = ("knobs", "gap", "visited", "questions", "seconds")
 _COLUMNS = (
@@ -25,7 +25,7 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True, order=True)
 class Regime:
-    """What results must share to be compared: who answers, and how many experiments there are."""
+    """Settings that comparable results share: the calibrator and the number of experiments."""
 
     calibrator: str
     n_init: int
@@ -34,44 +34,44 @@ class Regime:
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """Results of any subset of cells. Made by `campaign_of`.
+    """Results of any subset of cells, made by `campaign_of`.
 
     Args:
-        studies: One row for each cell: regime, problem, agent (categories in the order of the
-            tables), seed, failure (text, empty if finished), cost (whether gaps are known), knobs,
-            gap (of the returned θ at the end), visited (smallest gap), questions (at the end),
-            seconds, curve (gap after each experiment), asked (questions by then); NaN or None
-            where there is no number.
+        studies: Table with a row for each cell and the columns regime, problem, agent (categories
+            in the order of the tables), seed, failure (text, empty if finished), cost (whether
+            gaps are known), knobs, gap (of the returned θ at the end), visited (smallest gap),
+            questions (at the end), seconds, curve (gap after each experiment), asked (questions
+            by then); NaN or None for missing numbers.
     """
 
     studies: pd.DataFrame
 
     @cached_property
     def agents(self) -> tuple[str, ...]:
-        """All agents, those that failed everywhere too."""
+        """Return all agents, including those that failed everywhere."""
         return tuple(self.studies["agent"].cat.categories)
 
     @cached_property
     def regimes(self) -> tuple[Regime, ...]:
-        """All regimes; those with a calibrator that never errs first."""
+        """Return all regimes; those with a calibrator that is never wrong come first."""
         return tuple(self.studies["regime"].cat.categories)
 
     @cached_property
     def finished(self) -> pd.DataFrame:
-        """The studies that have not failed."""
+        """Return the studies that finished."""
         return self.studies[self.studies["failure"] == ""]
 
     @cached_property
     def failed(self) -> pd.DataFrame:
-        """The studies that have failed."""
+        """Return the studies that failed."""
         return self.studies[self.studies["failure"] != ""]
 
     def problems(self, regime: Regime, *, cost: bool = False) -> tuple[str, ...]:
-        """Return the problems of a regime, fewer knobs first.
+        """Return the problems of a regime, sorted by number of knobs.
 
         Args:
-            regime: The regime.
-            cost: Whether to return only those with known gaps.
+            regime: Regime of the results.
+            cost: Whether to return only problems with known gaps.
         """
         found = self.costly(regime) if cost else self.studies[self.studies["regime"] == regime]
         return tuple(found["problem"].cat.remove_unused_categories().cat.categories)
@@ -81,7 +81,7 @@ class Campaign:
         return self.finished[(self.finished["regime"] == regime) & self.finished["cost"]]
 
     def knobs(self, problem: str) -> int | None:
-        """Return how many knobs a problem has, if any result tells."""
+        """Return the number of knobs of a problem; None if no result shows it."""
         return self._knobs.get(problem)
 
     @cached_property
@@ -91,11 +91,11 @@ class Campaign:
 
 
 def campaign_of(results: Iterable[Result]) -> Campaign:
-    """Put results in order; a result that is there twice counts once.
+    """Return the campaign for results in any order; duplicates count once.
 
     Raises:
-        SettingsError: something that is no `Result`, numbers that contradict each other, or two
-            different results of one cell.
+        SettingsError: If an item is not a `Result`, numbers contradict each other, or a cell has
+            two different results.
     """
     by_cell: dict[Cell, Result] = {}
     for result in results:

@@ -1,4 +1,4 @@
-"""Caption of each figure, and its text for people who cannot see it."""
+"""Captions of the figures, and their alternative texts for people who cannot see them."""
 
 from collections.abc import Mapping, Sequence
 
@@ -24,7 +24,7 @@ GAPS = (
     "middle half of the seeds. Lower is better; the scales differ."
 )
 QUESTIONS = (
-    "The same gap against the number of comparisons that somebody had to answer. An agent that "
+    "The same gap against the number of comparisons that had to be answered. An agent that "
     "sees values asks none; its median at the end is a dashed line."
 )
 DUELS = (
@@ -39,17 +39,17 @@ SECONDS = (
 
 
 def profiles_caption(found: Profiles) -> str:
-    """Return what data profiles show."""
+    """Return the caption of the data profiles."""
     return (
-        f"Share of the {found.instances} pairs of problem and seed "
-        f"(problems: {found.problems}) in which the gap of what the agent would return has fallen "
-        "to that part of the initial gap: the median gap of a first θ on that problem, one "
-        "number for all agents. A failed study is not solved."
+        f"Share of the {found.instances} pairs of problem and seed (problems: {found.problems}) "
+        "in which the gap of the θ that the agent would return has fallen to that part of the "
+        "initial gap, which is the median gap of a first θ on that problem and the same for all "
+        "agents. A failed study is not solved."
     )
 
 
 def profiles_alt(found: Profiles) -> str:
-    """Return the shares at the end."""
+    """Return a description of the shares at the end."""
     ends = [
         f"to {100 * tolerance:g} % of the initial gap: "
         + ", ".join(f"{a} {percent(s[-1])}" for a, s in shares.items())
@@ -59,7 +59,7 @@ def profiles_alt(found: Profiles) -> str:
 
 
 def ranking_alt(found: Ranking) -> str:
-    """Return the average ranks."""
+    """Return a description of the average ranks."""
     pairs = zip(found.agents, found.average, strict=True)
     ranks = ", ".join(f"{agent} {average:.2f}" for agent, average in pairs)
     test = "" if found.p is None else f"; Friedman's test p {probability(found.p)}"
@@ -70,7 +70,7 @@ def ranking_alt(found: Ranking) -> str:
 
 
 def gaps_alt(rows: pd.DataFrame, what: str) -> str:
-    """Name the agent with the lowest median at the end, for each problem."""
+    """Return a description that names the agent with the lowest final median on each problem."""
     lowest = rows.loc[
         rows["gap_median"].astype(float).groupby(rows["problem"], sort=False).idxmin()
     ]
@@ -79,13 +79,13 @@ def gaps_alt(rows: pd.DataFrame, what: str) -> str:
 
 
 def duels_alt(tallies: Sequence[Tally]) -> str:
-    """Return how often each agent is preferred to the paper's optimum, or else to each other."""
+    """Return how often each agent is preferred to the paper's optimum, or else to other agents."""
     against = [t for t in tallies if t.rival == PAPER] or list(tallies)
     shares = ", ".join(f"{t.agent} to {t.rival} {percent(t.share)}" for t in against)
     return f"Heat map of who is preferred on {tallies[0].problem}. Share of seeds: {shares}."
 
 
 def seconds_alt(measured: Mapping[str, Sequence[float]]) -> str:
-    """Return the medians."""
+    """Return a description of the median times."""
     medians = ", ".join(f"{a} {short(float(np.median(v)))} s" for a, v in measured.items())
     return f"Median time of a proposal: {medians}."

@@ -1,4 +1,4 @@
-"""Count duels: how often one agent's θ is preferred to another's, and how sure that is."""
+"""Count duels: how often one agent's θ is preferred to another's, and with which confidence."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -20,18 +20,18 @@ class Tally:
     """All duels of an agent with a rival on one problem.
 
     Args:
-        problem: Problem without a cost.
-        calibrator: Calibrator that answered in the studies.
-        agent: Agent whose θ is judged.
-        rival: Another agent, or `PAPER`.
+        problem: Name of a problem without a cost.
+        calibrator: Name of the calibrator that answered in the studies.
+        agent: Name of the agent whose θ is evaluated.
+        rival: Name of another agent, or `PAPER`.
         seeds: Number of duels.
         wins: Number of duels in which the agent's θ is preferred.
-        ties: Number of duels in which neither is.
-        losses: Number of duels in which the rival's is.
+        ties: Number of duels in which neither θ is preferred.
+        losses: Number of duels in which the rival's θ is preferred.
         share: wins / seeds.
         low: Lower end of the exact (Clopper-Pearson) 95 % interval of that share.
-        high: Upper end.
-        p: p value of an exact sign test on wins and losses, two-sided; 1 if all are ties.
+        high: Upper end of that interval.
+        p: p value of an exact two-sided sign test on wins and losses; 1 if all are ties.
     """
 
     problem: str
@@ -54,11 +54,11 @@ class Tally:
 
 
 def tallies(duels: Iterable[Duel]) -> list[Tally]:
-    """Count duels, each from both sides; a duel that is there twice counts once.
+    """Return the counts of all duels, each from both sides; duplicates count once.
 
     Raises:
-        SettingsError: no `Duel`, an impossible outcome, an agent against itself, or two outcomes
-            of one duel.
+        SettingsError: If an item is not a `Duel`, an outcome is invalid, an agent meets itself, or
+            one duel has two outcomes.
     """
     sides = []
     for d in duels:
@@ -81,7 +81,7 @@ def duel_table(duels: Iterable[Duel]) -> list[dict[str, Any]]:
     """Return the tallies as plain data, for JSON and CSV.
 
     Raises:
-        SettingsError: see `tallies`.
+        SettingsError: See `tallies`.
     """
     return [asdict(t) for t in tallies(duels)]
 
@@ -103,4 +103,4 @@ def _check(duel: Duel) -> None:
     if duel.outcome not in (-1, 0, 1):
         raise SettingsError(f"the outcome of a duel must be -1, 0 or 1, got {duel}")
     if duel.agent in (duel.rival, PAPER):
-        raise SettingsError(f"a duel is that of an agent with somebody else, got {duel}")
+        raise SettingsError(f"a duel must be between an agent and a different rival, got {duel}")

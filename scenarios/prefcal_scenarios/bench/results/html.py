@@ -1,4 +1,4 @@
-"""index.html: all results of a campaign in one file that needs no network."""
+"""Write index.html: all results of a campaign in one self-contained file."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from .words import regime_name, short
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where results come from: the command, their digest, and what the suite left out."""
+    """Origin of results: the command, their digest, and what the suite left out."""
 
     command: str = ""
     digest: str = ""
@@ -77,7 +77,7 @@ def _count(number: int, one: str, more: str = "") -> str:
 
 
 def _ends(material: Material) -> list[tuple[Regime, str]]:
-    """Return the regimes that have gaps, and the end of their headings if there are several."""
+    """Return the regimes that have gaps, and a suffix for their headings if there are several."""
     regimes = material.campaign.regimes
     found = [regime for regime in regimes if len(material.rows_of(regime))]
     return [(r, f" ({regime_name(r, regimes)})" if len(found) > 1 else "") for r in found]
@@ -89,7 +89,7 @@ def _with_gaps_or_failures(material: Material, regime: Regime) -> Any:
 
 
 def _absent(material: Material, choices: Choices, origin: Origin) -> Iterator[str]:
-    """Yield everything that a reader might look for in vain, with the reason."""
+    """Yield everything that a reader might miss on the page, with the reason."""
     campaign = material.campaign
     yield from origin.notes
     yield from missing(campaign)

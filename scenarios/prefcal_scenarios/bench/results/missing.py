@@ -1,4 +1,4 @@
-"""What a campaign lacks, in words: a table must not look complete when it is not."""
+"""Describe what a campaign lacks, so that a table does not look complete when it is not."""
 
 from collections.abc import Iterator
 
@@ -11,11 +11,11 @@ from .campaign import Campaign, Regime
 from .words import problem_name, regime_name, seeds_text, short
 
 HOLE_SLACK = 1e-3
-"""A gap further below 0 than this lies in a hole; a best known value may be that wrong itself."""
+"""Depth below 0 beyond which a gap lies in a hole, above the error of best known values."""
 
 
 def missing(campaign: Campaign) -> list[str]:
-    """Return seeds that an agent lacks, neither finished nor failed, though another has them."""
+    """Return the seeds that an agent lacks, neither finished nor failed, but another agent has."""
     found = []
     for regime, problem, there in _tried(campaign):
         lacking: dict[tuple[int, ...], list[str]] = {}
@@ -29,7 +29,7 @@ def missing(campaign: Campaign) -> list[str]:
 
 
 def not_run(campaign: Campaign) -> list[str]:
-    """Return where agents were not run at all, often for a reason: they need a cost, say."""
+    """Return where agents did not run at all, for example because they need a cost."""
     absent: dict[tuple[Regime, str], list[str]] = {}
     for regime, problem, there in _tried(campaign):
         for agent, seeds in there.items():
@@ -48,7 +48,7 @@ def not_run(campaign: Campaign) -> list[str]:
 
 
 def failures(campaign: Campaign) -> list[tuple[str, str]]:
-    """Return failed cells and why they failed."""
+    """Return the failed cells and the reasons."""
     return [
         (f"{r.agent} on {r.problem}, {r.regime.calibrator}, seed {r.seed}", r.failure)
         for r in campaign.failed.itertuples()
@@ -56,23 +56,23 @@ def failures(campaign: Campaign) -> list[tuple[str, str]]:
 
 
 def beaten(campaign: Campaign, slack: float) -> list[str]:
-    """Return problems on which the best known value was beaten by more than `slack`.
+    """Return the problems on which the best known value was beaten by more than `slack`.
 
-    Holes that are known are no news; see `in_holes`.
+    Known holes are excluded; see `in_holes`.
     """
     costly = campaign.finished[campaign.finished["cost"]]
     lowest = costly.assign(gap=np.fmin(costly["curve"].map(np.min), costly["visited"]))
     news = lowest[~in_hole(lowest) & (lowest["gap"] < -slack)]
     least = news.astype({"problem": str}).groupby("problem")["gap"].min()
     return [
-        f"{problem_name(campaign, p)}: {-gap:.2g} below the best known value, which is not the "
-        "optimum then; such gaps count as the floor"
+        f"{problem_name(campaign, p)}: {-gap:.2g} below the best known value, which is therefore "
+        "not the optimum; such gaps count as the floor"
         for p, gap in least.items()
     ]
 
 
 def in_holes(campaign: Campaign) -> list[str]:
-    """Return which agents ended in a hole of a cost, where nobody wants to be, and how often."""
+    """Return which agents ended in an undesirable hole of a cost, and how often."""
     costly = campaign.finished[campaign.finished["cost"]]
     studies = costly.assign(hole=in_hole(costly))
     found = []

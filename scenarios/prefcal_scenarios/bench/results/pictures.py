@@ -1,4 +1,4 @@
-"""Which figures a campaign has, with their captions."""
+"""Select the figures of a campaign, with their captions."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,7 +23,7 @@ from .words import regime_name
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A figure as PNG, with its heading, its caption and a text for people who cannot see it."""
+    """A figure as PNG with its heading, its caption, and a text for people who cannot see it."""
 
     file: str
     title: str
@@ -31,12 +31,12 @@ class Shown:
     alt: str
     content: bytes
     tallies: tuple[Tally, ...] = ()
-    """The numbers of a heat map of duels."""
+    """Numbers of a heat map of duels."""
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """Ranking and data profiles of a regime; a text says why there are none."""
+    """Ranking and data profiles of a regime, each replaced by a reason if there are none."""
 
     regime: Regime
     ranking: Ranking | str
@@ -45,13 +45,13 @@ class Standing:
 
 @dataclass(frozen=True)
 class Material:
-    """The results that figures and page are made of.
+    """Results for figures and page.
 
     Args:
         campaign: All results.
-        rows: The table of them.
-        tallies: The counted duels.
-        floor: Gaps below this are equal.
+        rows: Table of the results.
+        tallies: Counted duels.
+        floor: Gap below which all gaps are equal.
     """
 
     campaign: Campaign
@@ -61,12 +61,12 @@ class Material:
 
     @property
     def looks(self) -> Mapping[str, Look]:
-        """The look of each agent, the same in every figure."""
+        """Return the look of each agent, the same in every figure."""
         return looks({*self.campaign.agents, *(t.agent for t in self.tallies)})
 
     @cached_property
     def standings(self) -> list[Standing]:
-        """The standing of the agents in every regime that has gaps."""
+        """Return the standing of the agents in every regime that has gaps."""
         campaign, floor = self.campaign, self.floor
         return [
             Standing(r, rank(campaign, r, floor), profiles(campaign, r, floor=floor))
@@ -87,7 +87,7 @@ def draw(material: Material) -> list[Shown]:
 
 
 def file_names(names: Sequence[str]) -> list[str]:
-    """Return a different end of a file name for each of `names`; empty if there is only one."""
+    """Return a unique file name suffix for each of `names`; empty if there is only one."""
     if len(names) < 2:
         return [""] * len(names)
     slugs = [re.sub(r"[^\w.]+", "-", name).strip("-") for name in names]

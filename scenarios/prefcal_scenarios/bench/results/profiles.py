@@ -1,4 +1,4 @@
-"""Data profiles: the share of studies that came near enough, by number of experiments."""
+"""Data profiles: the share of solved studies against the number of experiments."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,22 +15,22 @@ TOLERANCES = (1e-1, 1e-2, 1e-3)
 
 @dataclass(frozen=True)
 class Profiles:
-    """Shares of the (problem, seed) that are solved after each experiment.
+    """Share of (problem, seed) pairs that are solved after each experiment.
 
-    Solved to a tolerance: the gap of what the agent would return is at most that share of the
-    initial gap, the median over agents and seeds of the gap of the very first θ of that problem.
+    A pair is solved to a tolerance if the gap of the θ that the agent would return is at most that
+    share of the initial gap: the median gap of the first θ of that problem, over agents and seeds.
 
     Source: Moré and Wild (2009), Benchmarking derivative-free optimization algorithms.
     Deviation: experiments are not divided by the number of knobs plus one; under noise a share
-        may fall again, because the agent's incumbent can.
+        can fall again, because the agent's incumbent can change for the worse.
 
     Args:
         regime: Regime of all its results.
         shares: Share by tolerance and agent, shape (n_max,), each from 0 to 1. A failed cell is
             never solved.
         problems: Number of problems.
-        instances: Number of (problem, seed).
-        left_out: Which agents and problems are not in it, and why, in words.
+        instances: Number of (problem, seed) pairs.
+        left_out: Agents and problems that are left out, and why.
     """
 
     regime: Regime
@@ -46,16 +46,16 @@ def profiles(
     tolerances: tuple[float, ...] = TOLERANCES,
     floor: float = FLOOR,
 ) -> Profiles | str:
-    """Make the data profiles of a regime; a str says why there are none.
+    """Return the data profiles of a regime, or the reason why there are none.
 
-    A gap of `floor` or less solves to any tolerance.
+    A gap of at most `floor` is solved to any tolerance.
     """
     shared = common(campaign, regime, failed_too=True)
     if not shared.seeds:
         return "a data profile needs a problem with a cost that the agents have in common"
     studies = campaign.costly(regime)
     initial = studies.assign(first=studies["curve"].str[0]).groupby("problem", observed=True)
-    scale = np.maximum(initial["first"].median(), floor)  # one for all: no agent gains by luck
+    scale = np.maximum(initial["first"].median(), floor)  # shared: no agent gains by luck
     curves = studies.set_index(["agent", "problem", "seed"])["curve"].to_dict()
     unsolved = np.full(regime.n_max, np.inf)
     places = [(problem, seed) for problem, seeds in shared.seeds.items() for seed in seeds]

@@ -1,4 +1,4 @@
-"""A ranking of agents over all problems, by the studies that all of them have."""
+"""Rank agents over all problems by the studies that all of them have."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ class Common:
 
     Args:
         agents: Agents with results on at least half of the problems.
-        seeds: Seeds by problem; only problems where all those agents have a seed in common.
-        left_out: What is not among them and why, in words.
+        seeds: Seeds by problem, for problems on which all those agents share a seed.
+        left_out: Agents and problems that are left out, and why.
     """
 
     agents: tuple[str, ...]
@@ -29,16 +29,16 @@ class Common:
 
 @dataclass(frozen=True)
 class Ranking:
-    """Ranks of the agents' median final gaps, 1 the nearest; equal medians share their ranks.
+    """Ranks of the agents' median final gaps, 1 for the smallest; equal medians share ranks.
 
     Args:
         regime: Regime of all its results.
         agents: Agents, best average rank first.
         problems: Problems that they were ranked by.
-        ranks: Rank on each problem of each agent.
-        critical: Two agents whose average ranks differ by less are not told apart (5 %).
-        p: p value of Friedman's test that all agents are alike; None with fewer than three of them.
-        left_out: Which agents and problems are not in it, and why, in words.
+        ranks: Rank of each agent on each problem.
+        critical: Smallest difference of average ranks that is significant (5 %).
+        p: p value of Friedman's test that all agents are alike; None for fewer than three agents.
+        left_out: Agents and problems that are left out, and why.
     """
 
     regime: Regime
@@ -67,7 +67,7 @@ def critical_difference(agents: int, problems: int) -> float:
 
 
 def rank(campaign: Campaign, regime: Regime, floor: float = FLOOR) -> Ranking | str:
-    """Rank the agents of a regime by the seeds that all have; a str says why there is no ranking.
+    """Return a ranking by the seeds that all agents of a regime have, or why there is none.
 
     Gaps below `floor` are equal.
     """
@@ -87,7 +87,7 @@ def rank(campaign: Campaign, regime: Regime, floor: float = FLOOR) -> Ranking | 
     medians = paired.groupby(level="problem", observed=True).median().loc[list(problems)].to_numpy()
     ranks = rankdata(np.maximum(medians, floor), axis=1)
     p = None
-    if len(agents) > 2:  # all alike on every problem: nothing to test
+    if len(agents) > 2:  # if all are alike on every problem, there is nothing to test
         alike = bool((ranks == ranks[:, :1]).all())
         p = 1.0 if alike else float(friedmanchisquare(*ranks.T).pvalue)
     order = np.argsort(ranks.mean(axis=0), kind="stable")
@@ -107,8 +107,8 @@ def common(campaign: Campaign, regime: Regime, *, failed_too: bool = False) -> C
 
     Args:
         campaign: All results.
-        regime: The regime to look at.
-        failed_too: Whether a seed counts that some agent failed in.
+        regime: Regime to compare in.
+        failed_too: Whether to include seeds in which an agent failed.
     """
     problems = campaign.problems(regime, cost=True)
     studies = campaign.studies if failed_too else campaign.finished

@@ -1,4 +1,4 @@
-"""The table of the benchmark: one row for each problem, calibrator and agent."""
+"""The table of the benchmark, with a row for each problem, calibrator and agent."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -28,16 +28,16 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """How the table is made.
+    """Options of the table.
 
     Args:
         baseline: Agent that all others are compared with.
-        floor: Smaller gaps count as this, above 0.
+        floor: Value that replaces smaller gaps, above 0.
         average: Average of the logarithms of the ratios: "median" or "mean".
         seed: Seed of the bootstrap's resamples, 0 or more.
 
     Raises:
-        SettingsError: an impossible value.
+        SettingsError: If a value is invalid.
     """
 
     baseline: str = BASELINE
@@ -53,10 +53,9 @@ class Choices:
 
 
 def rows_of(campaign: Campaign, choices: Choices) -> pd.DataFrame:
-    """Return the table: rows by regime, problem and agent, None where there is no number.
+    """Return the table, sorted by regime, problem and agent, with None for missing numbers.
 
-    Infinite gaps are `HUGE`. `plain` has the columns that users see; in addition there is the
-    regime.
+    Infinite gaps are `HUGE`. The table has the columns of `plain`, and in addition the regime.
     """
     keys = ["regime", "problem", "agent"]
     baseline = campaign.finished[campaign.finished["agent"] == choices.baseline]
@@ -95,24 +94,24 @@ def table(
     average: Average = "median",
     seed: int = 0,
 ) -> list[dict[str, Any]]:
-    """Return the table as plain data that JSON can hold; an infinite or unknown number is None.
+    """Return the table as plain data for JSON; infinite or unknown numbers are None.
 
     Args:
         results: Results in any order; cells may be missing or failed.
-        baseline: Agent that all others are compared with; without results of it, no comparison.
-        floor: Smaller gaps count as this when they are compared.
+        baseline: Agent that all others are compared with, if it has results.
+        floor: Value that replaces smaller gaps in comparisons.
         average: Average of the logarithms of the paired ratios.
         seed: Seed of the bootstrap's resamples.
 
     Raises:
-        SettingsError: an impossible option, or results that contradict each other.
+        SettingsError: If an option is invalid, or results contradict each other.
     """
     choices = Choices(baseline, floor, average, seed)
     return plain(rows_of(campaign_of(results), choices))
 
 
 def plain(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return rows as `table` does."""
+    """Return rows in the format of `table`."""
     return [
         {name: _known(value) for name, value in row.items()}
         for row in rows.drop(columns="regime").to_dict("records")
@@ -120,7 +119,7 @@ def plain(rows: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return rows of `table` or `duel_table` as CSV with a heading; empty without rows."""
+    """Return rows of `table` or `duel_table` as CSV with a header; empty without rows."""
     if not rows:
         return ""
     return str(pd.DataFrame(rows, dtype=object).to_csv(index=False, lineterminator="\n"))
@@ -153,7 +152,7 @@ def _against(finished: pd.DataFrame, baseline: pd.Series, choices: Choices) -> d
     found = difference(
         pairs["gap"].to_numpy(),
         pairs["baseline"].to_numpy(),
-        rng=np.random.default_rng(choices.seed),  # the same for each: no row depends on another
+        rng=np.random.default_rng(choices.seed),  # the same for each row: rows are independent
         floor=choices.floor,
         average=choices.average,
     )
@@ -162,5 +161,5 @@ def _against(finished: pd.DataFrame, baseline: pd.Series, choices: Choices) -> d
 
 
 def _known(value: Any) -> Any:
-    """Return None for what is no number, or stands for infinity."""
+    """Return `value`, or None if it is not a number or stands for infinity."""
     return None if isinstance(value, float) and not abs(value) < HUGE else value

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from prefcal_env.errors import SettingsError
 
 FLOOR = 1e-9
-"""Smaller gaps count as this: the optima of the test functions are known to about as much."""
+"""Value that replaces smaller gaps, about the accuracy of the test functions' optima."""
 CONFIDENCE = 0.95
 _RESAMPLES = 9999
 
@@ -28,17 +28,17 @@ class Quartiles:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """An agent compared with a baseline on one problem, seed by seed.
+    """Comparison of an agent with a baseline on one problem, paired by seed.
 
     Args:
         pairs: Number of seeds that both have.
-        log10_ratio: Average over them of log10(gap / baseline's gap): below 0, the agent is nearer.
+        log10_ratio: Average of log10(gap / baseline's gap); negative if the agent is better.
         low: Lower end of its 95 % bootstrap interval; None with fewer than two pairs.
-        high: Upper end.
-        wins: Number of seeds in which the agent's gap is the smaller one.
+        high: Upper end of that interval.
+        wins: Number of seeds in which the agent's gap is smaller.
         ties: Number of seeds in which both are equal.
-        losses: Number of seeds in which the baseline's is the smaller one.
-        p: p value of the Wilcoxon signed-rank test, two-sided; 1 if all are ties.
+        losses: Number of seeds in which the baseline's is smaller.
+        p: p value of the two-sided Wilcoxon signed-rank test; 1 if all are ties.
     """
 
     pairs: int
@@ -52,13 +52,13 @@ class Difference:
 
 
 def quartiles(values: Sequence[float] | Float[np.ndarray, " N"]) -> Quartiles:
-    """Return the quartiles, interpolated linearly, of one value or more."""
+    """Return the linearly interpolated quartiles of one value or more."""
     low, median, high = np.quantile(np.asarray(values, dtype=float), [0.25, 0.5, 0.75])
     return Quartiles(float(low), float(median), float(high))
 
 
 def logarithm(gaps: Float[np.ndarray, "..."], floor: float = FLOOR) -> Float[np.ndarray, "..."]:
-    """Return log10 of gaps, each at least `floor`."""
+    """Return log10 of gaps, each raised to at least `floor`."""
     return np.asarray(np.log10(np.maximum(gaps, floor)))
 
 
@@ -74,13 +74,13 @@ def difference(
 
     Args:
         gaps: Gaps of the agent, shape (S,), one or more.
-        baseline: Gaps of the other agent, of the same seeds.
-        rng: Draws the resamples of the bootstrap (percentile method).
-        floor: Smaller gaps count as this.
+        baseline: Gaps of the other agent for the same seeds, shape (S,).
+        rng: Generator of the bootstrap's resamples (percentile method).
+        floor: Value that replaces smaller gaps.
         average: Average of the logarithms of the ratios.
 
     Raises:
-        SettingsError: no pairs, or numbers of gaps that differ.
+        SettingsError: If there are no gaps, or the numbers of gaps differ.
     """
     from scipy.stats import wilcoxon
 
@@ -106,7 +106,7 @@ def difference(
 def _interval(
     d: Float[np.ndarray, " S"], middle: Callable[..., Any], rng: np.random.Generator
 ) -> tuple[float, float] | tuple[None, None]:
-    """Return the bootstrap interval of the average of `d`; none of a single value."""
+    """Return the bootstrap interval of the average of `d`; None for a single value."""
     from scipy.stats import bootstrap
 
     if len(d) < 2:
@@ -119,7 +119,7 @@ def _interval(
 
 
 def holm(p: Sequence[float]) -> list[float]:
-    """Return p values corrected for as many tests as there are.
+    """Return p values corrected for multiple tests.
 
     Source: Holm (1979), the step-down method, as adjusted p values.
     """

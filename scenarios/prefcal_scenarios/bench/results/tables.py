@@ -1,4 +1,4 @@
-"""The tables of the page, ready for its template: text and the kind of each cell."""
+"""Tables of the page, prepared for its template: the text and the kind of each cell."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from .words import percent, probability, regime_name, row_texts, score, short
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A sign behind a number: its class in the style sheet, and what it means."""
+    """Sign after a number: its class in the style sheet, and its meaning."""
 
     kind: str
     sign: str
@@ -24,7 +24,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A cell of a table: plain text, its class in the style sheet, and perhaps a sign."""
+    """Cell of a table: plain text, its class in the style sheet, and an optional sign."""
 
     text: str
     kind: str = ""
@@ -33,15 +33,15 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of the page.
+    """Table of the page.
 
     Args:
-        label: Its name for people who cannot see it.
-        caption: What it shows.
+        label: Name of the table, for people who cannot see it.
+        caption: Caption.
         columns: Names of the columns.
-        rows: Cells of each row; the first one is its heading.
+        rows: Cells of each row, starting with its heading.
         words: Columns that hold text, not numbers.
-        tall: Whether it may need to scroll down.
+        tall: Whether the table may need to scroll vertically.
     """
 
     label: str
@@ -53,7 +53,7 @@ class Table:
 
 
 def overview(campaign: Campaign, rows: pd.DataFrame, regime: Regime, choices: Choices) -> Table:
-    """Return the median gaps of a regime: problems down, agents across, the lowest tinted."""
+    """Return the median gaps of a regime by problem (rows) and agent, with the lowest tinted."""
     agents = [agent for agent in campaign.agents if agent in set(rows["agent"])]
     counts = dict.fromkeys(agents, 0)
     lines = []
@@ -83,7 +83,7 @@ def overview(campaign: Campaign, rows: pd.DataFrame, regime: Regime, choices: Ch
 
 
 def _mark(row: Any, choices: Choices) -> Mark | None:
-    """Return whether a row differs significantly from the baseline."""
+    """Return the sign of a row that differs significantly from the baseline, else None."""
     if row.p_holm is None or row.p_holm >= SIGNIFICANCE:
         return None
     nearer = row.log10_ratio < 0
@@ -121,7 +121,7 @@ def numbers(rows: pd.DataFrame, choices: Choices, label: str) -> Table:
 
 
 def duels(tallies: Sequence[Tally]) -> Table:
-    """Return every tally of one problem and calibrator."""
+    """Return all tallies of one problem and calibrator."""
     caption = (
         "Share of seeds in which the agent's θ is preferred, with its exact binomial interval; "
         "p of the exact sign test on wins and losses, not corrected."
@@ -139,7 +139,7 @@ def duels(tallies: Sequence[Tally]) -> Table:
 
 
 def failed(cells: Sequence[tuple[str, str]]) -> Table:
-    """Return failed cells with the reason of each."""
+    """Return the failed cells with their reasons."""
     lines = [[Cell(cell), Cell(words, "words")] for cell, words in cells]
     caption = "They have no numbers in any table or figure."
     return Table("Failed cells", caption, ("cell", "what happened"), lines, ("what happened",))

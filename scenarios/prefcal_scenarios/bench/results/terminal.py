@@ -1,4 +1,4 @@
-"""The table of the benchmark in the terminal."""
+"""Print the table of the benchmark in the terminal."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
@@ -22,9 +22,9 @@ from .rows import BASELINE, Choices, rows_of
 from .words import percent, probability, regime_name, row_texts, short
 
 _MOST = 5
-"""Lines of what is missing or failed; the page has them all."""
+"""Number of lines about missing or failed cells; the page shows all of them."""
 _WIDE = 110
-"""Columns of a terminal that has room for quartiles and p."""
+"""Width of a terminal, in characters, that has room for quartiles and p."""
 
 
 def print_table(
@@ -34,12 +34,12 @@ def print_table(
     *,
     baseline: str = BASELINE,
 ) -> None:
-    """Print a table for each calibrator, what the duels say, and what failed or is missing.
+    """Print a table for each calibrator, the duels, and what failed or is missing.
 
-    Of the duels, those with the paper's optimum and with `baseline`; the page has all.
+    Prints only duels with the paper's optimum and with `baseline`; the page shows all.
 
     Raises:
-        SettingsError: results or duels that contradict each other.
+        SettingsError: If results or duels contradict each other.
     """
     choices = Choices(baseline)
     campaign = campaign_of(results)
@@ -64,7 +64,7 @@ def _table(title: str, caption: str, words: Sequence[str], numbers: Sequence[str
     )  # fmt: skip
     for name in words:
         table.add_column(_safe(name), no_wrap=True)
-    for name in numbers:  # intervals have a place to break at, names have none
+    for name in numbers:  # intervals can wrap, names cannot
         table.add_column(_safe(name), justify="right")
     return table
 
@@ -137,5 +137,5 @@ def _tell(console: Console, what: str, lines: Sequence[str]) -> None:
 
 
 def _safe(text: str) -> str:
-    """Return text without markup or control characters: names may be somebody else's."""
+    """Return text without markup or control characters, since names can come from anyone."""
     return escape(printable(text))

@@ -1,4 +1,4 @@
-"""Numbers, regimes and seeds as text, for the table, the page and the figures."""
+"""Format numbers, regimes and seeds as text, for the table, the page and the figures."""
 
 import re
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from .campaign import HUGE, Campaign, Regime
 
 
 def short(value: float | None) -> str:
-    """Return two significant digits; a dash where there is no number."""
+    """Return a number with two significant digits, or a dash for None."""
     if value is None or value != value:
         return "–"
     if abs(value) >= HUGE:
@@ -21,17 +21,17 @@ def short(value: float | None) -> str:
 
 
 def spread(low: float | None, high: float | None) -> str:
-    """Return the quartiles around a median."""
+    """Return the range between two quartiles."""
     return "–" if low is None else f"{short(low)} to {short(high)}"
 
 
 def factor(log10: float) -> str:
-    """Return 10 to the power of a logarithm, with its sign of multiplication."""
+    """Return 10 to the power of `log10`, with a multiplication sign."""
     return f"×{short(10.0**log10)}"
 
 
 def ratio(log10: float | None, low: float | None = None, high: float | None = None) -> str:
-    """Return how many times the baseline's gap an agent's is, with the interval."""
+    """Return the ratio of an agent's gap to the baseline's, with its interval."""
     if log10 is None:
         return "–"
     if low is None or high is None:
@@ -40,24 +40,24 @@ def ratio(log10: float | None, low: float | None = None, high: float | None = No
 
 
 def score(wins: int | None, ties: int | None, losses: int | None) -> str:
-    """Return wins, ties and losses."""
+    """Return wins, ties and losses as text."""
     return "–" if wins is None else f"{wins}–{ties}–{losses}"
 
 
 def probability(p: float | None) -> str:
-    """Return a p value; small ones as a bound."""
+    """Return a p value as text; small ones as a bound."""
     if p is None:
         return "–"
     return "<0.001" if p < 0.001 else f"{p:.2g}" if p < 0.1 else f"{p:.2f}"
 
 
 def percent(share: float) -> str:
-    """Return a share of one as whole percent."""
+    """Return a share of one as a whole percentage."""
     return f"{100 * share:.0f} %"
 
 
 def regime_name(regime: Regime, regimes: Sequence[Regime]) -> str:
-    """Return what tells a regime from the others, in words."""
+    """Return a name that distinguishes a regime from the others."""
     name = f"{regime.calibrator} calibrator"
     if len({(r.n_init, r.n_max) for r in regimes}) > 1:
         name += f", {regime.n_max} experiments ({regime.n_init} initial)"
@@ -65,13 +65,13 @@ def regime_name(regime: Regime, regimes: Sequence[Regime]) -> str:
 
 
 def problem_name(campaign: Campaign, problem: str) -> str:
-    """Return a problem with its number of knobs."""
+    """Return the name of a problem with its number of knobs."""
     knobs = campaign.knobs(problem)
     return problem if knobs is None else f"{problem}, {knobs} knob{'s' * (knobs != 1)}"
 
 
 def seeds_text(seeds: Sequence[int]) -> str:
-    """Return seeds, with runs of consecutive ones as ranges: 0 to 3, 7."""
+    """Return seeds as text, with consecutive ones as ranges: 0 to 3, 7."""
     runs = [
         [seed for _, seed in group]
         for _, group in groupby(enumerate(sorted(seeds)), lambda pair: pair[1] - pair[0])
@@ -97,5 +97,5 @@ def row_texts(row: Any) -> dict[str, str]:
 
 
 def finished(seeds: int, failed: int) -> str:
-    """Return how many seeds have finished, and of how many if some failed."""
+    """Return the number of finished seeds, and the total if some failed."""
     return f"{seeds} of {seeds + failed}" if failed else str(seeds)

@@ -1,4 +1,4 @@
-"""Writes the folder of a campaign: figures, tables and index.html."""
+"""Write the folder of a campaign: figures, tables and index.html."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -27,21 +27,21 @@ def write(
 ) -> Path:
     """Write index.html, its figures as PNG, table.csv and duels.csv; return the page's path.
 
-    Equal results write equal bytes, in whatever order they come. Figures that only an earlier
-    campaign in `folder` had are removed.
+    Equal results give equal bytes, regardless of their order. Figures left over from an earlier
+    campaign in `folder` are removed.
 
     Args:
-        results: Results; cells may be missing or failed, and the page says which.
+        results: Results; the page lists cells that are missing or failed.
         duels: Verdicts on problems without a cost; may be empty.
-        folder: Folder to write to; made if it is not there.
+        folder: Folder to write to, created if necessary.
         command: Command line that was typed, for the page.
         digest: Digest of the results, for the page.
-        notes: Combinations that were left out on purpose, and why; anything worth knowing.
+        notes: Combinations that were left out on purpose, with reasons, and other remarks.
         baseline: Agent that all others are compared with.
 
     Raises:
-        SettingsError: results or duels that contradict each other, or a folder that cannot be
-            written to.
+        SettingsError: If results or duels contradict each other, or the folder cannot be written
+            to.
     """
     origin = (command, digest, tuple(notes))
     return _write(list(results), list(duels), Path(folder), Choices(baseline), origin)
@@ -54,7 +54,7 @@ def _write(
     choices: Choices,
     origin: tuple[str, str, tuple[str, ...]],
 ) -> Path:
-    # Imported here: a table alone does not have to wait for the plots.
+    # Imported here: a table alone needs no plotting.
     from .html import Origin, page
     from .pictures import Material, draw
 
@@ -72,7 +72,7 @@ def _write(
 
 
 def _remove_others(folder: Path, kept: set[str]) -> None:
-    """Remove figures of an earlier campaign; only files that bear one of our names."""
+    """Remove figures of an earlier campaign, only files that have one of our names."""
     for path in folder.glob("*.png"):
         if _OURS.fullmatch(path.name) and path.name not in kept:
             path.unlink()

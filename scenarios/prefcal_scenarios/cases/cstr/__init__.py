@@ -1,4 +1,4 @@
-"""The room of the continuous stirred tank reactor, section IV-A."""
+"""Provide the scenario of the continuous stirred tank reactor, section IV-A."""
 
 from .kpis import indicators as indicators
 from .kpis import performance_index as performance_index

@@ -1,4 +1,4 @@
-"""The knobs of the CSTR's MPC, and the controller of a θ (section IV-A)."""
+"""Define the knobs of the CSTR's MPC, and build the controller of a θ (section IV-A)."""
 
 from dataclasses import asdict
 from typing import Any
@@ -27,13 +27,13 @@ SPACE = KnobSpace(
 )
 """The logarithm itself is the knob.
 
-Deviation: to base 10; the paper states none. The lowest index then lies where the paper's GLIS
-found it, with base e it does not (docs/deviations.md).
+Deviation: base 10; the paper states no base. With base 10 the lowest index lies where the paper's
+GLIS found it, with base e it does not (docs/deviations.md).
 """
 
 
 def mpc_settings(theta: Float[np.ndarray, " 3"], space: KnobSpace = SPACE) -> MPCSettings:
-    """Settings of the MPC at θ = (T_s [h], N_p, log10 Q_Δu); the others are fixed by the paper.
+    """Return the MPC settings at θ = (T_s [h], N_p, log10 Q_Δu); the paper fixes all others.
 
     Only C_A is tracked (Q_y = diag(0, 1)), N_u = N_p/3 rounded half up, T_c in [284, 310] K with
     moves of at most 10 K; no limits on outputs.
@@ -61,9 +61,9 @@ def controller(
     estimator: EstimatorSettings | None = None,
     space: KnobSpace = SPACE,
 ) -> Controller:
-    """A fresh MPC tuned by θ = (T_s [h], N_p, log10 Q_Δu), shape (3,), physical.
+    """Create an MPC tuned by θ = (T_s [h], N_p, log10 Q_Δu), shape (3,), physical.
 
-    The paper's has no estimator; `ESTIMATOR` is one.
+    The paper uses no estimator; `ESTIMATOR` is one.
     """
     tuned = mpc_settings(theta, space)
     return (
@@ -72,5 +72,5 @@ def controller(
 
 
 def settings(theta: Float[np.ndarray, " 3"], space: KnobSpace = SPACE) -> dict[str, Any]:
-    """The same settings as plain data."""
+    """Return the MPC settings at θ as plain data."""
     return asdict(mpc_settings(theta, space))

@@ -1,4 +1,4 @@
-"""What is measured in an experiment of the CSTR, and the paper's performance index."""
+"""Compute the KPIs of a CSTR experiment, and the paper's performance index."""
 
 from math import inf
 
@@ -23,16 +23,16 @@ KPIS = (
     KPI("index", "performance index"),
     KPI("unsolved", "unsolved QPs", at_most=0.0),
 )
-"""Most important first. Infinite times mean never.
+"""KPIs, most important first. An infinite time means never.
 
-`settling_time` is the paper's t_f, which an engineer would not call so: the end of the first step
-at which C_A is inside the ±3 % band and C_A, T and T_c hardly change any more. `band_entry` is what
-is called settling time: the time from which on C_A stays within the band.
+`settling_time` is the paper's t_f, not the usual settling time: the end of the first step at which
+C_A is inside the ±3 % band and C_A, T and T_c hardly change any more. `band_entry` is the usual
+settling time: the time after which C_A stays within the band.
 """
 
 
 def indicators(experiment: Experiment) -> dict[str, float]:
-    """The values of `KPIS`, in their units."""
+    """Return the values of `KPIS`, in their units."""
     moves = _moves(experiment)
     C_A = experiment.x[:, 1]
     return {
@@ -49,11 +49,11 @@ def indicators(experiment: Experiment) -> dict[str, float]:
 
 
 def performance_index(experiment: Experiment) -> float:
-    """Eq. perf_index: duration, moves and final error, each relative to what is acceptable.
+    """Return eq. perf_index: duration, moves and final error, each relative to an accepted value.
 
-    t_f is when the experiment settled, else 48 h. The first move is that from the initial steady
-    state. Deviation (the paper names no value): an interrupted experiment costs 1000 and the
-    share of the 48 h that it did not survive, so the longer of two is better.
+    t_f is when the experiment settled, or else 48 h. The first move starts from the initial steady
+    state. Deviation (the paper states no value): an interrupted experiment costs 1000 plus the
+    share of the 48 h that it did not reach, so the longer of two is better.
     """
     if experiment.end.interrupted:
         return _INTERRUPTED + max(1.0 - experiment.duration / HORIZON, 0.0)
@@ -63,12 +63,12 @@ def performance_index(experiment: Experiment) -> float:
 
 
 def _moves(experiment: Experiment) -> np.ndarray:
-    """ΔT_c of the N_T steps, K, shape (N_T,)."""
+    """Return ΔT_c of the N_T steps, K, shape (N_T,)."""
     return np.diff(experiment.u_control[:, 0], prepend=_T_C_START)
 
 
 def _band_entry(experiment: Experiment) -> float:
-    """The first recorded time from which on C_A stays within the band, h; infinite if never."""
+    """Return the first recorded time after which C_A stays within the band, h; inf if never."""
     outside = np.flatnonzero(np.abs(experiment.x[:, 1] - TARGET) > BAND)
     if len(outside) == 0:
         return 0.0

@@ -1,4 +1,4 @@
-"""The CSTR as a scenario: the steady-state switch of section IV-A."""
+"""Define the CSTR scenario: the steady-state switch of section IV-A."""
 
 from functools import partial
 from typing import Any
@@ -35,9 +35,9 @@ REFERENCES = {
 def run(
     theta: Float[np.ndarray, " 3"], seed: int = 0, space: KnobSpace = SPACE, **options: Any
 ) -> Experiment:
-    """One experiment of θ = (T_s [h], N_p, log10 Q_Δu), shape (3,), physical, in `space`.
+    """Run one experiment of θ = (T_s [h], N_p, log10 Q_Δu), shape (3,), physical, in `space`.
 
-    From the steady state with C_A = 8.56; nothing in it is random. Options are those of
+    It starts at the steady state with C_A = 8.56 and is deterministic. Options are those of
     `cstr_env`.
 
     Raises:
@@ -49,14 +49,14 @@ def run(
 
 
 def synthetic(seed: int = 0) -> LatentCost:
-    """Prefers the lower performance index; sure of himself, so `seed` changes nothing."""
+    """Return a calibrator that prefers the lower performance index, whatever the `seed`."""
     return LatentCost(performance_index, seed=seed)
 
 
 def lexicographic(seed: int = 0) -> Lexicographic:
-    """The paper's guidelines in order: target met, then sooner, then with calmer moves.
+    """Return a calibrator with the paper's guidelines in order: target, speed, calm moves.
 
-    Differences that nobody would see on the plots are ties. Deterministic, whatever the `seed`.
+    Differences that nobody would see in the plots are ties. Deterministic, whatever the `seed`.
     """
     return Lexicographic(
         [
@@ -71,7 +71,7 @@ def lexicographic(seed: int = 0) -> Lexicographic:
 
 
 def _missed_by(experiment: Experiment) -> float:
-    """Distance of the final C_A from the band around the target, kgmol/m³."""
+    """Return the distance of the final C_A from the band around the target, kgmol/m³."""
     return max(abs(float(experiment.x[-1, 1]) - TARGET) - BAND, 0.0)
 
 
@@ -104,17 +104,17 @@ def make_tuning_env(
     plant: CSTR | None = None,
     render_mode: str | None = None,
 ) -> TuningEnv:
-    """`prefcal/CSTRTuning-v0`: one step is one experiment; reward = -(eq. perf_index).
+    """Create `prefcal/CSTRTuning-v0`: one step is one experiment; reward = -(eq. perf_index).
 
     Args:
-        T_s: Freezes the sampling time of θ [h].
-        x0: Of `cstr_env`, as `max_move` and `plant`: what every experiment runs on.
-        max_move: See `cstr_env`.
-        plant: See `cstr_env`; the MPC keeps its own model.
+        T_s: Fixed sampling time of θ [h], if given.
+        x0: Initial state of every experiment, see `cstr_env`.
+        max_move: Largest move of the input, see `cstr_env`.
+        plant: Plant of every experiment, see `cstr_env`; the MPC keeps its own model.
         render_mode: None or "rgb_array".
     """
     options = {"x0": x0, "max_move": max_move, "plant": plant}
-    cstr_env(**options)  # refuses what is wrong now, not in the first experiment
+    cstr_env(**options)  # fail on wrong options now, not in the first experiment
     return TuningEnv(
         sampled_at(SPACE, T_s), partial(run, **options), score=performance_index, panels=PANELS,
         title=cstr.title, render_mode=render_mode,
@@ -122,5 +122,5 @@ def make_tuning_env(
 
 
 def make_tuning_vector(num_envs: int = 1, **options: Any) -> gym.vector.VectorEnv:
-    """Several of them, without wasted steps (see `same_step_vector`)."""
+    """Create several tuning environments as a vector without wasted steps (`same_step_vector`)."""
     return same_step_vector("prefcal/CSTRTuning-v0", num_envs, **options)

@@ -1,4 +1,4 @@
-"""The reactor in words: the task, its knobs and its KPIs, for the person who compares."""
+"""Describe the reactor for the person who compares: the task, its knobs and its KPIs."""
 
 from collections.abc import Mapping
 
@@ -6,9 +6,9 @@ BRIEF = (
     "A stirred-tank reactor is brought from a concentration C_A of 8.56 kgmol/m³ down to 2 "
     "kgmol/m³. A model predictive controller (MPC) does it by moving the coolant temperature T_c. "
     "Each experiment is one simulated run with other controller settings. Prefer the run that you "
-    "would rather have on your plant: at its target soon, without swings, with calm moves of the "
+    "would rather have on your plant: soon at its target, without swings, with calm moves of the "
     "coolant. A run ends once the reactor has reached its new steady state, so a curve may end at "
-    "16 h; one that never settles goes on for 48 h."
+    "16 h; one that never settles lasts 48 h."
 )
 KNOBS: Mapping[str, str] = {
     "T_s": "Sampling time: how often the controller measures and moves the coolant. Short reacts "

@@ -1,4 +1,4 @@
-"""The room of lane keeping and overtaking, section IV-B."""
+"""Provide the scenario of lane keeping and overtaking, section IV-B."""
 
 from .criteria import calibrator as calibrator
 from .kpis import indicators as indicators

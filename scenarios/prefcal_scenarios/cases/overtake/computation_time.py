@@ -1,4 +1,4 @@
-"""t_comp of an experiment of the car, on a stated processor: criterion (i) of section IV-B."""
+"""Model t_comp of a car experiment on a given processor: criterion (i) of section IV-B."""
 
 import numpy as np
 from jaxtyping import Float
@@ -18,16 +18,16 @@ SERVER_CORE = Processor(
     "one core of a server (x86-64 with AVX-512, 2023)",
     step=7.5e-5, iteration=7.5e-6, building=4.9e8, solving=2.2e10,
 )  # fmt: skip
-"""As benchmarks/computation.py measured it, compiled by numba and PIQP: 5 to 95 % of the measured
-steps took 0.9 to 1.15 of the modelled time."""
+"""Measured by benchmarks/computation.py, compiled by numba and PIQP: the 5 to 95 % quantiles of the
+measured steps took 0.9 to 1.15 of the modeled time."""
 
 PAPER_PROCESSOR = SERVER_CORE.slower(268.0, "the paper's MATLAB on a laptop")
-"""Slowed down until the paper's optimum takes the paper's time, `PAPER_T_COMP`. How its time
-splits up is not known; the shares are those of `SERVER_CORE`."""
+"""Slowed down until the paper's optimum takes the paper's time, `PAPER_T_COMP`. The shares of its
+parts are not known; they are those of `SERVER_CORE`."""
 
 
 def t_comp(experiment: Experiment, processor: Processor) -> Float[np.ndarray, " N"]:
-    """Modelled computation time of each control step [s], shape (N,)."""
+    """Return the modeled computation time of each control step [s], shape (N,)."""
     phases = phase_at_control(experiment)
     seconds = np.zeros(len(phases))
     for phase in Phase:
@@ -38,9 +38,9 @@ def t_comp(experiment: Experiment, processor: Processor) -> Float[np.ndarray, " 
 
 
 def overrun(experiment: Experiment, processor: Processor) -> float:
-    """By which share the worst t_comp exceeds T_s; 0 where the MPC can run in real time.
+    """Return by which share the worst t_comp exceeds T_s; 0 if the MPC can run in real time.
 
-    Of several runs the worst; an estimator's time is not modelled.
+    With several runs, the worst counts. The time of an estimator is not modeled.
     """
     worst = max(float(t_comp(e, processor).max()) for e in experiment.runs or (experiment,))
     ratio = worst / float(experiment.theta[0])
@@ -48,5 +48,5 @@ def overrun(experiment: Experiment, processor: Processor) -> float:
 
 
 def measured_t_comp(experiment: Experiment) -> tuple[float, float]:
-    """Worst and 99th percentile of the measured times [s]: not repeatable, never to compare by."""
+    """Return worst and 99th percentile of the measured times [s], which are not repeatable."""
     return measured(experiment.solve_time)

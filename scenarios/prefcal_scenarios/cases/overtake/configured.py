@@ -1,4 +1,4 @@
-"""The overtaking on another road, in other traffic, with another limit of steering."""
+"""Configure the overtaking: another road, other traffic, another steering limit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -17,12 +17,12 @@ from .scenes import Scenes
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """What a configuration says: the scene, and what belongs to the study rather than to it.
+    """A configuration: the scene, and the settings of the study.
 
     Args:
-        options: The scene.
-        fixed: What the tuning leaves alone.
-        scenes: How many seeded scenes a θ drives; the worst counts.
+        options: Options of the scene.
+        fixed: MPC settings that are not tuned.
+        scenes: Number of seeded scenes that each θ drives; the worst counts.
     """
 
     options: OvertakeOptions
@@ -31,10 +31,10 @@ class Study:
 
     @classmethod
     def of(cls, config: Mapping[str, Any], scenes: int) -> "Study":
-        """That of plain data: `OvertakeOptions.of`, "scenes" and "steering_limit".
+        """Create it from plain data: `OvertakeOptions.of`, "scenes" and "steering_limit".
 
         Raises:
-            SettingsError: a key that is none, a value of the wrong kind.
+            SettingsError: an unknown key or a value of the wrong type.
         """
         scene = dict(config)
         count = scene.pop("scenes", scenes)
@@ -55,7 +55,7 @@ def configured(
     scenes: int,
     config: Mapping[str, Any],
 ) -> Scenario:
-    """`scenario` in the scene of `config`, in so many seeded scenes unless `config` says so."""
+    """Return `scenario` in the scene of `config`, in `scenes` seeded scenes unless it says more."""
     study = Study.of(config, scenes)
     made = Scenes((study.options,) * study.scenes, estimator, study.fixed).of(scenario)
     again = partial(configured, scenario, estimator, scenes)

@@ -1,4 +1,4 @@
-"""The knobs of the car's MPC, and the controller of a θ (section IV-B)."""
+"""Define the knobs of the car's MPC, and build the controller of a θ (section IV-B)."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -33,7 +33,7 @@ SPACE = KnobSpace(
 )
 """The logarithms themselves are the knobs.
 
-Deviation: to base 10; the paper states none (docs/deviations.md).
+Deviation: base 10; the paper states no base (docs/deviations.md).
 """
 
 _ANGLE = pi / 4
@@ -41,7 +41,7 @@ _ANGLE = pi / 4
 
 @dataclass(frozen=True, slots=True)
 class Fixed:
-    """What the tuning leaves alone.
+    """MPC settings that are not tuned.
 
     Deviation: the paper states ±π/4 and 0.0873 rad/s for θ. Here ±π/4 holds for θ (soft) and for
     δ_s (hard), 0.0873 rad/s for the rate of δ_s (hard), so 0.0873 T_s a step: a yaw rate is no
@@ -66,12 +66,12 @@ class Fixed:
 
 
 PAPER = Fixed()
-"""As the case study has it."""
+"""Settings of the case study."""
 STEERING_LIMITS: Mapping[str, Fixed] = {
     "per second": PAPER,
     "per step": Fixed(steering_rate=inf, steering_move=0.0873),
 }
-"""What 0.0873 limits: the rate of δ_s, or its move in a step, however long that is."""
+"""What 0.0873 limits: the rate of δ_s, or its move per step, whatever the sampling time."""
 
 ESTIMATOR = EstimatorSettings(
     noise=(0.1, 0.05, 0.01), process=(0.1, 0.05, 0.02), drift=(0.01,), on_inputs=(1,)
@@ -87,9 +87,9 @@ def mpc_settings(
     fixed: Fixed = PAPER,
     space: KnobSpace = SPACE,
 ) -> MPCSettings:
-    """Settings of the MPC of one phase, θ = (T_s [s], ε_c, N_p, log10 q_u11, log10 q_u22).
+    """Return MPC settings of one phase, θ = (T_s [s], ε_c, N_p, log10 q_u11, log10 q_u22).
 
-    Outputs (x_f, y_f [m], θ [rad]), y_f from the obstacle's centre line on while overtaking;
+    Outputs (x_f, y_f [m], θ [rad]), y_f relative to the obstacle's center line while overtaking;
     inputs (v [m/s], δ_s [rad]). Q_y = diag(1, 1, 0), Q_u = 0, Q_Δu = diag(q_u11, q_u22).
 
     Raises:
@@ -118,9 +118,9 @@ def controller(
     estimator: EstimatorSettings | None = None,
     space: KnobSpace = SPACE,
 ) -> Supervisor:
-    """A fresh supervised MPC tuned by θ, shape (5,), physical. Raises as `mpc_settings`.
+    """Create a supervised MPC tuned by θ, shape (5,), physical. Raises like `mpc_settings`.
 
-    The paper's has no estimator; `ESTIMATOR` is one.
+    The paper uses no estimator; `ESTIMATOR` is one.
     """
     tuned = {phase: mpc_settings(theta, phase, fixed, space) for phase in Phase}
     return Supervisor(Bicycle(), tuned, estimator)
@@ -129,7 +129,7 @@ def controller(
 def settings(
     theta: Float[np.ndarray, " 5"], space: KnobSpace = SPACE, fixed: Fixed = PAPER
 ) -> dict[str, Any]:
-    """The same settings as plain data, those of each phase under its name."""
+    """Return the MPC settings as plain data, by name of the phase."""
     return {
         p.name.lower().replace("_", " "): asdict(mpc_settings(theta, p, fixed, space))
         for p in Phase

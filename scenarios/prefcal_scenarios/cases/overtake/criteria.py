@@ -1,4 +1,4 @@
-"""The calibrator of section IV-B: criteria (i) to (vi), with what he can tell apart."""
+"""Build the calibrator of section IV-B: criteria (i) to (vi), with noticeable differences."""
 
 from collections.abc import Callable
 from functools import partial
@@ -12,19 +12,17 @@ from .kpis import SHORTEST_DISTANCE
 
 
 def calibrator(processor: Processor) -> Lexicographic:
-    """Criteria (i) to (v) in the priority of (vi).
+    """Return a calibrator with criteria (i) to (v), in the priority of (vi).
 
-    Deviation: the just noticeable differences, and the order among (ii) to (v), are ours. What
-    other differences change is in docs/deviations.md.
+    Deviation: the just noticeable differences, and the order among (ii) to (v), are ours. The
+    effect of other differences is in docs/deviations.md.
 
-    Real time first: whether the worst t_comp on `processor` is below T_s, and of two that are
-    not, the smaller excess. Then whether it was interrupted (collision, off the road; the longer
-    survived), then distance and road, where a lack of safety is noticed and more than enough is
-    not; then comfort, speed and steering.
+    Real time comes first: the worst t_comp on `processor` must be below T_s; otherwise the smaller
+    excess is better. Next come interruptions (collision, off the road; later is better), then
+    distance and road, where only a lack of safety counts; then comfort, speed and steering.
 
-    A difference that he does not notice leaves the word to the next criterion. So no cost function
-    has his preferences, not even one with a tie band: they can go round in a circle (a test shows
-    three θ that do).
+    If a difference is not noticeable, the next criterion decides. So no cost function, not even
+    one with a tie band, has these preferences: they can form a cycle (a test shows three such θ).
     """
     real_time = Criterion(
         "(i) worst t_comp above T_s [share]", partial(overrun, processor=processor)
@@ -49,22 +47,22 @@ def calibrator(processor: Processor) -> Lexicographic:
 
 
 def on_processor(processor: Processor, seed: int = 0) -> Lexicographic:
-    """The calibrator before `processor`; whatever the `seed`."""
+    """Return the calibrator for `processor`, whatever the `seed`."""
     return calibrator(processor)
 
 
 def synthetic(seed: int = 0) -> Lexicographic:
-    """The calibrator before the paper's slow processor: criterion (i) bites. Sure of himself."""
+    """Return the calibrator for the paper's slow processor, on which criterion (i) matters."""
     return calibrator(PAPER_PROCESSOR)
 
 
 def fast(seed: int = 0) -> Lexicographic:
-    """The same before a processor of today: every tuning runs in real time."""
+    """Return the calibrator for a modern processor, on which every tuning runs in real time."""
     return calibrator(SERVER_CORE)
 
 
 def _too_near(experiment: Experiment) -> float:
-    """How much closer than `SHORTEST_DISTANCE` beside the obstacle [m]."""
+    """Return how much closer than `SHORTEST_DISTANCE` the car passes the obstacle [m]."""
     return max(SHORTEST_DISTANCE - float(experiment.kpis["lateral_distance"]), 0.0)
 
 

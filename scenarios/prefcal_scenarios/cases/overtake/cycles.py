@@ -1,4 +1,4 @@
-"""Cycle counts of an embedded target, read from a CSV file."""
+"""Read cycle counts of an embedded target from a CSV file."""
 
 import csv
 from collections.abc import Mapping
@@ -32,8 +32,8 @@ def read_cycles(path: Path | str, clock_mhz: float) -> list[TimedStep]:
         clock_mhz: Clock rate of the target [MHz].
 
     Raises:
-        SettingsError: a clock rate that is not positive, no such file, a column that is missing,
-            or a value that cannot be; names the line.
+        SettingsError: the clock rate is not positive, the file does not exist, a column is
+            missing, or a value is invalid; the message names the line.
     """
     if not 0 < clock_mhz < float("inf"):
         raise SettingsError(f"--clock-mhz must be positive and finite, got {clock_mhz} MHz")
@@ -81,7 +81,7 @@ def _step(row: Mapping[str, str | None], where: str, clock_mhz: float) -> TimedS
 
 
 def _size(phase: Phase, N_p: int, N_u: int) -> StepSize:
-    """Of the car's problem in `phase` with these horizons."""
+    """Return the size of the car's problem in `phase` with these horizons."""
     settings = mpc_settings(SPACE.decode(np.full(len(SPACE), 0.5)), phase)
     return StepSize.of(Bicycle(), replace(settings, N_p=N_p, N_u=N_u))
 

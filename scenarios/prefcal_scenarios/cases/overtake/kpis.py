@@ -1,4 +1,4 @@
-"""What is measured in an experiment of the car: a field for each of the criteria (i) to (v)."""
+"""Compute the KPIs of a car experiment, for the criteria (i) to (v)."""
 
 from math import inf
 
@@ -26,7 +26,7 @@ HIGHER_IS_BETTER = ("lateral_distance", "clearance")
 """KPIs whose smallest value is the worst; of the others it is the largest."""
 
 SHORTEST_DISTANCE = MIN_LATERAL_DISTANCE - 0.1
-"""Beside the obstacle, still the "reasonable safety distance" of criterion (iii) [m]."""
+"""Smallest "reasonable safety distance" beside the obstacle, criterion (iii) [m]."""
 
 KPIS = (
     KPI("t_comp_ratio", "worst t_comp / T_s", at_most=1.0),
@@ -35,8 +35,8 @@ KPIS = (
         at_least=SHORTEST_DISTANCE,
     ),
     KPI("path_peak", "largest y_f", "m", better="lower"),
-    KPI("t_comp_worst", "worst t_comp, modelled", "s", better="lower"),
-    KPI("t_comp_99", "t_comp, 99th percentile, modelled", "s", better="lower"),
+    KPI("t_comp_worst", "worst t_comp, modeled", "s", better="lower"),
+    KPI("t_comp_99", "t_comp, 99th percentile, modeled", "s", better="lower"),
     KPI("collision", "collisions", at_most=0.0),
     KPI("off_road", "largest distance outside the road", "m", at_most=0.0),
     KPI("clearance", "smallest clearance", "m", better="higher"),
@@ -56,11 +56,11 @@ KPIS = (
     KPI("steering_rate_rms", "RMS rate of δ_s", "°/s", better="lower"),
     KPI("unsolved", "unsolved QPs", at_most=0.0),
 )  # fmt: skip
-"""Most important first. Infinite times mean never, an infinite distance that there was none."""
+"""KPIs, most important first. An infinite time means never, an infinite distance no obstacle."""
 
 
 def indicators(experiment: Experiment, processor: Processor = PAPER_PROCESSOR) -> dict[str, float]:
-    """The values of `KPIS`, in their units. t_comp is modelled on `processor`."""
+    """Return the values of `KPIS`, in their units. t_comp is modeled on `processor`."""
     seconds = t_comp(experiment, processor)
     found = {
         "t_comp_worst": seconds.max(),
@@ -99,19 +99,19 @@ def _path(experiment: Experiment) -> dict[str, float]:
 
 
 def _to_pass(experiment: Experiment) -> float:
-    """Largest y_o of the obstacles in the right lane [m], which the paper's reference is 3 m off.
+    """Return the largest y_o of the obstacles in the right lane [m]; 0 without obstacles.
 
-    0 without any.
+    The paper's reference is 3 m to the left of it.
     """
     y_o = [o[:, 1].max() for o in obstacles(experiment) if o[0, 1] < LANE_WIDTH / 2]
     return float(max(y_o, default=0.0))
 
 
 def lateral_acceleration(experiment: Experiment) -> Float[np.ndarray, " N"]:
-    """Of the rear axle in each step, v² sin(2 δ_s)/(2 L) [m/s²], shape (N,).
+    """Return the acceleration of the rear axle, v² sin(2 δ_s)/(2 L) [m/s²], shape (N,).
 
-    There the velocity v cos δ_s has the direction of the yaw angle, which turns by v sin δ_s/L;
-    at the front it would jump with the steering angle.
+    The velocity v cos δ_s of the rear axle has the direction of the yaw angle, which changes by
+    v sin δ_s/L; at the front it would jump with the steering angle.
     """
     v, steering = experiment.u_control.T
     return np.asarray(v**2 * np.sin(2 * steering) / (2 * LENGTH))
@@ -153,7 +153,7 @@ def _steering(experiment: Experiment) -> dict[str, float]:
 
 
 def _overtaking_time(experiment: Experiment) -> float:
-    """From the first decision to overtake to the first to keep the lane again [s]."""
+    """Return the time from the decision to overtake to the decision to keep the lane again [s]."""
     overtaking = phase_at_control(experiment) == Phase.OVERTAKING
     begun = np.flatnonzero(overtaking)
     if len(begun) == 0:

@@ -24,9 +24,9 @@ TIMED = tuple(
     for share in (0.1, 0.31, 0.65, 1.0)
     for N_p in (10.0, 16.0, 30.0)
 )
-"""The θ that are timed: problems small and large, 3 to 61 variables."""
+"""The θ to time: problems of 3 to 61 variables."""
 WARM_UP = 3
-"""First steps of a run, which are not counted."""
+"""Number of first steps of a run that are not counted."""
 Track = Callable[[Iterable[tuple[float, ...]]], Iterable[tuple[float, ...]]]
 
 
@@ -35,7 +35,7 @@ class Timed:
 
     Args:
         twins: Equal controllers, one or more.
-        clock: Seconds.
+        clock: Clock in seconds.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Timed:
         self._clock = clock
 
     def move(self, measurement: Measurement) -> Move:
-        """Decide as often as there are twins."""
+        """Decide with every twin, and keep the shortest time."""
         shortest = np.inf
         for twin in self.twins:
             start = self._clock()
@@ -63,9 +63,9 @@ def timed_steps(
     """Time every step of closed-loop runs of the car over small and large problems.
 
     Args:
-        rounds: How often each step is timed, 1 or more; its shortest time counts.
-        track: Wraps the θ, to show progress.
-        clock: Seconds.
+        rounds: Number of times to time each step, 1 or more; the shortest time counts.
+        track: Function that wraps the θ to show progress.
+        clock: Clock in seconds.
 
     Raises:
         SettingsError: `rounds` is below 1.

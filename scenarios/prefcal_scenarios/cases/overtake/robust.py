@@ -1,4 +1,4 @@
-"""Beyond the paper: the overtaking of a θ that must do in several scenes. The worst one counts."""
+"""Evaluate θ in several overtaking scenes, of which the worst counts; beyond the paper."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -22,8 +22,9 @@ VARIANTS: Mapping[str, OvertakeOptions] = {
     "slipping car": OvertakeOptions(car=slipping_car()),
     "two obstacles": OvertakeOptions(traffic=(Obstacle(x=22.0), Obstacle(x=36.0))),
 }
-"""By name, the paper's first. Noise in m, m and rad; the obstacle brakes with 1 m/s² after 4 s; the
-car is highway-env's, its speed needs time; two obstacles are nearer, to be passed within 15 s."""
+"""Scenes by name, the paper's first. Noise in m, m and rad; the obstacle brakes with 1 m/s² after
+4 s; the slipping car is highway-env's, whose speed reacts slowly; two obstacles are nearer, so that
+the car can pass them within 15 s."""
 
 
 def overtake_variants(
@@ -31,18 +32,18 @@ def overtake_variants(
     estimator: EstimatorSettings | None = ESTIMATOR,
     name: str = "overtake-robust",
 ) -> Scenario:
-    """The overtaking with one experiment a θ made of several runs, judged by the worst.
+    """Return the overtaking with several runs per experiment, of which the worst counts.
 
-    `Experiment.runs` are in the order of `variants`; arrays are those of the first, KPIs and end
-    the worst (`worst_of`). The measurement noise of variant i follows from (seed, i).
+    `Experiment.runs` are in the order of `variants`; arrays are those of the first run, KPIs and
+    end the worst (`worst_of`). The measurement noise of variant i follows from (seed, i).
 
     Args:
         variants: Scenes by name, one or more.
-        estimator: Of the controller; None: it believes what it measures.
-        name: Of the scenario.
+        estimator: Estimator of the controller; None trusts the measurement.
+        name: Name of the scenario.
 
     Raises:
-        ScenarioError: no variant.
+        ScenarioError: `variants` is empty.
     """
     if not variants:
         raise ScenarioError("overtake_variants needs one or more variants")

@@ -1,4 +1,4 @@
-"""The overtaking as a scenario: section IV-B."""
+"""Define the overtaking scenario, section IV-B."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -36,14 +36,14 @@ PANELS = (
     ),
     Panel("steering angle", unit="°", low=-45.0, high=45.0, scale=180 / np.pi),
 )  # fmt: skip
-"""On time, in the units of the paper's figures, with the references and limits that held."""
+"""Panels over time, in the units of the paper's figures, with references and limits."""
 REFERENCES = {"paper, preferences": np.array([0.085, 0.31, 16.0, 0.261, 0.918])}
 
 
 def run(theta: Float[np.ndarray, " 5"], seed: int = 0, space: KnobSpace = SPACE) -> Experiment:
-    """One experiment of θ = (T_s [s], ε_c, N_p, log10 q_u11, log10 q_u22), shape (5,), in `space`.
+    """Run one experiment of θ = (T_s [s], ε_c, N_p, log10 q_u11, log10 q_u22), shape (5,).
 
-    15 s of the paper's scene; nothing in it is random.
+    It is 15 s of the paper's scene and deterministic; θ is physical, in `space`.
 
     Raises:
         KnobError: θ of the wrong shape, NaN or outside the box.
@@ -80,7 +80,7 @@ overtake = Scenario(
     configured=_configured,
     on_processor=on_target,
 )
-"""No single score exists: there is no cost."""
+"""The scenario has no cost, since there is no single score."""
 
 
 def overtake_on(processor: Processor) -> Scenario:
@@ -96,15 +96,14 @@ def make_tuning_env(
     x0: Any = None,
     render_mode: str | None = None,
 ) -> TuningEnv:
-    """`prefcal/OvertakeTuning-v0`: one step is one experiment; the reward is 0, there is no score.
+    """Create `prefcal/OvertakeTuning-v0`: one step is one experiment; the reward is always 0.
 
-    `PreferenceReward` with a calibrator of the scenario makes rewards of preferences.
+    `PreferenceReward` with a calibrator of the scenario turns preferences into rewards.
 
     Args:
-        config: The scene, as of `prefcal/Overtake-v0`, and what belongs to a study: "scenes" and
-            "steering_limit".
-        T_s: Freezes the sampling time of θ [s].
-        x0: The pose (x_f, y_f [m], θ [rad]) at the start of every experiment.
+        config: Scene, as in `prefcal/Overtake-v0`, and the study's "scenes" and "steering_limit".
+        T_s: Fixed sampling time of θ [s], if given.
+        x0: Pose (x_f, y_f [m], θ [rad]) at the start of every experiment.
         render_mode: None or "rgb_array".
     """
     changes = dict(config or {}) if x0 is None else dict(config or {}, x0=x0)
@@ -116,5 +115,5 @@ def make_tuning_env(
 
 
 def make_tuning_vector(num_envs: int = 1, **options: Any) -> gym.vector.VectorEnv:
-    """Several of them, without wasted steps (see `same_step_vector`)."""
+    """Create several tuning environments as a vector without wasted steps (`same_step_vector`)."""
     return same_step_vector("prefcal/OvertakeTuning-v0", num_envs, **options)

@@ -1,4 +1,4 @@
-"""What the signals of an overtaking experiment say: phases, obstacles, distances."""
+"""Read phases, obstacles and distances from the signals of an overtaking experiment."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -11,28 +11,28 @@ Points = Float[np.ndarray, "K 4 2"]
 
 
 def phases(experiment: Experiment) -> Int[np.ndarray, " K"]:
-    """The phase on `experiment.t`, values of `Phase`, shape (K,)."""
+    """Return the phase on `experiment.t`, values of `Phase`, shape (K,)."""
     return np.asarray(experiment.signals["phase"]).astype(int)
 
 
 def phase_at_control(experiment: Experiment) -> Int[np.ndarray, " N"]:
-    """The phase at each decision, shape (N,)."""
+    """Return the phase at each decision, shape (N,)."""
     return np.asarray(phases(experiment)[at_control(experiment)])
 
 
 def at_control(experiment: Experiment) -> Int[np.ndarray, " N"]:
-    """Where in `experiment.t` the N sampling instants are, shape (N,)."""
+    """Return the indices of the N sampling instants in `experiment.t`, shape (N,)."""
     instants = experiment.t_control - 1e-9 * max(1.0, experiment.duration)
     return np.searchsorted(experiment.t, instants)
 
 
 def obstacles(experiment: Experiment) -> Float[np.ndarray, "n K 2"]:
-    """Front ends (x_o, y_o) [m] of each obstacle on `experiment.t`, shape (n, K, 2)."""
+    """Return front ends (x_o, y_o) [m] of each obstacle on `experiment.t`, shape (n, K, 2)."""
     return bodies(experiment)[:, :, :2]
 
 
 def bodies(experiment: Experiment) -> Float[np.ndarray, "n K 3"]:
-    """Poses (x_o, y_o [m], angle [rad]) of each obstacle on `experiment.t`, shape (n, K, 3)."""
+    """Return poses (x_o, y_o [m], angle [rad]) of each obstacle on `experiment.t`, (n, K, 3)."""
     signals, straight = experiment.signals, np.zeros(len(experiment.t))
     names = [k[:-2] for k in signals if k.startswith("obstacle") and k.endswith("_x")]
     found = [
@@ -45,30 +45,30 @@ def bodies(experiment: Experiment) -> Float[np.ndarray, "n K 3"]:
 
 
 def road_of(experiment: Experiment) -> tuple[float, float]:
-    """Right and left edge of the road, y [m]."""
+    """Return right and left edge of the road, y [m]."""
     left = experiment.signals.get("road_left", np.zeros(0))
     return ROAD[0], float(left.max(initial=ROAD[1]))
 
 
 def lines_of(road: tuple[float, float]) -> list[float]:
-    """Where the broken lines between lanes are, y [m]."""
+    """Return the positions of the broken lines between lanes, y [m]."""
     right, left = road
     return np.arange(right + LANE_WIDTH, left - LANE_WIDTH / 2, LANE_WIDTH).tolist()
 
 
 def clearance(experiment: Experiment) -> float:
-    """Smallest distance of the outlines [m], 0 where they touch, infinite without an obstacle."""
+    """Return the smallest distance of the outlines [m]: 0 on contact, inf without an obstacle."""
     pose = experiment.x[:, :3]
     return min((float(_between(pose, o).min()) for o in bodies(experiment)), default=np.inf)
 
 
 def _between(x: Poses, o: Poses) -> Float[np.ndarray, " K"]:
-    """Distance of the outlines: at the nearest, a corner of one of them is involved."""
+    """Return the distance of the outlines, which is always at a corner of one of them."""
     return np.asarray(np.minimum(_to_corners(o, corners(x)), _to_corners(x, corners(o))))
 
 
 def _to_corners(pose: Poses, points: Points) -> Float[np.ndarray, " K"]:
-    """From the rectangle at `pose` (front end, yaw) to the nearest of the points."""
+    """Return the distance from the rectangle at `pose` (front end, yaw) to the nearest point."""
     c, s = np.cos(pose[:, 2:]), np.sin(pose[:, 2:])
     dx, dy = points[:, :, 0] - pose[:, :1], points[:, :, 1] - pose[:, 1:2]
     along, across = c * dx + s * dy + LENGTH / 2, c * dy - s * dx
@@ -79,10 +79,10 @@ def _to_corners(pose: Poses, points: Points) -> Float[np.ndarray, " K"]:
 
 
 def in_lane(experiment: Experiment, tolerance: float = 0.1) -> Bool[np.ndarray, " K"]:
-    """Where the car keeps its lane, shape (K,): not on its way back after overtaking.
+    """Return where the car keeps its lane, shape (K,), without the way back after overtaking.
 
-    The way back ends when |y_f| first falls to `tolerance` [m]; what it overshoots then counts.
-    A way back that has not ended counts at its last instant.
+    The way back ends when |y_f| first falls to `tolerance` [m]; a later overshoot counts. If the
+    way back does not end, only its last instant counts.
     """
     keeping = phases(experiment) == Phase.LANE_KEEPING
     near = np.abs(experiment.x[:, 1]) <= tolerance

@@ -21,12 +21,12 @@ from .supervisor import Supervisor
 
 @dataclass(frozen=True, slots=True)
 class Scenes:
-    """What a scenario runs that has other scenes, another estimator or other limits.
+    """The scenes, estimator and fixed settings that a scenario runs with.
 
     Args:
-        options: One or more scenes; of several the worst counts.
-        estimator: Of the controller; None: it believes what it measures.
-        fixed: What the tuning leaves alone.
+        options: Options of one or more scenes; the worst counts.
+        estimator: Estimator of the controller; None trusts the measurement.
+        fixed: MPC settings that are not tuned.
     """
 
     options: tuple[OvertakeOptions, ...]
@@ -36,10 +36,10 @@ class Scenes:
     def run(
         self, theta: Float[np.ndarray, " 5"], seed: int = 0, space: KnobSpace = SPACE
     ) -> Experiment:
-        """Every scene once; the noise and the random traffic of scene i follow from (seed, i).
+        """Run every scene once; noise and random traffic of scene i follow from (seed, i).
 
         Raises:
-            KnobError: θ of the wrong shape, NaN or outside of `space`.
+            KnobError: θ of the wrong shape, NaN or outside `space`.
         """
         theta = space.check(theta)
         runs = []
@@ -50,16 +50,16 @@ class Scenes:
         return runs[0] if len(runs) == 1 else worst_of(runs, HIGHER_IS_BETTER)
 
     def controller(self, theta: Float[np.ndarray, " 5"], space: KnobSpace = SPACE) -> Supervisor:
-        """A fresh controller of θ. Raises as `run`."""
+        """Create the controller of θ. Raises like `run`."""
         return controller(theta, self.fixed, self.estimator, space)
 
     def settings(self, theta: Float[np.ndarray, " 5"], space: KnobSpace = SPACE) -> dict[str, Any]:
-        """Those of the MPCs, and of the estimator if there is one."""
+        """Return the settings of the MPCs, and of the estimator if there is one."""
         found = settings(theta, space, self.fixed)
         return found if self.estimator is None else found | {"estimator": asdict(self.estimator)}
 
     def of(self, scenario: Scenario) -> Scenario:
-        """`scenario` with these scenes in place of its own."""
+        """Return `scenario` with these scenes instead of its own."""
         return replace(
             scenario, run=self.run, controller=self.controller, settings=self.settings
         )  # fmt: skip

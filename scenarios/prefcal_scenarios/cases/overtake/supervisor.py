@@ -1,4 +1,4 @@
-"""Two MPCs behind one controller: lane keeping, and overtaking while an obstacle is near."""
+"""Combine two MPCs in one controller: lane keeping, and overtaking while an obstacle is near."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -24,8 +24,8 @@ from prefcal_env.plants.plant import Plant
 class Supervisor:
     """A `Controller` of the bicycle that keeps its lane and overtakes (section IV-B).
 
-    It decides about the phase itself (`next_phase`), from the obstacles in `Measurement.d`,
-    (x_o, y_o [m], v_o [m/s]) of one after the other; `Measurement.y_ref` is not used.
+    It chooses the phase itself (`next_phase`), from (x_o, y_o [m], v_o [m/s]) of each obstacle in
+    `Measurement.d`; `Measurement.y_ref` is not used.
 
     - Lane keeping: y_ref = 0, 50 km/h.
     - Overtaking: y_ref = y_o + 3 m, 60 km/h, y_f >= y_o + 3 m (soft); y_o of the leftmost obstacle
@@ -33,19 +33,19 @@ class Supervisor:
     - The reference of x_f runs ahead of the current position at the reference speed, previewed:
       x_f + v_ref T_s k. The speed is tracked, lost ground is not caught up.
 
-    Nothing in the model depends on where the car is, so the MPC sees positions relative to its own
-    front end and, while overtaking, to the obstacle's centre line: an obstacle that moves sideways
-    needs no change of limits.
+    The model does not depend on the position of the car, so the MPC sees positions relative to its
+    front end and, while overtaking, to the obstacle's center line. So the limits need no change if
+    an obstacle moves sideways.
 
-    At a switch of phases the last v may be below the new limit; see `mpc._plan.input_rows`: what is
-    reachable is the bound, and the QP stays feasible.
+    When the phase changes, the last v may be below the new limit. The reachable value is then the
+    bound, so the QP stays feasible (`mpc._plan.input_rows`).
 
     Args:
-        plant: The model.
-        settings: Of the MPC in each phase, of one sampling time; y_min of y_f is relative to the
-            obstacle's centre line while overtaking.
-        estimator: Then `Measurement.x` is noisy, and phases and MPCs go by the estimated pose and
-            disturbances. None, as in the paper: by what is measured.
+        plant: Model of the MPCs.
+        settings: MPC settings of each phase, with the same sampling time; while overtaking, y_min
+            of y_f is relative to the obstacle's center line.
+        estimator: Settings of an estimator for noisy `Measurement.x`; phases and MPCs then use the
+            estimated pose and disturbances. None, as in the paper, uses the measurement.
 
     Raises:
         SettingsError: settings that do not fit the plant.
@@ -72,12 +72,12 @@ class Supervisor:
 
     @property
     def T_s(self) -> float:
-        """Sampling time [s]."""
+        """Return the sampling time [s]."""
         return self._mpc[Phase.LANE_KEEPING].T_s
 
     @property
     def phase(self) -> Phase:
-        """The phase of the last move."""
+        """Return the phase of the last move."""
         return self._phase
 
     def move(self, measurement: Measurement) -> Move:
@@ -102,7 +102,7 @@ class Supervisor:
         line = 0.0
         if self._phase is Phase.OVERTAKING:
             near = beside(float(m.x[0]), obstacles)
-            if len(near):  # else the one that was
+            if len(near):  # otherwise keep the last one
                 self._y_o = float(near[:, 1].max())
             line = self._y_o
         x = np.array([0.0, m.x[1] - line, m.x[2]])  # a richer plant has its pose first
@@ -111,6 +111,6 @@ class Supervisor:
 
 
 def _ahead(settings: MPCSettings, speed: float, y: float) -> Float[np.ndarray, "N_p 3"]:
-    """References of (x_f, y_f, θ) for the coming N_p samples, from the present front end on."""
+    """Return references of (x_f, y_f, θ) for the next N_p samples, relative to the front end."""
     k = np.arange(1, settings.N_p + 1)
     return np.column_stack([speed * settings.T_s * k, np.full(len(k), y), np.zeros(len(k))])

@@ -1,4 +1,4 @@
-"""The overtaking with its computation times judged on another processor."""
+"""Judge the computation times of the overtaking on another processor."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,7 +21,7 @@ from .kpis import HIGHER_IS_BETTER, indicators
 def on_target(scenario: Scenario, processor: Processor) -> Scenario:
     """Return `scenario`, an overtaking, with criterion (i) judged on `processor`.
 
-    Its KPIs of t_comp are those of `processor`, and so is its one synthetic calibrator.
+    Its KPIs of t_comp and its only synthetic calibrator use `processor`.
     """
     return replace(
         scenario,
@@ -41,7 +41,7 @@ def _run(
 
 
 def _judged(experiment: Experiment, processor: Processor) -> Experiment:
-    """The same experiment; of several runs the worst counts."""
+    """Return the experiment with KPIs for `processor`; with several runs, the worst counts."""
     if experiment.runs:
         return worst_of([_judged(run, processor) for run in experiment.runs], HIGHER_IS_BETTER)
     return replace(experiment, kpis=indicators(experiment, processor))

@@ -1,4 +1,4 @@
-"""The overtaking in words: the task, its knobs and its KPIs, for the person who compares."""
+"""Describe the overtaking for the person who compares: the task, its knobs and its KPIs."""
 
 from collections.abc import Mapping
 
@@ -34,8 +34,8 @@ KPIS: Mapping[str, str] = {
     "lateral_distance": "Smallest sideways distance between the center lines of the two cars "
     "while they are side by side. The reference is 3 m.",
     "path_peak": "Largest distance from the center of the own lane; 3 m is wanted while passing.",
-    "t_comp_worst": "Longest computation of one control step, modelled for one processor.",
-    "t_comp_99": "Computation time that 99 % of the steps stay below, modelled likewise.",
+    "t_comp_worst": "Longest computation of one control step, modeled for one processor.",
+    "t_comp_99": "Computation time that 99 % of the steps stay below, modeled likewise.",
     "collision": "Whether the car touched the other one (1) or not (0).",
     "off_road": "How far the car's body left the road.",
     "clearance": "Smallest gap between the bodies of the two cars, in any direction.",

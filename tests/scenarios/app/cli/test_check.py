@@ -42,7 +42,7 @@ def test_a_scenario_in_order_passes_and_is_drawn(check, tmp_path):
     assert result["theta"] == {"T_s": 0.875, "N_p": 22, "gain": 1.0}
     assert found(result, "panel 'valve'")[0]
     assert found(result, "same again")[0]
-    assert found(result, "calibrator 'latent'") == (True, "of twice the same experiment: tie")
+    assert found(result, "calibrator 'latent'") == (True, "the same experiment twice: tie")
     assert found(result, "reference 'paper'")[0]
     assert found(result, "controller") == (True, "Proportional")
     assert (tmp_path / result["picture"]).read_bytes()[:4] == b"\x89PNG"

@@ -145,7 +145,7 @@ def test_glis_is_told_the_score_and_asks_nobody(prefcal, tmp_path):
     assert code == 0
     assert (result["experiments"], result["questions"]) == (7, 0)
     assert (result["agent"], result["calibrator"]) == ("glis", "score")
-    assert "nobody was asked: 7 experiments" in Path(result["report"]).read_text("utf-8")
+    assert "without comparisons: 7 experiments" in Path(result["report"]).read_text("utf-8")
     # It goes on where it was, as one study of nine would have.
     _, out, _ = prefcal(*words, *study, "--n-max", "9")
     _, whole, _ = prefcal(*words, "--n-max", "9")
@@ -157,8 +157,8 @@ def test_glis_is_told_the_score_and_asks_nobody(prefcal, tmp_path):
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (["--calibrator", "human"], "asks nobody"),
-        (["--calibrator", "synthetic"], "asks nobody"),
+        (["--calibrator", "human"], "needs no answers"),
+        (["--calibrator", "synthetic"], "needs no answers"),
         (["--tie-band", "0.1"], "takes neither --tie-band nor --answer-noise"),
         (["--answer-noise", "0.1"], "takes neither --tie-band nor --answer-noise"),
     ],

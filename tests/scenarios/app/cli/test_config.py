@@ -47,7 +47,7 @@ def test_a_study_does_not_go_on_in_another_scene(prefcal, words):
 
 @pytest.mark.parametrize(
     ("text", "says"),
-    [(None, "cannot read"), ("[1]", "must be a JSON object"), ("{", "no JSON"),
+    [(None, "cannot read"), ("[1]", "must be a JSON object"), ("{", "not JSON"),
      ('{"lanes": 3}', "lanes"), ('{"traffic": [{"type": "tank"}]}', "type of a vehicle")],
 )  # fmt: skip
 def test_a_file_that_cannot_be_is_refused_by_name(prefcal, tmp_path, text, says):

@@ -68,7 +68,7 @@ def test_options_are_named_as_they_are_typed(prefcal):
         (["--n-init", "2"], "started with --n-init 1, got --n-init 2"),
         (["--tie-band", "0.5"], "started with no --tie-band, got --tie-band 0.5"),
         (["--start", "T_s=1"], "started with no --start, got --start T_s=1"),
-        (["--n-max", "2"], "--n-max must not fall below the 3"),
+        (["--n-max", "2"], "--n-max must not be below the 3"),
         (["--no-outcomes"], "started with --no-outcomes off"),
     ):
         err = prefcal("calibrate", TOY, "--study", "mine", *words)[2]

@@ -62,7 +62,7 @@ def test_a_folder_of_another_study_is_refused_before_anything_runs(prefcal, tmp_
     before = {p.name: p.read_bytes() for p in (tmp_path / "here").iterdir()}
     code, out, err = prefcal(*QUICK, "--study", "second", "--out", "here")
     assert (code, out) == (2, "")
-    assert "prefcal: --out here holds the report of study 'first': take another folder" in err
+    assert "prefcal: --out here holds the report of study 'first': choose another folder" in err
     assert {p.name: p.read_bytes() for p in (tmp_path / "here").iterdir()} == before
     assert prefcal("studies", "show", "second")[0] == 2  # it was not even started
     code, _, err = prefcal(*QUICK, "--out", "here")

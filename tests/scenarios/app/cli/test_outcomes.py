@@ -177,7 +177,7 @@ def test_an_index_overwrites_nobody_s_program(prefcal, answered, tmp_path):
     (tmp_path / "own.py").write_text("mine = 1\n")
     code, _, err = prefcal("studies", "index", answered, "--scenario", TOY, "--out", "own.py")
     assert code == 2
-    assert "take another --out" in err
+    assert "choose another --out" in err
     assert (tmp_path / "own.py").read_text() == "mine = 1\n"
     code, _, err = prefcal("studies", "index", answered)
     assert code == 2
@@ -189,7 +189,7 @@ def test_an_index_of_no_answers_is_told(prefcal):
     assert prefcal("calibrate", TOY, *words)[0] == 0
     code, _, err = prefcal("studies", "index", "scored", "--scenario", TOY)
     assert code == 2
-    assert "says nothing of KPIs" in err
+    assert "says nothing about KPIs" in err
 
 
 def test_the_report_draws_what_counts(prefcal, answered, tmp_path):

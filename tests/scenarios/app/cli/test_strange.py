@@ -37,7 +37,7 @@ def test_a_strange_study_breaks_nothing_but_itself(prefcal, tmp_path, configurat
     for words in (["studies", "show"], ["report"], ["calibrate", "cstr", "--terminal", "--study"]):
         code, _, err = prefcal(*words, "odd")
         assert code == 2
-        assert "no study of prefcal calibrate" in err
+        assert "not a study of prefcal calibrate" in err
     code, out, _ = prefcal("studies", "list", "--json")
     assert code == 0
     assert "cannot be read" in json.loads(out)[0]["state"]

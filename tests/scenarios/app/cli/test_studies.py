@@ -71,7 +71,7 @@ def test_a_study_goes_on_with_more_experiments(prefcal, study):
             [TOY, "--study", "mine", "--agent", "lhs"],
             "--agent random, got --agent lhs",
         ),
-        ([TOY, "--study", "mine", "--n-max", "3"], "must not fall below"),
+        ([TOY, "--study", "mine", "--n-max", "3"], "must not be below"),
         (["cstr", "--study", "mine"], "calibrates 'toy', not 'cstr'"),
         ([TOY, "--study", "no/such/folder/x.prefcal", *SYNTHETIC], "no/such/folder"),
         ([TOY, "--study", "so bad!", *SYNTHETIC], "so bad!"),
@@ -206,7 +206,7 @@ def test_a_taken_port_is_told_before_there_is_a_study(prefcal, tmp_path):
         port = str(taken.getsockname()[1])
         code, _, err = prefcal("calibrate", TOY, "--no-browser", "--port", port)
     assert code == 2
-    assert f"port {port} of 127.0.0.1 is taken" in err
+    assert f"port {port} on 127.0.0.1 is taken" in err
     assert not (tmp_path / "data").exists()
 
 

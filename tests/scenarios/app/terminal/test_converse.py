@@ -105,7 +105,7 @@ def test_keys_mean_what_they_mean_on_the_page():
     here = dict(KEYS)
     for key, words in {**same, "w": "where are we"}.items():
         assert here[key].startswith(words)
-        assert words in on_page[key] or (key, on_page[key]) == ("z", "take the last answer back")
+        assert words in on_page[key] or (key, on_page[key]) == ("z", "undo the last answer")
 
 
 @pytest.mark.parametrize("width", [80, 140])
@@ -168,7 +168,7 @@ def test_undo_marks_comment_and_blind(interview):
     closed = interview.now().state.closed[1]
     assert (closed.comment, closed.blind) == ("quieter", True)
     assert closed.answer.marks != ()
-    assert "The last answer is taken back." in out
+    assert "The last answer is undone." in out
     blind = out[out.rindex("better?") :]
     assert "experiment 1" not in blind.split("Saved")[0]
 
@@ -193,7 +193,7 @@ def test_ctrl_d_at_a_comment_leaves_no_comment(interview):
 
 def test_history_status_keys_and_a_repeat(interview):
     out = talk(interview, "lrhw?plx")
-    for words in ("History", "best so far, experiment", "No question was asked twice", "undo"):
+    for words in ("History", "best so far, experiment", "No question has been asked twice", "undo"):
         assert words in out
     assert interview.consistency.repeated == 1
 

@@ -46,7 +46,7 @@ def test_another_value_or_field_is_refused(change):
 @pytest.mark.parametrize("name", FIELDS)
 def test_a_missing_field_is_refused_and_named(name):
     rest = {key: value for key, value in GOOD.items() if key != name}
-    with pytest.raises(MalformedError, match=f"lacks {name}"):
+    with pytest.raises(MalformedError, match=f"missing {name}"):
         read_json(json.dumps(rest).encode(), FIELDS)
 
 

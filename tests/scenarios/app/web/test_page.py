@@ -204,7 +204,7 @@ def test_a_killed_server_goes_on_where_it_was(browser, window):
     watched.page.wait_for_function("() => document.getElementById('saved').textContent")
     served.kill()
     watched.page.wait_for_selector("#banner:not([hidden])")
-    assert "is saved; go on with: prefcal calibrate" in watched.page.inner_text("#banner")
+    assert "is saved. To continue, run: prefcal calibrate" in watched.page.inner_text("#banner")
     assert verify(served.study) == ()
     assert len(state_of(served).closed) == 3
     again = window()
@@ -300,7 +300,7 @@ def test_good_enough_offers_the_end(browser, window):
     watched.page.click("#offer-finish")
     watched.phase("over")
     assert state_of(served).ended == "good enough"
-    watched.page.click("text=Go on comparing")
+    watched.page.click("text=Keep comparing")
     watched.question()
 
 

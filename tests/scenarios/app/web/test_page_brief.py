@@ -27,7 +27,7 @@ def test_the_reactor_is_explained_above_its_first_question_and_under_the_key(bro
     told = page.inner_text("#dialog")
     assert "found no solution of its optimization problem" in told
     assert "2 questions, about 1 minute" in told
-    assert "take the last answer back" in told
+    assert "undo the last answer" in told
     watched.shot("brief-1280")
     page.keyboard.press("Escape")
     page.click("text=Got it")

@@ -74,7 +74,7 @@ def test_a_rigs_records_are_dropped_refused_and_compared(browser, window, own):
     assert "exactly the curves of experiment 1" in page.inner_text(".warning")
     watched.shot("rig-same")
     other = {**good, "buffer": record_of_toy(20).encode()}
-    page.click("text=I set other values")
+    page.click("text=I used other values")
     page.fill(".dials input >> nth=0", "1.07")
     page.check("#became-unsafe")
     page.set_input_files("#record-file", other)

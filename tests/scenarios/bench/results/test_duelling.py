@@ -71,8 +71,8 @@ def test_the_table_is_plain_data():
     ("duels", "words"),
     [
         (lambda: [duel("A", "B", 0, 2)], "-1, 0 or 1"),
-        (lambda: [duel("A", "A", 0, 1)], "somebody else"),
-        (lambda: [duel(PAPER, "A", 0, 1)], "somebody else"),
+        (lambda: [duel("A", "A", 0, 1)], "a different rival"),
+        (lambda: [duel(PAPER, "A", 0, 1)], "a different rival"),
         (lambda: [duel("A", "B", 0, 1), duel("A", "B", 0, -1)], "two different outcomes"),
         (lambda: [duel("A", "B", 0, 1), duel("B", "A", 0, 1)], "two different outcomes"),
         (lambda: ["A beats B"], "type Duel"),

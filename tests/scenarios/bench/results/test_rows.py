@@ -177,8 +177,8 @@ def test_what_was_visited_and_what_is_returned_are_two_things():
 
 def test_beating_the_best_known_value_is_told():
     assert beaten(campaign_of(ends("A", "p", [-0.02])), FLOOR) == [
-        "p, 2 knobs: 0.02 below the best known value, which is not the optimum then; such gaps "
-        "count as the floor"
+        "p, 2 knobs: 0.02 below the best known value, which is therefore not "
+        "the optimum; such gaps count as the floor"
     ]
     assert beaten(campaign_of(ends("A", "p", [-1e-12])), FLOOR) == []
 

@@ -37,7 +37,7 @@ in any order. The exit code is 1 if a run failed, and 130 after Ctrl-C.
 _Quick = Annotated[
     bool,
     typer.Option(
-        "--quick", metavar="", help="A small suite; the options below change this one, too."
+        "--quick", metavar="", help="Run a small suite; the options below change it, too."
     ),
 ]
 _Agents = Annotated[
@@ -63,7 +63,7 @@ _Calibrators = Annotated[
     typer.Option(
         metavar="NAMES",
         help="Who answers: perfect (by the cost), lexicographic (by criteria in their order), "
-        "noisy10, noisy20 (that share of the answers is wrong).",
+        "noisy10 or noisy20 (that percentage of the answers is wrong).",
         show_default="all",
     ),
 ]
@@ -78,12 +78,12 @@ _Initial = Annotated[
     typer.Option(
         min=1,
         metavar="N",
-        help="Experiments before learning starts.",
+        help="Number of experiments before learning starts.",
         show_default="10, or half of --n-max if that is less",
     ),
 ]
 _Experiments = Annotated[
-    int | None, typer.Option(min=2, metavar="N", help="Experiments in all.", show_default="50")
+    int | None, typer.Option(min=2, metavar="N", help="Number of experiments.", show_default="50")
 ]
 _Jobs = Annotated[
     int | None,
@@ -95,8 +95,8 @@ _Timeout = Annotated[
     float | None,
     typer.Option(
         metavar="SECONDS",
-        help="Most seconds of one cell on this machine; a longer one is ended and counts as "
-        "failed. inf: no limit.",
+        help="Most seconds that one cell may take on this machine; a longer one is ended and "
+        "counts as failed. inf: no limit.",
         show_default="3600, an hour",
     ),
 ]
@@ -110,7 +110,7 @@ _Dask = Annotated[
 _Folder = Annotated[
     Path,
     typer.Option(
-        metavar="FOLDER", help="Folder of the results; what it holds already is not run again."
+        metavar="FOLDER", help="Folder of the results; results already in it are not run again."
     ),
 ]
 _Json = Annotated[
@@ -149,7 +149,7 @@ def bench(
     resumes where it was stopped. A run that fails, crashes its process or takes
     too long is reported, and the others continue.
     """
-    # Here, not above: --help must not wait for it.
+    # Imported here to keep --help fast.
     from .run import BenchOptions, run
 
     options = BenchOptions(

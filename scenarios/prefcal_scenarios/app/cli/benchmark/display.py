@@ -1,4 +1,4 @@
-"""Progress of a benchmark on standard error."""
+"""Show the progress of a benchmark on standard error."""
 
 from types import TracebackType
 from typing import Self
@@ -18,11 +18,11 @@ from rich.text import Text
 from prefcal_scenarios.app.presentation.wording import printable
 
 _PERIOD = 900.0
-"""Seconds over which the remaining time is estimated: slow agents take half a minute a cell."""
+"""Seconds of history for the estimate of the remaining time; a slow cell takes half a minute."""
 
 
 class BenchDisplay:
-    """A bar with the remaining time, and lines above it. A `Watcher`."""
+    """Progress bar with the remaining time, and messages above it. A `Watcher`."""
 
     def __init__(self, console: Console) -> None:
         self.done = 0
@@ -47,10 +47,10 @@ class BenchDisplay:
     ) -> None:
         self._bar.stop()
         if not self._console.is_terminal:
-            self._console.print()  # there, rich leaves the last line open
+            self._console.print()  # outside a terminal, rich leaves the last line open
 
     def begin(self, what: str, total: int, done: int) -> None:
-        """Start the bar anew, with `done` of `total` there already."""
+        """Restart the bar with `done` of `total` results already there."""
         self._bar.remove_task(self._task)
         self._task = self._bar.add_task("", total=total, completed=done, what=escape(what))
         if what == "cells":
@@ -59,7 +59,7 @@ class BenchDisplay:
                 self.say(f"{done} of {total} results are there already.")
 
     def landed(self, what: str) -> None:
-        """Move the bar by one."""
+        """Advance the bar by one."""
         self.done += 1
         self._bar.update(self._task, advance=1, description=escape(printable(what)))
 

@@ -21,14 +21,14 @@ from prefcal_scenarios.bench.results import as_csv, duel_table, print_table, tab
 from .display import BenchDisplay
 
 _TIMEOUT = 3600.0
-"""Seconds of a cell: the slowest agents take some minutes for 50 experiments."""
+"""Default time limit of a cell in seconds; the slowest agents take minutes for 50 experiments."""
 _WIDTH = 110
-"""Characters in a line of files and pipes."""
+"""Width of the output in characters if it goes to a file or a pipe."""
 
 
 @dataclass(frozen=True, slots=True)
 class BenchOptions:
-    """The options of `prefcal bench`; None where the suite's own value holds."""
+    """Options of `prefcal bench`; None stands for the suite's own value."""
 
     quick: bool = False
     agents: str | None = None
@@ -42,7 +42,7 @@ class BenchOptions:
     cell_timeout: float | None = None
 
     def command(self, out: Path) -> str:
-        """Return the command line that repeats it, wherever it ran."""
+        """Return the command line that repeats the benchmark."""
         words = ["prefcal", "bench", *(["--quick"] if self.quick else [])]
         for name in ("agents", "problems", "calibrators", "seeds", "n_init", "n_max"):
             if (value := getattr(self, name)) is not None:
@@ -50,11 +50,11 @@ class BenchOptions:
         return shlex.join([*words, "--out", str(out)])
 
     def suite(self) -> Suite:
-        """Return the suite that the options ask for.
+        """Return the suite that the options select.
 
         Raises:
-            SettingsError: an unknown name or an impossible number, or nothing is left to run.
-            ScenarioError: the file of an own agent does not load.
+            SettingsError: If a name is unknown, a number is invalid, or nothing is left to run.
+            ScenarioError: If the file of a user's own agent cannot be loaded.
         """
         suite = Suite.quick() if self.quick else Suite.full()
         given: dict[str, Any] = {
@@ -79,18 +79,18 @@ class BenchOptions:
         return suite
 
     def workers(self, out: Path) -> Workers:
-        """Return the workers to run it on; `out` is the folder of the results.
+        """Return the workers that run the benchmark; `out` is the folder of the results.
 
         Raises:
-            SettingsError: both a cluster and processes here, an impossible number of them, or an
-                impossible time limit.
-            MissingExtraError: Dask is not installed.
+            SettingsError: If both a cluster and local processes are requested, or the number of
+                processes or the time limit is invalid.
+            MissingExtraError: If Dask is not installed.
         """
         if self.dask is None:
             return Processes(
                 usable_cores() if self.jobs is None else self.jobs,
                 limit=_TIMEOUT if self.cell_timeout is None else self.cell_timeout,
-                last_words="the benchmark was killed, from outside or by an agent. The results "
+                last_words="the benchmark was killed, by an agent or from outside. The results "
                 f"so far are kept in {out}; the same command resumes.",
             )
         if self.jobs is not None:
@@ -101,18 +101,18 @@ class BenchOptions:
 
 
 def run(options: BenchOptions, out: Path, *, json: bool, csv: bool) -> int:
-    """Run what is missing of the suite, write the page, print the result; return the exit code.
+    """Run the missing cells, write the page, and print the result; return the exit code.
 
     Raises:
-        PrefcalError: impossible options, or a folder or a cluster that cannot be used.
+        PrefcalError: If the options are invalid, or the folder or the cluster cannot be used.
     """
     if json and csv:
-        raise SettingsError("--json and --csv both want standard output: give one")
+        raise SettingsError("--json and --csv both need standard output: give one")
     suite, workers = options.suite(), options.workers(out)
     messages = Console(stderr=True)
     for words in suite.left_out:
         _say(messages, f"Left out: {words}")
-    with interruption() as pressed:  # from the first folder on, Ctrl-C has its own words
+    with interruption() as pressed:  # from here on, Ctrl-C prints its own message
         store = Store(out)
         with BenchDisplay(messages) as display:
             try:
@@ -137,7 +137,7 @@ def run(options: BenchOptions, out: Path, *, json: bool, csv: bool) -> int:
 
 
 def _show(finished: Finished, page: Path, console: Console, baseline: str) -> None:
-    """Print the tables, compared with `baseline`, what failed, digest, and where the page is."""
+    """Print tables that compare with `baseline`, failures, the digest, and the page's path."""
     print_table(console, finished.results, finished.duels, baseline=baseline)
     for words in finished.trouble:
         console.print(Text(printable(words), style="red"), soft_wrap=True)
@@ -146,7 +146,7 @@ def _show(finished: Finished, page: Path, console: Console, baseline: str) -> No
 
 
 def _as_json(finished: Finished, suite: Suite, page: Path) -> str:
-    """Return one JSON object; strict, so null where there is no number."""
+    """Return the result as one strict JSON object, with null for missing numbers."""
     content: dict[str, Any] = {
         "digest": finished.digest,
         "cells": len(finished.results),
@@ -163,7 +163,7 @@ def _as_json(finished: Finished, suite: Suite, page: Path) -> str:
 
 
 def _paper() -> Console:
-    """Return standard output; wide enough for the names of the agents if it is no terminal."""
+    """Return standard output, wide enough for agent names if it is not a terminal."""
     console = Console()
     return console if console.is_terminal else Console(width=_WIDTH)
 

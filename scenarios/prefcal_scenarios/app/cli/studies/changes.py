@@ -1,4 +1,4 @@
-"""What `prefcal studies` does to studies: rename, remove, export, check, index, change knobs."""
+"""Manage studies: rename, remove, export, import and check them, and change their knobs."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -48,7 +48,7 @@ def rename(old: str, new: str) -> Path:
     """Rename the study called `old`; return its new file.
 
     Raises:
-        StudyError: no such study, `new` exists, or another process has it open.
+        StudyError: If there is no such study, `new` exists, or another process has it open.
     """
     source, target = existing(old), study_path(new)
     if target.exists():
@@ -59,16 +59,16 @@ def rename(old: str, new: str) -> Path:
 
 
 def remove(names: Sequence[str], *, yes: bool) -> int:
-    """Remove the studies called `names`, each after a question unless `yes`; return the exit code.
+    """Remove the studies called `names`, each after confirmation unless `yes`; return exit code.
 
     Raises:
-        StudyError: no such study, no study at all, or another process has it open; those named
-            before it are removed.
+        StudyError: If there is no such study, a file is not a study, or another process has it
+            open; the studies named before it are removed.
     """
-    named = {name: existing(name) for name in names}  # a wrong name before anything is removed
+    named = {name: existing(name) for name in names}  # check all names before removing anything
     described = {name: _described(name, path) for name, path in named.items()}
     if not yes and not sys.stdin.isatty():
-        raise StudyError("nobody is here to confirm: add --yes to remove without a question")
+        raise StudyError("cannot ask for confirmation here: add --yes to remove without a question")
     kept = 0
     for name, path in named.items():
         if not yes and not _confirmed(described[name]):
@@ -80,7 +80,7 @@ def remove(names: Sequence[str], *, yes: bool) -> int:
 
 
 def _described(name: str, path: Path) -> str:
-    """Return the study in a few words. Raises StudyError for a file that is no study."""
+    """Return a short description of the study. Raises StudyError if the file is not a study."""
     try:
         with open_described(path) as file:
             row = summary(file.state)
@@ -100,7 +100,7 @@ def _confirmed(what: str) -> bool:
 
 
 def export_study(name: str, format_: str, out: Path | None) -> Path:
-    """Write a study as JSON or CSV; return where."""
+    """Write a study as JSON or CSV; return the path."""
     path = existing(name)
     if out is not None and out.exists() and out.samefile(path):
         raise StudyError(f"{out} is the study itself: export it to another file")
@@ -119,13 +119,13 @@ def export_study(name: str, format_: str, out: Path | None) -> Path:
 
 
 def import_study(source: Path, name: str | None) -> Path:
-    """Make a study file of exported JSON; return where."""
+    """Create a study file from exported JSON; return its path."""
     try:
         text = source.read_text(encoding="utf-8")
     except OSError as error:
         raise StudyError(f"cannot read {source}: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise StudyError(f"cannot read {source}: it is no text, nor an exported study") from error
+        raise StudyError(f"cannot read {source}: it is not an exported study") from error
     target = study_path(source.stem if name is None else name)
     if target.exists():
         raise StudyError(f"there is a study {target} already: name this one with --study")
@@ -134,7 +134,7 @@ def import_study(source: Path, name: str | None) -> Path:
 
 
 def findings_of(name: str) -> tuple[int, tuple[str, ...]]:
-    """Return how many events a study has, and what is wrong with them."""
+    """Return the number of events of a study, and the problems found in them."""
     path = existing(name)
     findings = verify(path)
     if findings:
@@ -168,15 +168,15 @@ def export_index(name: str, source: str | None, out: Path | None) -> tuple[Path,
 
     Args:
         name: Name of the study.
-        source: The scenario that the user trusts; None: the built-in one of the study.
-        out: The file; None: STUDY_index.py, in the present folder.
+        source: Scenario that the user trusts; None for the study's built-in one.
+        out: File to write; None for STUDY_index.py in the current folder.
 
     Returns:
-        The file, and what the index says, for people.
+        The file, and a description of the index for people.
 
     Raises:
-        StudyError: no such study, its scenario has to be named, its answers say nothing about KPIs,
-            or the file cannot be written or is not one that was written before.
+        StudyError: If there is no such study, its scenario must be given, its answers say nothing
+            about KPIs, or the file cannot be written or is not an earlier index.
     """
     path = existing(name)
     with open_described(path) as file:
@@ -187,8 +187,8 @@ def export_index(name: str, source: str | None, out: Path | None) -> tuple[Path,
     minded = Minded.of(index, importance, scenario)
     if index is None or minded is None:
         raise StudyError(
-            f"study {name!r} says nothing of KPIs: that takes answers that prefer one experiment, "
-            "and at least three experiments that differ in a KPI"
+            f"study {name!r} says nothing about KPIs: that takes answers that prefer one "
+            "experiment, and at least three experiments that differ in a KPI"
         )
     target = Path(f"{path.stem}_index.py") if out is None else out
     _write(target, module(index, source))
@@ -196,7 +196,7 @@ def export_index(name: str, source: str | None, out: Path | None) -> tuple[Path,
 
 
 def module(index: LearnedCost, source: str) -> str:
-    """Return a module with `index(kpis)`, and `cost(experiment)` for the scenario `source`."""
+    """Return the source of a module with `index(kpis)`, and `cost(experiment)` for `source`."""
     first = "\nfrom math import"
     text = index.to_python().replace(first, f"\nfrom functools import cache{first}", 1)
     return text + _COST.format(source=source)
@@ -205,7 +205,7 @@ def module(index: LearnedCost, source: str) -> str:
 def _write(target: Path, text: str) -> None:
     try:
         if target.exists() and not target.read_bytes().startswith(text[:40].encode()):
-            raise StudyError(f"{target} is no index that was written before: take another --out")
+            raise StudyError(f"{target} is not an index written by prefcal: choose another --out")
         target.write_text(text, encoding="utf-8")
     except OSError as error:
         raise StudyError(f"cannot write {target}: {error.strerror or error}") from error
@@ -216,7 +216,7 @@ Part = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """Hold what was asked for, as typed: "T_s=0.25:1.0", "N_p=26", "filter=0.5"."""
+    """Changes of a space, as typed: "T_s=0.25:1.0", "N_p=26", "filter=0.5"."""
 
     knobs: Sequence[str] = ()
     freeze: Sequence[str] = ()
@@ -227,16 +227,16 @@ def respace(name: str, source: str | None, changes: Changes) -> KnobSpace:
     """Change the space of the study called `name`; return the new space.
 
     Raises:
-        StudyError: no such study, or its scenario has to be named.
-        SettingsError: changes that cannot be read, or nothing changes.
-        KnobError: an impossible range.
+        StudyError: If there is no such study, or its scenario must be given.
+        SettingsError: If the changes cannot be read, or change nothing.
+        KnobError: If a range is invalid.
     """
     with open_described(existing(name)) as file:
         source = trusted_source(name, file.state, source)
         if file.state.configuration["agent"]["agent"] not in RESPACEABLE:
             raise StudyError(f"the agent of study {name!r} cannot change its space")
         event, space = _event(file.state, load(source).space, changes)
-        # What could not be resumed is refused before it is recorded.
+        # Check that the study can be resumed with the change before recording it.
         agent_of(step(file.state, 1 << 40, "", event), space)
         file.append(event)
     return space
@@ -269,7 +269,7 @@ def _event(state: State, scenario: KnobSpace, changes: Changes) -> tuple[Respace
 def _changed_agent(
     state: State, old: KnobSpace, space: KnobSpace, added: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return what changes in the agent's configuration, apart from the samples."""
+    """Return the changes of the agent's configuration, apart from the samples."""
     before = agent_state(state)
     after = moved(before, old, space, added)
     then, now = (agent_configuration(s) for s in (before, after))
@@ -277,7 +277,7 @@ def _changed_agent(
 
 
 def _parts(state: State, old: KnobSpace, scenario: KnobSpace) -> dict[str, Part]:
-    """Return what is searched of each knob by default: the same as before, or its new range."""
+    """Return the default part of each knob to search: the same as before, or its new range."""
     configuration = state.configuration
     then = space_of({"knobs": configuration.get("scenario_knobs", configuration["knobs"])})
     before = dict(zip(old.names, old.within, strict=True))
@@ -316,13 +316,13 @@ def _number(text: str, whole: str) -> float:
 
 
 def _holding(knob: Knob, part: Part) -> Knob:
-    """Return `knob`, wide enough for `part`."""
+    """Return `knob`, widened if necessary to include `part`."""
     low, high = min(knob.low, part[0]), max(knob.high, part[1])
     return Knob(knob.name, low, high, knob.unit, knob.scale, knob.integer)
 
 
 def in_words(space: KnobSpace) -> Mapping[str, str]:
-    """Return what is searched of each knob, for people."""
+    """Return the searched range of each knob, for people."""
     return {
         knob.name: (f"{low:g}, frozen" if low == high else f"{low:g} to {high:g}")
         + (f" {knob.unit}" if knob.unit else "")

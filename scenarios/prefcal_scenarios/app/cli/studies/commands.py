@@ -1,4 +1,4 @@
-"""`prefcal studies ...` and `prefcal report`: the commands that work on studies."""
+"""`prefcal studies ...` and `prefcal report`: commands that work on studies."""
 
 from enum import Enum
 from pathlib import Path
@@ -28,14 +28,14 @@ _Scenario = Annotated[
 
 
 class Format(Enum):
-    """How a study is exported."""
+    """Format of an exported study."""
 
     JSON = "json"
     CSV = "csv"
 
 
 def _examples(*pairs: tuple[str, str]) -> str:
-    """Return an epilog that teaches: commands, each with what it is good for."""
+    """Return an epilog with example commands and an explanation of each."""
     shown = (f"[cyan]prefcal studies {line}[/cyan]\n  {words}" for line, words in pairs)
     return "[bold]Examples[/bold]\n\n" + "\n\n".join(shown)
 
@@ -79,7 +79,7 @@ def rename(
         str, typer.Argument(metavar="NEW", help="A name or a path that does not exist yet.")
     ],
 ) -> None:
-    """Rename a study. Reports that were already written keep their folders."""
+    """Rename a study. Existing reports keep their folders."""
     from .changes import rename as rename_study
 
     typer.echo(f"Renamed: {rename_study(old, new)}")
@@ -97,7 +97,7 @@ def rm(
         bool, typer.Option("--yes", "-y", metavar="", help="Remove without asking.")
     ] = False,
 ) -> None:
-    """Remove studies for good. Reports that were already written stay."""
+    """Remove studies for good. Existing reports stay."""
     from .changes import remove
 
     raise typer.Exit(remove(study, yes=yes))
@@ -145,7 +145,7 @@ def index(
 ) -> None:
     """Write what the answers have taught as a Python function, `cost(experiment)`.
 
-    With it an agent runs unattended:
+    With it, an agent can run unattended:
     prefcal calibrate SCENARIO --agent glis --cost STUDY_index.py:cost
     """
     from .changes import export_index
@@ -159,7 +159,7 @@ def index(
 @app.command(
     "import",
     epilog=_examples(
-        ("import mine.json --study second", "Make a study called second of an exported file.")
+        ("import mine.json --study second", "Make a study called second from an exported file.")
     ),
 )
 def import_(
@@ -173,7 +173,7 @@ def import_(
         ),
     ] = None,
 ) -> None:
-    """Make a study of an exported file. It is only data: nothing in it is executed."""
+    """Make a study from an exported file. It is only data: nothing in it is executed."""
     from .changes import import_study
 
     typer.echo(f"Imported: {import_study(file, study)}")
@@ -181,7 +181,7 @@ def import_(
 
 @app.command(epilog=_examples(("verify mine", "Check the whole file, for example after a copy.")))
 def verify(study: _Name) -> None:
-    """Check a study file for damage: the file itself and all it holds; exit code 1 if found."""
+    """Check a study file and everything in it for damage; the exit code is 1 if any is found."""
     from .changes import findings_of
 
     count, findings = findings_of(study)
@@ -214,7 +214,7 @@ def respace(
         _Texts,
         typer.Option(
             metavar="KNOB=VALUE",
-            help="A knob that the scenario has now, and its value in the experiments so far.",
+            help="A knob that is new in the scenario, and its value in the experiments so far.",
         ),
     ] = None,
     scenario: _Scenario = None,
@@ -239,7 +239,7 @@ REPORT_EPILOG = """\
   Write the report of the study called mine into the folder prefcal-mine.
 
 [cyan]prefcal report plant-1 --scenario own.py:plant --out latest[/cyan]
-  Of a study of your own scenario, into a folder of your choice.
+  For a study of your own scenario, into a folder of your choice.
 """
 
 
@@ -250,7 +250,7 @@ def report(
         str | None,
         typer.Option(
             metavar="FILE.py:NAME",
-            help="The cost that the study was started with, if it was: it is a program, too.",
+            help="The cost that the study was started with, if any: it is a program, too.",
             show_default="the scenario's score",
         ),
     ] = None,

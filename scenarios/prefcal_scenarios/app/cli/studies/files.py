@@ -1,4 +1,4 @@
-"""Study files: find one, open it with care, list them all, show one."""
+"""Find study files, open them safely, list them, and show one."""
 
 import json as json_
 from collections.abc import Iterator, Mapping, Sequence
@@ -74,7 +74,7 @@ class _Earlier(msgspec.Struct):
 
 
 class _Configuration(msgspec.Struct):
-    """What the command line reads of a study's configuration."""
+    """Fields of a study's configuration that the command line reads."""
 
     scenario: str
     name: str
@@ -90,22 +90,22 @@ class _Configuration(msgspec.Struct):
 def open_described(path: Path) -> StudyFile:
     """Open a study that `prefcal calibrate` could have made.
 
-    A study file may hold any plain data as its configuration, and one that was imported must not
-    break the list of all others.
+    The configuration is checked, since a study file can hold any plain data, and one imported
+    file must not break the list of all studies.
 
     Raises:
-        StudyError: it cannot be opened, or its configuration is not what we write.
+        StudyError: If the file cannot be opened, or its configuration is invalid.
     """
     file = StudyFile.open(path, clock=wall_clock)
     problem = _problem(file.state.configuration)
     if problem:
         file.close()
-        raise StudyError(f"{path} is no study of prefcal calibrate: {problem}")
+        raise StudyError(f"{path} is not a study of prefcal calibrate: {problem}")
     return file
 
 
 def _problem(configuration: Mapping[str, Any]) -> str:
-    """Return what is wrong with a configuration; empty if nothing is."""
+    """Return what is wrong with a configuration, or "" if it is valid."""
     try:
         options = msgspec.convert(dict(configuration), _Configuration).options
     except msgspec.ValidationError as error:
@@ -122,7 +122,7 @@ def _problem(configuration: Mapping[str, Any]) -> str:
 
 
 def _in_words(error: msgspec.ValidationError) -> str:
-    """Return the parser's "Expected `str`, got `int` - at `$.name`" in our words."""
+    """Return a parser message like "Expected `str`, got `int` - at `$.name`" in our words."""
     problem, _, where = str(error).replace("`", "").partition(" - at $.")
     if where.startswith("earlier"):
         return "what it says of an earlier study cannot be read"
@@ -131,19 +131,19 @@ def _in_words(error: msgspec.ValidationError) -> str:
 
 
 def trusted_source(name: str, state: State, source: str | None) -> str:
-    """Return the scenario of the study called `name`, as the user trusts it.
+    """Return the scenario of the study called `name`, if the user trusts it.
 
     Args:
         name: Name of the study.
-        state: The study.
-        source: The scenario that the user names; None if the study may say, for a built-in one.
+        state: State of the study.
+        source: Scenario that the user names; None to use the study's if it is built in.
 
     Raises:
-        StudyError: the study names a program.
+        StudyError: If the study names a program and the user does not.
     """
     named: str = state.configuration["scenario"]
     if source is None and not is_built_in(named):
-        # Those who send a study must not choose which program is run here.
+        # A study from somebody else must not decide which program runs here.
         raise StudyError(
             f"study {name!r} calibrates {named!r}, which is a program: "
             f"if you trust it, add --scenario {named}"
@@ -152,7 +152,7 @@ def trusted_source(name: str, state: State, source: str | None) -> str:
 
 
 def print_list(*, json: bool) -> None:
-    """Print a row for each study in the data folder, those that cannot be read too."""
+    """Print a row for each study in the data folder, including unreadable ones."""
     rows = [_row(path) for path in studies_in_data_folder()]
     if json:
         print(_dumps(rows))
@@ -166,7 +166,7 @@ def print_list(*, json: bool) -> None:
 
 
 def _list(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Return the table of `rows`; only the last column breaks lines: names can be copied."""
+    """Return a table of `rows`; only its last column wraps, so that names can be copied."""
     texts = [[escape(printable(cell)) for cell in _cells(row)] for row in rows]
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for i, (heading, justify) in enumerate(_COLUMNS.items()):
@@ -181,17 +181,17 @@ def _list(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 _STATE = 12
-"""Characters for "all compared"; what is wrong with a file may take several lines."""
+"""Width for "all compared" in characters; problems with a file may take several lines."""
 _COLUMNS: Mapping[str, Literal["left", "right"]] = {
     "study": "left", "scenario": "left", "experiments": "right", "answers": "right",
     "started": "left", "state": "left",
 }  # fmt: skip
 _WIDEST = 1000
-"""Characters that a table may be wide: more than any name needs."""
+"""Width of a table in characters, more than any name needs."""
 
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
-    """Return a row for people: the day, no folders, a scenario without its configuration."""
+    """Return a row for people: the date, no folders, a scenario without its configuration."""
     if "scenario" not in row:
         return [str(row["study"]), "", "", "", "", str(row["state"])]
     named = str(row["scenario"]).partition("{")[0].strip()
@@ -211,7 +211,7 @@ def _row(path: Path) -> dict[str, Any]:
 
 
 def summary(state: State) -> dict[str, Any]:
-    """Return a study in a few words, for people and programs."""
+    """Return a summary of a study, for people and programs."""
     return {
         "scenario": state.configuration["scenario"],
         "experiments": Counts.of(state).experiments,
@@ -223,7 +223,7 @@ def summary(state: State) -> dict[str, Any]:
 
 
 def print_study(name: str, *, json: bool) -> None:
-    """Print one study: configuration, best θ, every answer."""
+    """Print one study: configuration, best θ, and every answer."""
     path = existing(name)
     with open_described(path) as file:
         state = file.state
@@ -257,12 +257,12 @@ def print_study(name: str, *, json: bool) -> None:
 
 
 def _minute(at: str) -> str:
-    """Return a time of the record, UTC, without seconds."""
+    """Return a UTC time of the record without its seconds."""
     return at[:16].replace("T", " ")
 
 
 def best_theta(state: State) -> dict[str, float] | None:
-    """Return θ of the best so far by knob; None before the first experiment."""
+    """Return the best θ so far by knob name; None before the first experiment."""
     best = incumbent(state)
     if best is None:
         return None

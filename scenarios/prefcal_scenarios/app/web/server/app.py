@@ -1,4 +1,4 @@
-"""The application behind the query window: its addresses, and what they give."""
+"""Build the web application of the query window: its addresses and their handlers."""
 
 import threading
 from collections.abc import Callable
@@ -37,21 +37,22 @@ def make_app(
     pace: Pace | None = None,
     static: Traversable | None = None,
 ) -> Starlette:
-    """The application, for whatever serves ASGI.
+    """Return the application, for any ASGI server.
 
-    Its `state.watch` wakes every waiting page; `state.assets` holds the files.
+    `state.watch` of the application wakes every waiting page; `state.assets` holds the files.
 
     Args:
-        interview: What is shown, and answered.
-        token: The secret of the link.
-        port: Where it is served.
-        hosts: Our names; those of the loopback address if None.
-        reports: Where the report is, once there is one.
-        again: The command that resumes the study.
-        command: The command that repeats it from the start.
-        closed: Set when the person closes the window.
-        seen: Called whenever a page asks how things stand, with whether it waits for a change.
-        pace: How long pages are let wait.
+        interview: Interview to show and answer.
+        token: Secret of the link.
+        port: Port of the server.
+        hosts: Host names of the server; the loopback names if None.
+        reports: Location of the finished report.
+        again: Command that resumes the study.
+        command: Command that repeats the study from the start.
+        closed: Event to set when the person closes the window.
+        seen: Function to call whenever a page asks for the current state; its argument says
+            whether the page waits for a change.
+        pace: How long pages may wait.
         static: Folder of the page's files; the package's own if None.
     """
     reports = Reports() if reports is None else reports
@@ -67,7 +68,7 @@ def make_app(
         ],
         exception_handlers={HTTPException: http_error},
     )
-    # A redirect would be made from the Host header, for addresses that no page of ours asks for.
+    # A redirect would repeat the Host header, for addresses that the page never asks for.
     app.router.redirect_slashes = False
     app.state.watch, app.state.assets = watch, assets
     return app

@@ -1,4 +1,4 @@
-"""Binding the window's socket, with errors in the words of whoever chose host and port."""
+"""Bind the window's socket, with errors that name the host and port the person chose."""
 
 import errno
 import socket
@@ -7,20 +7,20 @@ from prefcal_env.errors import SettingsError
 
 
 def bind(host: str, port: int) -> socket.socket:
-    """A socket that listens on `host` and `port`; port 0 takes a free one.
+    """Return a socket that listens on `host` and `port`; port 0 takes a free one.
 
     Raises:
-        SettingsError: the port is taken or impossible, or the host is none of this machine.
+        SettingsError: the port is taken or invalid, or the host is not this machine.
     """
     if not 0 <= port <= 65535:
-        raise SettingsError(f"port must lie in [0, 65535] (0: a free one), got {port}")
+        raise SettingsError(f"port must be in [0, 65535] (0: any free port), got {port}")
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except (OSError, UnicodeError) as error:
         raise SettingsError(
-            f"host {host!r} has no address: expected a name or address of this machine"
+            f"host {host!r} cannot be resolved: expected a name or address of this machine"
         ) from error
-    # "localhost" has two addresses where IPv6 is on; the older kind works everywhere.
+    # With IPv6, "localhost" has two addresses; the IPv4 one works everywhere.
     family, *_, address = min(found, key=lambda one: one[0] is not socket.AF_INET)
     try:
         return socket.create_server(address, family=family, backlog=128)
@@ -30,9 +30,9 @@ def bind(host: str, port: int) -> socket.socket:
 
 def _in_words(error: OSError, host: str, port: int) -> str:
     if error.errno == errno.EADDRINUSE:
-        return f"port {port} of {host} is taken: choose another, or 0 for a free one"
+        return f"port {port} on {host} is taken: choose another, or 0 for any free port"
     if error.errno == errno.EACCES:
-        return f"port {port} is not yours to use: expected one from 1024 on, or 0 for a free one"
+        return f"port {port} needs administrator rights: choose 1024 or higher, or 0 for a free one"
     if error.errno == errno.EADDRNOTAVAIL:
-        return f"host {host!r} is none of this machine's addresses: 127.0.0.1 always is"
-    return f"cannot listen on port {port} of {host}: {error.strerror or error}"
+        return f"host {host!r} is not an address of this machine; 127.0.0.1 always works"
+    return f"cannot listen on port {port} on {host}: {error.strerror or error}"

@@ -1,4 +1,4 @@
-"""Opening the window's link in a browser, where there is one to be seen."""
+"""Open the window's link in a graphical browser, if there is one."""
 
 import os
 import sys
@@ -6,19 +6,19 @@ import webbrowser
 from collections.abc import Mapping
 
 _TEXT = frozenset({"www-browser", "links", "elinks", "lynx", "w3m", "links2"})
-"""Browsers that would take the terminal over, and run no script."""
+"""Browsers that would take over the terminal and do not run scripts."""
 _NO_DISPLAY_NEEDED = ("win32", "cygwin", "darwin")
 
 
 def open_browser(
     link: str, *, environ: Mapping[str, str] | None = None, platform: str = sys.platform
 ) -> bool:
-    """Open `link` in a graphical browser; whether one was opened. Prints nothing.
+    """Open `link` in a graphical browser and return whether one opened. Prints nothing.
 
     Args:
-        link: What to open.
+        link: Link to open.
         environ: Environment variables; those of this process if None.
-        platform: As `sys.platform`.
+        platform: Platform name, as in `sys.platform`.
     """
     variables = os.environ if environ is None else environ
     display = any(variables.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
@@ -34,6 +34,6 @@ def open_browser(
 
 
 def _is_text(browser: webbrowser.BaseBrowser) -> bool:
-    """Whether it needs the terminal: by its name, or because the library runs it in front."""
+    """Return whether a browser needs the terminal: by name, or since it runs in the foreground."""
     name = os.path.basename(str(getattr(browser, "name", "")))
     return name in _TEXT or type(browser) is webbrowser.GenericBrowser

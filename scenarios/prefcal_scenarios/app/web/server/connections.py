@@ -1,4 +1,4 @@
-"""Connections that keep the window waiting: each for a while, and only so many of one peer."""
+"""Limit connections that keep the window waiting, in time and in number per peer."""
 
 import asyncio
 from typing import Any
@@ -9,19 +9,19 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from .security import BODY_SECONDS
 
 HEAD_SECONDS = 10.0
-"""Seconds in which the address and the headers of a request have to be sent."""
+"""Seconds within which the address and the headers of a request must arrive."""
 MOST_WAITING = 32
-"""Connections of one peer that may keep us waiting for their requests: browsers open six."""
+"""Maximum number of connections per peer without a complete request; browsers open six."""
 _AFTER = 5.0
-"""Seconds beyond `BODY_SECONDS`, in which the person is told."""
+"""Extra seconds after `BODY_SECONDS`, for sending the error to the person."""
 
 _Waiting = dict[str, dict["Connection", None]]
 
 
 class Connection(H11Protocol):
-    """A connection of uvicorn's that is closed if its request does not come.
+    """A uvicorn connection that closes if its request does not arrive.
 
-    Where one peer has too many of them, the oldest goes: an honest request is there at once.
+    If a peer has too many of them, the oldest one closes: an honest request arrives at once.
     """
 
     def __init__(self, *args: Any, waiting: _Waiting, **kwargs: Any) -> None:
@@ -36,23 +36,23 @@ class Connection(H11Protocol):
         self._expect()
 
     def data_received(self, data: bytes) -> None:
-        """Take what was sent, and see what is still missing."""
+        """Process received data, then wait for what is still missing."""
         super().data_received(data)
         self._expect()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Forget it."""
+        """Forget the connection."""
         self._rest()
         super().connection_lost(exc)
 
     def _expect(self) -> None:
-        """Give the head or the body that is awaited now its time; the time it has goes on."""
+        """Start the timer of the head or body that is expected now; a running one continues."""
         awaited = self.conn.their_state
         if awaited is self._timed:
             return
         self._rest()
         if awaited not in (h11.IDLE, h11.SEND_BODY):
-            return  # all of the request is here
+            return  # the request is complete
         self._timed = awaited
         seconds = HEAD_SECONDS if awaited is h11.IDLE else BODY_SECONDS + _AFTER
         self._timer = self.loop.call_later(seconds, self.drop)
@@ -62,12 +62,12 @@ class Connection(H11Protocol):
             next(iter(of_peer)).drop()
 
     def drop(self) -> None:
-        """Close it at once."""
+        """Close the connection at once."""
         self._rest()
         self.transport.abort()
 
     def _rest(self) -> None:
-        """Nothing is awaited."""
+        """Stop the timer: nothing is expected."""
         self._timed = None
         if self._timer is not None:
             self._timer.cancel()

@@ -1,4 +1,4 @@
-"""The page's own files, held in memory: names that are not among them do not exist."""
+"""Hold the page's files in memory; no other file can be requested."""
 
 import gzip
 import hashlib
@@ -21,21 +21,21 @@ _TYPES: Mapping[str, str] = {
 }
 _TEXT = ("text/", "image/svg")
 _PLACEHOLDER = b"?v=VERSION"
-"""In links of our own text files: replaced, so that browsers keep a file until it changes.
+"""Placeholder in links, replaced by a version, so that browsers cache a file until it changes.
 
-Not for modules that others import, by another address: the browser would load them twice.
+Do not use it for modules that others import without it: the browser would load them twice.
 """
 
 
 @dataclass(slots=True)
 class Asset:
-    """One file.
+    """A file of the page.
 
     Args:
-        content: Its bytes.
-        media_type: For the Content-Type header.
-        tag: Changes with the content.
-        packed: The bytes, gzipped; None until that is done, or where it does not pay.
+        content: Bytes of the file.
+        media_type: Value of the Content-Type header.
+        tag: Tag that changes with the content.
+        packed: Gzipped bytes; None until they are ready, or if gzip is not worth it.
     """
 
     content: bytes
@@ -47,17 +47,17 @@ class Asset:
         self.tag = hashlib.sha256(self.content).hexdigest()[:20]
 
     def pack(self) -> None:
-        """Have it gzipped at hand."""
+        """Gzip the content and keep the result."""
         if self.media_type.startswith(_TEXT) and len(self.content) > 1024:
-            # The same bytes every time: no time of packing in it.
+            # Without a timestamp the bytes are the same every time.
             self.packed = gzip.compress(self.content, 6, mtime=0)
 
 
 class Assets:
-    """The files of the folder `static`, and plotly.js out of the installed plotly package.
+    """The files of the folder `static`, and plotly.js from the installed plotly package.
 
     Args:
-        folder: Where the files are; the package's own folder if None.
+        folder: Folder of the files; the package's own if None.
     """
 
     def __init__(self, folder: Traversable | None = None) -> None:
@@ -69,15 +69,15 @@ class Assets:
         self._stamp()
 
     def get(self, name: str) -> Asset | None:
-        """The file called `name`; None if there is none."""
+        """Return the file called `name`, or None if there is none."""
         return self._assets.get(name)
 
     def items(self) -> ItemsView[str, Asset]:
-        """All files by name."""
+        """Return all files by name."""
         return self._assets.items()
 
     def pack_all(self) -> threading.Thread:
-        """Gzip everything in a thread: until it is done, files are sent as they are."""
+        """Gzip all files in a thread; until then, files are sent uncompressed."""
         thread = threading.Thread(target=self._pack, name="gzip", daemon=True)
         thread.start()
         return thread
@@ -87,7 +87,7 @@ class Assets:
             asset.pack()
 
     def _stamp(self) -> None:
-        """Put the version of all files, as one, into their links."""
+        """Put one version for all files into their links."""
         tags = "".join(f"{name} {asset.tag}\n" for name, asset in sorted(self._assets.items()))
         version = hashlib.sha256(tags.encode()).hexdigest()[:12].encode()
         for name, asset in self._assets.items():
@@ -108,7 +108,7 @@ def _type(name: str) -> str:
 
 
 def _plotly() -> Path | None:
-    """Where plotly.js is. The package is found, not imported: that would take a second."""
+    """Return the path of plotly.js, found without importing plotly, which would take a second."""
     spec = importlib.util.find_spec("plotly")
     if spec is None or spec.origin is None:
         return None

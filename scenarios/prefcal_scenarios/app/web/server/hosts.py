@@ -1,4 +1,4 @@
-"""Names under which the window may be asked for, and what an address means for privacy."""
+"""Decide which host names may reach the window, and warn about addresses that others can reach."""
 
 import ipaddress
 import socket
@@ -9,16 +9,16 @@ LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")
 
 @dataclass(frozen=True, slots=True)
 class Hosts:
-    """The values of a Host header that are ours.
+    """Accepted values of a Host header.
 
-    A page of a foreign name that was made to resolve to this machine (DNS rebinding) sends its
-    own name here, and is refused by it.
+    This stops DNS rebinding: a foreign page whose name resolves to this machine still sends its
+    own name, which is refused.
 
     Args:
-        names: Names and addresses, IPv6 in brackets, lower case, without a port.
-        port: Where the window listens.
-        any_address: Whether every IP address will do: it listens on all of them, and no foreign
-            page can have an address of this machine as its name.
+        names: Names and addresses in lower case, without a port; IPv6 in brackets.
+        port: Port of the window.
+        any_address: Whether to accept every IP address, for a window that listens on all of them.
+            No foreign page can have an IP address of this machine as its name.
     """
 
     names: frozenset[str]
@@ -27,7 +27,7 @@ class Hosts:
 
     @classmethod
     def of(cls, address: str, port: int) -> "Hosts":
-        """Of a window that listens on the IP address `address`."""
+        """Return the hosts of a window that listens on the IP address `address`."""
         ip = ipaddress.ip_address(address)
         if ip.is_loopback:
             return cls(frozenset({*LOOPBACK_NAMES, in_link(address)}), port)
@@ -36,7 +36,7 @@ class Hosts:
         return cls(frozenset(names), port, ip.is_unspecified)
 
     def allow(self, host: str) -> bool:
-        """Whether `host`, the value of a Host header, is ours."""
+        """Return whether `host`, the value of a Host header, is accepted."""
         name, port = _split(host.lower())
         if port != self.port:
             return False
@@ -44,7 +44,7 @@ class Hosts:
 
 
 def in_link(address: str) -> str:
-    """An IP address as links write it; a wildcard as the loopback address of its kind."""
+    """Return an IP address as written in links; a wildcard becomes the loopback address."""
     ip = ipaddress.ip_address(address.partition("%")[0])
     if ip.is_unspecified:
         ip = ipaddress.ip_address("::1" if ip.version == 6 else "127.0.0.1")
@@ -52,40 +52,40 @@ def in_link(address: str) -> str:
 
 
 def seen_from_outside(address: str) -> str:
-    """Return how other machines call this one, as links write it.
+    """Return this machine's address for other machines, as written in links.
 
-    Empty where the link of `in_link` is the one for them too, or nobody else can come in.
+    Empty if the address of `in_link` works for them too, or if they cannot reach the window.
 
     Args:
-        address: The IP address that the window listens on.
+        address: IP address that the window listens on.
     """
     ip = ipaddress.ip_address(address.partition("%")[0])
     if not ip.is_unspecified:
         return ""
-    probe = ("2001:db8::1", 9) if ip.version == 6 else ("192.0.2.1", 9)  # for documents: nobody's
+    probe = ("2001:db8::1", 9) if ip.version == 6 else ("192.0.2.1", 9)  # reserved, unused
     family = socket.AF_INET6 if ip.version == 6 else socket.AF_INET
     try:
         with socket.socket(family, socket.SOCK_DGRAM) as udp:
-            udp.connect(probe)  # sends nothing; it chooses the address that would be sent from
+            udp.connect(probe)  # sends nothing, but chooses the local address
             own = str(udp.getsockname()[0])
     except OSError:
-        return socket.gethostname().lower()  # no way out: a name that `Hosts` allows
+        return socket.gethostname().lower()  # no route: a name that `Hosts` allows
     return in_link(own)
 
 
 def warning(address: str) -> str:
-    """What it means to listen on the IP address `address`; empty for a loopback address."""
+    """Return the privacy warning for an IP address to listen on; empty for a loopback address."""
     if ipaddress.ip_address(address.partition("%")[0]).is_loopback:
         return ""
     return (
         f"The window listens on {address}, beyond this machine: everybody on that network who "
         "has the link can see this study and answer its questions. The traffic is not encrypted: "
-        "anybody who can listen in on the network can read it, the link too."
+        "anybody who can monitor the network can read it, including the link."
     )
 
 
 def _split(host: str) -> tuple[str, int]:
-    """Name and port of a Host header; port -1 where it is no number."""
+    """Return name and port of a Host header; port -1 if it is not a number."""
     name, colon, port = host.rpartition(":")
     if not colon or port.endswith("]"):
         return host, 80

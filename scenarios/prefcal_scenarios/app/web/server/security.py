@@ -1,4 +1,4 @@
-"""What every request has to pass before any handler sees it, and what every response bears."""
+"""Check every request before a handler sees it, and add security headers to every response."""
 
 import json
 import secrets
@@ -17,14 +17,14 @@ POLICY = (
     "img-src 'self' data: blob:; connect-src 'self'; font-src 'self'; base-uri 'none'; "
     "form-action 'self'; frame-ancestors 'none'"
 )
-"""Content security policy. Plotly writes styles of its own, hence 'unsafe-inline' for them."""
+"""Content security policy. Plotly adds inline styles, hence 'unsafe-inline'."""
 REPORT_POLICY = (
     "sandbox allow-scripts allow-popups; default-src 'none'; script-src 'unsafe-inline'; "
     "style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; "
     "frame-ancestors 'none'"
 )
-"""Of the report, whose scripts are its own: a sandbox, as of another origin and without network, so
-that nothing in it can ask this window for anything."""
+"""Content security policy of the report, which has its own scripts: a sandbox with another origin
+and without network, so that nothing in the report can send requests to this window."""
 HEADERS: Mapping[bytes, bytes] = MappingProxyType(
     {
         b"content-security-policy": POLICY.encode(),
@@ -36,13 +36,13 @@ HEADERS: Mapping[bytes, bytes] = MappingProxyType(
     }
 )
 LARGEST_HEAD = 32 * 1024
-"""Bytes of an address and of all headers."""
+"""Maximum bytes of an address and all headers."""
 LARGEST_BODY = 64 * 1024
-"""Bytes of a JSON body."""
+"""Maximum bytes of a JSON body."""
 LARGEST_RECORD = 20 * 1024 * 1024
-"""Bytes of a rig's record."""
+"""Maximum bytes of a rig's record."""
 BODY_SECONDS = 60.0
-"""Seconds in which a body has to be sent."""
+"""Seconds within which a body must arrive."""
 RECORD_PATHS = ("/api/record", "/api/preview")
 OPEN_PATH = "/open/"
 _METHODS = ("GET", "HEAD", "POST")
@@ -50,7 +50,7 @@ _METHODS = ("GET", "HEAD", "POST")
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """An answer to a request that no handler sees: status, and a sentence for the person."""
+    """A response to a request that no handler sees: status and a sentence for the person."""
 
     status: int
     error: str
@@ -58,38 +58,38 @@ class Refusal:
 
 
 NO_COOKIE = Refusal(
-    401, "This page belongs to a study: open it by the link that prefcal printed in the terminal."
+    401, "This page belongs to a study: open it with the link that prefcal printed in the terminal."
 )
 
 
 _LATE = Refusal(
-    408, f"This took longer than {BODY_SECONDS:g} s to arrive: nothing was saved, send it again."
+    408, f"This took longer than {BODY_SECONDS:g} s to arrive. Nothing was saved; send it again."
 )
 
 
 def too_big(limit: int) -> Refusal:
-    """The refusal of a body of more than `limit` bytes."""
+    """Return the refusal of a body of more than `limit` bytes."""
     size = f"{limit // 1024} KiB" if limit < 1024**2 else f"{limit // 1024**2} MiB"
-    return Refusal(413, f"This is too big: at most {size} can be sent here.", "limit")
+    return Refusal(413, f"This is too big: the limit is {size}.", "limit")
 
 
 class Guard:
-    """Middleware that refuses foreign Hosts and Origins, strangers, and bodies without bound.
+    """Middleware that refuses foreign Hosts and Origins, missing cookies and unbounded bodies.
 
-    A body is read here, up to its limit, also where it comes in chunks of unknown number; the
-    application gets it in one piece.
+    It reads each body up to the limit, also if it comes in chunks; the application gets it in one
+    piece.
 
     Args:
-        app: The application.
-        token: The secret of the link, and of the cookie.
-        hosts: Our names.
+        app: Application to protect.
+        token: Secret of the link and of the cookie.
+        hosts: Accepted host names.
     """
 
     def __init__(self, app: ASGIApp, *, token: str, hosts: Hosts) -> None:
         self._app, self._token, self._hosts = app, token, hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request through, or refuse it."""
+        """Pass a request on, or refuse it."""
         if scope["type"] == "lifespan":
             return await self._app(scope, receive, send)
         if scope["type"] != "http":
@@ -103,7 +103,7 @@ class Guard:
             with anyio.move_on_after(BODY_SECONDS):
                 body = await _body(scope, receive, limit)
             if body is None:
-                return None  # the client went away
+                return None  # the client disconnected
             refusal = body if isinstance(body, Refusal) else None
         if refusal is not None:
             return await _answer(send, scope, refusal)
@@ -112,42 +112,42 @@ class Guard:
 
     def _refuse(self, scope: Scope) -> Refusal | None:
         if scope["method"] not in _METHODS:
-            return Refusal(405, "Only GET, HEAD and POST are understood here.")
+            return Refusal(405, "Only GET, HEAD and POST are supported.")
         if _head(scope) > LARGEST_HEAD:
             return Refusal(431, "The address or the headers are too long.", "limit")
         if not scope["query_string"].isascii():
             return Refusal(400, "The address has parameters that cannot be read.")
         hosts, origins = _values(scope, b"host"), _values(scope, b"origin")
         if len(hosts) != 1 or not self._hosts.allow(hosts[0]):
-            return Refusal(403, "The window was asked for under a name that is not its own.")
+            return Refusal(403, "The request was sent to a host name that is not the window's.")
         if origins not in ([], [f"http://{hosts[0]}"]):
-            return Refusal(403, "The request comes from a foreign page.")
+            return Refusal(403, "The request comes from another page.")
         if scope["method"] == "POST" and not origins:
             return Refusal(403, "The request does not say which page it comes from.")
         if scope["path"].startswith(OPEN_PATH):
             return None  # its handler compares the token
         cookies = _cookies(scope, cookie_name(self._hosts.port))
-        # Any: another program on this machine, on another port, may have set one of that name.
+        # Any of them: another program on this machine may have set a cookie of the same name.
         return None if any(same(c, self._token) for c in cookies) else NO_COOKIE
 
 
 def cookie_name(port: int) -> str:
-    """Ports share cookies, so that each window has its own."""
+    """Return the name of a window's cookie. Ports share cookies, so the name has the port."""
     return f"prefcal_{port}"
 
 
 def cookie(token: str, port: int) -> str:
-    """The Set-Cookie header of a window."""
+    """Return the Set-Cookie header of a window."""
     return f"{cookie_name(port)}={token}; HttpOnly; SameSite=Strict; Path=/"
 
 
 def same(given: str, token: str) -> bool:
-    """Whether both are equal, in a time that does not tell how much of them is."""
+    """Return whether both are equal, in constant time."""
     return secrets.compare_digest(given.encode("utf-8", "replace"), token.encode())
 
 
 class _Replayed:
-    """A `receive` that gives a body that was read already, and then what comes after it."""
+    """A `receive` that returns a body that was already read, then any later messages."""
 
     def __init__(self, body: bytes, receive: Receive) -> None:
         self._body: bytes | None = body
@@ -161,7 +161,7 @@ class _Replayed:
 
 
 def _head(scope: Scope) -> int:
-    """Bytes of address and headers."""
+    """Return the number of bytes of address and headers."""
     headers = sum(len(key) + len(value) for key, value in scope["headers"])
     return headers + len(scope["path"]) + len(scope["query_string"])
 
@@ -176,10 +176,10 @@ def _cookies(scope: Scope, name: str) -> list[str]:
 
 
 async def _body(scope: Scope, receive: Receive, limit: int) -> bytes | Refusal | None:
-    """The whole body; a refusal if it is longer than `limit`; None if the client went away."""
+    """Return the body, a refusal if it exceeds `limit`, or None if the client disconnected."""
     for length in _values(scope, b"content-length"):
         if not (length.isascii() and length.isdigit() and len(length) < 20):
-            return Refusal(400, "The length of the request is no number.")
+            return Refusal(400, "The length of the request is not a number.")
         if int(length) > limit:
             return too_big(limit)
     parts, size, more = [], 0, True
@@ -196,7 +196,7 @@ async def _body(scope: Scope, receive: Receive, limit: int) -> bytes | Refusal |
 
 
 async def _answer(send: Send, scope: Scope, refusal: Refusal) -> None:
-    """JSON for the page's script, and a plain sentence where a person may be looking."""
+    """Send a refusal: JSON to the page's script, a plain sentence to a person."""
     api = scope["path"].startswith("/api/")
     data = {"error": refusal.error, "kind": refusal.kind, "now": None}
     body = json.dumps(data) if api else refusal.error
@@ -211,13 +211,13 @@ async def _answer(send: Send, scope: Scope, refusal: Refusal) -> None:
 def _with_headers(send: Send) -> Send:
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
-            policy = b"content-security-policy"  # a handler may have a stricter one
+            policy = b"content-security-policy"  # a handler may set a stricter one
             own = [(k, v) for k, v in message["headers"] if k.lower() == policy]
             given = [(k, v) for k, v in message["headers"] if k.lower() not in HEADERS]
             if not any(key.lower() == b"cache-control" for key, _ in given):
                 given.append((b"cache-control", b"no-store"))
             if message["status"] >= HTTPStatus.BAD_REQUEST:
-                # Or the rest of an endless body is read on, and strangers hold connections.
+                # Otherwise the server would keep reading the rest of an endless body.
                 given = [(k, v) for k, v in given if k.lower() != b"connection"]
                 given.append((b"connection", b"close"))
             fixed = [(k, v) for k, v in HEADERS.items() if not (own and k == policy)]

@@ -1,4 +1,4 @@
-"""The window: the application on a socket, in a thread of its own."""
+"""Serve the application on a socket, in its own thread."""
 
 import asyncio
 import secrets
@@ -22,22 +22,22 @@ from .presence import Presence
 from .security import LARGEST_HEAD
 
 _GRACE = 1
-"""Seconds for requests that are still being answered when the window closes."""
+"""Seconds to finish open requests when the window closes."""
 
 
 class Window:
-    """Serves the query window while it is entered: `with Window(interview) as window:`.
+    """The query window, served inside `with Window(interview) as window:`.
 
     Args:
-        interview: What is shown, and answered.
-        host: Name or address to listen on; of the loopback device unless others shall see it.
-        port: To listen on; 0 takes a free one.
-        again: The command that resumes the study, for the page.
-        command: The command that repeats the study, for the page.
-        clock: Seconds that never run backwards.
+        interview: Interview to show and answer.
+        host: Name or address to listen on; keep the loopback address unless others need access.
+        port: Port to listen on; 0 takes a free one.
+        again: Command that resumes the study, shown on the page.
+        command: Command that repeats the study, shown on the page.
+        clock: Monotonic clock, in seconds.
 
     Raises:
-        SettingsError: the port is taken or impossible, or the host is none of this machine.
+        SettingsError: the port is taken or invalid, or the host is not this machine.
     """
 
     def __init__(
@@ -50,8 +50,8 @@ class Window:
         command: str = "",
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        # Bound, and listening, before anything else: a taken port must not cost a person a wait,
-        # and whoever opens the link at once is only kept waiting.
+        # Listen before anything else: a taken port fails at once, and a link that is opened early
+        # only has to wait.
         self._socket = bind(host, port)
         address, self.port = self._socket.getsockname()[:2]
         address = address.partition("%")[0]
@@ -74,7 +74,7 @@ class Window:
 
     @property
     def reports(self) -> Path | None:
-        """Folder of the finished report; None until there is one."""
+        """Return the folder of the finished report; None until there is one."""
         return self._reports.folder
 
     @reports.setter
@@ -82,12 +82,12 @@ class Window:
         self._reports.put(folder)
 
     def away(self) -> float | None:
-        """Return for how many seconds no page has been open; None before the first page."""
+        """Return the seconds since a page was last open; None before the first page."""
         return self._presence.away()
 
     @property
     def waiting(self) -> int:
-        """How many pages wait for a change right now."""
+        """Return the number of pages that wait for a change."""
         return int(self._app.state.watch.waiting)
 
     def __enter__(self) -> Self:
@@ -101,7 +101,7 @@ class Window:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Stop serving. Pages that wait for a change are answered first."""
+        """Stop serving. Pages that wait for a change get a response first."""
         self._server.should_exit = True
         self._app.state.watch.stop()
         self._thread.join(timeout=_GRACE + 1)
@@ -112,7 +112,7 @@ class Window:
 
 
 def _connections() -> type[asyncio.Protocol]:
-    """The class of our connections, which know of each other."""
+    """Return a connection class whose instances share their list of waiting connections."""
     waiting: dict[str, dict[Connection, None]] = {}
 
     class Ours(Connection):
@@ -125,7 +125,7 @@ def _connections() -> type[asyncio.Protocol]:
 
 
 def _config(app: Callable[..., object]) -> uvicorn.Config:
-    """Quiet, and nothing taken from the environment or from proxies."""
+    """Return uvicorn settings: no log, and nothing taken from the environment or proxies."""
     return uvicorn.Config(
         app, loop="asyncio", http=_connections(), ws="none", lifespan="off", log_config=None,
         log_level="critical", access_log=False, proxy_headers=False, server_header=False,

@@ -1,4 +1,4 @@
-// What is asked of the server, and how its refusals come back.
+// Send requests to the server; refusals become errors.
 
 export class Refusal extends Error {
   constructor(status, body) {
@@ -14,7 +14,7 @@ async function result(response) {
   try {
     body = await response.json();
   } catch {
-    // No JSON: a proxy, or a server that is going away.
+    // Not JSON: a proxy answered, or the server is shutting down.
   }
   if (!response.ok) throw new Refusal(response.status, body);
   return body;
@@ -34,7 +34,7 @@ export async function post(name, fields, blind) {
   }));
 }
 
-// `where` is "preview", which saves nothing, or "record".
+// Send a record. `where` is "preview", which saves nothing, or "record".
 export async function sendRecord(where, { index, unsafe, again, theta }, content, blind) {
   const set = theta ? `&theta=${encodeURIComponent(theta.join(","))}` : "";
   const query = `index=${index}&unsafe=${unsafe ? 1 : 0}&again=${again ? 1 : 0}${set}&${flag(blind)}`;
@@ -45,7 +45,7 @@ export async function sendRecord(where, { index, unsafe, again, theta }, content
   }));
 }
 
-// Waits on the server until something has changed since `version`.
+// Wait until the server has a newer version than `version`, and return it.
 export async function news(version, blind, signal) {
   const after = version === null ? "" : `after=${version}&`;
   return result(await fetch(`/api/now?${after}${flag(blind)}`, { cache: "no-store", signal }));

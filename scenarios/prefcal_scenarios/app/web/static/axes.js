@@ -1,8 +1,8 @@
-// The axes, which both sides share: those of the whole study, or a window on demand.
+// Axes that both sides share: the whole study's, or a zoomed window.
 
 function extent(values, into) {
   for (const value of values) {
-    if (value === null) continue; // no number there
+    if (value === null) continue; // a gap in the curve
     if (value < into[0]) into[0] = value;
     if (value > into[1]) into[1] = value;
   }
@@ -11,8 +11,9 @@ function extent(values, into) {
 
 const aimed = (panel) => panel.target !== null && panel.band;
 
-// From just before either side comes near its target until just after both stay there; where no
-// panel has a band, while a reference moves; where there is none either, as far as these two go.
+// Return the axes of the interesting time: from just before either side comes near its target
+// until just after both stay there. Without a band, the time while a reference moves; without a
+// reference, the whole time of these two runs.
 export function target(question, all) {
   const { panels, left, right } = question;
   const spans = [left, right].flatMap((side) => panels.some(aimed)
@@ -30,7 +31,7 @@ export function target(question, all) {
 const drawn = ({ left, right }, i) =>
   [left, right].flatMap((side) => [...side.curves[i], side.references[i]]).filter(Boolean);
 
-// Just these two, out of what all experiments of the study reach.
+// Return the axes of these two experiments alone, within the study's.
 function these(question, all) {
   const x = [Infinity, -Infinity];
   for (const side of [question.left, question.right]) {
@@ -40,8 +41,8 @@ function these(question, all) {
   return { x, y: question.panels.map((_, i) => within(x, drawn(question, i), all.y[i])) };
 }
 
-// What curves reach while `x` is shown, but not less than a tenth of the whole: nobody wants noise
-// filling a panel.
+// Return the range of the curves within `x`, at least a tenth of the full axis, so that noise does
+// not fill a panel.
 function within([from, to], curves, [low, high]) {
   const seen = [Infinity, -Infinity];
   for (const { t, y } of curves) extent(y.filter((_, k) => t[k] >= from && t[k] <= to), seen);
@@ -51,7 +52,7 @@ function within([from, to], curves, [low, high]) {
   return [Math.max(low, middle - half), Math.min(high, middle + half)];
 }
 
-// When a curve first comes near the target, and when it is in the band for good.
+// Return when a curve first comes near the target, and when it enters the band for good.
 function settling({ target: aim, band }, { t, y }) {
   const near = y.findIndex((v) => Math.abs(v - aim) <= 8 * band);
   const out = y.findLastIndex((v) => Math.abs(v - aim) > band);

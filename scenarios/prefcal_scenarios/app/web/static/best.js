@@ -1,11 +1,11 @@
-// The best experiment in numbers, as several views show it.
+// Show the best experiment in numbers, for several views.
 
 import { copied, el, symbol, withUnit } from "./dom.js";
 
-const MOST = 9; // KPIs at sight; the others are in the report
+const MOST = 9; // KPIs shown here; the report has all of them
 
 export function bestCard(best, title = "Best so far") {
-  if (!best) return el("p", {}, "There is no experiment yet.");
+  if (!best) return el("p", {}, "There are no experiments yet.");
   const copy = el("button", { type: "button", on: { click: (event) => copied(best.copy, event.target) } }, "Copy θ");
   const theta = el("dl", { class: "values" }, best.theta.map((knob) =>
     el("div", {}, el("dt", {}, symbol(knob.name)), el("dd", {}, withUnit(knob.text, knob.unit)))));

@@ -1,9 +1,9 @@
-// What a panel states besides curves: its target with the band, and its limits.
+// Draw what a panel shows besides curves: the target with its band, and the limits.
 
 const known = new Map();
 let theme = "";
 
-// A colour of the style sheet, asked for once in each theme: asking makes the browser lay out.
+// Return a color of the style sheet, read once per theme because reading triggers a layout.
 export function css(name) {
   const { theme: now } = document.documentElement.dataset;
   if (now !== theme) known.clear();
@@ -15,8 +15,8 @@ export function css(name) {
 export const LIMIT = () => ({ color: css("--bad"), width: 1.3, dash: "dash" });
 export const TARGET = () => ({ color: css("--good"), width: 1.3, dash: "dot" });
 
-// As plotly's shapes, across the whole panel of the axis `yref`. Limits that change in time are
-// curves: `held` says which of the two.
+// Return plotly shapes across the whole panel of the axis `yref`. Limits that change in time are
+// drawn as curves instead: `held` says which of the two do.
 export function bounds(panel, yref, held) {
   const across = { xref: "paper", x0: 0, x1: 1, yref };
   const level = (y, line) => ({ type: "line", ...across, y0: y, y1: y, line });
@@ -34,7 +34,7 @@ export function bounds(panel, yref, held) {
 
 const written = (value) => String(value).replace("-", "−");
 
-// The same in words, with every value that a limit takes.
+// Return target and limits in words, with every value of a limit that changes.
 export function aims(panel, question) {
   const sides = [question.left, question.right];
   const i = question.panels.indexOf(panel);

@@ -1,4 +1,4 @@
-// The briefing: what the task is, what knobs and KPIs mean, and how long it takes.
+// Show the briefing: the task, what knobs and KPIs mean, and how long it takes.
 
 import { get } from "./api.js";
 import { $, el, fill, symbol } from "./dom.js";
@@ -11,7 +11,7 @@ async function brief() {
   return known;
 }
 
-// All of it, as the dialog shows it and the page that waits for the first experiments.
+// Return the full briefing, for the dialog and the page that waits for the first experiments.
 export async function briefing() {
   let told;
   try {
@@ -23,9 +23,9 @@ export async function briefing() {
     told.text ? el("p", { class: "task" }, symbol(told.text)) : null,
     el("p", {}, told.how),
     told.panels.length ? el("p", {}, `Look at the curves first (${told.panels.join(", ")}), then at the numbers above them.`) : null,
-    table("The knobs, which the experiments differ in", told.knobs.map((knob) =>
+    table("The knobs: what differs between experiments", told.knobs.map((knob) =>
       [knob.name, knob.about, `${knob.range} ${knob.unit}`.trim()])),
-    table("What is measured", told.kpis.map((kpi) =>
+    table("KPIs: what is measured", told.kpis.map((kpi) =>
       [kpi.unit ? `${kpi.title} [${kpi.unit}]` : kpi.title, kpi.about, kpi.wanted])),
   ].filter(Boolean);
 }
@@ -37,14 +37,14 @@ function table(title, rows) {
       el("th", { scope: "row" }, symbol(name)), el("td", {}, symbol(about)), el("td", { class: "faint" }, range)))))));
 }
 
-// While nothing can be asked yet: how far it is and, before the first question, what it is about.
+// Show progress while there is no question yet and, before the first one, the briefing.
 export function waitFor({ pending, preparing, progress, stopping }, act) {
   const first = progress.answered === 0;
   const number = pending?.number;
   const running = number ? `Running experiment ${number}` : "Choosing the next experiment";
   $("wait-title").textContent = preparing ? "Getting ready" : running;
   $("wait-text").textContent = preparing
-    ? `Compiling the solver, part ${preparing.part} of ${preparing.parts} (${preparing.title}): only this once on this machine.`
+    ? `Compiling the solver, part ${preparing.part} of ${preparing.parts} (${preparing.title}): only once on this machine.`
     : first ? "The first question follows." : "Your answer is saved.";
   const bar = $("wait-progress");
   bar.hidden = !preparing;
@@ -58,7 +58,7 @@ export function waitFor({ pending, preparing, progress, stopping }, act) {
   if (first && !$("wait-brief").firstChild) briefing().then((nodes) => fill($("wait-brief"), nodes));
 }
 
-// Above the first question: the task in its own words, once.
+// Show the task above the first question until the person closes it.
 export async function intro(now) {
   const place = $("intro");
   const due = now.progress.answered === 0 && !now.question.repeat && !closed;
@@ -74,5 +74,5 @@ export async function intro(now) {
     }),
     button(["Knobs, KPIs and keys ", el("kbd", {}, "?")], () => $("help").click())));
   place.hidden = false;
-  dispatchEvent(new Event("resize")); // the curves take the room that is left
+  dispatchEvent(new Event("resize")); // the curves fill the remaining space
 }

@@ -1,12 +1,12 @@
-// One cursor in time for all panels of both sides, with what each curve shows there.
+// Show one time cursor in all panels of both sides, with the value of each curve.
 
 import { fill, symbol } from "./dom.js";
 
-// Four digits; what is nothing beside the axis is 0.
+// Format to four digits; values that are tiny compared with the axis become 0.
 const digits = (value, span) =>
   (Math.abs(value) < 1e-6 * span ? 0 : Number(value.toPrecision(4))).toString().replace("-", "−");
 
-// Value of a curve at `time`: held from the last point, or linear between two.
+// Return the value of a curve at `time`: held from the last point, or linear between two.
 function at({ t, y }, time, held) {
   if (time < t[0] || time > t[t.length - 1]) return null;
   let low = 0, high = t.length - 1;
@@ -29,7 +29,7 @@ export class Cursor {
     this.#told = told;
   }
 
-  // Follow the pointer over the figures within `pair`.
+  // Follow the pointer over the figures inside `pair`.
   start(pair) {
     pair.addEventListener("mousemove", (event) => {
       const div = event.target.closest?.(".plot");
@@ -50,7 +50,7 @@ export class Cursor {
     this.draw();
   }
 
-  // By keyboard: `steps` of a hundredth of what is seen.
+  // Move by keyboard: each step is a hundredth of the visible range.
   step(steps) {
     const [from, to] = this.#plots.range;
     const start = this.#time ?? from;
@@ -59,7 +59,7 @@ export class Cursor {
     this.#told(time);
   }
 
-  // Into what is seen, if it is not there.
+  // Move the cursor into the visible range if it is outside.
   enter() {
     const [from, to] = this.#plots.range;
     if (this.#time !== null && this.#time >= from && this.#time <= to) return;

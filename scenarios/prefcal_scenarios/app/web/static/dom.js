@@ -1,4 +1,4 @@
-// Making elements. Data only ever becomes text: nothing of a study is read as HTML.
+// Create elements. Data always becomes text: nothing from a study is parsed as HTML.
 
 export const $ = (id) => document.getElementById(id);
 
@@ -19,7 +19,7 @@ export function fill(parent, ...children) {
   parent.replaceChildren(...children.flat().filter((child) => child !== null));
 }
 
-// "C_A" with a subscript, as people write it.
+// Return "C_A" with a subscript.
 export function symbol(text) {
   const parts = text.split(/_([\p{L}\p{N}_]+)/u);
   return parts.map((part, i) => (i % 2 ? el("sub", {}, part.replaceAll("_", " ")) : part));
@@ -30,7 +30,7 @@ export function withUnit(text, unit) {
 }
 
 export function say(text) {
-  // Emptied first, so that the same words are read out again.
+  // Empty it first, so that screen readers read the same words again.
   $("status").textContent = "";
   requestAnimationFrame(() => ($("status").textContent = text));
 }
@@ -41,7 +41,7 @@ export async function copied(text, button) {
     button.textContent = "Copied";
     say("Copied");
   } catch {
-    button.textContent = "Select and copy by hand";
+    button.textContent = "Select and copy it yourself";
   }
 }
 
@@ -56,11 +56,11 @@ export function ask(title, text, actions, kind = "") {
   fill(dialog, el("h2", { id: "dialog-title", tabindex: "-1" }, title), ...[text].flat(),
     el("p", { class: "actions" }, buttons));
   dialog.showModal();
-  if (kind) $("dialog-title").focus(); // a long one begins at its beginning, not at its buttons
+  if (kind) $("dialog-title").focus(); // show a long dialog from its top, not from its buttons
 }
 
 export function when(iso) {
   const date = new Date(iso);
   return Number.isNaN(date.getTime()) ? iso : date.toLocaleString("sv-SE",
-    { dateStyle: "short", timeStyle: "short" }); // year, month, day: no country reads it otherwise
+    { dateStyle: "short", timeStyle: "short" }); // year, month, day: clear in every country
 }

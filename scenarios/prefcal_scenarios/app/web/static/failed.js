@@ -1,4 +1,4 @@
-// An experiment that could not be run, or a study file that could not be written.
+// Show an experiment that could not run, or a study file that could not be written.
 
 import { $, el, fill, symbol, withUnit } from "./dom.js";
 

@@ -1,4 +1,4 @@
-// One figure: its panels stacked over one time axis, as plotly takes it.
+// Build one plotly figure: panels stacked over one time axis.
 
 import { LIMIT, TARGET, bounds, css } from "./bounds.js";
 
@@ -8,7 +8,7 @@ export const HEAD = 20; // px above each panel, for its title
 const axisOf = (i) => (i ? `y${i + 1}` : "y");
 const sidesOf = (name) => (name === "both" ? ["left", "right"] : [name]);
 
-// Where panel i of n lies, in px from the top.
+// Return the top and bottom of panel i of n, in px from the top.
 export function place(i, n, height) {
   const each = (height - MARGIN.t - MARGIN.b) / n;
   return { top: MARGIN.t + i * each + HEAD, bottom: MARGIN.t + (i + 1) * each - 4 };
@@ -23,7 +23,7 @@ function lines({ curves, references, limits }, panel, i, color, dash) {
   const common = { type: "scatter", mode: "lines", yaxis: axisOf(i), hoverinfo: "skip" };
   const held = (curve, line) => ({ ...common, x: curve.t, y: curve.y, line: { ...line, shape: "hv" } });
   const shape = panel.shape === "step" ? "hv" : "linear";
-  const line = { color, width: 2, shape, dash, simplify: false }; // plotly's shortcut shows kinks where the plant has none
+  const line = { color, width: 2, shape, dash, simplify: false }; // plotly's simplification adds kinks that the plant does not have
   return [
     ...limits[i].filter(Boolean).map((limit) => held(limit, LIMIT())),
     ...[references[i]].filter(Boolean).map((reference) => held(reference, TARGET())),

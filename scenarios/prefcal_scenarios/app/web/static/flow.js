@@ -1,10 +1,10 @@
-// The flow: what the server says is kept, what the person does is sent. It knows of no view.
+// Keep the server's latest state and send the person's actions. This module knows no view.
 
 import { Refusal, news, post } from "./api.js";
 import { $, ask, el } from "./dom.js";
 
 export const state = { now: null, view: "now", blind: false, sending: 0, answered: null, shownAt: 0, lost: false };
-const LINGER = 150; // ms in which a verdict after a new question is a second press of the last one
+const LINGER = 150; // ms after a new question in which a verdict counts as a double press of the last one
 
 export const current = () => state.now;
 export const isBlind = () => state.blind;
@@ -13,7 +13,7 @@ let waiting = null;
 let changed = () => {};
 let opened = () => {};
 
-// `onchange(before)` draws what the server said, `onopen()` another view of it.
+// Start listening. `onchange(before)` draws a new state, `onopen()` another view of it.
 export function start(onchange, onopen) {
   [changed, opened] = [onchange, onopen];
   listen();
@@ -24,7 +24,7 @@ async function listen() {
     waiting = new AbortController();
     try {
       const asked = state.blind;
-      // A hidden tab holds no connection: a browser keeps six, which all tabs share.
+      // A hidden tab holds no connection: all tabs share the browser's six.
       const held = !document.hidden || !state.now;
       if (!held) await hiddenFor(3000);
       const now = await news(held ? state.now?.version ?? null : null, asked, waiting.signal);
@@ -37,7 +37,7 @@ async function listen() {
   }
 }
 
-// Resolves after `ms`, or as soon as the tab is looked at again.
+// Resolve after `ms`, or as soon as the tab is visible again.
 const hiddenFor = (ms) => new Promise((resolve) => {
   setTimeout(resolve, ms);
   document.addEventListener("visibilitychange", resolve, { once: true });
@@ -47,8 +47,8 @@ async function lost(error) {
   const again = state.now?.study.again ?? "prefcal calibrate ...";
   state.lost = true;
   banner(error instanceof Refusal && error.status === 401
-    ? "This link is no longer valid: open the one that the terminal shows."
-    : `No connection to prefcal. Every answer so far is saved; go on with: ${again}`);
+    ? "This link is no longer valid. Open the one that the terminal shows."
+    : `No connection to prefcal. Every answer so far is saved. To continue, run: ${again}`);
   await new Promise((resolve) => setTimeout(resolve, 1000));
 }
 
@@ -61,7 +61,7 @@ function take(now) {
   const before = state.now;
   if (before && now.version < before.version && now.blind === before.blind) return;
   state.now = now;
-  // A long poll that ran out: what is on show stays as it is, half-written remarks and the focus too.
+  // After a long poll without news, keep the view as it is, with unfinished remarks and the focus.
   if (!before || told(before) !== told(now)) changed(before);
 }
 
@@ -70,7 +70,7 @@ const told = ({ version, blind, over }) => JSON.stringify([version, blind, over]
 export function open(view) {
   if (state.blind && view !== "now") {
     ask("You are comparing blind", el("p", {}, "That page shows which experiment is which."), [
-      ["Stay blind", null, "primary"], ["Show it, and end blind", () => {
+      ["Stay blind", null, "primary"], ["Show it and end blind mode", () => {
         toggleBlind();
         open(view);
       }]]);
@@ -80,11 +80,11 @@ export function open(view) {
   opened();
 }
 
-// Send one action; whatever it is refused for is shown, and nothing is lost.
+// Send one action and return whether it succeeded; a refusal is shown.
 export async function act(name, fields, words = "") {
   state.sending += 1;
   document.body.classList.add("busy");
-  if (words) $("saved").textContent = ""; // what was saved before says nothing about this
+  if (words) $("saved").textContent = ""; // it is about an earlier action
   try {
     const now = await post(name, fields, state.blind);
     banner("");
@@ -93,7 +93,7 @@ export async function act(name, fields, words = "") {
     return true;
   } catch (error) {
     if (error.now) take(error.now);
-    banner(error instanceof Refusal ? error.message : "No connection to prefcal: this may not be saved.");
+    banner(error instanceof Refusal ? error.message : "No connection to prefcal. This may not be saved.");
     return false;
   } finally {
     state.sending -= 1;
@@ -125,7 +125,7 @@ export async function answer(choice) {
   $("comment").value = "";
   const done = await act("answer", { question: id, choice, comment, blind: state.blind }, WORDS[choice]);
   if (done) return;
-  // Not recorded: the question is open again, and the comment as it was.
+  // Not recorded: reopen the question and restore the comment.
   state.answered = null;
   $("comment").value ||= comment;
 }
@@ -141,19 +141,19 @@ export function mark(side, kind) {
 export async function undo() {
   if (state.now?.question?.repeat) return skip();
   if (!state.now?.can_undo) return undefined;
-  const done = await act("undo", { version: state.now.version }, "last answer taken back");
+  const done = await act("undo", { version: state.now.version }, "last answer undone");
   if (done) $("comment").value ||= state.now.draft;
   return undefined;
 }
 
-// Leave a question that is only asked again: nothing is recorded, and the open one comes back.
+// Skip a repeated question: nothing is recorded, and the open question comes back.
 export const skip = () => act("undo", { version: state.now.version });
 
 export function finish() {
   const { answered, comparisons } = state.now.progress;
   ask("Finish the study?", el("p", {}, `${answered} of ${comparisons} comparisons are answered. ` +
-    "The best so far is the result. You can go on with it any time."), [
-    ["Finish", () => act("finish", {}), "primary"], ["Go on comparing", null]]);
+    "The best so far is the result. You can continue the study at any time."), [
+    ["Finish", () => act("finish", {}), "primary"], ["Keep comparing", null]]);
 }
 
 export function toggleBlind() {

@@ -1,4 +1,4 @@
-// Every question and answer, to be looked at again and retracted.
+// List every question and answer, to look at again or retract.
 
 import { get } from "./api.js";
 import { $, ask, el, fill, say, when } from "./dom.js";
@@ -20,12 +20,12 @@ export async function showHistory(act) {
     return fill(view, title, el("p", {}, error.message));
   }
   const { answers, notes } = history;
-  const half = $("note")?.value ?? ""; // a remark that is being written
+  const half = $("note")?.value ?? ""; // an unfinished remark
   const typing = document.activeElement?.id === "note";
   fill(view, title,
-    el("p", { class: "faint" }, "Newest first. A question opens as it was shown; retracting an answer only changes what is learned."),
+    el("p", { class: "faint" }, "Newest first. Open a question to see it as it was shown. Retracting an answer only changes what is learned."),
     $("again") ?? el("div", { id: "again", tabindex: "-1" }),
-    answers.length ? table(answers, act) : el("p", {}, "Nothing is answered yet."),
+    answers.length ? table(answers, act) : el("p", {}, "There are no answers yet."),
     el("h3", {}, "Remarks"),
     notes.length ? el("ul", { class: "remarks" }, notes.map((n) => el("li", {}, n.text, " ", el("span", { class: "faint" }, when(n.at))))) : null,
     remark(act, half));
@@ -48,7 +48,7 @@ function remark(act, half) {
     const text = note.value.trim();
     note.value = "";
     if (text && !(await act("note", { text }, "remark"))) $("note").value = text;
-  } } }, el("label", { for: "note" }, "A remark on the study "), note, el("button", {}, "Keep"));
+  } } }, el("label", { for: "note" }, "A remark on the study "), note, el("button", {}, "Save"));
 }
 
 function row(answer, act) {
@@ -67,11 +67,11 @@ function row(answer, act) {
     el("td", { class: "faint" }, when(answer.at)), el("td", {}, retract));
 }
 
-// Further ones, of two experiments that were compared before, have numbers below 0.
-const named = (answer) => (answer < 0 ? `further comparison ${-answer}` : `comparison ${answer}`);
+// Follow-up comparisons, of experiments that have run before, have numbers below 0.
+const named = (answer) => (answer < 0 ? `follow-up comparison ${-answer}` : `comparison ${answer}`);
 
 function confirm({ answer }, act) {
-  ask(`Retract ${named(answer)}?`, el("p", {}, "It will teach nothing any more; every experiment stays. This cannot be taken back."), [
+  ask(`Retract ${named(answer)}?`, el("p", {}, "Nothing will be learned from it any more. Every experiment stays. This cannot be undone."), [
     ["Keep it", null, "primary"], ["Retract it", () => act("retract", { answer }, "answer retracted")]]);
 }
 
@@ -95,7 +95,7 @@ async function lookAgain(number) {
   return say(`Comparison ${number}: ${words}`);
 }
 
-// The question's own figures: the same axes, titles and cursor.
+// Draw the question's figures with the same axes, titles and cursor.
 function draw(pair, question, unit) {
   const plots = new Plots((name) => pair.querySelector(`[data-side=${name}]`));
   plots.take(question, unit);

@@ -1,4 +1,4 @@
-// The keys. They never fire while somebody types, with a modifier (but shift), or twice for one long press.
+// Handle keys. They do nothing while the person types, with a modifier other than shift, or on repeat.
 
 import { answer, finish, mark, open, skip, toggleBlind, undo, current } from "./flow.js";
 import { moveCursor, repeat, resetZoom, toggleOverlay, togglePlay, toggleTable, toggleZoom } from "./question.js";
@@ -16,12 +16,12 @@ const QUESTION = {
   a: ["A", "mark left as good enough", () => mark("left", "good enough")],
   e: ["E", "mark right as unsafe or very bad", () => mark("right", "unsafe")],
   d: ["D", "mark right as good enough", () => mark("right", "good enough")],
-  c: ["C", "write a comment; Enter or Esc leaves it", () => $("comment").focus()],
-  t: ["T", "all KPIs of both sides, those that differ most first", toggleTable],
+  c: ["C", "write a comment; Enter or Esc leaves the field", () => $("comment").focus()],
+  t: ["T", "all KPIs of both sides, largest difference first", toggleTable],
   f: ["F", "zoom to the target and back", toggleZoom],
-  0: ["0", "whole time again (or double click)", resetZoom],
-  o: ["O", "both in one plot, or side by side", toggleOverlay],
-  b: ["B", "blind: hide θ and which one is the best so far", toggleBlind],
+  0: ["0", "show the whole time again (or double-click)", resetZoom],
+  o: ["O", "switch between one plot and side by side", toggleOverlay],
+  b: ["B", "blind: hide θ and which experiment is the best so far", toggleBlind],
   ",": [", .", "move the cursor (faster with shift)", () => moveCursor(-1)],
   ".": [null, "", () => moveCursor(1)],
   "<": [null, "", () => moveCursor(-10)],
@@ -32,11 +32,11 @@ const QUESTION = {
   p: ["P", "ask me an earlier question again", repeat],
 };
 const EVERYWHERE = {
-  z: ["Z", "take the last answer back", undo],
+  z: ["Z", "undo the last answer", undo],
   h: ["H", "history", () => open("history")],
   w: ["W", "where are we", () => open("status")],
-  Escape: ["Esc", "back to the question; skip one that is asked again", leave],
-  "?": ["?", "what this is about, and these keys", showKeys],
+  Escape: ["Esc", "back to the question; skip a repeated question", leave],
+  "?": ["?", "the task, and these keys", showKeys],
 };
 
 function leave() {
@@ -51,7 +51,7 @@ export function keyboard() {
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey || event.isComposing || $("dialog").open) return;
     if (typing(event.target)) {
-      // Enter sends the other fields; here the next key is the verdict.
+      // In other fields Enter submits; here it only leaves, so that the next key is the verdict.
       const ends = event.key === "Escape" || (event.key === "Enter" && event.target.id === "comment");
       if (ends) event.target.blur();
       return;
@@ -70,13 +70,13 @@ export function keyboard() {
 }
 
 export async function showKeys() {
-  // An object gives a number before all other keys.
+  // Objects list numeric keys first; the sort below moves "0" to the end.
   const known = Object.values({ ...QUESTION, ...EVERYWHERE }).filter(([key]) => key);
   const told = await briefing();
-  if ($("dialog").open) return; // pressed twice while it was fetched
+  if ($("dialog").open) return; // pressed twice while loading
   const rows = known.sort((a, b) => (a[0] === "0") - (b[0] === "0"))
     .map(([key, words]) => el("tr", {}, el("th", { scope: "row" }, el("kbd", {}, key)), el("td", {}, words)));
   ask("What this is about", [...told, el("h3", {}, "Keys"), el("table", { class: "keys" }, el("tbody", {}, rows)),
-    el("p", {}, "Keys rest while you type. Drag over a plot to zoom both sides.")],
+    el("p", {}, "Keys are off while you type. Drag over a plot to zoom both sides.")],
   [["Close", null, "primary"], ["Finish the study…", finish]], "wide");
 }

@@ -1,4 +1,4 @@
-// The page: each phase and view is drawn by a module of its own, when the flow has changed.
+// Draw the page: each phase and view has its own module, called when the state changes.
 
 import { intro, waitFor } from "./brief.js";
 import { $, say } from "./dom.js";
@@ -13,7 +13,7 @@ import { showStatus } from "./status.js";
 
 const HEADINGS = {
   question: "Which experiment is better?", record: "Run the next experiment",
-  failed: "An experiment failed", over: "The study is over", running: "Running", loading: "Starting",
+  failed: "An experiment failed", over: "The study is finished", running: "Running", loading: "Starting",
 };
 
 function render(before) {
@@ -54,7 +54,7 @@ function asked(now) {
   state.shownAt = performance.now();
   const { comparisons } = now.progress;
   const which = now.question.repeat ? "an earlier question again" : now.question.further
-    ? "a further comparison of two that you have seen" : `comparison ${now.question.number} of ${comparisons}`;
+    ? "a follow-up comparison of two experiments that you have seen" : `comparison ${now.question.number} of ${comparisons}`;
   say(`New question: ${which}. ${question.inWords(now.question)}`);
 }
 
@@ -62,7 +62,7 @@ function progress({ answered, comparisons }) {
   const next = Math.min(answered + 1, comparisons);
   $("progress-text").textContent = state.now.phase === "over"
     ? `${answered} of ${comparisons} compared`
-    : state.now.question?.further ? `further comparison, after ${answered} of ${comparisons}` : `comparison ${next} of ${comparisons}`;
+    : state.now.question?.further ? `follow-up comparison, after ${answered} of ${comparisons}` : `comparison ${next} of ${comparisons}`;
   const bar = $("progress");
   bar.setAttribute("aria-valuemax", Math.max(comparisons, 1));
   bar.setAttribute("aria-valuenow", answered);
@@ -71,7 +71,7 @@ function progress({ answered, comparisons }) {
   document.title = `${place} · ${state.now.scenario.title} · prefcal`;
 }
 
-// Which of the sections and buttons are there.
+// Show the sections and buttons of the current phase and view.
 function arrange() {
   const phase = state.now?.phase ?? "loading";
   const here = state.view === "now";

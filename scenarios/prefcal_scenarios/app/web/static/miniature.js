@@ -1,4 +1,4 @@
-// Curves without cursor and zoom: every θ tried, slices of what was learned.
+// Draw small static plots: every θ tried, and slices of the learned cost.
 /* global Plotly */
 
 import { css } from "./bounds.js";
@@ -16,10 +16,10 @@ const STILL = { displayModeBar: false, staticPlot: true };
 
 export const named = (knob) => (knob.unit && knob.unit !== "-" ? `${knob.name} [${knob.unit}]` : knob.name);
 
-// "C_A" as plotly writes it: the name is data, so what could be markup is taken out.
+// Return "C_A" with a subscript for plotly; characters that could be markup are removed.
 const typeset = (text) => text.replace(/[<>&]/g, "").replace(/_([\p{L}\p{N}]+)/gu, "<sub>$1</sub>");
 
-// The whole range of a knob, and clean ticks where it spans decades.
+// Return the axis of a knob over its whole range, with clean ticks if it spans decades.
 function along(knob) {
   const log = knob.scale === "log10";
   const [low, high] = log ? [Math.log10(knob.low), Math.log10(knob.high)] : [knob.low, knob.high];
@@ -30,7 +30,7 @@ function along(knob) {
 
 const titled = (text) => ({ text, font: { size: 12, color: css("--muted") }, standoff: 6 });
 
-// What was learned along one knob through the best θ: lower is better.
+// Draw the learned cost along one knob through the best θ; lower is better.
 export function slice(div, { knob, x, y, best, samples }) {
   const layout = base(div.clientWidth, 200);
   layout.margin = { ...layout.margin, l: 30 };
@@ -44,7 +44,7 @@ export function slice(div, { knob, x, y, best, samples }) {
   ], layout, STILL);
 }
 
-// All θ tried, one dot an experiment, knob against experiment.
+// Draw all θ tried: one dot per experiment, knob against experiment number.
 export function tried(div, knob, k, experiments) {
   const layout = base(div.clientWidth, 190);
   const group = (test, marker, name) => {

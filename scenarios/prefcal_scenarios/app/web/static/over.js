@@ -1,11 +1,11 @@
-// The end: what was gained, where the report is, and what to do next.
+// Show the end: what was gained, where the report is, and what to do next.
 
 import { bestCard, pictures } from "./best.js";
 import { $, ask, copied, el, fill, symbol, withUnit } from "./dom.js";
 
 const REASONS = {
-  "all compared": "All experiments are compared", "good enough": "The best is good enough",
-  stopped: "You have finished the study",
+  "all compared": "All experiments have been compared", "good enough": "The best is good enough",
+  stopped: "You finished the study",
 };
 
 const button = (words, run, kind = "") => el("button", { type: "button", class: kind, on: { click: run } }, words);
@@ -25,7 +25,7 @@ export function showOver(now, act) {
   gained(over.gain), bestCard(over.best, "The result"), steps(now, act), pictures(report));
 }
 
-// The main KPIs, before and after.
+// Show the main KPIs before and after.
 function gained(gain) {
   if (!gain || !gain.kpis.length) return null;
   if (gain.same) {
@@ -43,26 +43,26 @@ function gained(gain) {
       el("tbody", {}, rows))));
 }
 
-// What to do next: go on, use it, look beyond a range, or leave.
+// Show what to do next: continue, use the controller, widen a range, or close.
 function steps(now, act) {
   const { over, study } = now;
-  const more = el("input", { type: "number", id: "more", min: "1", max: "1000", value: "10", "aria-label": "Further experiments" });
+  const more = el("input", { type: "number", id: "more", min: "1", max: "1000", value: "10", "aria-label": "More experiments" });
   const on = () => act("go_on", { more: Math.max(1, Math.min(1000, Math.round(Number(more.value)) || 10)) });
   const item = (title, ...parts) => el("li", {}, el("h4", {}, title), ...parts);
   const { outlook } = over.next;
   return el("section", { class: "card steps" }, el("h3", {}, "What next?"), el("ul", {},
     item("Compare more", el("p", { class: "actions" }, more, button("more experiments", on),
-      over.reason === "all compared" ? null : button("Go on comparing", () => act("go_on", { more: 0 })),
-      now.can_undo ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer taken back")) : null)),
+      over.reason === "all compared" ? null : button("Keep comparing", () => act("go_on", { more: 0 })),
+      now.can_undo ? button("Undo last answer", () => act("undo", { version: now.version }, "last answer undone")) : null)),
     over.next.python ? item("Use the controller", command(over.next.python, "builds it in Python")) : null,
-    outlook ? item("Go on or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
+    outlook ? item("Continue or stop?", outlook.sentences.map((words) => el("p", {}, symbol(words))),
       outlook.command ? command(outlook.command, "widens the range") : null) : null,
     item("Come back", command(study.again, "opens this study again"), command(over.command, "repeats it from the start")),
     item("Done", el("p", { class: "actions" }, button("Close prefcal", close), el("span", { class: "faint" }, "ends the command in the terminal")))));
 
   async function close() {
     if (await act("close", {})) {
-      ask("Closed", el("p", {}, "Everything is saved. You may close this tab."), []);
+      ask("Closed", el("p", {}, "Everything is saved. You can close this tab."), []);
     }
   }
 }

@@ -1,4 +1,4 @@
-// Curves: one figure a side; both sides share all axes, which are the study's until somebody zooms.
+// Draw the curves: one figure per side. Both sides share all axes: the study's, unless zoomed.
 /* global Plotly */
 
 import { target } from "./axes.js";
@@ -6,7 +6,7 @@ import { aims } from "./bounds.js";
 import { el, fill, symbol } from "./dom.js";
 import { HEAD, MARGIN, layout, place, traces } from "./figure.js";
 
-const LEAST = { apart: 92, overlaid: 76 }; // px of a panel with its title; overlaid, the words of both sides stand above
+const LEAST = { apart: 92, overlaid: 76 }; // minimum px of a panel with its title
 const CONFIG = { displayModeBar: false, responsive: false, doubleClick: false, showTips: false };
 
 export class Plots {
@@ -19,10 +19,10 @@ export class Plots {
   #view = null;
   #zoomed = false;
   #drawing = 0;
-  #drawn = new Map(); // by figure: what it showed last
+  #drawn = new Map(); // by figure: what it showed last, as JSON
   #watch = new ResizeObserver(() => this.draw());
 
-  // `cell(name)` is the element of the figure "left", "right" or "both"; null where there is none.
+  // `cell(name)` returns the element of the figure "left", "right" or "both", or null.
   constructor(cell) {
     this.#cell = cell;
   }
@@ -43,7 +43,7 @@ export class Plots {
     return this.overlaid ? ["both"] : ["left", "right"];
   }
 
-  // The lowest figure in which every panel can be read, in px.
+  // Return the minimum height of a figure with readable panels, in px.
   get least() {
     return (this.overlaid ? LEAST.overlaid : LEAST.apart) * this.panels.length + MARGIN.b - 16;
   }
@@ -90,7 +90,7 @@ export class Plots {
     this.draw();
   }
 
-  // Draw what is not on show yet: other curves, axes, colours, or another size of a card.
+  // Draw the figures whose curves, axes, colors or size changed.
   draw() {
     if (!this.#question) return;
     if (typeof Plotly === "undefined") {
@@ -141,12 +141,12 @@ export class Plots {
       changed = true;
     }
     if (!changed) return;
-    for (const name of this.shown) frames.delete(this.#cell(name)); // plotly has moved its axes itself
+    for (const name of this.shown) frames.delete(this.#cell(name)); // plotly moved its axes itself
     this.#set(view, true);
     this.draw();
   }
 
-  // Titles and read-outs, and the line of the cursor, above the figure.
+  // Put titles, readouts and the cursor line above the figure.
   #heads(div, name, height) {
     let layer = div.querySelector(".over-plot");
     if (!layer) {
@@ -175,7 +175,7 @@ export class Plots {
     return share < 0 || share > 1 ? null : from + share * (to - from);
   }
 
-  // Where a value of panel i is, in px from the top; null where it is out of sight.
+  // Return the position of a value in panel i, in px from the top; null if it is not visible.
   level(div, i, value) {
     const { top, bottom } = place(i, this.panels.length, Number(div.dataset.height));
     const [low, high] = this.#view.y[i];
@@ -190,9 +190,9 @@ export class Plots {
   }
 }
 
-const frames = new WeakMap(); // by figure: axes and styles that it was drawn with
+const frames = new WeakMap(); // by figure: axes and styles it was drawn with
 
-// On the axes that are there, only the curves change: a tenth of the time of a whole figure.
+// Replace only the curves on unchanged axes, which takes a tenth of the time of a full drawing.
 function renew(div, data) {
   Plotly.animate(div, { data: data.map(({ x, y }) => ({ x, y })), traces: data.map((_, k) => k) },
     { mode: "immediate", transition: { duration: 0 }, frame: { duration: 0, redraw: false } });

@@ -1,4 +1,4 @@
-// The two experiments: words above, curves below, one cursor, one zoom and one clock for both.
+// Show two experiments: text above, curves below, and one cursor, zoom and clock for both.
 
 import { act } from "./flow.js";
 import { $, el, fill, withUnit } from "./dom.js";
@@ -14,13 +14,13 @@ const cursor = new Cursor(plots, (time) => scenes.follow(time));
 let overlaid = false;
 
 export function start() {
-  // Where the two sides cannot stand beside each other, both are in one plot.
+  // On a screen too narrow for two sides, show both in one plot.
   overlaid = matchMedia("(max-width: 600px)").matches;
   try {
     const chosen = localStorage.getItem("prefcal-overlay");
     if (chosen) overlaid = chosen === "yes";
   } catch {
-    // Nothing is remembered then.
+    // No local storage: nothing is remembered.
   }
   $("overlay").addEventListener("click", toggleOverlay);
   $("zoom").addEventListener("click", toggleZoom);
@@ -39,7 +39,7 @@ export function start() {
     try {
       localStorage.setItem("prefcal-theme", root.theme);
     } catch {
-      // For this time only.
+      // No local storage: the choice is not remembered.
     }
     plots.draw();
   });
@@ -56,7 +56,7 @@ function themeChosen() {
   }
 }
 
-// The words of a question; its curves are drawn by `fit`, once there is room for them.
+// Show the text of a question; `fit` draws the curves once the layout is known.
 export function show(now, same) {
   const { question } = now;
   for (const side of ["left", "right"]) {
@@ -65,8 +65,8 @@ export function show(now, same) {
   }
   $("offer").hidden = !now.good_enough;
   if (now.good_enough) {
-    const which = now.good_enough.number ? `Experiment ${now.good_enough.number}, the` : "The";
-    $("offer-text").textContent = `${which} best so far, is good enough, you said.`;
+    const which = now.good_enough.number ? `experiment ${now.good_enough.number}, the` : "the";
+    $("offer-text").textContent = `You marked ${which} best so far, as good enough.`;
   }
   if (same) return;
   table.take(question);
@@ -95,7 +95,7 @@ function toggleOverlay() {
   try {
     localStorage.setItem("prefcal-overlay", overlaid ? "yes" : "no");
   } catch {
-    // For this time only.
+    // No local storage: the choice is not remembered.
   }
   arrange();
   fit();
@@ -103,7 +103,7 @@ function toggleOverlay() {
 
 export function toggleZoom() {
   plots.zoomToTarget();
-  if (plots.question?.has_scene) cursor.enter(); // the scenes show what the curves show
+  if (plots.question?.has_scene) cursor.enter(); // the scenes show the same time as the curves
 }
 
 export const toggleTable = () => table.toggle();

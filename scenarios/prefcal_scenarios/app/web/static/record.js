@@ -1,4 +1,4 @@
-// A rig: the next θ for the person who runs it, the record that they bring, and a look at it before it is saved.
+// Handle a rig: show the next θ to run, take the record, and preview it before it is saved.
 
 import { Refusal, sendRecord } from "./api.js";
 import { $, ask, copied, el, fill, say, symbol, withUnit } from "./dom.js";
@@ -12,14 +12,14 @@ export function showRecord(now, act) {
   const copy = el("button", { type: "button", on: { click: (event) => copied(pending.copy, event.target) } }, "Copy θ");
   const set = dials(pending);
   fill($("view-record"),
-    el("h2", { id: "record-title" }, `Experiment ${pending.number}: run your plant with`),
+    el("h2", { id: "record-title" }, `Experiment ${pending.number}: run your plant with these values`),
     el("dl", { class: "values big" }, pending.theta.map((knob) => el("div", {},
       el("dt", {}, symbol(knob.name)), el("dd", { title: knob.exact }, withUnit(knob.text, knob.unit))))),
     el("p", { class: "actions" }, copy, el("span", {}, "in full precision")),
     pending.instructions ? el("p", { class: "instructions" }, pending.instructions) : null, set.block,
-    el("h3", {}, "Its record"), columns(now), taking("record", pending.index, set.read),
-    el("p", {}, "Or: ", el("button", { type: "button", on: { click: failed } }, "The run failed, there is no record")),
-    el("p", { class: "faint" }, "This may take days: everything is saved. Go on later with ", el("code", {}, now.study.again)));
+    el("h3", {}, "The record"), columns(now), taking("record", pending.index, set.read),
+    el("p", {}, "Or: ", el("button", { type: "button", on: { click: failed } }, "The run failed; there is no record")),
+    el("p", { class: "faint" }, "This may take days: everything is saved. Continue later with ", el("code", {}, now.study.again)));
 
   function failed() {
     ask("Count it as failed?", el("p", {}, "It is then compared as a run without a record."), [
@@ -35,12 +35,12 @@ function columns({ rig, pending }) {
     [i ? ", " : "", el("code", {}, column)]).flat(), "; or start from an ", link, ".");
 }
 
-// "I set:" what was really dialed, where that is not what was proposed.
+// Let the person enter the values that were really set, if they differ from the proposal.
 function dials(pending) {
   const inputs = pending.theta.map((knob) => el("input", { type: "text", inputmode: "decimal", value: knob.exact,
     "aria-label": `${knob.name} that was set` }));
-  const block = el("details", { class: "dials" }, el("summary", {}, "I set other values"),
-    el("p", { class: "faint" }, "What your plant really ran with: it is learned from, and what was proposed stays in the study."),
+  const block = el("details", { class: "dials" }, el("summary", {}, "I used other values"),
+    el("p", { class: "faint" }, "Enter the values your plant really ran with. The study learns from them and keeps the proposal too."),
     el("dl", { class: "values" }, pending.theta.map((knob, k) => el("div", {}, el("dt", {}, symbol(knob.name)),
       el("dd", {}, inputs[k], knob.unit ? ` ${knob.unit}` : "")))));
   const read = () => {
@@ -50,7 +50,7 @@ function dials(pending) {
   return { block, read };
 }
 
-// A place to drop a file, and what is made of it; `dialed` gives θ where that was another one.
+// Return a drop zone for a file with its preview; `dialed` returns θ if it differs from the proposal.
 function taking(id, index, dialed, saved = () => {}) {
   const refused = el("div", { class: "refused", role: "alert", hidden: true });
   const seen = el("div", { class: "preview", id: `${id}-preview` });
@@ -75,7 +75,7 @@ function taking(id, index, dialed, saved = () => {}) {
     if (event.dataTransfer.files.length) take(event.dataTransfer.files[0]);
   });
 
-  // The curves before anything is saved.
+  // Show the curves before anything is saved.
   async function look() {
     fill(seen);
     const found = await sent("preview", false);
@@ -86,8 +86,8 @@ function taking(id, index, dialed, saved = () => {}) {
       warnings.map((words) => el("p", { class: "warning", role: "alert" }, words)), plot,
       el("p", { class: "actions" },
         el("button", { type: "button", class: same ? "" : "primary", id: `${id}-save`, on: { click: save } },
-          same ? "Save it all the same" : `Save as experiment ${index + 1}`),
-        el("button", { type: "button", on: { click: () => fill(seen) } }, "Take another file")));
+          same ? "Save it anyway" : `Save as experiment ${index + 1}`),
+        el("button", { type: "button", on: { click: () => fill(seen) } }, "Choose another file")));
     const plots = new Plots((name) => (name === "left" ? plot : null));
     plots.take({ panels, axes, left: side, right: side }, unit);
     plot.style.height = `${plots.least}px`;
@@ -106,27 +106,27 @@ function taking(id, index, dialed, saved = () => {}) {
   async function sent(where, again) {
     refused.hidden = true;
     input.value = "";
-    if (file.size > MOST) return refuse(`The file has ${Math.round(file.size / 1e6)} MB; 20 MB are taken.`);
+    if (file.size > MOST) return refuse(`The file has ${Math.round(file.size / 1e6)} MB; the limit is 20 MB.`);
     try {
       const query = { index, unsafe: unsafe.checked, again, theta: dialed() };
       return await sendRecord(where, query, await file.arrayBuffer(), isBlind());
     } catch (error) {
       if (error.now) refresh(error.now);
-      return refuse(error instanceof Refusal ? error.message : "No connection to prefcal: nothing was sent.");
+      return refuse(error instanceof Refusal ? error.message : "No connection to prefcal. Nothing was sent.");
     }
   }
 
   function refuse(text) {
-    fill(refused, el("p", {}, "The record is refused, and nothing was saved:"),
+    fill(refused, el("p", {}, "The record cannot be used, and nothing was saved:"),
       el("ul", {}, text.split("; ").map((problem) => el("li", {}, problem))));
     refused.hidden = false;
     return null;
   }
 
-  return el("div", {}, zone, refused, el("p", {}, unsafe, el("label", { for: unsafe.id }, " It became unsafe and was stopped")), seen);
+  return el("div", {}, zone, refused, el("p", {}, unsafe, el("label", { for: unsafe.id }, " The run became unsafe and was stopped")), seen);
 }
 
-// The right record in place of a wrong one, until the study is over.
+// Replace a wrong record with the right one; possible until the study is finished.
 export function replaceRecord() {
   const now = current();
   const { recorded } = now.rig;

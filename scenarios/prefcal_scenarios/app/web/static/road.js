@@ -1,7 +1,7 @@
-// The road of an overtaking from above as SVG, and one clock for several roads. The query window
-// imports this file, reports hold a copy of it: it imports nothing.
+// Draw an overtaking seen from above as SVG, with one clock for several roads. The query window
+// imports this file and reports contain a copy of it, so it imports nothing.
 
-// The namespace of SVG, without writing an address into a page that asks the network for nothing.
+// The namespace of SVG, read from the parser so that a page without network has no web address.
 const SVG = new DOMParser().parseFromString("<svg></svg>", "text/html").querySelector("svg").namespaceURI;
 
 function svg(tag, properties = {}, ...children) {
@@ -17,9 +17,9 @@ function vehicle(role, body) {
   return svg("g", { class: role }, ...body.map((part) => svg("polygon", { class: part.role, points: flat(part.points) })));
 }
 
-// One run in `box`. `drawing` is made by prefcal_scenarios.cases.overtake.pictures.drawing: x forward, y to the left,
-// in meters. `view` says how much is seen: behind the front end, in all, and below the road. The
-// element `now` tells the speed.
+// One run drawn in `box`. `drawing` comes from prefcal_scenarios.cases.overtake.pictures.drawing: x forward, y to
+// the left, in meters. `view` says how many meters are visible: behind the front end, in total, and
+// below the road. The element `now` shows the speed.
 export class Road {
   constructor(box, drawing, view, now) {
     Object.assign(this, { drawing, view, now });
@@ -38,14 +38,14 @@ export class Road {
     return this.drawing.end;
   }
 
-  // From and to which x there is road: more than any screen shows.
+  // Return the first and last x of the road, beyond what any screen shows.
   get #reach() {
     return [-600, 600 + Math.max(...this.drawing.rows.map(([x]) => x))];
   }
 
   #ground() {
     const { road: [low, high], lines, dash } = this.drawing, [from, to] = this.#reach;
-    const start = Math.floor(from / (dash[0] + dash[1])) * (dash[0] + dash[1]); // a dash begins at 0
+    const start = Math.floor(from / (dash[0] + dash[1])) * (dash[0] + dash[1]); // dashes start at multiples of the period
     return [
       svg("rect", { class: "asphalt", x: from, y: low, width: to - from, height: high - low }),
       ...[low, high].map((y) => svg("path", { class: "paint", d: `M${from} ${y}H${to}` })),
@@ -53,7 +53,7 @@ export class Road {
     ];
   }
 
-  // Distance marks; below the line, so that the text is upright.
+  // Return the distance marks, outside the flipped group so that their text is upright.
   #marks() {
     const { road: [low], every } = this.drawing, [, to] = this.#reach;
     const found = [];
@@ -65,7 +65,7 @@ export class Road {
     return found;
   }
 
-  // Where everything is at `time`, linear between the rows.
+  // Return all positions at `time`, linear between the rows.
   #row(time) {
     const { rows, step, end } = this.drawing, last = rows.length - 1;
     const at = Math.min(time, end);
@@ -90,14 +90,14 @@ export class Road {
   }
 }
 
-// Plays, pauses and scrubs roads on one clock; `told` hears of every time but the first.
+// A player for several roads on one clock; it calls `told` with every time but the first.
 export class Player {
   #controls;
   #told;
   #roads = [];
   #time = 0;
-  #before = null; // when the last frame was drawn, while it plays
-  #fresh = true; // nobody has chosen a time yet: it plays from the beginning
+  #before = null; // time of the last frame while playing
+  #fresh = true; // nobody has chosen a time yet, so it plays from the start
 
   constructor(controls, told = () => {}) {
     this.#controls = controls;
@@ -113,7 +113,7 @@ export class Player {
     return Math.max(...this.#roads.map((road) => road.end), 0);
   }
 
-  // Show other roads, at `time`.
+  // Show other roads at `time`.
   take(roads, time) {
     this.#stop();
     this.#roads = roads;
@@ -122,7 +122,7 @@ export class Player {
     this.#fresh = true;
   }
 
-  // Show another time, unless it plays.
+  // Show another time, unless it is playing.
   follow(time) {
     if (this.#before === null) this.#to(Math.min(Math.max(time, 0), this.#end), false);
   }

@@ -1,4 +1,4 @@
-// The animations of both experiments, on one clock.
+// Animate both experiments on one clock.
 
 import { $, el } from "./dom.js";
 import { Player, Road } from "./road.js";
@@ -16,7 +16,7 @@ export class Scenes {
   start() {
     const controls = { button: $("play"), range: $("scrub"), output: $("clock-text") };
     this.#player = new Player(controls, this.#told);
-    // Left alone after scrubbing, so that arrow keys answer again.
+    // Drop the focus after scrubbing, so that arrow keys give answers again.
     $("scrub").addEventListener("pointerup", (event) => event.target.blur());
   }
 
@@ -27,7 +27,7 @@ export class Scenes {
     this.#player.take(roads, still ? 0.5 * Math.max(...roads.map(({ end }) => end), 0) : 0);
   }
 
-  // The cursor was moved: the scenes follow it.
+  // Move the scenes to the cursor's time.
   follow(time) {
     this.#player.follow(time);
   }
@@ -37,7 +37,7 @@ export class Scenes {
   }
 }
 
-// Nothing is left of an earlier experiment where this one has no record.
+// Return the road of one side, or null without a record; the earlier scene is removed either way.
 function road(name, question) {
   const box = $(`${name}-scene`), { scene } = question[name];
   box.replaceChildren();

@@ -1,14 +1,14 @@
-// One experiment in words: title, KPIs, θ, marks; and the places of its scene and curves.
+// Show one experiment: title, KPIs, θ and marks, with space for its scene and curves.
 
 import { mark } from "./flow.js";
 import { $, el, fill, symbol, withUnit } from "./dom.js";
 import { toggle } from "./table.js";
 
-const MARKS = { unsafe: { left: "Q", right: "E", words: "Unsafe, very bad" },
+const MARKS = { unsafe: { left: "Q", right: "E", words: "Unsafe or very bad" },
   "good enough": { left: "A", right: "D", words: "Good enough" } };
 const TITLES = { left: "Left", right: "Right" };
 
-// The card, made once: a question only changes what it holds, so that figures need not be made anew.
+// Create the card once; a new question only changes its content, so the figures are kept.
 function card(name, question) {
   const part = (id) => el("div", { class: id, id: `${name}-${id}` });
   const scene = question.has_scene ? el("div", { class: "scene road", id: `${name}-scene`, role: "img",
@@ -42,8 +42,7 @@ function which(side) {
   return words.join(" · ");
 }
 
-// The KPIs with an objective (else the first three), on two lines (four narrow ones) at most; all of
-// them are in the table of both sides.
+// Show the KPIs with an objective, or else the first three; the table of both sides has all KPIs.
 function numbers(name, side) {
   const button = el("button", { type: "button", class: "link", on: { click: toggle } }, `all ${side.kpis.length}`);
   fill($(`${name}-numbers`), el("dl", { class: "kpis" }, headline(side).map(item)),
@@ -79,7 +78,7 @@ export function marks(name, side) {
   const buttons = Object.entries(MARKS).map(([kind, { words, [name]: key }]) =>
     el("button", { type: "button", class: `mark ${kind === "unsafe" ? "bad" : "good"}`,
       id: `${name}-${kind.replace(" ", "-")}`, "aria-pressed": String(side.marks.includes(kind)), disabled: kind === "good enough" && side.counts_as_unsafe,
-      title: counted(side, kind) ? "It counts as unsafe because its run was interrupted, whether you mark it or not." : null,
+      title: counted(side, kind) ? "It counts as unsafe because its run was interrupted, whether or not you mark it." : null,
       on: { click: () => mark(name, kind) } }, `${counted(side, kind) ? "Unsafe: interrupted" : words} `, el("kbd", {}, key)));
   const active = document.activeElement?.id;
   fill($(`${name}-marks`), buttons);

@@ -1,4 +1,4 @@
-// Where are we: the best so far, what was tried, what was learned, and how sure the answers are.
+// Show the status: the best so far, what was tried and learned, and how consistent the answers are.
 
 import { get } from "./api.js";
 import { bestCard } from "./best.js";
@@ -16,7 +16,7 @@ export async function showStatus(now, act) {
   } catch (error) {
     return fill(view, title, el("p", {}, error.message));
   }
-  const chosen = document.activeElement?.id === "pace"; // changing it draws all anew
+  const chosen = document.activeElement?.id === "pace"; // a change redraws everything
   fill(view, title, el("div", { class: "columns" }, bestCard(status.best), answers(now, status, act)),
     cares(status.minded),
     outlook(status.outlook),
@@ -24,19 +24,19 @@ export async function showStatus(now, act) {
     figures("tried", status.tried.knobs, (knob) => `${knob.name} of every experiment`),
     table(status.tried),
     el("h3", {}, "What was learned"),
-    status.slices ? [el("p", { class: "faint" }, "The learned cost along each knob through the best θ, and the experiments at their own learned cost. Lower is better; only the order has a meaning."),
+    status.slices ? [el("p", { class: "faint" }, "The learned cost along each knob through the best θ, with every experiment at its learned cost. Lower is better; only the order matters."),
       figures("slice", status.slices.map((s) => s.knob), (knob) => `Learned cost along ${knob.name}`)]
-      : el("p", {}, "Nothing is learned yet: that takes an answer other than “can't tell”, and an agent that learns."));
+      : el("p", {}, "Nothing has been learned yet. That needs an answer other than “can't tell”, and an agent that learns."));
   if (chosen) $("pace")?.focus();
   view.querySelectorAll("[data-plot=tried]").forEach((div, k) => tried(div, status.tried.knobs[k], k, status.tried.experiments));
   view.querySelectorAll("[data-plot=slice]").forEach((div, k) => slice(div, status.slices[k]));
   return undefined;
 }
 
-// Whether to go on: one sentence, and the way to wider ranges where the best is at an end of them.
+// Show whether to continue and, if the best is at the end of a range, how to widen it.
 function outlook(found) {
   if (!found) return [];
-  return el("div", { class: "card" }, el("h3", {}, "Go on or stop?"),
+  return el("div", { class: "card" }, el("h3", {}, "Continue or stop?"),
     found.sentences.map((words) => el("p", {}, symbol(words))),
     found.command ? el("p", {}, el("code", {}, found.command)) : null);
 }
@@ -48,7 +48,7 @@ const legend = () => el("p", { class: "marks-legend faint" }, [["★", "best", "
 const figures = (kind, knobs, words) => el("div", { class: "grid" }, knobs.map((knob) =>
   el("div", { class: "figure", role: "img", "aria-label": words(knob), data: { plot: kind } })));
 
-// The answers: how many of each kind, and whether they agree.
+// Show how many answers of each kind there are, and whether they agree.
 function answers(now, status, act) {
   const { verdicts, consistency: { text, can_repeat: can } } = status;
   const { given, experiments, n_max: most } = now.progress;
@@ -65,24 +65,24 @@ function answers(now, status, act) {
     el("p", {}, `${experiments} of ${most} experiments, ${given} ${given === 1 ? "comparison" : "comparisons"}.`),
     el("table", { class: "shares" }, el("tbody", {}, bars)), pace(status.questions, act),
     el("h3", {}, "How consistent are they?"), el("p", {}, text), el("p", {}, again),
-    el("p", { class: "faint" }, "It teaches nothing: it only shows how sure you are."));
+    el("p", { class: "faint" }, "Nothing is learned from it: it only shows how consistent you are."));
 }
 
-// How many comparisons an experiment may take, from now on.
+// Let the person choose the maximum number of comparisons for each experiment.
 function pace(most, act) {
   if (most === null) return null;
   const choices = [...new Set([1, 2, 3, 4, 6, 12, most])].sort((a, b) => a - b);
   const select = el("select", { id: "pace", on: { change: () => act("pace", { questions: Number(select.value) }) } },
     choices.map((n) => el("option", { value: n, selected: n === most }, n)));
   return el("p", { class: "pace" }, el("label", { for: "pace" }, "Comparisons for each experiment, at most "), select,
-    el("span", { class: "faint" }, most === 1 ? " Allow more if experiments are expensive: the further ones compare experiments that have already run."
+    el("span", { class: "faint" }, most === 1 ? " Allow more if experiments are expensive: follow-up comparisons need no new run."
       : " Those after the first need no new run."));
 }
 
-// What the person seems to care about: how far single KPIs agree with the answers, from 0 to 100 %.
+// Show what the person seems to care about: how well each KPI agrees with the answers, 0 to 100 %.
 function cares(minded) {
-  const title = el("h3", {}, "What counts for you");
-  if (!minded) return el("div", { class: "card" }, title, el("p", { class: "faint" }, "Nothing can be said yet: that takes answers about experiments that differ in their KPIs."));
+  const title = el("h3", {}, "What matters to you");
+  if (!minded) return el("div", { class: "card" }, title, el("p", { class: "faint" }, "There is nothing to show yet. That needs answers about experiments that differ in their KPIs."));
   const rows = minded.bars.map(({ title: words, text, share }) => {
     const bar = el("span", { class: "share" }, el("span", {}));
     bar.firstChild.style.width = `${100 * share}%`;
@@ -91,7 +91,7 @@ function cares(minded) {
   return el("div", { class: "card cares" }, title, el("p", { class: "finding" }, symbol(minded.sentence)),
     el("p", { class: "faint" }, minded.caption),
     el("table", { class: "shares", "aria-label": minded.caption }, el("tbody", {}, rows)),
-    el("p", { class: "faint" }, minded.trust, " That sum as a Python function: ", el("code", {}, "prefcal studies index")));
+    el("p", { class: "faint" }, minded.trust, " To get that sum as a Python function: ", el("code", {}, "prefcal studies index")));
 }
 
 function table({ knobs, experiments }) {

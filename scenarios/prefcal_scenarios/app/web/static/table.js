@@ -1,4 +1,4 @@
-// Both experiments KPI by KPI, those that differ most first: one table for both sides.
+// Compare two experiments KPI by KPI in one table, largest difference first.
 
 import { $, el, fill, symbol, withUnit } from "./dom.js";
 
@@ -9,7 +9,7 @@ export function start() {
   try {
     open = localStorage.getItem("prefcal-compare") === "yes";
   } catch {
-    // Closed then.
+    // No local storage: closed at first.
   }
   $("compare-toggle").addEventListener("click", toggle);
 }
@@ -19,7 +19,7 @@ export function toggle() {
   try {
     localStorage.setItem("prefcal-compare", open ? "yes" : "no");
   } catch {
-    // For this time only.
+    // No local storage: the choice is not remembered.
   }
   draw();
 }
@@ -48,7 +48,7 @@ function table(rows) {
   const heads = [["KPI", ""], ["Left", "left"], ["Right", "right"], ["right − left", ""],
     ["vs usual", "usual"]];
   return el("table", {}, el("thead", {}, el("tr", {}, heads.map(([text, kind]) =>
-    el("th", { scope: "col", class: kind, title: kind === "usual" ? "The difference beside the spread of all experiments so far" : null }, text)))),
+    el("th", { scope: "col", class: kind, title: kind === "usual" ? "The difference compared with the spread of all experiments so far" : null }, text)))),
   el("tbody", {}, rows.map(row)));
 }
 

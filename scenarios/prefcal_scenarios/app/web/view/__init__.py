@@ -1,4 +1,4 @@
-"""What the page is shown: an interview as plain data. The page itself computes nothing of it."""
+"""Turn an interview into plain data for the page, which computes nothing itself."""
 
 from .brief import brief_view as brief_view
 from .compare import comparison_view as comparison_view

@@ -1,4 +1,4 @@
-"""The briefing: what the task is, what its knobs and KPIs mean, and how long it takes."""
+"""Write the briefing: the task, what its knobs and KPIs mean, and how long it takes."""
 
 from typing import Any
 
@@ -10,11 +10,11 @@ from prefcal_scenarios.app.session import Interview
 from prefcal_scenarios.scenario import KPI, Scenario
 
 _SECONDS = 15
-"""For one comparison, at a calm pace."""
+"""Seconds for one comparison at a calm pace."""
 
 
 def brief_view(interview: Interview) -> dict[str, Any]:
-    """BRIEF, as page and terminal take it."""
+    """Return BRIEF for page and terminal."""
     scenario = interview.scenario
     return {
         "title": scenario.title,
@@ -27,13 +27,13 @@ def brief_view(interview: Interview) -> dict[str, Any]:
 
 
 def knob_view(knob: Knob) -> dict[str, str]:
-    """A knob in words."""
+    """Return a knob in words."""
     between = f"{number(knob.low)} to {number(knob.high)}"
     return {"name": knob.name, "unit": knob.unit, "about": knob.about, "range": between}
 
 
 def how(interview: Interview) -> str:
-    """What is asked of the person, and for how long."""
+    """Return what the person is asked to do, and how long it takes."""
     questions = interview.n_max - 1
     asked = (
         f"You are shown two experiments at a time and say which one went better: {questions} "
@@ -44,8 +44,8 @@ def how(interview: Interview) -> str:
     took = "at the pace of your experiments" if _by_hand(interview.scenario) else pace
     return (
         f"{asked}, {took}. Follow your own judgment: there is no right answer, and “about the "
-        "same” and “can't tell” are answers too. Every answer is saved at once; stop and go on "
-        "any time, and finish as soon as one experiment is good enough."
+        "same” and “can't tell” are answers too. Every answer is saved at once; you can stop and "
+        "resume at any time, and finish as soon as one experiment is good enough."
     )
 
 
@@ -54,7 +54,7 @@ def _by_hand(scenario: Scenario) -> bool:
 
 
 def kpi_view(kpi: KPI) -> dict[str, str]:
-    """A KPI in words, and what is wanted of it."""
+    """Return a KPI in words, with its objective."""
     words = objective(kpi)
     wanted = f"{words} {kpi.unit}".strip() if words else ""
     if not words and kpi.goal is not None:

@@ -1,4 +1,4 @@
-"""Both experiments KPI by KPI, those that differ most first: for the page and the terminal."""
+"""Compare two experiments KPI by KPI, largest difference first, for page and terminal."""
 
 from math import inf, isfinite, isnan
 from typing import Any
@@ -12,20 +12,20 @@ from prefcal_scenarios.scenario import KPI, Scenario
 from .seen import Seen
 
 NOTICED = 0.02
-"""Share of a value itself: where all experiments are within that, no difference is large."""
+"""Share of a KPI's value below which a difference never counts as large."""
 
 
 def comparison_view(question: Question, scenario: Scenario, seen: Seen) -> list[dict[str, Any]]:
-    """A row for each KPI that either side has.
+    """Return a row for each KPI that either side has.
 
-    `size` is the difference as a share of what is usual in this study (`Seen.spread`), 1 at most;
-    values that read the same do not differ. `better` names the side by the KPI's goal; None where
-    it has none. `difference` is the right value minus the left one.
+    `size` is the difference as a share of what is usual in this study (`Seen.spread`), at most 1;
+    values that read the same do not differ. `better` is the better side by the KPI's goal, or None
+    without a goal. `difference` is the right value minus the left one.
     """
     left, right = question.left.experiment, question.right.experiment
     kpis = [k for k in scenario.shown_kpis if k.name in left.kpis or k.name in right.kpis]
     rows = [(_size(kpi, left, right, seen), kpi) for kpi in kpis]
-    rows.sort(key=lambda row: -row[0])  # stable: of equals, the more important one
+    rows.sort(key=lambda row: -row[0])  # stable: more important KPIs first among equals
     return [_row(kpi, left, right, size) for size, kpi in rows]
 
 
@@ -55,7 +55,7 @@ def _pair(kpi: KPI, left: Experiment, right: Experiment) -> tuple[float, float]:
 
 
 def _size(kpi: KPI, left: Experiment, right: Experiment, seen: Seen) -> float:
-    """How large the difference is; 0 where both read the same."""
+    """Return how large the difference is; 0 if both values read the same."""
     if measured(kpi, left) == measured(kpi, right):
         return 0.0
     a, b = _pair(kpi, left, right)

@@ -1,4 +1,4 @@
-"""What is drawn of one experiment: its curves, what held beside them, and its scene."""
+"""Collect what is drawn of one experiment: curves, references, limits and scene."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from .panels import curves, limits, reference, story
 
 
 def drawn_view(experiment: Experiment, scenario: Scenario) -> dict[str, Any]:
-    """Curves by panel, references and limits that changed in time, all in words, and the scene."""
+    """Return curves, changing references and limits, each panel in words, and the scene."""
     panels = panels_of(scenario, experiment)
     empty = not len(experiment.t)
     first = experiment.runs[0] if experiment.runs else experiment

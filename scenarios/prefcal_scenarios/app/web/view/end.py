@@ -1,4 +1,4 @@
-"""The end: what was gained since the first experiment, where the report is, and what to do next."""
+"""Show the end: the gain since the first experiment, the report, and what to do next."""
 
 import math
 from pathlib import Path
@@ -13,13 +13,13 @@ from .compare import NOTICED
 
 _PICTURES = (".png", ".gif")
 _MAIN = 3
-"""KPIs of which the gain is shown, the most important first."""
+"""Number of KPIs whose gain is shown, most important first."""
 
 
 def over_view(
     interview: Interview, now: Now, best: Any, command: str, report: Path | None
 ) -> dict[str, Any]:
-    """OVER, as the page takes it; `best` is the best experiment in numbers."""
+    """Return OVER for the page; `best` is the best experiment in numbers."""
     return {
         "reason": now.state.ended,
         "best": best,
@@ -31,12 +31,12 @@ def over_view(
 
 
 def gain_view(interview: Interview, best: int, now: Now) -> dict[str, Any]:
-    """The main KPIs of the first experiment beside those of the best one."""
+    """Return the main KPIs of the first experiment next to those of the best one."""
     before, after = interview.experiment(0), interview.experiment(best)
     kpis = [k for k in interview.scenario.kpis if k.goal is not None and k.name in before.kpis]
     tuned = bool(now.state.configuration["options"].get("start"))
     return {
-        "before": "your present tuning" if tuned else "the first experiment",
+        "before": "your current tuning" if tuned else "the first experiment",
         "after": best + 1,
         "same": best == 0,
         "kpis": [_gain(kpi, before, after) for kpi in kpis[:_MAIN]],
@@ -44,9 +44,9 @@ def gain_view(interview: Interview, best: int, now: Now) -> dict[str, Any]:
 
 
 def _gain(kpi: KPI, before: Experiment, after: Experiment) -> dict[str, Any]:
-    """One KPI before and after; what interrupted or failed runs lack is a dash.
+    """Return one KPI before and after; a dash if an interrupted or failed run lacks it.
 
-    Nothing is called better that reads the same, or differs by less than anybody notices.
+    A value that reads the same, or differs too little to notice, is not called better or worse.
     """
     texts = measured(kpi, before), measured(kpi, after)
     was, now = (e.kpis.get(kpi.name, math.nan) for e in (before, after))
@@ -74,7 +74,7 @@ def _signed(change: float) -> str:
 
 
 def next_view(interview: Interview, now: Now, report: Path | None) -> dict[str, Any]:
-    """What can be done with the result."""
+    """Return what can be done with the result."""
     scenario = interview.scenario
     file = None if report is None or not (report / "best.json").is_file() else report / "best.json"
     usable = scenario.controller is not None and file is not None
@@ -86,14 +86,14 @@ def next_view(interview: Interview, now: Now, report: Path | None) -> dict[str, 
 
 
 def outlook_view(outlook: Outlook | None) -> dict[str, Any] | None:
-    """Return whether to go on, in sentences, and the command that widens ranges."""
+    """Return in sentences whether to continue, and the command that widens ranges."""
     if outlook is None:
         return None
     return {"sentences": list(outlook.sentences), "command": outlook.command}
 
 
 def report_view(folder: Path | None) -> Any:
-    """Where the report is, and its pictures; None while there is none."""
+    """Return the location of the report and its pictures; None if there is no report yet."""
     if folder is None:
         return None
     pictures = sorted(p.name for p in folder.glob("*") if p.suffix in _PICTURES)

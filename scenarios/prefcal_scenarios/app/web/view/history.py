@@ -1,4 +1,4 @@
-"""Every question and answer."""
+"""List every question and answer."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ _WINNERS = {Preference.CHALLENGER: "new", Preference.INCUMBENT: "best", Preferen
 
 
 def history_view(interview: Interview) -> dict[str, Any]:
-    """The answers in the order given, those to repeated questions too, and the remarks."""
+    """Return all answers in the order given, including repeated questions, and the remarks."""
     state = interview.now().state
     numbers = {c.question: c.challenger for c in state.closed}
     numbers |= {c.question: -k for k, c in enumerate(state.further, start=1)}
@@ -28,7 +28,7 @@ def history_view(interview: Interview) -> dict[str, Any]:
 def _answer_view(closed: Closed, numbers: dict[int | None, int]) -> dict[str, Any]:
     again = closed.repeats is not None
     return {
-        # The number by which it is looked at and retracted; that of the original if repeated.
+        # Number for viewing and retracting; a repeated question has that of the original.
         "answer": numbers.get(closed.repeats if again else closed.question, closed.challenger),
         "at": closed.at,
         "challenger": closed.challenger + 1,
@@ -47,10 +47,10 @@ def _answer_view(closed: Closed, numbers: dict[int | None, int]) -> dict[str, An
 def asked_view(
     interview: Interview, answer: int, *, blind: bool = False, seen: Seen | None = None
 ) -> dict[str, Any]:
-    """Closed question number `answer`, as it was shown, on the axes that the study has by now.
+    """Return answered question number `answer` as it was shown, on the current axes of the study.
 
     Raises:
-        StaleError: there is none.
+        StaleError: there is no such question.
     """
     question = interview.asked(answer)
     closed = interview.closed(answer)

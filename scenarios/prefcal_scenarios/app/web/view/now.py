@@ -1,4 +1,4 @@
-"""How things stand: the phase, the open question, what is waited for, and the end."""
+"""Show the current state: the phase, the open question, the pending run, and the end."""
 
 from math import isfinite
 from pathlib import Path
@@ -26,15 +26,15 @@ def now_view(
     report: Path | None = None,
     seen: Seen | None = None,
 ) -> dict[str, Any]:
-    """NOW, as the page takes it.
+    """Return NOW for the page.
 
     Args:
-        interview: What is shown.
-        blind: Whether θ and roles are hidden; they are not even sent.
-        again: The command that takes the study up again.
-        command: The command that repeats it from the start.
+        interview: Interview to show.
+        blind: Whether to leave out θ and roles, which are then not even sent.
+        again: Command that resumes the study.
+        command: Command that repeats the study from the start.
         report: Folder of the finished report.
-        seen: What was computed of this study's experiments before; nothing if None.
+        seen: Results computed earlier for this study's experiments; none if None.
     """
     now, scenario = interview.now(), interview.scenario
     asked = None
@@ -65,13 +65,13 @@ def now_view(
 
 
 def _preparing(now: Now) -> dict[str, Any] | None:
-    """What is compiled before the first experiment; None once all is there."""
+    """Return what is being compiled before the first experiment; None once that is done."""
     part = now.preparing
     return None if part is None else {"part": part.part, "parts": part.parts, "title": part.title}
 
 
 def _stopping(now: Now) -> str | None:
-    """Say when a run is stopped, and what then; None where runs cannot be stopped."""
+    """Return when a run is stopped and what follows; None if runs cannot be stopped."""
     if now.run_limit is None:
         return None
     limit = "Runs have no time limit"
@@ -79,7 +79,7 @@ def _stopping(now: Now) -> str | None:
         limit = f"A run is stopped after {in_time(now.run_limit)}"
     return (
         f"{limit} (--run-timeout). After a stop, try again or count the run as failed: "
-        "the study goes on."
+        "the study continues."
     )
 
 
@@ -88,7 +88,7 @@ def _time(now: Now) -> str:
 
 
 def _progress(interview: Interview, now: Now) -> dict[str, int]:
-    """Comparisons are one fewer than experiments: the first is compared with nothing."""
+    """Return the progress. There is one comparison fewer than experiments."""
     answered = max(len(now.state.closed) - 1, 0)
     return {
         "answered": answered,
@@ -100,7 +100,7 @@ def _progress(interview: Interview, now: Now) -> dict[str, int]:
 
 
 def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> Any:
-    """The sample that is run, awaited or failed. A rig's person has to see θ: he runs it."""
+    """Return the sample that is running, awaited or failed. On a rig, θ is always shown."""
     if sample is None:
         return None
     rig = scenario.run if isinstance(scenario.run, Rig) else None
@@ -121,7 +121,7 @@ def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> An
 
 
 def _rig(scenario: Scenario, state: State) -> dict[str, Any] | None:
-    """Of a plant that a person runs: what a record has to hold, and which can be replaced."""
+    """Return, for a rig, the columns of a record and the records that can be replaced."""
     if not isinstance(scenario.run, Rig):
         return None
     return {
@@ -140,7 +140,7 @@ def _good_enough(now: Now, *, blind: bool) -> Any:
 
 
 def best_view(interview: Interview, now: Now) -> Any:
-    """The best experiment so far in numbers; None before the first."""
+    """Return the best experiment so far in numbers; None before the first."""
     if now.incumbent is None:
         return None
     scenario, experiment = interview.scenario, interview.experiment(now.incumbent)
@@ -155,6 +155,6 @@ def best_view(interview: Interview, now: Now) -> Any:
 
 
 def marks_of(state: State, index: int) -> list[str]:
-    """What experiment `index` is marked as, by the person, and by how its run ended."""
+    """Return the marks of experiment `index`: the person's, and "unsafe" if it was interrupted."""
     counted = [INTERRUPTED] if index in counted_unsafe(state) else []
     return sorted(state.marks.get(index, ())) + counted

@@ -1,4 +1,4 @@
-"""The panels of a question: axes that both sides share, and the curves on them."""
+"""Describe the panels of a question and compute the curves to draw."""
 
 from typing import Any
 
@@ -10,11 +10,11 @@ from prefcal_env.experiments.panels import Plot
 from prefcal_scenarios.app.presentation.wording import number, quantity
 
 _MOST = 4000
-"""Points of a curve; above, each stretch is given by its smallest and its largest value."""
+"""Maximum number of points of a curve; longer ones keep minimum and maximum of each stretch."""
 
 
 def panel_view(panel: Plot) -> dict[str, Any]:
-    """Title, unit, and what is drawn beside the curve."""
+    """Return title, unit, target and limits of a panel."""
     channel = panel.channel
     symbol = channel.symbol
     return {
@@ -31,43 +31,43 @@ def panel_view(panel: Plot) -> dict[str, Any]:
 
 
 def curves(panel: Plot, experiment: Experiment) -> list[dict[str, Any]]:
-    """One curve for each run of an experiment; none without a record."""
+    """Return one curve per run of an experiment; none without a record."""
     runs = experiment.runs or (experiment,)
     found = [(run.t, panel.values(run)) for run in runs]
     return [curve(t, y, held=panel.held) for t, y in found if np.isfinite(y).any()]
 
 
 def reference(panel: Plot, experiment: Experiment) -> dict[str, Any] | None:
-    """The reference that changes in time, where the panel names one."""
+    """Return the time-varying reference, or None if the panel names none."""
     values = reference_of(panel, experiment)
     return None if values is None else curve(experiment.t, values, held=True)
 
 
 def limits(panel: Plot, experiment: Experiment) -> list[dict[str, Any] | None]:
-    """The lower and the upper limit that held at each time, where the panel names them."""
+    """Return the time-varying lower and upper limits; None for each that the panel lacks."""
     found = limits_of(panel, experiment)
     return [None if v is None else curve(experiment.t, v, held=True) for v in found]
 
 
 def reference_of(panel: Plot, experiment: Experiment) -> Float[np.ndarray, " K"] | None:
-    """Values of the reference that changes in time, in the panel's unit."""
+    """Return the values of the time-varying reference, in the panel's unit."""
     return _signal(panel, panel.reference, experiment)
 
 
 def limits_of(panel: Plot, experiment: Experiment) -> list[Float[np.ndarray, " K"] | None]:
-    """Values of the lower and the upper limit that change in time, in the panel's unit."""
+    """Return the values of the time-varying lower and upper limits, in the panel's unit."""
     return [_signal(panel, key, experiment) for key in (panel.low_signal, panel.high_signal)]
 
 
 def _signal(panel: Plot, key: str, experiment: Experiment) -> Float[np.ndarray, " K"] | None:
-    """None too where an experiment of an older study does not hold the signal."""
+    """Return a scaled signal, or None if the panel names none or the experiment lacks it."""
     if not key or not len(experiment.t) or key not in experiment.signals:
         return None
     return panel.scale * np.asarray(experiment.signals[key])
 
 
 def curve(t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"], *, held: bool) -> dict[str, Any]:
-    """Points to draw, to six digits: where a held value changes, or the dense grid."""
+    """Return the points to draw, to six digits: changes of a held value, or the dense grid."""
     kept = _changes(y) if held else _extremes(y)
     return {"t": _rounded(t[kept]), "y": _rounded(y[kept])}
 
@@ -87,7 +87,7 @@ def _extremes(y: Float[np.ndarray, " K"]) -> np.ndarray:
 
 
 def _rounded(values: Float[np.ndarray, " K"]) -> list[float | None]:
-    """To six digits, all at once; what is no number is null in JSON, a gap in the curve."""
+    """Return the values to six digits; NaN and infinity become None, a gap in the curve."""
     values = np.asarray(values, dtype=float)
     finite = np.isfinite(values)
     if not finite.all():
@@ -95,7 +95,7 @@ def _rounded(values: Float[np.ndarray, " K"]) -> list[float | None]:
         return [value if there else None for value, there in drawn]
     size = np.where(values == 0, 1.0, np.abs(values))
     places = 5 - np.floor(np.log10(size))
-    # Whole powers of ten on both sides of the point: quotients of exact numbers have no tail.
+    # Multiply and divide by whole powers of ten only, so that the results have no stray digits.
     up, down = 10.0 ** np.maximum(places, 0), 10.0 ** np.maximum(-places, 0)
     rounded: list[float | None] = (np.round(values * up / down) * down / up + 0.0).tolist()
     return rounded
@@ -106,7 +106,7 @@ def _finite(value: float) -> float | None:
 
 
 def story(panel: Plot, experiment: Experiment) -> str:
-    """A curve in words, for whoever does not see it."""
+    """Return a curve in words, for people who cannot see it."""
     channel = panel.channel
     if not len(experiment.t):
         return f"{channel.name}: no record"

@@ -1,4 +1,4 @@
-"""A rig's record before it is saved: its curves, its KPIs, and what speaks against it."""
+"""Preview a rig's record before it is saved: its curves, KPIs and warnings."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -13,7 +13,7 @@ from .sides import side_view
 
 
 def preview_view(interview: Interview, given: Given) -> dict[str, Any]:
-    """PREVIEW, as the page takes it."""
+    """Return PREVIEW for the page."""
     scenario, seen = interview.scenario, interview.preview(given)
     experiment = seen.experiment
     panels = panels_of(scenario, experiment)
@@ -33,12 +33,12 @@ def preview_view(interview: Interview, given: Given) -> dict[str, Any]:
 
 
 def warnings(seen: Preview) -> Iterator[str]:
-    """What speaks against saving it."""
+    """Yield the reasons not to save a record."""
     if seen.same is not None:
         yield (
-            f"These are exactly the curves of experiment {seen.same + 1}: is it the file of "
+            f"These are exactly the curves of experiment {seen.same + 1}: is this the file of "
             "another run?"
         )
     if seen.retracts:
         what = "1 answer" if seen.retracts == 1 else f"{seen.retracts} answers"
-        yield f"{what} about the record that it replaces will teach nothing any more."
+        yield f"{what} about the record that it replaces will no longer count."

@@ -1,4 +1,4 @@
-"""What all experiments of a study reach so far: the axes of every question, and the KPIs."""
+"""Track the ranges of all experiments of a study, for axes and for KPI differences."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -16,16 +16,16 @@ from .drawn import drawn_view
 from .panels import limits_of, reference_of
 
 _PAD = 0.04
-"""Of an axis, left free at both of its ends."""
+"""Share of an axis left free at each end."""
 _GRAIN = 20
-"""Axes end at steps, so many of them or up to twice as many: a little growth moves nothing."""
+"""Steps of an axis, up to twice as many: axes end at a step, so small growth moves nothing."""
 _FEW = 4
-"""Experiments from which on their spread says what a large difference is."""
+"""Minimum number of experiments whose spread tells what a large difference is."""
 _KEPT = 8
-"""Experiments whose curves stay at hand as the page takes them: those of the last questions."""
+"""Number of experiments whose curves are kept for the page: those of the last questions."""
 
 _AT_ONCE = 200
-"""Experiments that one look takes in: nobody waits for thousands to be read from the disk."""
+"""Experiments read per look, so that nobody waits for thousands to load from disk."""
 
 Range = tuple[float, float]
 _NOTHING: Range = (np.inf, -np.inf)
@@ -33,7 +33,7 @@ _NOTHING: Range = (np.inf, -np.inf)
 
 @dataclass(frozen=True, slots=True)
 class _Reach:
-    """How far one experiment goes in time, and each of its panels."""
+    """The range of one experiment in time and in each of its panels."""
 
     t: Range
     y: tuple[Range, ...]
@@ -41,9 +41,9 @@ class _Reach:
 
 @dataclass(slots=True)
 class Seen:
-    """Keeps what was computed of a study's experiments: each is looked at once.
+    """Results computed for a study's experiments; each experiment is read once.
 
-    Axes only ever grow, so that a height on the screen means the same in every question.
+    Axes only grow, so that a height on the screen means the same in every question.
     """
 
     _reach: dict[int, _Reach] = field(default_factory=dict)
@@ -51,9 +51,9 @@ class Seen:
     _drawn: dict[int, tuple[Experiment, dict[str, Any]]] = field(default_factory=dict)
 
     def look(self, interview: Interview) -> "Seen":
-        """Take in the experiments that were finished since; itself.
+        """Read experiments that finished since the last look, and return `self`.
 
-        Of a long study that was opened again only the latest ones: each look takes in some more.
+        Each look reads a limited number, newest first, so a long study loads in several looks.
         """
         finished = interview.now().state.finished.items()
         new = sorted((index, seq) for index, seq in finished if seq not in self._reach)
@@ -65,7 +65,7 @@ class Seen:
         return self
 
     def frame(self, panels: Sequence[Plot], *shown: Experiment) -> dict[str, Any]:
-        """Axes of all experiments so far, those of `shown` at least: `x`, and `y` by panel."""
+        """Return the axes of all experiments so far and of `shown`: `x`, and `y` by panel."""
         reached = [r for r in self._reach.values() if len(r.y) == len(panels)]
         reached += [_reach(experiment, panels) for experiment in shown]
         t = _union(r.t for r in reached)
@@ -78,10 +78,10 @@ class Seen:
         }
 
     def spread(self, kpi: str, *values: float) -> float:
-        """How far apart this KPI's values usually are, in its unit.
+        """Return how far apart this KPI's values usually are, in its unit.
 
-        The range of the middle half of all experiments so far, or of all where that is nothing;
-        while there are fewer than four, the larger of `values`.
+        This is the range of the middle half of all experiments so far, or of all if that is 0;
+        with fewer than four experiments, the largest of `values`.
         """
         known = np.array([kpis[kpi] for kpis in self._kpis.values() if kpi in kpis])
         known = known[np.isfinite(known)]
@@ -91,7 +91,7 @@ class Seen:
         return float(high - low) or float(np.ptp(known)) or max(abs(v) for v in values)
 
     def drawn(self, experiment: Experiment, scenario: Scenario) -> dict[str, Any]:
-        """`drawn_view`, made once: the best so far comes back question after question."""
+        """Return `drawn_view`, cached because the best so far appears in every question."""
         kept = self._drawn.get(id(experiment))
         if kept is None or kept[0] is not experiment:
             while len(self._drawn) >= _KEPT:
@@ -126,7 +126,7 @@ def _union(ranges: Iterator[Range]) -> Range:
 
 
 def _axis(channel: Channel, reached: Range) -> Range:
-    """From what was reached, and the target with its band, to the axis of a panel."""
+    """Return the axis of a panel from the range of its curves and its target with band."""
     low, high = reached
     if channel.target is not None:
         band = channel.band or 0.0
@@ -141,7 +141,7 @@ def _axis(channel: Channel, reached: Range) -> Range:
 
 
 def _snapped(low: float, high: float) -> Range:
-    """Outwards to whole steps of 1, 2 or 5 times a power of ten."""
+    """Round a range outwards to steps of 1, 2 or 5 times a power of ten."""
     rough = (high - low) / _GRAIN
     power = 10.0 ** np.floor(np.log10(rough))
     step = float(next(m for m in (5, 2, 1) if m * power <= rough) * power)
@@ -149,9 +149,9 @@ def _snapped(low: float, high: float) -> Range:
 
 
 def _framed(channel: Channel, low: float, high: float) -> Range:
-    """Limits that curves come near are part of the picture; those far away would flatten it.
+    """Extend a range to limits that the curves come near; distant ones would flatten the curves.
 
-    But nothing is magnified beyond a tenth of what is allowed: that would be noise.
+    A range covers at least a tenth of the allowed span, so that noise is not magnified.
     """
     limits = [limit for limit in (channel.low, channel.high) if np.isfinite(limit)]
     if not low <= high:

@@ -1,4 +1,4 @@
-"""One side of a question, and the question of two."""
+"""Show one side of a question, and a question with both sides."""
 
 from typing import Any
 
@@ -17,9 +17,9 @@ from .seen import Seen
 def question_view(
     question: Question, scenario: Scenario, *, blind: bool, seen: Seen | None = None
 ) -> dict[str, Any]:
-    """A question; `blind` keeps numbers, roles and θ on this side of the wire.
+    """Return a question; with `blind`, numbers, roles and θ are not sent.
 
-    Axes, and what counts as a large difference, are those of all experiments `seen` so far.
+    Axes and large differences are based on all experiments `seen` so far.
     """
     seen = Seen() if seen is None else seen
     sides = (question.left, question.right)
@@ -46,7 +46,7 @@ def question_view(
 def side_view(
     side: Side, other: Experiment, scenario: Scenario, seen: Seen, *, blind: bool
 ) -> dict[str, Any]:
-    """One experiment with its curves."""
+    """Return one experiment with its curves."""
     experiment = side.experiment
     return {
         **numbers_view(experiment, scenario),
@@ -60,7 +60,7 @@ def side_view(
 
 
 def numbers_view(experiment: Experiment, scenario: Scenario) -> dict[str, Any]:
-    """How an experiment ended, and its KPIs: first those with an objective."""
+    """Return how an experiment ended, and its KPIs: those with an objective first."""
     shown = [kpi for kpi in scenario.shown_kpis if kpi.name in experiment.kpis]
     shown.sort(key=lambda kpi: not objective(kpi))
     return {
@@ -86,7 +86,7 @@ def _kpi_view(kpi: KPI, experiment: Experiment) -> dict[str, Any]:
 def theta_view(
     space: KnobSpace, experiment: Experiment, other: Experiment | None = None
 ) -> list[dict[str, Any]]:
-    """θ in words and units, and whether each value differs from that of `other` as it reads."""
+    """Return θ with units, and whether each value as shown differs from that of `other`."""
     texts = _texts(space, experiment)
     others = texts if other is None else _texts(space, other)
     return [

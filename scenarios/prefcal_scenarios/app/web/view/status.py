@@ -1,4 +1,4 @@
-"""Where we are: the best so far, what was tried, what was learned, how consistent the answers."""
+"""Show the status: the best so far, what was tried and learned, and how consistent answers are."""
 
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,11 @@ from .end import outlook_view, report_view
 from .now import best_view, marks_of
 
 _POINTS = 81
-"""Of a slice through the surrogate."""
+"""Number of points of a slice through the surrogate."""
 
 
 def status_view(interview: Interview, *, report: Path | None = None) -> dict[str, Any]:
-    """STATUS, as the page takes it."""
+    """Return STATUS for the page."""
     now = interview.now()
     consistency = interview.consistency
     seed = int(now.state.configuration["seed"])
@@ -46,16 +46,16 @@ def status_view(interview: Interview, *, report: Path | None = None) -> dict[str
 
 
 def in_words(consistency: Consistency) -> str:
-    """Repeats and cycles as sentences."""
+    """Return repeats and cycles as sentences."""
     if not consistency.repeated:
-        repeats = "No question was asked twice yet."
+        repeats = "No question has been asked twice yet."
     else:
         repeats = (
             f"{consistency.agreed} of {consistency.repeated} repeated questions got the same "
             "answer."
         )
     if not consistency.cycles:
-        return f"{repeats} The answers contradict each other nowhere."
+        return f"{repeats} The answers do not contradict each other."
     circles = "; ".join(" over ".join(str(i + 1) for i in cycle) for cycle in consistency.cycles)
     return f"{repeats} Preferred in a circle: {circles}."
 
@@ -91,7 +91,7 @@ def _tried(interview: Interview, now: Now) -> dict[str, Any]:
 
 
 def _slices(interview: Interview, now: Now) -> Any:
-    """What was learned along each knob through the best θ; None if nothing is learned."""
+    """Return the learned cost along each knob through the best θ; None if nothing is learned."""
     surrogate = interview.surrogate
     if surrogate is None or now.incumbent is None:
         return None
@@ -117,7 +117,7 @@ def _slices(interview: Interview, now: Now) -> Any:
 
 
 def _path(space: KnobSpace, base: Float[np.ndarray, " n"], k: int) -> Float[np.ndarray, "m n"]:
-    """θ over the whole range of knob `k` through the cube point `base`, each once, upwards."""
+    """Return θ over the whole range of knob `k` through the cube point `base`, ascending."""
     z = np.repeat(base[None], _POINTS, axis=0)
     z[:, k] = np.linspace(0.0, 1.0, _POINTS)
     thetas = np.unique(np.array([space.decode(row) for row in z]), axis=0)
@@ -125,7 +125,7 @@ def _path(space: KnobSpace, base: Float[np.ndarray, " n"], k: int) -> Float[np.n
 
 
 def _minded(interview: Interview) -> Any:
-    """What the person seems to care about; None while nothing can be said."""
+    """Return what the person seems to care about; None if nothing can be said yet."""
     minded = Minded.of(interview.index, interview.importance, interview.scenario)
     if minded is None:
         return None

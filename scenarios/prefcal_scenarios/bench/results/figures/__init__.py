@@ -1,4 +1,4 @@
-"""The figures of the benchmark."""
+"""Figures of the benchmark."""
 
 from .curves import against_experiments as against_experiments
 from .curves import against_questions as against_questions

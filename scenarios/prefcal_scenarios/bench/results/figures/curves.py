@@ -1,4 +1,4 @@
-"""Figures of curves: the gap against experiments or questions, and data profiles."""
+"""Draw curves: the gap against experiments or questions, and data profiles."""
 
 from collections.abc import Mapping, Sequence
 
@@ -19,7 +19,7 @@ from prefcal_scenarios.bench.results.words import problem_name
 from .drawing import Look, drawn, gap_axis, line_options, markers, name_agents, panels
 
 _FEW = 3
-"""Most agents whose bands can overlap and still be seen."""
+"""Largest number of agents whose overlapping bands are still distinguishable."""
 _Bands = dict[str, Float[np.ndarray, "3 K"]]
 _SEES_VALUES = Line2D([], [], color="#5d6874", linewidth=1.2, linestyle=(0, (6, 2, 1, 2)),
                       label="sees values: median at the end")  # fmt: skip
@@ -28,9 +28,9 @@ _SEES_VALUES = Line2D([], [], color="#5d6874", linewidth=1.2, linestyle=(0, (6, 
 def against_experiments(
     campaign: Campaign, regime: Regime, looks: Mapping[str, Look], floor: float = FLOOR
 ) -> Figure:
-    """Draw a panel for each problem: median over the seeds as a line, quartiles as a band.
+    """Draw a panel for each problem, with the median over the seeds and a band of quartiles.
 
-    To the right of each panel, the quartiles at the end beside each other.
+    To the right of each panel are the final quartiles of all agents, side by side.
     """
     shown = campaign.problems(regime, cost=True)
     figure, grid = panels(len(shown))
@@ -52,9 +52,9 @@ def against_experiments(
 def against_questions(
     campaign: Campaign, regime: Regime, looks: Mapping[str, Look], floor: float = FLOOR
 ) -> Figure:
-    """Draw the same against the number of questions that were asked by then.
+    """Draw the gap against the number of questions asked so far.
 
-    An agent that never asks, because it sees values, is a line at its median gap of the end.
+    An agent that never asks, because it sees values, is a line at its final median gap.
     """
     shown = campaign.problems(regime, cost=True)
     figure, grid = panels(len(shown))
@@ -95,7 +95,7 @@ def _quartiles(curves: Sequence[Float[np.ndarray, " K"]]) -> Float[np.ndarray, "
 
 
 def _by_questions(studies: pd.DataFrame) -> list[Float[np.ndarray, " K"]]:
-    """Return the gap of each study after 0, 1, ... questions: that of the last experiment then."""
+    """Return the gap of each study after 0, 1, ... questions, from the last experiment by then."""
     questions = np.arange(int(studies["questions"].max()) + 1)
     curves = []
     for asked, curve in zip(studies["asked"], studies["curve"], strict=True):
@@ -113,12 +113,12 @@ def _lines(
     *,
     others: tuple[Float[np.ndarray, " 1"], ...] = (),
 ) -> float:
-    """Draw the bands over start, start + 1, ...; return what the floor was drawn as."""
+    """Draw the bands over start, start + 1, ...; return the value at which the floor is drawn."""
     bottom = gap_axis(axes, [*bands.values(), *others], floor)
     last = start + max((band.shape[1] for band in bands.values()), default=1) - 1
     step = 0.028 * (last - start + 1)
-    alpha = 0.14 if len(looks) <= _FEW else 0.07  # many bands on each other are mud
-    for i, agent in reversed(list(enumerate(looks))):  # the first agent lies on top
+    alpha = 0.14 if len(looks) <= _FEW else 0.07  # keeps many overlapping bands legible
+    for i, agent in reversed(list(enumerate(looks))):  # draws the first agent on top
         if agent not in bands:
             continue
         seen = np.where(bands[agent] <= floor, bottom, bands[agent])
@@ -148,7 +148,7 @@ def _label(figure: Figure, grid: Sequence[Axes], what: str) -> None:
 
 
 def data_profiles(found: Profiles, looks: Mapping[str, Look]) -> Figure:
-    """Draw a panel for each tolerance: share of (problem, seed) solved, against experiments."""
+    """Draw a panel for each tolerance: share of solved (problem, seed) against experiments."""
     figure, grid = panels(len(found.shares))
     present = {a: looks[a] for a in looks if a in next(iter(found.shares.values()))}
     for axes, (tolerance, shares) in zip(grid, found.shares.items(), strict=True):

@@ -1,4 +1,4 @@
-"""What the figures share: the look of each agent, gap axes, panels and legends."""
+"""Elements that the figures share: the look of each agent, gap axes, panels and legends."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from prefcal_scenarios.bench.roster import in_order
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Color, marker and dashes of an agent; the marker tells it without color too."""
+    """Color, marker and dashes of an agent; the marker identifies it without color."""
 
     color: str
     marker: str
@@ -39,21 +39,21 @@ _KNOWN: Mapping[str, Look] = {
     "LatinHypercube": Look("#4b5563", "^", _DASHED),
     "RandomSearch": Look(FIRST, "v", _DOTTED),
 }
-"""Agents that come with the project; dashed or dotted: they do not learn."""
+"""Agents that come with the project; those with dashed or dotted lines do not learn."""
 _SPARE = (Look("#00a3a3", "*"), Look("#e58fb5", "h"), Look("#94b000", "d"))
 
 
 def drawn(name: str) -> str:
-    """Return a name that matplotlib draws as it stands: no formula, and not hidden from a legend.
+    """Return a name that matplotlib draws literally: not a formula, and visible in a legend.
 
-    Of the path of a user's own file, the last part.
+    A user's own agent is shortened to the last part of its path.
     """
     text = printable(name.rpartition("/")[2] or name).replace("$", r"\$")
     return f" {text}" if text.startswith("_") else text
 
 
 def looks(agents: Iterable[str]) -> dict[str, Look]:
-    """Return a look for each agent; a user's own gets a free one, of an absent agent if need be."""
+    """Return a look for each agent; a user's own agent gets an unused one if possible."""
     names = in_order(agents)
     absent = [look for name, look in _KNOWN.items() if name not in names and look.dashes == "-"]
     free = [*_SPARE, *absent]
@@ -70,7 +70,7 @@ def looks(agents: Iterable[str]) -> dict[str, Look]:
 
 
 def panels(count: int, height: float = 1.75) -> tuple[Figure, list[Axes]]:
-    """Make a figure with `count` panels of `height` inches, up to three in a row."""
+    """Return a figure with `count` panels of `height` inches, up to three in a row."""
     columns = 2 if count == 4 else min(count, 3)
     rows = -(-count // columns)
     figure = canvas((height if rows > 1 else 1.55 * height) * rows + 0.6)
@@ -89,7 +89,7 @@ def line_options(look: Look) -> dict[str, Any]:
 
 
 def markers(count: int, agent: int, agents: int) -> tuple[int, int]:
-    """Return where the markers of a line are, so that lines on each other show theirs."""
+    """Return the positions of a line's markers, staggered so that overlapping lines show theirs."""
     every = max(count // 5, 1)
     return (agent * every // max(agents, 1), every)
 
@@ -108,11 +108,11 @@ def name_agents(figure: Figure, looks: Mapping[str, Look], extra: tuple[Line2D, 
 
 
 def gap_axis(axes: Axes, drawn: list[Float[np.ndarray, "..."]], floor: float) -> float:
-    """Make the vertical axis a logarithmic one for all gaps of `drawn`.
+    """Make the vertical axis logarithmic, with limits that fit all gaps of `drawn`.
 
     Returns:
-        What gaps at the floor are to be drawn as: the lower end, where a tick says so. Zero has no
-        place on a logarithm, and the floor itself may be decades below everything else.
+        The value at which to draw gaps at the floor: the lower end, which a tick labels. Zero has
+        no place on a logarithmic axis, and the floor itself can be decades below all other gaps.
     """
     values = np.concatenate([np.ravel(v) for v in drawn]) if drawn else np.array([1.0])
     values = values[np.isfinite(values) & (values < HUGE)]
@@ -133,7 +133,7 @@ def gap_axis(axes: Axes, drawn: list[Float[np.ndarray, "..."]], floor: float) ->
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """Return powers of ten; where there are fewer than two, 2 and 5 times them too, or else any."""
+    """Return powers of ten as ticks; if fewer than two fit, add 2 and 5 times them, or any."""
     locators = (LogLocator(numticks=6), LogLocator(subs=(1, 2, 5), numticks=6), MaxNLocator(4))
     for locator in locators:
         ticks = [float(v) for v in locator.tick_values(low, high) if low <= v <= high]

@@ -1,4 +1,4 @@
-"""Figures with a row for each agent: average ranks, duels, and times of proposals."""
+"""Draw figures with a row for each agent: average ranks, duels, and times of proposals."""
 
 from collections.abc import Mapping, Sequence
 
@@ -20,16 +20,16 @@ from .drawing import Look, drawn
 DUEL = LinearSegmentedColormap.from_list(
     "duel", ["#b54f06", "#f0ab7a", "#f6f7f9", "#9cc3ea", "#0a5bad"]
 )
-"""From always losing (orange) to always winning (blue)."""
+"""Colors from always losing (orange) to always winning (blue)."""
 _LEVEL = 4
-"""Most columns whose names fit beside each other."""
+"""Largest number of columns whose names fit side by side."""
 
 
 def heat_map(tallies: Sequence[Tally]) -> Figure:
     """Draw the share of seeds in which the row's θ is preferred to the column's, with counts.
 
     Args:
-        tallies: All of one problem and calibrator, one or more.
+        tallies: All tallies of one problem and calibrator, one or more.
     """
     agents = in_order({t.agent for t in tallies})
     met = {t.rival for t in tallies}
@@ -69,7 +69,7 @@ def _write(axes: Axes, t: Tally, y: int, x: int) -> None:
 
 
 def ranking(found: Ranking, looks: Mapping[str, Look]) -> Figure:
-    """Draw a row for each agent: its average rank, half a critical difference each way, its ranks.
+    """Draw each agent's average rank, half a critical difference to each side, and its ranks.
 
     Two agents whose bars do not overlap differ significantly.
     """
@@ -110,15 +110,15 @@ def _bound(p: float) -> str:
 
 
 _LEAST = 1e-7
-"""Seconds below which a time is that of the clock, not of a proposal."""
+"""Seconds below which a measured time reflects the clock, not a proposal."""
 
 
 def seconds(measured: Mapping[str, Sequence[float]], looks: Mapping[str, Look]) -> Figure:
-    """Draw a row for each agent: a dot for each problem, a line over the quartiles, the median.
+    """Draw the times of each agent: a dot for each problem, a line over the quartiles, the median.
 
     Args:
-        measured: Median seconds of a proposal on each problem, by agent; one or more each.
-        looks: Of the agents.
+        measured: Median time of a proposal on each problem in seconds, by agent; one or more each.
+        looks: Looks of the agents.
     """
     agents = sorted(measured, key=lambda a: (float(np.median(measured[a])), a))
     figure = canvas(0.36 * len(agents) + 1.0)
@@ -133,7 +133,7 @@ def seconds(measured: Mapping[str, Sequence[float]], looks: Mapping[str, Look]) 
         _point(axes, (float(median), y), look, _time(float(median)))
     axes.set_xscale("log")
     low, high = axes.get_xlim()
-    axes.set_xlim(low / 1.3, high * 1.3)  # so that there is a tick, however narrow the range
+    axes.set_xlim(low / 1.3, high * 1.3)  # ensures a tick even for a narrow range
     subs = (1.0,) if high / low > 1e3 else (1.0, 2.0, 5.0)
     axes.xaxis.set_major_locator(LogLocator(subs=subs, numticks=12))
     axes.xaxis.set_minor_locator(NullLocator())

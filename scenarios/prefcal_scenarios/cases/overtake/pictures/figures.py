@@ -23,7 +23,7 @@ from .roads import bare, breadth, caption, paint, stacked, strip
 from .shown import OBSTACLE, Shown, best, first
 
 STEERING_LIMIT = 45.0
-"""Of |δ_s| [°]."""
+"""Limit of |δ_s| [°]."""
 _DASHED: Any = (0, (6, 3))
 
 
@@ -90,7 +90,7 @@ def theta_lines(space: KnobSpace, shown: Shown) -> str:
 
 
 def _computing(experiment: Experiment) -> str:
-    """Worst t_comp, modelled, against T_s."""
+    """Return the worst modeled t_comp compared with T_s, as text."""
     worst, T_s = experiment.kpis["t_comp_worst"], experiment.theta[0]
     sign = "≤" if worst <= T_s else ">"
     return f"worst $t_{{comp}}$ {1e3 * worst:.0f} ms {sign} $T_s$ {1e3 * T_s:.0f} ms"
@@ -103,7 +103,7 @@ def _above(axes: Axes, text: str, points: float, **look: Any) -> None:
 
 
 def _along(axes: Sequence[Axes] | np.ndarray, shown: Shown, pair: Sequence[Shown]) -> None:
-    """Path, speed and steering angle on the longitudinal position."""
+    """Draw path, speed and steering angle over the longitudinal position."""
     path, speed, steering = axes
     _path(path, shown, pair)
     _speed(speed, shown)

@@ -1,4 +1,4 @@
-"""The five moments of an overtaking at which its figures show the vehicles."""
+"""Choose the five moments of an overtaking at which figures show the vehicles."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -23,10 +23,10 @@ class Moment:
 
 
 def moments(experiment: Experiment) -> tuple[Moment, ...]:
-    """Begin, changing lane, beside the obstacle, end of overtaking, back in the lane.
+    """Return five moments: begin, lane change, beside the obstacle, end, back in the lane.
 
-    A run that ends on its way back shows its end instead. Where it does not come to the others,
-    five at equal distances in time, from the begin of overtaking (else of the run) to its end.
+    A run that ends on its way back shows its end instead. If it misses any of the others, the five
+    moments are equally spaced from the start of overtaking (or of the run) to its end.
     """
     t = experiment.t
     begin, beside, end, home = _instants(experiment)
@@ -41,7 +41,7 @@ def moments(experiment: Experiment) -> tuple[Moment, ...]:
 
 
 def _instants(experiment: Experiment) -> tuple[int | None, int | None, int | None, int | None]:
-    """Begin, beside the first obstacle, end, back in the lane; None for what never happens."""
+    """Return begin, beside the first obstacle, end, back in the lane; None if it never happens."""
     overtaking = phases(experiment) == Phase.OVERTAKING
     begin = _first(overtaking)
     if begin is None:

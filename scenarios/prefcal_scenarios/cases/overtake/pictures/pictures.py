@@ -1,4 +1,4 @@
-"""The overtaking's own figures in the report: animation, comparison, and the best run alone."""
+"""Define the overtaking's figures in the report: animation, comparison, best run alone."""
 
 from prefcal_scenarios.app.presentation.wording import number, theta_text
 from prefcal_scenarios.app.report.pictures import Picture
@@ -40,7 +40,7 @@ def _best(record: Record) -> str:
 
 
 def _improved(record: Record) -> bool:
-    """Whether the best is not the first one itself."""
+    """Return whether the best run is not the first one."""
     return record.best is not None and record.best.index != record.trials[0].index
 
 
@@ -59,7 +59,7 @@ PICTURES: tuple[Picture, ...] = (
         "Best and first run along the road",
         "Numbers mark five moments of the overtaking; the roads below show both vehicles there, "
         "to scale. Limits and reference of the speed change with the phase. t_comp is "
-        "modelled.",
+        "modeled.",
         _comparison_alt,
         comparison,
         _improved,

@@ -107,7 +107,7 @@ def test_whoever_was_slow_is_told(window):
         slow.settimeout(5)
         answer = slow.recv(1 << 16)
         assert answer.startswith(b"HTTP/1.1 408 ")
-        assert b"nothing was saved, send it again" in answer + slow.recv(1 << 16)
+        assert b"Nothing was saved; send it again" in answer + slow.recv(1 << 16)
 
 
 def test_a_stranger_holds_no_connection(window):

@@ -66,13 +66,13 @@ def test_no_two_links_are_alike(interview):
 def test_a_taken_port_is_refused_by_name(interview):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(SettingsError, match=f"port {port} of 127.0.0.1 is taken"):
+        with pytest.raises(SettingsError, match=f"port {port} on 127.0.0.1 is taken"):
             Window(interview, port=port)
 
 
 @pytest.mark.parametrize("port", [-1, 65536, 10**30])
 def test_an_impossible_port_is_refused(interview, port):
-    with pytest.raises(SettingsError, match="port must lie in"):
+    with pytest.raises(SettingsError, match="port must be in"):
         Window(interview, port=port)
 
 

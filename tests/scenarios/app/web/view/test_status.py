@@ -71,11 +71,11 @@ def test_verdicts_are_counted_and_retracted_ones_are_not():
 @pytest.mark.parametrize(
     ("consistency", "words"),
     [
-        (Consistency(0, 0, ()), "No question was asked twice yet. "
-         "The answers contradict each other nowhere."),
+        (Consistency(0, 0, ()), "No question has been asked twice yet. "
+         "The answers do not contradict each other."),
         (Consistency(3, 2, ()), "2 of 3 repeated questions got the same answer. "
-         "The answers contradict each other nowhere."),
-        (Consistency(0, 0, ((0, 4, 2),)), "No question was asked twice yet. "
+         "The answers do not contradict each other."),
+        (Consistency(0, 0, ((0, 4, 2),)), "No question has been asked twice yet. "
          "Preferred in a circle: 1 over 5 over 3."),
     ],
 )  # fmt: skip
