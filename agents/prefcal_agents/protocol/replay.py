@@ -1,7 +1,7 @@
 """Replay a history into optimizers that own their state.
 
-A strategy is a function of the history. An optimizer that learns step by step is not, so it gets the
-history one answer at a time, and is kept as long as the history only grows.
+A strategy is a function of the history. An optimizer that learns step by step is not, so it gets
+the history one answer at a time, and is kept as long as the history only grows.
 """
 
 from collections.abc import Callable

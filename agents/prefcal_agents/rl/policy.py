@@ -56,7 +56,7 @@ class TrainedPolicy:
         return np.asarray(action)
 
     def controller(self, env: gym.Env[Any, Any]) -> Controller:
-        """Return a controller in the plant environment `env`, for `prefcal_env.experiments.rollout`.
+        """Return a controller in the plant environment `env`, for `rollout`.
 
         It sees only the environment's observation.
 
