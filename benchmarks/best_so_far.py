@@ -22,7 +22,7 @@ from prefcal_agents import GLISp
 from prefcal_env.knobs.knob import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios import load, outcome
-from prefcal_scenarios.cases.test_functions import FUNCTIONS
+from prefcal_scenarios.cases.functions import FUNCTIONS
 
 FOUR = ("camel", "hartman3", "levy4", "hartman6")
 APART = 0.002

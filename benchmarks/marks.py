@@ -27,7 +27,7 @@ from prefcal_agents import GLISp, GLISpSettings
 from prefcal_env import Answer, End, Experiment, Mark, Preference, Query, calibrate
 from prefcal_env.envs.overtake import Obstacle, OvertakeOptions
 from prefcal_scenarios import Scenario, load, outcome
-from prefcal_scenarios.cases.test_functions import FUNCTIONS, TestFunction
+from prefcal_scenarios.cases.functions import FUNCTIONS, TestFunction
 
 Level = Callable[[np.ndarray, np.ndarray], np.ndarray]
 

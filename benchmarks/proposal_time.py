@@ -20,7 +20,7 @@ from rich.progress import track
 from prefcal_agents import GLISp
 from prefcal_agents.support.threads import one_thread
 from prefcal_env import Answer
-from prefcal_scenarios.cases.test_functions import FUNCTIONS
+from prefcal_scenarios.cases.functions import FUNCTIONS
 
 REPEATS = 12  # validations and doubts come once in ten
 KPIS = 8

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from prefcal_agents import Advice, GLISp
-from prefcal_scenarios.cases.test_functions import FUNCTIONS, TestFunction
+from prefcal_scenarios.cases.functions import FUNCTIONS, TestFunction
 
 CHOSEN_ON = ("camel", "hartman3", "ackley2", "rosenbrock4", "styblinski3", "levy4")
 HELD_OUT = ("branin", "hartman6", "ackley5", "adjiman", "terraces3", "levy8")

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
-from prefcal_scenarios.cases.test_functions import FUNCTIONS, TestFunction, box
+from prefcal_scenarios.cases.functions import FUNCTIONS, TestFunction, box
 
 FLOOR = 1e-9  # the optima are not known better
 VARIANTS: dict[str, GLISpSettings] = {

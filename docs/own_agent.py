@@ -44,7 +44,7 @@ class StepSearch(PreferenceBased):
 
 
 if __name__ == "__main__":
-    from prefcal_scenarios.cases.test_functions import FUNCTIONS
+    from prefcal_scenarios.cases.functions import FUNCTIONS
 
     camel = FUNCTIONS["camel"]
     agent = StepSearch(camel.space, n_max=50, seed=0)

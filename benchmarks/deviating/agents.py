@@ -22,7 +22,7 @@ from prefcal_agents.optimize.search import multistart
 from prefcal_agents.space import design as cube
 from prefcal_env import Knob, KnobSpace
 from prefcal_scenarios.cases.cstr.scenario import SPACE
-from prefcal_scenarios.cases.test_functions import FUNCTIONS
+from prefcal_scenarios.cases.functions import FUNCTIONS
 
 from .common import bar, seeds, table
 from .control import index

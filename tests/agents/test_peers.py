@@ -8,7 +8,7 @@ import pytest
 from prefcal_agents.peers import OptunaPreferential, ReferenceGLIS, ReferenceGLISp
 from prefcal_agents.support.global_random import seeded
 from prefcal_env.errors import MissingExtraError
-from prefcal_scenarios.cases.test_functions import FUNCTIONS
+from prefcal_scenarios.cases.functions import FUNCTIONS
 from support.extras import quick_peers  # noqa: F401
 
 HARTMAN = FUNCTIONS["hartman3"]

@@ -13,7 +13,7 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.knob import KnobSpace
 from prefcal_env.preferences.answer import Answer, Calibrator, Preference
-from prefcal_scenarios.cases.test_functions import FUNCTIONS, TestFunction
+from prefcal_scenarios.cases.functions import FUNCTIONS, TestFunction
 from prefcal_scenarios.scenario import Scenario
 
 CSTR_BROAD = 0.69066

@@ -5,7 +5,7 @@ import pytest
 
 from prefcal_agents import GLIS, GLISSettings, RandomSearch
 from prefcal_env.errors import KnobError, SettingsError
-from prefcal_scenarios.cases.test_functions import FUNCTIONS
+from prefcal_scenarios.cases.functions import FUNCTIONS
 
 
 def minimise(function, seed, n_max=30, score=None, **options):

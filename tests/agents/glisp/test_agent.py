@@ -9,7 +9,7 @@ from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.models.cross_validation import FOLDS
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.knob import Knob, KnobSpace
-from prefcal_scenarios.cases.test_functions import FUNCTIONS
+from prefcal_scenarios.cases.functions import FUNCTIONS
 from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("a", -2.0, 2.0), Knob("b", -1.0, 1.0)])

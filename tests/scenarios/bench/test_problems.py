@@ -18,7 +18,7 @@ from prefcal_scenarios.bench.problems import (
     prefer,
     problem,
 )
-from prefcal_scenarios.cases.test_functions import FUNCTIONS
+from prefcal_scenarios.cases.functions import FUNCTIONS
 
 BEST_KNOWN = Path(__file__).parents[3] / "benchmarks" / "reactor_index.csv"
 EACH = pytest.mark.parametrize("name", PROBLEMS)

@@ -5,7 +5,7 @@ import pytest
 
 from prefcal_scenarios.bench import Cell, run_cell
 from prefcal_scenarios.bench.problems import problem
-from prefcal_scenarios.cases.test_functions import FUNCTIONS
+from prefcal_scenarios.cases.functions import FUNCTIONS
 
 OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
 
