@@ -153,7 +153,7 @@ def test_the_last_own_line_of_an_error_is_found_below_other_peoples_code():
     with pytest.raises(ValueError, match="Expecting") as caught:
         broken()
     line = own_line(caught.value)
-    assert line.startswith("test_cli_check.py:")
+    assert line.startswith("test_check.py:")
     assert 'json.loads("{")' in line
     assert in_words(located(caught.value)).endswith(f"(in {line})")
     assert len(located(caught.value).__notes__) == 1
