@@ -3,8 +3,7 @@
 import numpy as np
 
 from prefcal_agents import minimize_by_preference
-from prefcal_env import Channel, Knob, KnobSpace, Move, PlantEnv, Task
-from prefcal_env.envs.experiment_env import ClosedLoop
+from prefcal_env import Channel, ClosedLoop, Knob, KnobSpace, Move, PlantEnv, Task
 from prefcal_env.plants import FunctionPlant
 from prefcal_scenarios import KPI, Panel, Scenario
 

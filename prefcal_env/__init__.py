@@ -7,6 +7,7 @@ name; their dependencies are loaded only when an environment is made.
 
 from gymnasium import register as _register
 
+from prefcal_env.envs.experiment_env import ClosedLoop as ClosedLoop
 from prefcal_env.envs.preference_reward import PreferenceReward as PreferenceReward
 from prefcal_env.envs.tuning_env import TuningEnv as TuningEnv
 from prefcal_env.experiments.control import Controller as Controller

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_env import Channel, End, Knob, KnobSpace, Move, Panel, PlantEnv, Rig, Task
-from prefcal_env.envs.experiment_env import ClosedLoop
+from prefcal_env import Channel, ClosedLoop, End, Knob, KnobSpace, Move, Panel, PlantEnv, Rig, Task
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plants import FunctionPlant
 from prefcal_scenarios.app.session import Phase
