@@ -114,7 +114,7 @@ def test_a_source_holds_its_configuration():
 @pytest.mark.parametrize(
     ("source", "error", "says"),
     [
-        ("overtake {", ScenarioError, "no JSON"),
+        ("overtake {", ScenarioError, "is not JSON"),
         ('cstr {"lanes_count": 3}', ScenarioError, "'cstr' takes no configuration"),
         ('overtaek {"lanes_count": 3}', ScenarioError, "Did you mean .overtake"),
         ('overtake {"lanes": 3}', SettingsError, "lanes"),

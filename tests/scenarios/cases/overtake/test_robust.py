@@ -137,5 +137,5 @@ def test_with_noise_the_estimator_calms_the_steering():
 
 def test_disturbances_of_positions_are_refused_since_they_cannot_be_told():
     positions = replace(ESTIMATOR, on_inputs=(), on_outputs=(1,))
-    with pytest.raises(SettingsError, match="cannot be told"):
+    with pytest.raises(SettingsError, match="cannot be distinguished"):
         rollout(Course(), controller(PAPER, estimator=positions), PAPER)
