@@ -18,7 +18,16 @@ MAY_IMPORT = {
     "prefcal_agents": {"prefcal_env", "prefcal_agents"},
     "prefcal_scenarios": set(FOLDERS),
 }
-AGENTS_MAY_USE = ("errors", "end", "knobs", "respace", "preference", "champions", "qp")
+AGENTS_MAY_USE = (
+    "errors",
+    "end",
+    "knobs",
+    "respace",
+    "preference",
+    "champions",
+    "history",
+    "qp",
+)
 
 LAYERS = (
     {"errors", "end", "jit"},
@@ -33,6 +42,7 @@ LAYERS = (
         "respace",
         "preference",
         "champions",
+        "history",
         "experiment",
         "completing",
         "qp",

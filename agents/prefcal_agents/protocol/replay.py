@@ -1,13 +1,13 @@
 """Replay a history into optimizers that own their state.
 
-A strategy is a function of the history. An optimizer that learns step by step is not, so it gets the
-history one answer at a time, and is kept as long as the history only grows.
+A strategy is a function of the history. An optimizer that learns step by step is not, so it gets
+the history one answer at a time, and is kept as long as the history only grows.
 """
 
 from collections.abc import Callable
 from typing import Generic, TypeVar, final
 
-from prefcal_agents.history.history import History
+from prefcal_env.preferences.history import History
 
 Session = TypeVar("Session")
 
