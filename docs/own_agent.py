@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.protocol.agent import PreferenceBased
 from prefcal_agents.protocol.session import Session
 from prefcal_agents.space.design import Tried
@@ -28,11 +29,11 @@ class StepSearch(PreferenceBased):
         if history.answered < self.n_init:
             z = rng.random(n)
         else:
-            lessons = history.preferences()
+            lessons = Preferences.of(history)
             won = np.sum(lessons.b[self.n_init - 1 :] == -1)
             lost = np.sum(lessons.b[self.n_init - 1 :] == 1)
             step = min(0.2 * 1.5**won * 0.9**lost, 0.5)
-            parent = np.array(history.samples[history.incumbent])
+            parent = np.array(history.samples[history.incumbent].z)
             z = np.clip(parent + step * rng.standard_normal(n), 0.0, 1.0)
         return Tried(self.space, history).fresh(z, rng)  # nothing is tried twice
 

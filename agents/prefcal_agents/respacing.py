@@ -7,11 +7,10 @@ import numpy as np
 
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.protocol.agent import AnyAgent
-from prefcal_agents.space.start import Points
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs.change import carried
 from prefcal_env.knobs.change import respaced as respaced_space
 from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.history import Sample
 
 from .registry import CLASSES, agent_class
 
@@ -62,15 +61,6 @@ def moved(
     Raises:
         KnobError: `new` does not hold every sample, or has a knob without a value.
     """
-    history = replace(state.history, samples=_moved(state.history.samples, old, new, added))
-    return replace(state, history=history, start=_moved(state.start, old, new, added))
-
-
-def _moved(
-    points: Points, old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None
-) -> Points:
-    """Points of the cube of `old` as points of the cube of `new`."""
-    if old.knobs == new.knobs:
-        return points
-    thetas = (carried(old.decode(np.array(z)), old, new, added) for z in points)
-    return tuple(tuple(map(float, new.encode(theta))) for theta in thetas)
+    start = [Sample.of(old, np.array(z)).moved(old, new, added).z for z in state.start]
+    history = state.history.moved(old, new, added)
+    return replace(state, history=history, start=tuple(start))

@@ -2,25 +2,24 @@
 
 from collections.abc import Collection, Sequence, Set
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Int
 
-from .answer import Answer, Mark, Preference
+from .answer import Preference
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """One answer that stands: experiment `challenger` against experiment `incumbent`.
 
-    A `further` one is about two experiments that had been compared before.
+    A follow-up is about two experiments that had been compared before.
     """
 
     challenger: int
     incumbent: int
     preference: Preference
-    further: bool = False
+    follow_up: bool = False
 
     @property
     def winner(self) -> int | None:
@@ -38,48 +37,11 @@ class Verdict:
         return self.incumbent if winner == self.challenger else self.challenger
 
 
-class Answered(Protocol):
-    """What is needed of a closed query, an agent's or a study's, to read its marks."""
-
-    @property
-    def challenger(self) -> int:
-        """Index of one experiment."""
-
-    @property
-    def incumbent(self) -> int | None:
-        """Index of the other one; None if there was none."""
-
-    @property
-    def answer(self) -> Answer:
-        """What was said."""
-
-    @property
-    def retracted(self) -> bool:
-        """Whether it was taken back."""
-
-
-def unsafe_indices(comparisons: Sequence[Answered], *, automatic: bool = False) -> frozenset[int]:
-    """Return the indices of the experiments that an answer that stands marks unsafe.
-
-    With `automatic`, only of those that were marked by themselves, though nobody said so.
-    """
-    found = set()
-    for c in comparisons:
-        marks = c.answer.automatic if automatic else c.answer.marks
-        if c.retracted or not marks:
-            continue
-        if Mark.CHALLENGER_UNSAFE in marks:
-            found.add(c.challenger)
-        if Mark.INCUMBENT_UNSAFE in marks and c.incumbent is not None:
-            found.add(c.incumbent)
-    return frozenset(found)
-
-
 def best_of(verdicts: Sequence[Verdict], unsafe: Set[int] = frozenset()) -> int:
     """Return the index of the best experiment: one that nobody standing has beaten.
 
     The crown starts with experiment 0 and passes to a new experiment that wins, since that met
-    the best so far. A further answer passes it on only if the one wearing it lost: about two
+    the best so far. A follow-up passes it on only if the one wearing it lost: about two
     others it crowns nobody. Where the crown ends up on an experiment that lost all the same (an
     answer was retracted, or it was marked unsafe), the undominated experiment that won most
     recently is the best.
@@ -104,7 +66,7 @@ def reigns(verdicts: Sequence[Verdict]) -> tuple[int, ...]:
         winner = verdict.winner
         if winner is None or winner == crowned[-1]:
             continue
-        if verdict.loser == crowned[-1] or (winner == verdict.challenger and not verdict.further):
+        if verdict.loser == crowned[-1] or (winner == verdict.challenger and not verdict.follow_up):
             crowned.append(winner)
     return tuple(crowned)
 

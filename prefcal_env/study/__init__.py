@@ -29,9 +29,7 @@ from .events import Suggested as Suggested
 from .events import Undone as Undone
 from .events import to_text as to_text
 from .file import StudyFile as StudyFile
-from .fold import Closed as Closed
 from .fold import State as State
-from .fold import counted_unsafe as counted_unsafe
 from .locations import data_folder as data_folder
 from .locations import make_data_folder as make_data_folder
 from .locations import studies_in_data_folder as studies_in_data_folder

@@ -112,7 +112,7 @@ class StudyFile:
         else:
             self._state = step(self._state, seq, at, event)
         if isinstance(event, Finished):
-            theta = self._state.samples[event.index].theta
+            theta = self._state.history.samples[event.index].theta
             self._experiments[_key(theta)] = self._state.finished[event.index]
 
     @property

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.errors import KnobError, StudyError
+from prefcal_env.errors import KnobError, ProtocolError, StudyError
 from prefcal_env.knobs.change import carried
-from prefcal_env.preferences.answer import Answer
-from prefcal_env.preferences.best import unsafe_indices
+from prefcal_env.preferences.history import Comparison, History, Sample
+from prefcal_env.preferences.kpis import Outcome
 
 from .events import (
     MARKS,
@@ -33,41 +33,7 @@ from .events import (
     Suggested,
     Undone,
 )
-from .replacing import corrected
 from .spaces import space_of
-
-
-@dataclass(frozen=True, slots=True)
-class Closed:
-    """One closed query: when and how it was answered.
-
-    Args:
-        seq: Number of its Answered event.
-        at: When, as the study's clock said.
-        question: Id of the question; None for the first experiment, compared with nothing.
-        challenger: Index of the experiment that was proposed.
-        incumbent: Index of the best one at the time.
-        challenger_left: Where the challenger stood.
-        answer: The verdict, as challenger and incumbent.
-        comment: The person's remark.
-        blind: Whether θ and the roles were hidden.
-        repeats: Id of the earlier question that it asked again.
-        retracted: Whether it teaches nothing any more.
-        after: For a further comparison of two known experiments: how many queries were closed.
-    """
-
-    seq: int
-    at: str
-    question: int | None
-    challenger: int
-    incumbent: int | None
-    challenger_left: bool | None
-    answer: Answer
-    comment: str
-    blind: bool
-    repeats: int | None = None
-    retracted: bool = False
-    after: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,13 +44,10 @@ class State:
         configuration: As it was created.
         created: When.
         n_max: Experiments wanted in all.
-        samples: By index, as they were run; the last may have no answer yet.
+        history: Samples as they were run, and answers.
         proposed: Index to the θ that was proposed, where another one was run.
         finished: Index to the event whose payload is its experiment.
         failures: Index to the error of a run that raised, while there is no experiment.
-        closed: Closed queries that stand; number i has challenger i.
-        further: Answers about two experiments that had both been closed before.
-        repeats: Answers to repeated questions.
         marks: Index to the marks that the experiment bears.
         notes: When and what.
         open: Id and event of the question on show.
@@ -94,31 +57,21 @@ class State:
     configuration: Mapping[str, Any]
     created: str
     n_max: int
-    samples: tuple[Suggested, ...] = ()
+    history: History = field(default_factory=History)
     proposed: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     finished: Mapping[int, int] = field(default_factory=dict)
     failures: Mapping[int, str] = field(default_factory=dict)
-    closed: tuple[Closed, ...] = ()
-    further: tuple[Closed, ...] = ()
-    repeats: tuple[Closed, ...] = ()
     marks: Mapping[int, frozenset[str]] = field(default_factory=dict)
     notes: tuple[tuple[str, str], ...] = ()
     open: tuple[int, Shown] | None = None
     ended: str | None = None
 
     @property
-    def answers(self) -> tuple[Closed, ...]:
-        """All answers in the order given, with those to further and repeated questions."""
-        every = (*self.closed[1:], *self.further, *self.repeats)
+    def answers(self) -> tuple[Comparison, ...]:
+        """All answers about two experiments, repeated questions too, in the order given."""
+        history = self.history
+        every = (*history.comparisons[1:], *history.follow_ups, *history.repeats)
         return tuple(sorted(every, key=lambda c: c.seq))
-
-
-def counted_unsafe(state: State) -> frozenset[int]:
-    """Return the experiments that count as unsafe because of how they ended, without a mark.
-
-    Only answers that still stand say so.
-    """
-    return unsafe_indices((*state.closed, *state.further), automatic=True)
 
 
 def begin(seq: int, at: str, event: Event) -> State:
@@ -174,7 +127,8 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
         case Noted(text):
             return replace(state, notes=(*state.notes, (at, text)))
         case Extended(n_max):
-            _require(n_max >= len(state.closed), seq, f"n_max {n_max} is below what is answered")
+            answered = state.history.answered
+            _require(n_max >= answered, seq, f"n_max {n_max} is below what is answered")
             return replace(state, n_max=n_max)
         case Ended(reason):
             return replace(state, ended=reason, open=None)
@@ -195,35 +149,36 @@ def _require(holds: bool, seq: int, otherwise: str) -> None:
 
 
 def _sample(state: State, seq: int, index: int) -> None:
-    _require(0 <= index < len(state.samples), seq, f"sample {index} was never proposed")
+    _require(0 <= index < len(state.history.samples), seq, f"sample {index} was never proposed")
 
 
 def _suggested(state: State, seq: int, event: Suggested) -> State:
-    due = len(state.closed)
-    _require(event.index == due == len(state.samples), seq, f"sample {event.index} is not due")
+    history, due = state.history, state.history.answered
+    is_due = event.index == due and history.pending is None
+    _require(is_due, seq, f"sample {event.index} is not due")
     _require(len(event.z) == len(event.theta) > 0, seq, "z and theta differ in length")
     # No question is on show then, unless a change of the agent's settings has made it obsolete.
-    return replace(state, samples=(*state.samples, event), open=None)
+    history = history.with_pending(Sample(event.z, event.theta))
+    return replace(state, history=history, open=None)
 
 
 def _dialed(state: State, seq: int, event: Dialed) -> State:
-    due = len(state.closed)
-    _require(event.index == due == len(state.samples) - 1, seq, f"sample {event.index} is not open")
-    was = state.samples[due]
+    due, was = state.history.answered, state.history.pending
+    if was is None or event.index != due:
+        raise StudyError(f"event {seq} is impossible: sample {event.index} is not open")
     _require(len(event.z) == len(event.theta) == len(was.z), seq, "z and theta differ in length")
     proposed = {due: was.theta, **state.proposed}  # dialed twice: what was proposed stays
-    sample = Suggested(due, event.z, event.theta)
-    return replace(state, samples=(*state.samples[:due], sample), proposed=proposed)
+    history = state.history.with_pending(Sample(event.z, event.theta))
+    return replace(state, history=history, proposed=proposed)
 
 
 def _replaced(state: State, seq: int, event: Replaced) -> State:
     _require(event.index in state.finished, seq, f"there is no experiment of sample {event.index}")
     _require(state.ended is None, seq, "the study is over")
+    outcome = Outcome.from_dict(event.outcome) if event.outcome else None
     return replace(
         state,
-        closed=tuple(corrected(c, event) for c in state.closed),
-        further=tuple(corrected(c, event) for c in state.further),
-        repeats=tuple(corrected(c, event) for c in state.repeats),
+        history=state.history.corrected(event.index, outcome, unsafe=event.unsafe),
         marks={i: m for i, m in state.marks.items() if i != event.index},
     )
 
@@ -241,7 +196,7 @@ def _answered(state: State, seq: int, at: str, event: Answered) -> State:
     pair = None if shown is None else (shown.challenger, shown.incumbent)
     if first:
         _require(
-            event.challenger == 0 == len(state.closed) and event.incumbent is None, seq,
+            event.challenger == 0 == state.history.answered and event.incumbent is None, seq,
             "only the first experiment is compared with nothing",
         )  # fmt: skip
         _require(0 in state.finished, seq, "there is no experiment of sample 0")
@@ -253,47 +208,35 @@ def _answered(state: State, seq: int, at: str, event: Answered) -> State:
             pair == (event.challenger, event.incumbent), seq,
             f"question {event.question} is not on show",
         )  # fmt: skip
-    closed = Closed(
-        seq, at, event.question, event.challenger, event.incumbent,
-        None if shown is None else shown.challenger_left, event.answer, event.comment,
-        event.blind, None if shown is None else shown.repeats,
+    answer = Comparison(
+        event.challenger, event.incumbent, event.answer, seq=seq, at=at, question=event.question,
+        challenger_left=None if shown is None else shown.challenger_left, comment=event.comment,
+        blind=event.blind, repeats=None if shown is None else shown.repeats,
     )  # fmt: skip
-    if closed.repeats is not None:
-        return replace(state, repeats=(*state.repeats, closed), open=None)
-    due = len(state.closed)
-    if event.question is not None and event.challenger < due:
-        closed = replace(closed, after=due)
-        return replace(state, further=(*state.further, closed), open=None)
-    _require(event.challenger == due, seq, f"sample {due} is due, not {event.challenger}")
-    return replace(state, closed=(*state.closed, closed), open=None)
+    due = state.history.answered
+    about_known = answer.repeats is not None or (shown is not None and event.challenger < due)
+    is_due = about_known or event.challenger == due
+    _require(is_due, seq, f"sample {due} is due, not {event.challenger}")
+    return replace(state, history=state.history.recorded(answer), open=None)
 
 
 def _retracted(state: State, seq: int, answer: int) -> State:
-    if answer < 0:
-        return _retracted_further(state, seq, -answer - 1)
-    _require(0 <= answer < len(state.closed), seq, f"there is no answer {answer}")
-    _require(not state.closed[answer].retracted, seq, f"answer {answer} is retracted already")
-    changed = replace(state.closed[answer], retracted=True)
-    closed = (*state.closed[:answer], changed, *state.closed[answer + 1 :])
-    return replace(state, closed=closed)
-
-
-def _retracted_further(state: State, seq: int, k: int) -> State:
-    _require(k < len(state.further), seq, f"there is no further answer {k + 1}")
-    _require(not state.further[k].retracted, seq, f"further answer {k + 1} is retracted already")
-    changed = replace(state.further[k], retracted=True)
-    return replace(state, further=(*state.further[:k], changed, *state.further[k + 1 :]))
+    try:
+        if answer < 0:
+            history = state.history.retracted(-answer - 1, follow_up=True)
+        else:
+            history = state.history.retracted(answer)
+    except ProtocolError as error:
+        raise StudyError(f"event {seq} is impossible: {error}") from error
+    return replace(state, history=history)
 
 
 def _undone(state: State, seq: int) -> State:
-    _require(len(state.closed) > 0, seq, "there is no answer to take back")
-    kept = len(state.closed)
-    was_further = bool(state.further) and state.further[-1].after == kept
+    kept = state.history.answered
+    _require(kept > 0, seq, "there is no answer to take back")
     return replace(
         state,
-        closed=state.closed if was_further else state.closed[:-1],
-        further=state.further[:-1] if was_further else state.further,
-        samples=state.samples[:kept],
+        history=state.history.undone(),
         finished={i: s for i, s in state.finished.items() if i < kept},
         failures={i: e for i, e in state.failures.items() if i < kept},
         marks={i: m for i, m in state.marks.items() if i < kept},
@@ -314,7 +257,7 @@ def _adjusted(state: State, seq: int, settings: Mapping[str, Any]) -> State:
 
 
 def _respaced(state: State, seq: int, event: Respaced) -> State:
-    due = len(state.closed)
+    due = state.history.answered
     kept = due + 1 if due in state.finished else due
     expected = {"knobs", "within", "scenario_knobs"}
     _require(set(event.space) == expected, seq, f"its space must have {sorted(expected)}")
@@ -326,21 +269,21 @@ def _respaced(state: State, seq: int, event: Respaced) -> State:
     old, new = space_of(state.configuration), space_of(configuration)
     space_of({"knobs": event.space["scenario_knobs"]})
 
-    def moved(theta: tuple[float, ...]) -> np.ndarray:
-        return carried(np.array(theta), old, new, event.added)
-
+    history = replace(state.history, samples=state.history.samples[:kept])
     try:
-        samples = [
-            Suggested(s.index, tuple(new.encode(moved(s.theta)).tolist()), tuple(moved(s.theta)))
-            for s in state.samples[:kept]
-        ]
+        history = history.moved(old, new, event.added)
+        proposed = {
+            i: tuple(carried(np.array(theta), old, new, event.added).tolist())
+            for i, theta in state.proposed.items()
+            if i < kept
+        }
     except (KnobError, TypeError, ValueError) as error:
         raise StudyError(f"event {seq} is impossible: {error}") from error
     return replace(
         state,
         configuration=MappingProxyType(configuration),
-        samples=tuple(samples),
+        history=history,
         failures={i: e for i, e in state.failures.items() if i < kept},
         marks={i: m for i, m in state.marks.items() if i < kept},
-        proposed={i: tuple(moved(t)) for i, t in state.proposed.items() if i < kept},
+        proposed=proposed,
     )

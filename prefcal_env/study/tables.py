@@ -8,9 +8,10 @@ from typing import Any
 
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.preferences.history import Comparison
 
 from .file import StudyFile
-from .fold import Closed, State, counted_unsafe
+from .fold import State
 from .trouble import told
 
 
@@ -47,7 +48,7 @@ def _comparisons(state: State) -> Iterable[list[Any]]:
         yield _comparison(closed)
 
 
-def _comparison(closed: Closed) -> list[Any]:
+def _comparison(closed: Comparison) -> list[Any]:
     answer, rival = closed.answer, closed.incumbent
     return [
         closed.challenger if closed.repeats is None and closed.after is None else "",
@@ -73,15 +74,18 @@ def _experiments(state: State, experiments: dict[int, Experiment]) -> Iterable[l
     kpis = sorted({name for e in experiments.values() for name in e.kpis})
     yield ["experiment", *knobs, *(_with_unit(k, units.get(k, "")) for k in kpis), "ended", "marks",
            "automatic marks", "score"]  # fmt: skip
-    scores = {c.challenger: c.answer.value for c in state.closed if c.answer.value is not None}
-    counted = counted_unsafe(state)
+    history = state.history
+    scores = {c.challenger: c.answer.value for c in history.comparisons}
+    counted = history.unsafe(automatic=True)
     for index, e in experiments.items():
         automatic = "unsafe" if index in counted else ""
         marks = "; ".join(sorted(state.marks.get(index, ())))
         values = [e.kpis.get(k, "") for k in kpis]
         # Not the experiment's own: knobs may have been added since.
-        theta = state.samples[index].theta
-        yield [index + 1, *theta, *values, e.end.value, marks, automatic, scores.get(index, "")]
+        theta = history.samples[index].theta
+        score = scores.get(index)
+        ended = [e.end.value, marks, automatic, "" if score is None else score]
+        yield [index + 1, *theta, *values, *ended]
 
 
 def _units(state: State, what: str) -> list[tuple[str, str]]:

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, minimize_by_preference
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import Preferences
 from prefcal_env.knobs.knob import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Strength
+from prefcal_env.preferences.history import History
+from support.histories import in_cube
 
 SQUARE = KnobSpace([Knob("a", -1.0, 1.0), Knob("b", -1.0, 1.0)])
 
@@ -27,5 +29,5 @@ def test_the_strength_of_an_answer_is_its_weight():
     book = History()
     for h, strength in enumerate((Strength.BETTER, Strength.BETTER, Strength.MUCH_BETTER)):
         answer = Answer(-1 if h else None, strength=strength)
-        book = book.with_pending(np.array([0.1 * h, 0.5])).told(answer, book.incumbent)
-    assert book.preferences().weights.tolist() == [1, 3]
+        book = book.with_pending(in_cube(np.array([0.1 * h, 0.5]))).told(answer, book.incumbent)
+    assert Preferences.of(book).weights.tolist() == [1, 3]

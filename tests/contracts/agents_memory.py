@@ -15,6 +15,7 @@ from contracts.memory import *  # noqa: F403
 from prefcal_agents import AgentState
 from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.preferences.answer import Answer, Mark
+from prefcal_env.preferences.history import Sample
 
 
 def test_after_undo_another_answer_may_be_given(make_agent):
@@ -102,7 +103,10 @@ def test_a_state_keeps_marks_strengths_and_outcomes(make_agent):
 def test_an_older_algorithms_samples_are_kept(make_agent):
     agent = make_agent(MIXED, n_init=3, n_max=9)
     run(agent, [None, -1, 1])
-    moved = tuple((*z[:-1], 0.125) for z in agent.state.history.samples)
+    moved = tuple(
+        Sample.of(MIXED, np.array([*sample.z[:-1], 0.125]))
+        for sample in agent.state.history.samples
+    )
     old = replace(agent.state, version=0, history=replace(agent.state.history, samples=moved))
     twin = type(agent).restore(MIXED, old)
     assert twin.state.history.samples == moved
@@ -125,8 +129,10 @@ def test_a_state_that_does_not_fit_is_refused(make_agent):
         {**good, "answers": [{**good["answers"][1], "preference": 7}]},
         {**good, "n_max": 2},
         {**good, "seed": -1},
-        {**good, "samples": [[0.5, 0.5, 1.5]] * 4},
-        {**good, "samples": [[0.5, 0.5, "x"]] * 4},
+        {**good, "samples": [{**good["samples"][0], "z": [0.5, 0.5, 1.5]}] * 4},
+        {**good, "samples": [{**good["samples"][0], "z": [0.1, 0.9, 0.1]}] * 4},
+        {**good, "samples": [{**good["samples"][0], "theta": [0.5, 0.5, "x"]}] * 4},
+        {**good, "samples": [[0.5, 0.5, 0.5]] * 4},
     ):
         with pytest.raises(SettingsError):
             type(agent).restore(MIXED, AgentState.from_dict(bad))

@@ -15,7 +15,6 @@ from prefcal_scenarios.app.report.comparisons import comparisons_as_csv
 from prefcal_scenarios.app.report.export import best_as_json
 from prefcal_scenarios.app.report.html import page
 from prefcal_scenarios.app.session import Counts
-from prefcal_scenarios.app.session.memory import incumbents
 from prefcal_scenarios.app.terminal.looking import show_status
 from prefcal_scenarios.app.web.view import now_view, status_view
 from support.interviews import THREE, begin, judge, proceed, until_further
@@ -51,10 +50,10 @@ def record(interview):
 
 def test_the_study_has_all_that_could_be_counted_differently(interview):
     state = interview.now().state
-    assert state.further
-    assert state.repeats
-    assert any(c.retracted for c in state.closed)
-    assert len(state.finished) == len(state.closed) + 1
+    assert state.history.follow_ups
+    assert state.history.repeats
+    assert any(c.retracted for c in state.history.comparisons)
+    assert len(state.finished) == state.history.answered + 1
 
 
 def test_experiments_are_those_that_ran(interview, record, tmp_path):
@@ -73,7 +72,9 @@ def test_experiments_are_those_that_ran(interview, record, tmp_path):
 
 def test_comparisons_are_the_answers_that_stand(interview, record, tmp_path):
     state = interview.now().state
-    asked = [c for c in (*state.closed[1:], *state.further) if not c.retracted]
+    asked = [
+        c for c in (*state.history.comparisons[1:], *state.history.follow_ups) if not c.retracted
+    ]
     count = len(asked)
     options = Options(f"{TOY_FILE}:toy", n_max=9, n_init=3)
     told = json.loads(as_json(record, options, tmp_path, "mine"))
@@ -103,7 +104,7 @@ def test_the_best_is_the_same_everywhere(interview, record, tmp_path):
 
 def test_the_report_never_says_which_is_best_by_itself(interview, record):
     now = interview.now()
-    assert [t.index for t in record.incumbents[:-1]] == list(incumbents(now.state)[:-1])
+    assert [t.index for t in record.incumbents[:-1]] == list(now.state.history.incumbents()[:-1])
     other = replace(now, incumbent=0 if now.incumbent else 1)
     assert record_of_now(interview, other).best.index == other.incumbent
 

@@ -37,7 +37,7 @@ answer_all(interview, lambda number: print(number, flush=True))
 def next_query(now):
     """θ of the challenger and number of the incumbent that are compared next."""
     pending = None if now.pending is None else now.pending.theta
-    return len(now.state.closed), pending, now.incumbent
+    return now.state.history.answered, pending, now.incumbent
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def survive(folder, undisturbed, kills, seed):
         assert verify(path) == ()
         interview = reopened(toy_scenario(), path)
         now = proceed(interview)
-        done = len(now.state.closed)
+        done = now.state.history.answered
         counts.append(done)
         assert done > max(acknowledged, default=0), "an acknowledged answer is gone"
         assert next_query(now) == undisturbed[done]

@@ -79,7 +79,7 @@ def interview():
 
 
 def test_every_answer_is_recorded_with_what_happened(interview):
-    for closed in interview.now().state.closed:
+    for closed in interview.now().state.history.comparisons:
         new, old = closed.answer.outcomes
         assert new == outcome(TOY, interview.experiment(closed.challenger))
         rival = closed.incumbent
@@ -92,7 +92,7 @@ def test_an_export_with_outcomes_is_read_back_and_its_tables_are_written(intervi
     json.loads(text, parse_constant=pytest.fail)
     path = import_json(text, tmp_path / "again.prefcal")
     with StudyFile.open(path, clock=clock()) as file:
-        assert file.state.closed == interview.now().state.closed
+        assert file.state.history.comparisons == interview.now().state.history.comparisons
         export_csv(file, tmp_path / "tables")
     rows = (tmp_path / "tables" / "comparisons.csv").read_text().splitlines()
     assert len(rows) == len(interview.now().state.answers) + 1  # and the heading

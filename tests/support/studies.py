@@ -85,7 +85,7 @@ def compared(file: StudyFile, index: int, preference: int | None = -1) -> None:
         file.append(Answered(None, 0, None, Answer(None)))
         return
     best = 0
-    for closed in file.state.closed:
+    for closed in file.state.history.comparisons:
         if closed.answer.preference == -1 and not closed.retracted:
             best = closed.challenger
     (shown,) = file.append(Shown(index, best, bool(index % 2)))

@@ -14,10 +14,11 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Bool, Float
 
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import Marks
 from prefcal_agents.history.memory import MOST
 from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, squared_distances
 from prefcal_agents.optimize.search import Objective
+from prefcal_env.preferences.history import History
 
 _RBF = RADIAL_FUNCTIONS["inverse_quadratic"]
 _LENGTHS = (0.1, 0.2, 0.4, 0.8)  # candidate length scales of a mark, per knob
@@ -178,7 +179,7 @@ def unsafe_penalty(history: History, settings: PenaltySettings) -> Penalty | Non
 
     Each unsafe sample among the latest ones halves the accepted risk.
     """
-    marks = history.marks()
+    marks = Marks.of(history)
     if not (settings.unsafe_weight and marks.unsafe.any()):
         return None
     recent = np.count_nonzero(marks.unsafe[-_RECENT:])

@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from prefcal_agents.history.history import Comparison, History
 from prefcal_env.preferences.answer import Preference
+from prefcal_env.preferences.history import Comparison, History
 
 AHEAD = 10
 """Number of experiments that the advice looks ahead."""

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.acquisition.value_acquisition import ValueAcquisition
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import cube_of, scores_of
 from prefcal_agents.models.interpolant import Interpolant, best_interpolant, normalised
 from prefcal_agents.optimize.search import multistart
 from prefcal_agents.protocol.agent import ValueBased
@@ -19,6 +19,7 @@ from prefcal_agents.support.checks import integer
 from prefcal_agents.support.threads import one_thread
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.history import History
 
 from .glis_settings import GLISSettings
 
@@ -72,7 +73,7 @@ class GLIS(Stored, ValueBased):
         tried = Tried(space, history)
         if index < self.n_init:
             return tried.fresh(latin_hypercube(space, self.n_init, self._seed)[index], rng)
-        if not len(history.scores()[0]):
+        if not len(scores_of(history)[0]):
             return tried.fresh(random_points(space, 1, rng)[0], rng)
         domain = search_domain(space, history)
         with one_thread():
@@ -86,9 +87,9 @@ class GLIS(Stored, ValueBased):
         return ValueAcquisition(interpolant, values, self._options.alpha, self._options.delta)
 
     def _interpolant(self, history: History) -> tuple[Interpolant, Float[np.ndarray, " K"]]:
-        scored, values = history.scores()
+        scored, values = scores_of(history)
         values = normalised(values, self._options.ceiling)
-        x = 2 * history.cube()[scored] - 1
+        x = 2 * cube_of(history)[scored] - 1
         options = self._options
         return best_interpolant(x, values, options.epsilons, options.rbf), values
 
@@ -114,6 +115,6 @@ class GLIS(Stored, ValueBased):
             KnobError: `thetas` has another shape or leaves the box.
         """
         z = encode_all(self.space, thetas)
-        if not len(self._session.history.scores()[0]):
+        if not len(scores_of(self._session.history)[0]):
             return np.zeros(len(z))
         return self._interpolant(self._session.history)[0](2 * z - 1)

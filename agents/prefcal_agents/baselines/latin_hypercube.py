@@ -5,7 +5,6 @@ from typing import ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.history import History
 from prefcal_agents.protocol.agent import PreferenceBased
 from prefcal_agents.protocol.session import Session
 from prefcal_agents.protocol.stored import Stored
@@ -13,6 +12,7 @@ from prefcal_agents.space.design import Tried, latin_hypercube
 from prefcal_agents.space.start import Start
 from prefcal_agents.support.checks import integer
 from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.history import History
 
 
 @final

@@ -1,13 +1,13 @@
 """GLISp: preference-based optimization with radial basis functions and IDW exploration."""
 
 from dataclasses import replace
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar, Self, final
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.history.agent_state import AgentState
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.protocol.agent import PreferenceBased
 from prefcal_agents.protocol.rematch import final as final_question
@@ -19,6 +19,7 @@ from prefcal_agents.support.checks import integer
 from prefcal_agents.support.threads import one_thread
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend
 
 from .questions import follow_up
@@ -87,7 +88,7 @@ class GLISp(Stored, PreferenceBased):
             n_init,
             n_max,
             self._propose,
-            further=self._follow_up,
+            follow_up=self._follow_up,
             last=self._final,
             start=start,
         )
@@ -139,11 +140,7 @@ class GLISp(Stored, PreferenceBased):
     def _arguments(cls, saved: dict[str, Any]) -> dict[str, Any]:
         return {"settings": GLISpSettings.of(saved)}
 
-    def copy(self) -> "GLISp":
-        """Return an independent copy that keeps what was learned, for computing ahead."""
-        return self._twin(self._snapshot())
-
-    def with_questions(self, most: int) -> "GLISp":
+    def with_questions(self, most: int) -> Self:
         """Return a copy that asks at most `most` comparisons for each experiment from now on.
 
         No answer is lost. An open query about a new experiment stays open; an open follow-up
@@ -155,8 +152,9 @@ class GLISp(Stored, PreferenceBased):
         settings = replace(self._options, questions_per_experiment=most)
         return self._twin(replace(self._snapshot(), settings=settings.pairs()))
 
-    def _twin(self, state: AgentState) -> "GLISp":
-        twin = self.restore(self.space, state)
+    def _twin(self, state: AgentState) -> Self:
+        # The selected models go with it, so a copy need not learn again.
+        twin = super()._twin(state)
         twin._models = self._models.copy(twin._options, twin._backend)
         return twin
 
@@ -190,7 +188,7 @@ class GLISp(Stored, PreferenceBased):
             KnobError: `thetas` has another shape or leaves the box.
         """
         z = encode_all(self.space, thetas)
-        if len(self._session.history.preferences()) == 0:
+        if len(Preferences.of(self._session.history)) == 0:
             return np.zeros(len(z))
         with one_thread():
             learned = self._fit(self._session.history).surrogate

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int
 
-from prefcal_agents.history.history import History, Preferences
+from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.history.memory import Memory
 from prefcal_agents.models.kpi_model import Outcomes
+from prefcal_env.preferences.history import History
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,7 @@ class Dataset:
         """Extract what `history` teaches."""
         memory = Memory.of(history)
         kpis = Outcomes.of(memory.history).predictable() if with_kpis else Outcomes.none()
-        return cls(history, memory.kept, memory.history.preferences(), kpis)
+        return cls(history, memory.kept, Preferences.of(memory.history), kpis)
 
     @property
     def is_strict(self) -> bool:

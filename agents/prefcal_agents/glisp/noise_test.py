@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.history import Preferences
+from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.cross_validation import nearest
 from prefcal_agents.models.expectation_propagation import ExpectationPropagation
 from prefcal_agents.models.preference_qp import Constraints

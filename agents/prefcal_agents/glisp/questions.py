@@ -3,9 +3,10 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import Marks, Preferences, cube_of
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.best import contradictory
+from prefcal_env.preferences.history import History
 from prefcal_env.qp import Backend
 
 from .selection import ModelSelection, Selection
@@ -34,7 +35,7 @@ def follow_up(
     if asked >= max(most, 2) or history.answered < 3:
         return None
     # While nothing contradicts itself, a question more than agreed on comes seldom.
-    lately = any((c.after or 0) > history.answered - _APART for c in history.further)
+    lately = any((c.after or 0) > history.answered - _APART for c in history.follow_ups)
     if asked >= most and lately and not contradictory(history.verdicts()):
         return None
     before = models.after(history.until(history.answered - 1))
@@ -49,7 +50,7 @@ def follow_up(
     if pair is not None or asked >= most:
         return pair
     fit = train(models.dataset(history), selection, settings, backend)
-    return insertion_question(history, fit.surrogate(history.cube()))
+    return insertion_question(history, fit.surrogate(cube_of(history)))
 
 
 def confirm_best(
@@ -103,10 +104,10 @@ def confirm_best(
 
 def contenders(history: History) -> Int[np.ndarray, " K"]:
     """Return the samples that were compared and are not marked unsafe; all compared if all are."""
-    preferences, marks = history.preferences(), history.marks()
+    preferences, marks = Preferences.of(history), Marks.of(history)
     strict = preferences.b != 0
     compared = np.unique(np.concatenate([preferences.first[strict], preferences.second[strict]]))
-    samples, unsafe = history.cube(), marks.samples[marks.unsafe]
+    samples, unsafe = cube_of(history), marks.samples[marks.unsafe]
     safe = [i for i in compared if not np.any(np.all(unsafe == samples[i], axis=1))]
     return np.array(safe or compared, dtype=np.int64)
 

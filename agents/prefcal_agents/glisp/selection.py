@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import kpis_of
 from prefcal_agents.history.memory import MOST
 from prefcal_agents.models.cross_validation import (
     FOLDS,
@@ -17,6 +17,7 @@ from prefcal_agents.models.cross_validation import (
 )
 from prefcal_agents.models.surrogate import Shape
 from prefcal_env.preferences.best import contradictory
+from prefcal_env.preferences.history import History
 from prefcal_env.qp import Backend
 
 from .dataset import Dataset
@@ -153,9 +154,7 @@ class ModelSelection:
 
     def _process_takes_turns(self, count: int) -> bool:
         """Return whether every second proposal is the process's, as far as is known then."""
-        with_kpis = any(self._settings.outcome_scales) and any(
-            self._history.until(count).outcomes()
-        )
+        with_kpis = any(self._settings.outcome_scales) and any(kpis_of(self._history.until(count)))
         return self._settings.process and not with_kpis
 
     def _validated(self, data: Dataset, shape: Shape) -> Shape:

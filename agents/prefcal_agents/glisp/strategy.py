@@ -9,13 +9,14 @@ from jaxtyping import Float
 from prefcal_agents.acquisition.expected_improvement import ExpectedImprovement
 from prefcal_agents.acquisition.exploration import Acquisition
 from prefcal_agents.acquisition.penalty import POOL, penalized, replaced, unsafe_penalty
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.preference_gp import PreferenceGP
 from prefcal_agents.models.surrogate import Composite
 from prefcal_agents.optimize.search import Objective, multistart
 from prefcal_agents.space.design import Tried, latin_hypercube
 from prefcal_agents.space.feasible import random_points, search_domain
 from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.history import History
 
 from .noise_test import ALMOST_SURE
 from .schedule import is_process_turn
@@ -80,7 +81,7 @@ def _every_second_time_without_kpis(setup: Setup, fit: Fit) -> bool:
 def _process_mean(setup: Setup, fit: Fit) -> Objective:
     """Return the mean of a Gaussian process trained on comparisons only."""
     # One comparison for each sample cannot contradict the others, further ones can.
-    trusted = ALMOST_SURE if fit.data.history.further else 0.0
+    trusted = ALMOST_SURE if fit.data.history.follow_ups else 0.0
     error_rate = setup.settings.error_rate if fit.selection.is_noisy else trusted
     return Acquisition.of(PreferenceGP.of(fit.data.preferences, error_rate), 0.0)
 
@@ -91,7 +92,7 @@ def _otherwise(setup: Setup, fit: Fit) -> bool:
 
 def _acquisition(setup: Setup, fit: Fit) -> Objective:
     """Return eq. acquisition on Ĵ."""
-    return Acquisition.of(fit.surrogate, setup.settings.delta, fit.data.history.cube())
+    return Acquisition.of(fit.surrogate, setup.settings.delta, cube_of(fit.data.history))
 
 
 STRATEGY = (
@@ -133,6 +134,6 @@ def propose_start(setup: Setup, history: History) -> Float[np.ndarray, " n"]:
     plan = latin_hypercube(setup.space, setup.n_init, setup.seed)
     z, penalty = np.asarray(plan[index]), unsafe_penalty(history, setup.settings)
     if penalty is not None:
-        others = np.vstack([history.cube(), plan[index + 1 :]])
+        others = np.vstack([cube_of(history), plan[index + 1 :]])
         z = replaced(z, others, random_points(setup.space, POOL, rng), penalty)
     return Tried(setup.space, history).fresh(z, rng)

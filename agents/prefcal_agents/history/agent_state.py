@@ -1,4 +1,4 @@
-"""The whole state of an agent, frozen, as plain data that goes through JSON unchanged."""
+"""Save the whole state of an agent as plain data that JSON keeps exactly."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -6,8 +6,9 @@ from typing import Any
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.history import Comparison, History, Sample
 
-from .history import Comparison, History
+_UNREADABLE = (KeyError, TypeError, AttributeError, ValueError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,13 +17,13 @@ class AgentState:
 
     Args:
         agent: Name of its class.
-        version: Version of its algorithm. A newer one keeps the samples and carries on.
-        n_init: Samples of the space-filling start.
-        n_max: Experiments after which it is done.
-        seed: Of all its randomness.
-        history: Stored samples, the one of the open query among them, and answers.
+        version: Version of its algorithm. A newer version keeps the samples and goes on.
+        n_init: Number of samples of the space-filling start.
+        n_max: Number of experiments after which the agent is done.
+        seed: Seed of all its randomness.
+        history: Answers and stored samples, including the sample of the open query.
         settings: Name and value of each further setting.
-        start: Points of the cube of the θ that were given as the first samples.
+        start: Points of the cube, for θ that were given as the first samples.
     """
 
     agent: str
@@ -40,11 +41,20 @@ class AgentState:
             raise SettingsError(f"expected the state of {agent}, got that of {self.agent!r}")
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON; floats survive their repr exactly."""
-        further = [
+        """Return plain data for JSON, which restores every float exactly."""
+        follow_ups = [
             {"challenger": c.challenger, "after": c.after, **_comparison_to_dict(c)}
-            for c in self.history.further
+            for c in self.history.follow_ups
         ]
+        return {
+            **self.configuration(),
+            "samples": [{"z": list(s.z), "theta": list(s.theta)} for s in self.history.samples],
+            "answers": [_comparison_to_dict(c) for c in self.history.comparisons],
+            **({"follow_ups": follow_ups} if follow_ups else {}),
+        }
+
+    def configuration(self) -> dict[str, Any]:
+        """Return what does not change with samples and answers, as plain data for JSON."""
         return {
             "agent": self.agent,
             "version": self.version,
@@ -52,42 +62,49 @@ class AgentState:
             "n_max": self.n_max,
             "seed": self.seed,
             "settings": {name: _plain(value) for name, value in self.settings},
-            "samples": [list(z) for z in self.history.samples],
-            "answers": [_comparison_to_dict(c) for c in self.history.comparisons],
-            **({"further": further} if further else {}),
             **({"start": [list(z) for z in self.start]} if self.start else {}),
         }
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "AgentState":
-        """Read what `to_dict` gave.
+        """Read what `to_dict` returned.
 
         Raises:
             SettingsError: something is missing or malformed.
         """
         try:
             history = History(
-                tuple(tuple(map(float, z)) for z in data["samples"]),
+                tuple(_sample_from_dict(s) for s in data["samples"]),
                 tuple(_comparison_from_dict(h, c) for h, c in enumerate(data["answers"])),
                 tuple(
                     replace(_comparison_from_dict(c["challenger"], c), after=c["after"])
-                    for c in data.get("further", ())
+                    for c in data.get("follow_ups", ())
                 ),
             )
+        except _UNREADABLE as error:
+            raise _unreadable(error) from error
+        return cls.of(data, history)
+
+    @classmethod
+    def of(cls, configuration: Mapping[str, Any], history: History) -> "AgentState":
+        """Return the state of an agent from what `configuration` returned, after `history`.
+
+        Raises:
+            SettingsError: something is missing or malformed.
+        """
+        try:
             return cls(
-                agent=data["agent"],
-                version=data["version"],
-                n_init=data["n_init"],
-                n_max=data["n_max"],
-                seed=data["seed"],
+                agent=configuration["agent"],
+                version=configuration["version"],
+                n_init=configuration["n_init"],
+                n_max=configuration["n_max"],
+                seed=configuration["seed"],
                 history=history,
-                settings=tuple((k, _frozen(v)) for k, v in data["settings"].items()),
-                start=tuple(tuple(map(float, z)) for z in data.get("start", ())),
+                settings=tuple((k, _frozen(v)) for k, v in configuration["settings"].items()),
+                start=tuple(tuple(map(float, z)) for z in configuration.get("start", ())),
             )
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
-            raise SettingsError(
-                f"the state of an agent cannot be read: {type(error).__name__} {error}"
-            ) from error
+        except _UNREADABLE as error:
+            raise _unreadable(error) from error
 
 
 def _plain(value: Any) -> Any:
@@ -96,6 +113,14 @@ def _plain(value: Any) -> Any:
 
 def _frozen(value: Any) -> Any:
     return tuple(_frozen(v) for v in value) if isinstance(value, list) else value
+
+
+def _unreadable(error: Exception) -> SettingsError:
+    return SettingsError(f"the state of an agent cannot be read: {type(error).__name__} {error}")
+
+
+def _sample_from_dict(data: Mapping[str, Any]) -> Sample:
+    return Sample(tuple(map(float, data["z"])), tuple(map(float, data["theta"])))
 
 
 def _comparison_to_dict(comparison: Comparison) -> dict[str, Any]:

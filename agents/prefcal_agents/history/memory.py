@@ -1,4 +1,4 @@
-"""What a long study is learned from: some of its answers, and the samples that they compare."""
+"""Choose the part of a long study to learn from: some answers, and the samples they compare."""
 
 from dataclasses import dataclass, replace
 
@@ -6,31 +6,32 @@ import numpy as np
 from jaxtyping import Int
 
 from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.history import Comparison, History
 
-from .history import Comparison, History
+from .lessons import kpis_of
 
 MOST = 250
-"""Answers, at most, that are learned from; that keeps a proposal within a second."""
-_OLDEST = 0.25  # share of them that is the oldest: they are spread over the whole space
-_SAMPLES = 4 / 3  # samples that these compare, at most, in units of `MOST`
+"""Maximum number of answers to learn from, so that a proposal takes less than a second."""
+_OLDEST = 0.25  # share of the oldest answers: their samples are spread over the whole space
+_SAMPLES = 4 / 3  # maximum number of samples that these compare, in units of `MOST`
 
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """The part of a history that is learned from, as a history of its own.
+    """The part of a history to learn from, as a history of its own.
 
-    Of a study with more than `MOST` answers or samples it holds `MOST` answers, the oldest and the
-    latest, each sample's last one before its earlier ones. With them come the samples that they
-    compare, the best one, and the latest others until there are `MOST` samples. A shorter study
-    is remembered as it is.
+    If a study has more than `MOST` answers or samples, this part holds `MOST` answers: the oldest
+    and the latest, and the last answer about a sample before its earlier ones. It also holds the
+    samples that they compare, the best one, and the latest others until there are `MOST` samples.
+    A shorter study is kept as it is.
 
     Source: none.
-    Deviation: the paper learns from all answers, in at most 50 experiments; the time that takes
-    grows with the cube of their number. What forgetting costs: docs/research/better-glisp.md.
+    Deviation: the paper learns from all answers, in at most 50 experiments; the time this takes
+    grows with the cube of their number. What the limit costs: docs/research/better-glisp.md.
 
     Args:
-        history: Samples and answers, numbered anew.
-        kept: Their numbers in the whole history, increasing, shape (K,).
+        history: Samples and answers, renumbered.
+        kept: Indices of the samples in the whole history, increasing, shape (K,).
     """
 
     history: History
@@ -38,7 +39,7 @@ class Memory:
 
     @classmethod
     def of(cls, history: History, most: int = MOST) -> "Memory":
-        """What is remembered of `history`: at most `most` answers."""
+        """Return the part of `history` to learn from: at most `most` answers."""
         count = history.answered
         lessons = [c for c in history.in_order() if c.teaches]
         if max(count, len(lessons)) <= most:
@@ -57,7 +58,7 @@ class Memory:
 
 
 def _by_weight(lessons: list[Comparison], most: int) -> list[int]:
-    """Numbers of the comparisons, those that count most first."""
+    """Return the numbers of the comparisons, the most important ones first."""
     later = [0] * len(lessons)  # comparisons of the same challenger that followed
     seen: dict[int, int] = {}
     for h in reversed(range(len(lessons))):
@@ -69,22 +70,22 @@ def _by_weight(lessons: list[Comparison], most: int) -> list[int]:
 
 
 def _part(history: History, lessons: list[Comparison], kept: Int[np.ndarray, " K"]) -> History:
-    """A history of the samples `kept` and of `lessons`; other samples teach their KPIs only."""
+    """Return a history of the samples `kept` and of `lessons`; other samples only teach KPIs."""
     number = {int(index): k for k, index in enumerate(kept)}
     own = {c.challenger: c for c in lessons if c.after is None}
-    outcomes, comparisons, further = history.outcomes(), [], []
+    kpis, comparisons, follow_ups = kpis_of(history), [], []
     for index, k in number.items():
         if index in own:
             comparisons.append(_renumbered(own[index], number))
         else:
-            known = (outcomes[index], None) if outcomes[index] else None
+            known = (kpis[index], None) if kpis[index] else None
             comparisons.append(Comparison(k, None, Answer(None, outcomes=known)))
     for c in lessons:
         if c.after is not None:
             after = int(np.searchsorted(kept, c.after))
-            further.append(replace(_renumbered(c, number), after=after))
+            follow_ups.append(replace(_renumbered(c, number), after=after))
     return History(
-        tuple(history.samples[index] for index in number), tuple(comparisons), tuple(further)
+        tuple(history.samples[index] for index in number), tuple(comparisons), tuple(follow_ups)
     )
 
 

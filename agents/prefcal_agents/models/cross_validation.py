@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from prefcal_agents.history.history import Preferences
+from prefcal_agents.history.lessons import Preferences
 from prefcal_env.qp import Backend
 
 from .preference_qp import Constraints, Learning, fit, margins

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import betainc, betaln
 
-from prefcal_agents.history.history import History, Preferences
+from prefcal_agents.history.lessons import Preferences, kpis_of
+from prefcal_env.preferences.history import History
 
 from .interpolant import normalised
 from .kpi_model import CEILING
@@ -61,9 +62,9 @@ class Importance:
         Returns:
             The importance; None without KPIs or strict answers.
         """
-        preferences = history.preferences()
+        preferences = Preferences.of(history)
         strict = preferences.subset(np.flatnonzero(preferences.b))
-        names, values = _known(history.outcomes(), known)
+        names, values = _known(kpis_of(history), known)
         if not names or not len(strict):
             return None
         share = np.mean((_signs(strict, values) + 1) / 2, axis=0)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import cube_of, kpis_of
+from prefcal_env.preferences.history import History
 
 from .interpolant import Interpolant, best_interpolants, normalised
 
@@ -48,8 +49,8 @@ class Outcomes:
         the worst. A KPI with fewer than three values, or with one value only, is left out because
         nothing can be learned from it.
         """
-        known = history.outcomes()
-        x = 2 * history.cube() - 1
+        known = kpis_of(history)
+        x = 2 * cube_of(history) - 1
         # KPIs that are known for the same samples share the expensive part.
         alike: dict[tuple[int, ...], list[_KPI]] = {}
         for name in sorted({name for outcome in known for name in outcome}):

@@ -7,7 +7,8 @@ from math import fsum
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.history import History, Preferences
+from prefcal_agents.history.lessons import Preferences
+from prefcal_env.preferences.history import History
 from prefcal_env.qp import Backend
 
 from .kpi_model import Outcomes
@@ -74,7 +75,7 @@ class LearnedCost:
         Source: none; eq. QP-pref with KPIs instead of φ, weights 0 or more, and soft margins,
         explained in `_weights`.
         """
-        outcomes, preferences = Outcomes.of(history), history.preferences()
+        outcomes, preferences = Outcomes.of(history), Preferences.of(history)
         if not len(outcomes) or not preferences.b.any():
             return None
         weights = _weights(preferences, outcomes.columns, backend)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.history import Preferences
+from prefcal_agents.history.lessons import Preferences
 
 from .expectation_propagation import ExpectationPropagation, Sites, unit_rows
 from .matern import LONGEST, SHORTEST, matern, squares

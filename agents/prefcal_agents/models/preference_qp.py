@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from prefcal_agents.history.history import Preferences
+from prefcal_agents.history.lessons import Preferences
 from prefcal_env.qp import QP, Backend
 
 _SHORTEST = 1e-12  # a shorter row (two samples that φ cannot tell apart) counts as this long

@@ -5,7 +5,6 @@ from typing import ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.history import History
 from prefcal_agents.protocol.agent import PreferenceBased
 from prefcal_agents.protocol.replay import Replay
 from prefcal_agents.protocol.session import Session
@@ -15,6 +14,7 @@ from prefcal_agents.support.checks import integer
 from prefcal_agents.support.global_random import seeded
 from prefcal_env.knobs.knob import KnobSpace
 from prefcal_env.preferences.answer import Preference
+from prefcal_env.preferences.history import History
 
 from .optuna_session import OptunaSession
 
@@ -70,7 +70,7 @@ class OptunaPreferential(Stored, PreferenceBased):
 
     def _feed(self, session: OptunaSession, history: History) -> None:
         with seeded(self._seed, history.answered) as seed:
-            session.run(np.array(history.samples[history.answered - 1]))
+            session.run(np.array(history.samples[history.answered - 1].z))
             last = history.comparisons[-1]
             if last.teaches and last.answer.preference is not Preference.TIE:
                 pair = (last.challenger, last.incumbent)

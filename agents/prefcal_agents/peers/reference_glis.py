@@ -5,7 +5,7 @@ from typing import ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import cube_of, scores_of
 from prefcal_agents.protocol.agent import ValueBased
 from prefcal_agents.protocol.session import Session
 from prefcal_agents.protocol.stored import Stored
@@ -14,6 +14,7 @@ from prefcal_agents.support.checks import integer
 from prefcal_agents.support.extras import load
 from prefcal_agents.support.global_random import seeded
 from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.history import History
 
 from .solvers import cube_solver, design
 
@@ -54,14 +55,14 @@ class ReferenceGLIS(Stored, ValueBased):
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         index, n = history.answered, len(self.space)
         rng = np.random.default_rng([self._seed, index])
-        scored, values = history.scores()
+        scored, values = scores_of(history)
         if index < self.n_init:
             with seeded(self._seed, 0):
                 z = design(self._package.GLIS, n, self.n_init)[index]
         elif not len(scored):
             z = rng.random(n)
         else:
-            solver = cube_solver(self._package.GLIS, history.cube()[scored])
+            solver = cube_solver(self._package.GLIS, cube_of(history)[scored])
             solver.initialize()
             _, exponent = np.frexp(np.abs(values).max())
             with seeded(self._seed, index):

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import Preferences, cube_of
 from prefcal_agents.protocol.agent import PreferenceBased
 from prefcal_agents.protocol.session import Session
 from prefcal_agents.protocol.stored import Stored
@@ -14,6 +14,7 @@ from prefcal_agents.support.checks import integer
 from prefcal_agents.support.extras import load
 from prefcal_agents.support.global_random import seeded
 from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.history import History
 
 from .solvers import cube_solver, design
 
@@ -68,10 +69,10 @@ class ReferenceGLISp(Stored, PreferenceBased):
 
     def _solver(self, history: History, **options: Any) -> Any:
         """Return the package's solver in its state after running the last sample of `history`."""
-        z = history.cube()
+        z = cube_of(history)
         solver = cube_solver(self._package.GLISp, z, expected_max_evals=self.n_max, **options)
         solver.initialize()
-        lessons = history.preferences()
+        lessons = Preferences.of(history)
         pairs = zip(lessons.b, lessons.first, lessons.second, strict=True)
         told = [(int(b), int(first), int(second)) for b, first, second in pairs]
         solver.I = _Full([a, b] if won < 0 else [b, a] for won, a, b in told if won)
@@ -86,8 +87,8 @@ class ReferenceGLISp(Stored, PreferenceBased):
         past = history.until(max(start + q for q in quarters if start + q <= history.answered))
         if past not in self._thetas:
             solver = self._solver(past)
-            if len(past.preferences()):
-                solver.rbf_calibrate(2 * past.cube() - 1)
+            if len(Preferences.of(past)):
+                solver.rbf_calibrate(2 * cube_of(past) - 1)
             self._thetas[past] = float(solver.theta)
         return self._thetas[past]
 

@@ -1,4 +1,4 @@
-"""The public face of an agent that takes turns: `Agent` of prefcal_env, told to its `Session`."""
+"""Offer the public methods of an agent, each passed on to its `Session`."""
 
 from typing import Any, Protocol
 
@@ -14,57 +14,57 @@ from .stored import Stored
 
 
 class AgentBase(Protocol):
-    """What every agent here offers beside `tell`; it brings a `Session`, and overrides nothing."""
+    """Give an agent with `_session` everything of the protocol except `tell`."""
 
     _session: Session
 
     @property
     def space(self) -> KnobSpace:
-        """The knobs that θ is made of."""
+        """Return the knobs that θ consists of."""
         return self._session.space
 
     @property
     def n_init(self) -> int:
-        """Samples of the space-filling start."""
+        """Return the number of samples of the space-filling start."""
         return self._session.n_init
 
     @property
     def n_max(self) -> int:
-        """Experiments until the end; fewer than asked for if the space holds fewer θ."""
+        """Return the number of experiments; fewer than asked for if the space holds fewer θ."""
         return self._session.n_max
 
     @property
     def by_value(self) -> bool:
-        """Whether it is told scores; else preferences."""
+        """Return whether the agent is told scores, not preferences."""
         return self._session.by_value
 
     @property
     def done(self) -> bool:
-        """Whether all experiments are answered."""
+        """Return whether all experiments are answered."""
         return self._session.done
 
     @property
     def best(self) -> Float[np.ndarray, " n"]:
-        """θ of the incumbent, physical, shape (n,). Raises ProtocolError before any answer."""
+        """Return θ of the best sample, shape (n,). Raises ProtocolError before any answer."""
         return self._session.best
 
     @property
     def best_index(self) -> int | None:
-        """Number of the best sample, the incumbent of the next query; None before any answer."""
+        """Return the index of the best sample; None before any answer."""
         return self._session.best_index
 
     @property
     def samples(self) -> Float[np.ndarray, "N n"]:
-        """θ of all answered queries, physical, in the order tried, shape (N, n)."""
+        """Return θ of all answered queries, physical, in the order tried, shape (N, n)."""
         return self._session.samples()
 
     @property
     def advice(self) -> Advice | None:
-        """What another ten experiments would be expected to gain; None while that is not known."""
+        """Return the expected gain of ten more experiments; None while it is unknown."""
         return advise(self._session.history)
 
     def ask(self) -> Query:
-        """Return the open query, the same until told. Raises ProtocolError when done."""
+        """Return the open query, the same until it is told. Raises ProtocolError when done."""
         return self._session.ask()
 
     def undo(self) -> None:
@@ -72,9 +72,9 @@ class AgentBase(Protocol):
         self._session.undo()
 
     def retract(self, index: int, *, further: bool = False) -> None:
-        """Forget what answer `index` (from 0) taught; all samples stay, the open one too.
+        """Forget what answer `index` (from 0) taught; all samples stay, including the open one.
 
-        `further` answers, about two samples that had run, are numbered on their own.
+        Answers to follow-up questions (`further`) are numbered separately.
 
         Raises:
             ProtocolError: there is no such answer, or it is retracted already.
@@ -99,7 +99,7 @@ class ValueBased(AgentBase, Protocol):
     """An agent that sees the score of every experiment: its queries have no incumbent."""
 
     def tell(self, query: Query, value: Answer | float | None) -> None:
-        """Close `query` by the score of its experiment, lower is better; None if it has none.
+        """Close `query` with the score of its experiment, lower is better; None if it has none.
 
         Raises:
             ProtocolError: it is not the open one.

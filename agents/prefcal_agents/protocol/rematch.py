@@ -1,8 +1,8 @@
 """Choose which two samples to compare when the answers leave open which one is best."""
 
-from prefcal_agents.history.history import History
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.best import contradictory, reigns, representative, undominated
+from prefcal_env.preferences.history import History
 
 FINALS = 3
 """Maximum number of questions after the last experiment."""
@@ -43,7 +43,7 @@ def final(history: History) -> tuple[int, int] | None:
         The later and the earlier sample of the pair.
     """
     verdicts, best = history.verdicts(), history.incumbent
-    asked = sum(c.after == history.answered for c in history.further)
+    asked = sum(c.after == history.answered for c in history.follow_ups)
     ties = any(v.preference is Preference.TIE for v in verdicts)
     if best is None or asked >= FINALS or not (ties or contradictory(verdicts)):
         return None

@@ -7,7 +7,7 @@ the history one answer at a time, and is kept as long as the history only grows.
 from collections.abc import Callable
 from typing import Generic, TypeVar, final
 
-from prefcal_agents.history.history import History
+from prefcal_env.preferences.history import History
 
 Session = TypeVar("Session")
 

@@ -38,6 +38,13 @@ class Stored(Protocol):
             SettingsError: it is the state of another agent, does not fit the space, or holds
                 settings that the agent does not have.
         """
+        agent = cls._made(space, state)
+        agent._session.load(state.history, state.start)
+        return agent
+
+    @classmethod
+    def _made(cls, space: KnobSpace, state: AgentState) -> Self:
+        """Return an agent with the settings of `state`, without its samples and answers."""
         state.check(cls.__name__)
         make: Any = cls
         counts = {"n_init": state.n_init, "n_max": state.n_max, "seed": state.seed}
@@ -46,12 +53,11 @@ class Stored(Protocol):
             agent: Self = make(space, **counts, **settings)
         except TypeError as error:  # an argument that the agent does not have
             raise SettingsError(f"a state does not fit {cls.__name__}: {error}") from error
-        agent._session.load(state.history, state.start)
         return agent
 
     @property
     def state(self) -> AgentState:
-        """Everything that has to be saved; the sample of the open query is among it."""
+        """Return everything that has to be saved, including the sample of the open query."""
         self._session.settle()
         return self._snapshot()
 
@@ -60,5 +66,12 @@ class Stored(Protocol):
         return self._session.state(type(self).__name__, self.version, self._seed, pairs)
 
     def copy(self) -> Self:
-        """Return an independent twin, for running ahead on each likely answer."""
-        return self.restore(self._session.space, self._snapshot())
+        """Return an independent copy, for computing ahead on each likely answer."""
+        return self._twin(self._snapshot())
+
+    def _twin(self, state: AgentState) -> Self:
+        """Return an agent with the settings of `state` and the samples and answers of this one."""
+        # These samples were checked before; checking them again would take most of the time.
+        twin = self._made(self._session.space, state)
+        twin._session.follow(self._session)
+        return twin

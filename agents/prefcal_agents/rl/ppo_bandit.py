@@ -5,7 +5,7 @@ from typing import Any, ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import cube_of, scores_of
 from prefcal_agents.protocol.agent import ValueBased
 from prefcal_agents.protocol.replay import Replay
 from prefcal_agents.protocol.session import Session
@@ -13,6 +13,7 @@ from prefcal_agents.protocol.stored import Stored
 from prefcal_agents.space.design import Tried
 from prefcal_agents.support.checks import integer, number
 from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.history import History
 
 from .bandit import OBSERVATION, Bandit, actions, rewards, sample
 from .library import silent, stable_baselines, torch_seeded
@@ -96,12 +97,12 @@ class PPOBandit(Stored, ValueBased):
         return silent(model)
 
     def _feed(self, model: Any, history: History) -> None:
-        scored, values = history.scores()
+        scored, values = scores_of(history)
         if history.comparisons[-1].value is None or len(scored) % self._n_steps:
             return
         batch = slice(-self._n_steps, None)
         with torch_seeded(self._seed, history.answered, 2):
-            _fill(model, actions(history.cube()[scored][batch]), rewards(values)[batch])
+            _fill(model, actions(cube_of(history)[scored][batch]), rewards(values)[batch])
             model.train()
 
 

@@ -5,10 +5,10 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.history.history import History
 from prefcal_agents.models.rbf import squared_distances
 from prefcal_env.errors import KnobError, ProtocolError
 from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.history import History
 
 from .capacity import capacity, choices
 from .feasible import Region, random_points
@@ -85,22 +85,12 @@ class Tried:
     Args:
         space: The knobs.
         history: Samples and answers.
-        decoded: Cube points to their θ; a cache, which is added to and changes no result.
     """
 
-    def __init__(
-        self,
-        space: KnobSpace,
-        history: History,
-        decoded: dict[tuple[float, ...], Float[np.ndarray, " n"]] | None = None,
-    ) -> None:
+    def __init__(self, space: KnobSpace, history: History) -> None:
         self._space = space
-        decoded = {} if decoded is None else decoded
-        tried = history.samples[: history.answered]
-        for z in tried:
-            if z not in decoded:
-                decoded[z] = space.decode(np.array(z))
-        self._thetas = np.array([decoded[z] for z in tried]).reshape(-1, len(space))
+        tried = [sample.theta for sample in history.samples[: history.answered]]
+        self._thetas = np.array(tried, dtype=float).reshape(-1, len(space))
 
     def __contains__(self, z: Float[np.ndarray, " n"]) -> bool:
         theta = self._space.decode(self._space.snap(z))

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.rbf import squared_distances
 from prefcal_agents.optimize.search import Domain
 from prefcal_env.errors import KnobError
 from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.preferences.history import History
 
 from .snapping import decode_all, integer_mask, scaled, snap_all
 
@@ -152,7 +153,7 @@ def search_domain(space: KnobSpace, history: History, *, best: int | None = None
     """
     lower, upper = space.corners
     best = (history.incumbent or 0) if best is None else best
-    start = np.clip(np.array(history.samples[best]), lower, upper)
+    start = np.clip(np.array(history.samples[best].z), lower, upper)
     fixed = integer_mask(space) | (lower == upper)
     if not space.constraints:
         return Domain(fixed, lambda z: snap_all(space, z), start, (lower, upper))
@@ -162,7 +163,7 @@ def search_domain(space: KnobSpace, history: History, *, best: int | None = None
 
 def _anchors(space: KnobSpace, history: History) -> Float[np.ndarray, "a n"]:
     """Return allowed points to search from: the samples there, or random points without any."""
-    tried = history.cube()
+    tried = cube_of(history)
     lower, upper = space.corners
     inside = tried[np.all((tried >= lower) & (tried <= upper), axis=1)]
     if len(inside):

@@ -11,10 +11,12 @@ from prefcal_agents.acquisition.penalty import (
     penalized,
     unsafe_penalty,
 )
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import Marks
 from prefcal_env.knobs.knob import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
+from prefcal_env.preferences.history import History
 from prefcal_scenarios.cases.functions import FUNCTIONS
+from support.histories import in_cube
 from support.studies import drive
 
 NEW, OLD = Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE
@@ -29,13 +31,15 @@ points = st.tuples(*[st.floats(0, 1)] * 3).map(np.array)
 def history(*answers):
     book = History()
     for h, answer in enumerate(answers):
-        book = book.with_pending(np.array([0.1 * h, 0.5])).told(Answer.of(answer), book.incumbent)
+        book = book.with_pending(in_cube(np.array([0.1 * h, 0.5]))).told(
+            Answer.of(answer), book.incumbent
+        )
     return book
 
 
 def marked(book):
     """Numbers of the samples looked at, of the unsafe and of the good enough ones."""
-    marks = book.marks()
+    marks = Marks.of(book)
     numbers = np.round(10 * marks.samples[:, 0]).astype(int)
     return [numbers[which].tolist() for which in (numbers >= 0, marks.unsafe, marks.good)]
 
@@ -65,9 +69,9 @@ def test_one_answer_that_says_unsafe_is_enough_and_outdoes_good_enough():
 
 
 def test_marks_of_a_further_comparison_count_too():
-    book = history(None, 1, 1).told_further(Answer(1, marks=(NEW, OLD_GOOD)), 2, 1)
+    book = history(None, 1, 1).told_follow_up(Answer(1, marks=(NEW, OLD_GOOD)), 2, 1)
     assert marked(book) == [[0, 1, 2], [2], [1]]
-    assert marked(book.retracted(0, further=True)) == [[0, 1, 2], [], []]
+    assert marked(book.retracted(0, follow_up=True)) == [[0, 1, 2], [], []]
 
 
 def differences(f, z, step=1e-6):

@@ -7,15 +7,16 @@ from hypothesis import strategies as st
 from contracts.agents import MIXED, judge, run
 from prefcal_agents import GLIS, Advice, GLISp, RandomSearch
 from prefcal_agents.advice.stopping import advise
-from prefcal_agents.history.history import History
 from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.history import History
+from support.histories import in_cube
 
 
 def told(*preferences):
     """A history in which these were answered, after the first experiment's None."""
     history = History()
     for preference in (None, *preferences):
-        history = history.with_pending([0.5]).told(Answer(preference), history.incumbent)
+        history = history.with_pending(in_cube([0.5])).told(Answer(preference), history.incumbent)
     return history
 
 

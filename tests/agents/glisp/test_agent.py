@@ -209,9 +209,9 @@ def test_an_answer_to_a_further_query_stays_when_the_number_is_lowered():
     run(agent, 1)
     before = agent.state.history
     fewer = agent.with_questions(1)
-    assert fewer.state.history.further == before.further != ()
+    assert fewer.state.history.follow_ups == before.follow_ups != ()
     fewer.undo()
-    assert fewer.state.history.further == before.further[:-1]
+    assert fewer.state.history.follow_ups == before.follow_ups[:-1]
     assert not fewer.ask().further
 
 
@@ -223,7 +223,7 @@ def test_a_changed_agent_is_restored_with_the_identical_query():
         twin = GLISp.restore(ANY, AgentState.from_dict(agent.state.to_dict()))
         assert twin.ask() == agent.ask()
         run(agent, 1)
-    assert agent.state.history.further
+    assert agent.state.history.follow_ups
 
 
 @pytest.mark.parametrize("most", [0, -1, 1.5, True, None])

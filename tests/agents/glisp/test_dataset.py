@@ -3,9 +3,11 @@
 import numpy as np
 
 from prefcal_agents.glisp.dataset import Dataset
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.history.memory import MOST
 from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.history import History
+from support.histories import in_cube
 
 
 def history_of(answers, kpis=None):
@@ -14,7 +16,7 @@ def history_of(answers, kpis=None):
     for k, answer in enumerate(answers):
         z = np.array([k / len(answers), 0.5])
         pair = (kpis(z), None) if kpis else None
-        history = history.with_pending(z)
+        history = history.with_pending(in_cube(z))
         history = history.told(Answer(answer, outcomes=pair), 0 if k else None)
     return history
 
@@ -22,9 +24,9 @@ def history_of(answers, kpis=None):
 def test_a_data_set_is_strict_once_an_answer_says_which_is_better():
     vague = history_of([None, 0, None, 0])
     assert not Dataset.of(vague, with_kpis=False).is_strict
-    clear = vague.told_further(Answer(1), 3, 0)
+    clear = vague.told_follow_up(Answer(1), 3, 0)
     assert Dataset.of(clear, with_kpis=False).is_strict
-    assert not Dataset.of(clear.retracted(0, further=True), with_kpis=False).is_strict
+    assert not Dataset.of(clear.retracted(0, follow_up=True), with_kpis=False).is_strict
 
 
 def test_kpis_are_left_out_unless_wanted_and_if_theta_does_not_predict_them():
@@ -39,4 +41,4 @@ def test_of_a_long_history_a_part_is_kept_and_numbered_anew():
     assert data.history is history
     assert len(data.preferences) == MOST
     assert len(data.kept) == len(data.preferences.samples) == len(data.kpis.columns) < MOST + 101
-    assert np.array_equal(data.preferences.samples, history.cube()[data.kept])
+    assert np.array_equal(data.preferences.samples, cube_of(history)[data.kept])

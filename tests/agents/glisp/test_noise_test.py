@@ -5,7 +5,7 @@ import pytest
 
 from prefcal_agents.glisp.noise_test import NoiseTest, evidence_of_mistakes, rows_of, suited_shape
 from prefcal_agents.glisp.schedule import MANY
-from prefcal_agents.history.history import Preferences
+from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.surrogate import Shape
 
 ROUND = Shape(1.0, (1.0, 1.0))

@@ -10,13 +10,15 @@ from prefcal_agents.glisp.noise_test import NoiseTest, rows_of
 from prefcal_agents.glisp.questions import confirm_best, contenders, follow_up, insertion_question
 from prefcal_agents.glisp.selection import ModelSelection, Selection
 from prefcal_agents.history.agent_state import AgentState
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import Preferences, cube_of
 from prefcal_agents.models.expectation_propagation import ExpectationPropagation
 from prefcal_agents.models.surrogate import Shape
 from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.knobs.knob import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark, Preference
+from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend
+from support.histories import in_cube
 from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("x", -1.0, 1.0, step=0), Knob("y", -1.0, 1.0, step=0)])
@@ -37,7 +39,7 @@ def line(answers, marks=()):
     history = History()
     for k, (rival, answer) in enumerate([(None, None), *answers]):
         given = Answer(answer, marks=marks if k == len(answers) else ())
-        history = history.with_pending(np.array([k / 10])).told(given, rival)
+        history = history.with_pending(in_cube([k / 10])).told(given, rival)
     return history
 
 
@@ -50,15 +52,15 @@ def confirmed(history, sure=2.0):
 
 def posterior_of(history):
     """Return what 1 wrong answer of 10 leaves to know: the posterior, and Ĵ of all samples."""
-    z = history.cube()
-    posterior = ExpectationPropagation.of(rows_of(history.preferences(), SHAPE), RATE)
+    z = cube_of(history)
+    posterior = ExpectationPropagation.of(rows_of(Preferences.of(history), SHAPE), RATE)
     return posterior, SHAPE.basis(z, z) @ posterior.mean
 
 
 def test_the_best_is_compared_with_the_rival_that_is_least_surely_worse():
     history = line([(0, -1), (0, 1), (0, -1), (0, -1), (2, -1), (5, 1)])
     posterior, _ = posterior_of(history)
-    features = SHAPE.basis(history.cube(), history.cube())
+    features = SHAPE.basis(cube_of(history), cube_of(history))
     best = history.incumbent
     rest = [k for k in range(7) if k != best and not history.asked(best, k)]
     covariance = np.linalg.inv(posterior.root @ posterior.root.T)
@@ -74,7 +76,7 @@ def test_the_best_is_compared_with_the_rival_that_is_least_surely_worse():
 def test_a_sample_that_is_probably_better_than_the_best_is_asked_about_first():
     """Nine answers say that it gets better to the right, one that 9 lost against 0."""
     history = line([(k - 1, -1) for k in range(1, 9)] + [(8, -1)])
-    history = history.told_further(Answer(-1), 0, 9)
+    history = history.told_follow_up(Answer(-1), 0, 9)
     pair = confirmed(history)
     assert history.incumbent == 0
     assert confirmed(history, sure=0.0) == pair
@@ -86,15 +88,15 @@ def test_a_sample_that_is_probably_better_than_the_best_is_asked_about_first():
 def test_a_sample_that_met_the_best_is_not_asked_about_again():
     history = line([(0, 1), (0, 1), (1, -1)])
     assert confirmed(history) == (3, 0)
-    assert confirmed(history.told_further(Answer(1), 3, 0)) is None
+    assert confirmed(history.told_follow_up(Answer(1), 3, 0)) is None
 
 
 @pytest.mark.parametrize("answer", [None, 0])
 def test_a_question_without_a_clear_answer_is_not_asked_again(answer):
     history = line([(0, 1), (0, 1), (1, -1), (1, -1)])
     first = confirmed(history)
-    assert confirmed(history.told_further(Answer(answer), *first)) not in (first, None)
-    retracted = history.told_further(Answer(1), *first).retracted(0, further=True)
+    assert confirmed(history.told_follow_up(Answer(answer), *first)) not in (first, None)
+    retracted = history.told_follow_up(Answer(1), *first).retracted(0, follow_up=True)
     assert confirmed(retracted) not in (first, None)
 
 
@@ -110,8 +112,8 @@ def test_a_sample_that_is_surely_worse_is_not_asked_about():
     """Five answers each say that 1 is better than 0, and 2 better than 1."""
     history = line([(0, -1), (1, -1)])
     for _ in range(5):
-        history = history.told_further(Answer(-1), 1, 0)
-        history = history.told_further(Answer(-1), 2, 1)
+        history = history.told_follow_up(Answer(-1), 1, 0)
+        history = history.told_follow_up(Answer(-1), 2, 1)
     assert history.incumbent == 2
     assert confirmed(history) is None
     assert confirmed(history, sure=np.inf) == (2, 0)
@@ -122,14 +124,14 @@ def test_an_unsafe_sample_is_neither_the_best_nor_its_rival():
     assert confirmed(line(answers)) == (3, 2)
     assert confirmed(line(answers, marks=(Mark.CHALLENGER_UNSAFE,))) == (2, 0)
     again = Answer(-1, marks=(Mark.CHALLENGER_UNSAFE,))  # 2 is better than 1, and unsafe
-    assert confirmed(line(answers).told_further(again, 2, 1)) == (3, 0)
+    assert confirmed(line(answers).told_follow_up(again, 2, 1)) == (3, 0)
 
 
 def test_a_sample_that_was_not_compared_or_is_unsafe_is_no_contender():
     history = History()
     answers = (None, -1, -1, None, Answer(1, marks=(Mark.INCUMBENT_UNSAFE,)))
     for k, answer in enumerate(answers):
-        history = history.with_pending(np.full(2, k / 5))
+        history = history.with_pending(in_cube(np.full(2, k / 5)))
         history = history.told(Answer.of(answer), None if k == 0 else min(k - 1, 2))
     assert contenders(history).tolist() == [0, 1, 4]
 
@@ -148,7 +150,7 @@ def ranked(costs):
     for cost in costs:
         rival = book.incumbent
         answer = Answer(None if rival is None else int(np.sign(cost - costs[rival])))
-        book = book.with_pending(np.array([cost])).told(answer, rival)
+        book = book.with_pending(in_cube([cost])).told(answer, rival)
     return book
 
 
@@ -160,7 +162,7 @@ def test_a_bisection_finds_the_place_of_a_loser_in_logarithmically_many_question
     while (pair := insertion_question(book, values)) is not None:
         assert pair[0] == new
         assert pair[1] != new
-        book = book.told_further(Answer(int(np.sign(costs[new] - costs[pair[1]]))), *pair)
+        book = book.told_follow_up(Answer(int(np.sign(costs[new] - costs[pair[1]]))), *pair)
         asked += 1
     assert asked <= np.ceil(np.log2(len(costs)))
     if costs[new] > min(costs[:-1]):
@@ -176,7 +178,7 @@ def test_a_bisection_finds_the_place_of_a_loser_in_logarithmically_many_question
 
 @pytest.mark.parametrize("answer", [0, None])
 def test_a_tie_and_an_abstention_need_no_further_question(answer):
-    book = ranked([1.0, 2.0, 3.0]).with_pending(np.array([2.5])).told(Answer(answer), 0)
+    book = ranked([1.0, 2.0, 3.0]).with_pending(in_cube([2.5])).told(Answer(answer), 0)
     assert insertion_question(book, np.array([1.0, 2.0, 3.0, 2.5])) is None
 
 
@@ -184,7 +186,7 @@ def test_answers_about_other_samples_do_not_change_the_bisection():
     history = line([(0, 1), (0, 1), (0, 1), (0, 1)])
     values = np.array([0.0, 1.0, 2.0, 3.0, 2.5])
     pair = insertion_question(history, values)
-    also = history.told_further(Answer(1), 3, 1)
+    also = history.told_follow_up(Answer(1), 3, 1)
     assert pair == insertion_question(also, values) == (4, 2)
 
 
@@ -200,7 +202,7 @@ def test_a_follow_up_takes_three_experiments_and_a_question_that_is_left():
     assert asked_after(history, questions_per_experiment=2)[0] == 4
     assert asked_after(history.until(2), questions_per_experiment=2) is None
     assert asked_after(history) is None
-    once = history.told_further(Answer(1), 4, 2)
+    once = history.told_follow_up(Answer(1), 4, 2)
     assert asked_after(once, questions_per_experiment=2) is None
     assert asked_after(once, questions_per_experiment=3) is not None
 
@@ -264,13 +266,13 @@ def test_undo_takes_one_answer_back_whichever_it_is():
 def test_a_further_answer_can_be_retracted_and_every_sample_stays():
     agent = asking(3)
     run(agent)
-    samples, taught = agent.samples, len(agent.state.history.preferences())
+    samples, taught = agent.samples, len(Preferences.of(agent.state.history))
     agent.retract(0, further=True)
     assert np.array_equal(agent.samples, samples)
-    assert len(agent.state.history.preferences()) == taught - 1
+    assert len(Preferences.of(agent.state.history)) == taught - 1
     with pytest.raises(ProtocolError, match="retracted already"):
         agent.retract(0, further=True)
-    with pytest.raises(ProtocolError, match="no answer 999"):
+    with pytest.raises(ProtocolError, match="no follow-up answer 999"):
         agent.retract(999, further=True)
 
 
@@ -278,17 +280,17 @@ def test_what_a_state_says_of_further_answers_is_checked():
     agent = asking(3)
     run(agent, stop=9)
     plain = agent.state.to_dict()
-    assert plain["further"]
+    assert plain["follow_ups"]
     for change in ({"after": 99}, {"challenger": 50}, {"incumbent": None}):
-        broken = {**plain, "further": [{**plain["further"][0], **change}]}
-        with pytest.raises(SettingsError, match="further answer"):
+        broken = {**plain, "follow_ups": [{**plain["follow_ups"][0], **change}]}
+        with pytest.raises(SettingsError, match="follow-up answer"):
             GLISp.restore(SQUARE, AgentState.from_dict(broken))
 
 
 def test_comparisons_come_in_the_order_answered():
     agent = asking(3)
     asked = [q for q in run(agent) if q.incumbent is not None]
-    taught = agent.state.history.preferences()
+    taught = Preferences.of(agent.state.history)
     assert taught.first.tolist() == [q.challenger.index for q in asked]
     assert taught.second.tolist() == [q.incumbent.index for q in asked]
 
@@ -387,4 +389,4 @@ def test_the_winner_stays_the_winner_along_the_first_answers():
     run(agent)
     costs = [bowl(theta) for theta in agent.samples]
     assert np.array_equal(agent.best, agent.samples[int(np.argmin(costs))])
-    assert Preference.INCUMBENT in {c.answer.preference for c in agent.state.history.further}
+    assert Preference.INCUMBENT in {c.answer.preference for c in agent.state.history.follow_ups}

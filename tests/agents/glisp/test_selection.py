@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from prefcal_agents import GLISpSettings
 from prefcal_agents.glisp.schedule import FEW, MANY
 from prefcal_agents.glisp.selection import ModelSelection, shared
-from prefcal_agents.history.history import History
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.best import contradictory
+from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend
+from support.histories import in_cube
 
 BACKEND = make_backend("piqp")
 START = 4
@@ -44,9 +45,9 @@ def history_of(count, *, kpis_from=None, wrong=(), further=(), n=2, cost=cost):
         answer = -answer if k in wrong else answer
         told = kpis_from is not None and k >= kpis_from
         pair = ({"off": costs[k]}, None) if told else None
-        history = history.with_pending(z).told(Answer(answer, outcomes=pair), best)
+        history = history.with_pending(in_cube(z)).told(Answer(answer, outcomes=pair), best)
         if history.answered in further:
-            history = history.told_further(Answer(-answer), k, best)
+            history = history.told_follow_up(Answer(-answer), k, best)
     return history
 
 
@@ -66,9 +67,9 @@ def changed(history, change, index):
     if change == "tell" and history.answered < 12:
         best = history.incumbent
         z = np.array([index / 11, 0.5])
-        return history.with_pending(z).told(Answer((-1, 0, 1)[index % 3]), best)
+        return history.with_pending(in_cube(z)).told(Answer((-1, 0, 1)[index % 3]), best)
     if change == "further" and history.answered > 1:
-        return history.told_further(Answer(1), history.answered - 1, 0)
+        return history.told_follow_up(Answer(1), history.answered - 1, 0)
     return history.until(max(1, history.answered - index % 3)) if change == "until" else history
 
 
@@ -161,7 +162,7 @@ def test_every_knob_has_its_turn_in_the_cross_validation(process, monkeypatch):
 def test_only_answers_that_contradict_each_other_are_called_noisy():
     """However little the surrogate expects them: a cost that jumps looks like mistakes, too."""
     contradicting = history_of(30, wrong=(7, 12, 16, 21, 27), further=(8, 13, 17, 22))
-    agreeing = replace(contradicting, further=())
+    agreeing = replace(contradicting, follow_ups=())
     assert contradictory(contradicting.verdicts())
     assert not contradictory(agreeing.verdicts())
     without_kpis = replace(QUICK, outcome_scales=(0.0,), validate_at=())
@@ -191,6 +192,6 @@ def test_histories_share_what_comes_before_their_first_difference():
     assert shared(HISTORY, HISTORY.until(5)) == shared(HISTORY.until(5), HISTORY) == 5
     assert shared(HISTORY, History()) == 0
     assert shared(HISTORY, HISTORY.retracted(4)) == 4
-    assert shared(HISTORY, HISTORY.retracted(0, further=True)) == 6  # given after 7
-    assert shared(HISTORY, HISTORY.with_pending(np.zeros(2))) == 11
-    assert shared(HISTORY, HISTORY.told_further(Answer(0), 3, 1)) == 10
+    assert shared(HISTORY, HISTORY.retracted(0, follow_up=True)) == 6  # given after 7
+    assert shared(HISTORY, HISTORY.with_pending(in_cube(np.zeros(2)))) == 11
+    assert shared(HISTORY, HISTORY.told_follow_up(Answer(0), 3, 1)) == 10

@@ -14,13 +14,15 @@ from prefcal_agents.glisp.schedule import FEW
 from prefcal_agents.glisp.selection import Selection
 from prefcal_agents.glisp.strategy import STRATEGY, Setup, propose, propose_start
 from prefcal_agents.glisp.training import train
-from prefcal_agents.history.history import History
+from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.preference_gp import PreferenceGP
 from prefcal_agents.models.surrogate import Composite, Shape, Surrogate
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_env.knobs.knob import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
+from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend
+from support.histories import in_cube
 from support.studies import drive
 
 pytestmark = pytest.mark.unchecked  # for speed: the contract suite checks the shapes
@@ -43,12 +45,12 @@ def history_of(count, *, ties=False, further=False, unsafe=False):
     history = History()
     for z in np.random.default_rng(1).random((count, 2)):
         best = history.incumbent
-        rival = None if best is None else np.array(history.samples[best])
+        rival = None if best is None else np.array(history.samples[best].z)
         answer = None if best is None else 0 if ties else int(np.sign(bowl(z) - bowl(rival)))
         marks = (Mark.CHALLENGER_UNSAFE,) if unsafe and z[0] > 0.5 else ()
         told = Answer(answer, marks=marks, outcomes=({"off": bowl(z)}, None))
-        history = history.with_pending(z).told(told, best)
-    return history.told_further(Answer(1), count - 1, 0) if further else history
+        history = history.with_pending(in_cube(z)).told(told, best)
+    return history.told_follow_up(Answer(1), count - 1, 0) if further else history
 
 
 def setup_of(**settings):
@@ -144,7 +146,7 @@ def test_the_same_fit_gives_the_same_sample_and_another_seed_another():
     assert np.array_equal(z, propose(setup, fit))
     assert not np.array_equal(z, propose(replace(setup, seed=3), fit))
     assert np.all((z >= 0) & (z <= 1))
-    assert not np.any(np.all(history.cube() == z, axis=1))
+    assert not np.any(np.all(cube_of(history) == z, axis=1))
     assert bowl(z) < 0.5
 
 
@@ -153,7 +155,9 @@ def test_the_start_is_a_latin_hypercube():
     for planned in latin_hypercube(SQUARE, 4, 2):
         z = propose_start(setup, history)
         assert np.array_equal(z, planned)
-        history = history.with_pending(z).told(Answer(1 if history.answered else None), None)
+        history = history.with_pending(in_cube(z)).told(
+            Answer(1 if history.answered else None), None
+        )
 
 
 def test_marks_keep_samples_away_from_where_it_is_unsafe():

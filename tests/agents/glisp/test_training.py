@@ -10,10 +10,11 @@ from prefcal_agents.glisp.dataset import Dataset
 from prefcal_agents.glisp.noise_test import NoiseTest
 from prefcal_agents.glisp.selection import Selection
 from prefcal_agents.glisp.training import train, trust
-from prefcal_agents.history.history import History
 from prefcal_agents.models.surrogate import Composite, Shape, Surrogate
 from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend
+from support.histories import in_cube
 
 SHAPE, WIDE = Shape(1.0, (1.0, 1.0)), Shape(0.5, (1.0, 1.0))
 TRUSTED = Selection(SHAPE, 0.0, None, is_noisy=False)
@@ -33,10 +34,10 @@ def data_of(count=16, wrong=()):
         kpis = {"off": costs[k], "other": float(z[0])}
         answers = [int(np.sign(costs[k] - costs[j])) for j in range(max(k - 2, 0), k)] or [None]
         answers[-1] = -answers[-1] if k in wrong else answers[-1]
-        history = history.with_pending(z)
+        history = history.with_pending(in_cube(z))
         history = history.told(Answer(answers[-1], outcomes=(kpis, None)), k - 1 if k else None)
         if len(answers) > 1:
-            history = history.told_further(Answer(answers[0]), k, k - 2)
+            history = history.told_follow_up(Answer(answers[0]), k, k - 2)
     return Dataset.of(history, with_kpis=True)
 
 

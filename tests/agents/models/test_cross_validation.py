@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.history.history import Preferences
+from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.cross_validation import Validation, choose_epsilon, rescale_knob
 from prefcal_agents.models.preference_qp import Learning
 from prefcal_agents.models.surrogate import Shape

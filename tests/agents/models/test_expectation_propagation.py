@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_agents.glisp.noise_test import rows_of
-from prefcal_agents.history.history import Preferences
+from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.expectation_propagation import ExpectationPropagation
 from prefcal_agents.models.preference_qp import Constraints
 from prefcal_agents.models.surrogate import Shape

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.history.history import History
 from prefcal_agents.models.kpi_importance import Importance
 from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.history import History
+from support.histories import in_cube
 
 NAMES = tuple("abcdefgh")
 
@@ -16,7 +17,7 @@ def told(cost, answers, seed):
     history, best, known = History(), None, None
     for index in range(answers + 1):
         kpis = dict(zip(NAMES, rng.exponential(size=len(NAMES)), strict=True))
-        history = history.with_pending(rng.random(2))
+        history = history.with_pending(in_cube(rng.random(2)))
         preference = None
         if best is not None:
             preference = cost(kpis, known, rng)
@@ -77,7 +78,7 @@ def test_the_agreement_is_counted_by_hand():
     pairs = [(None, 0.0, 1.0), (-1, -1.0, 1.0), (1, 0.0, 1.0), (-1, -2.0, 1.0), (1, 5.0, 0.0)]
     best = None
     for index, (preference, a, b) in enumerate(pairs):
-        history = history.with_pending([0.1 * index])
+        history = history.with_pending(in_cube([0.1 * index]))
         history = history.told(Answer(preference, outcomes=({"a": a, "b": b}, None)), best)
         best = index if preference in (None, -1) else best
     found = Importance.of(history)
@@ -121,7 +122,7 @@ def test_too_few_answers_name_nothing():
 def test_missing_and_infinite_kpis_are_taken():
     history, values = History(), [0.0, np.inf, 1.0, np.inf, 2.0, 3.0, np.inf]
     for index, value in enumerate(values):
-        history = history.with_pending([0.1 * index])
+        history = history.with_pending(in_cube([0.1 * index]))
         kpis = {"late": value} if index % 2 else {"late": value, "odd": float(index)}
         history = history.told(
             Answer(1 if index else None, outcomes=(kpis, None)), 0 if index else None

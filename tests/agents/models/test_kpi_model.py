@@ -9,13 +9,15 @@ from hypothesis import strategies as st
 from scipy.optimize import check_grad
 
 from prefcal_agents import AgentState, GLISp, GLISpSettings, RandomSearch, restore
-from prefcal_agents.history.history import History, Preferences
+from prefcal_agents.history.lessons import Preferences, cube_of
 from prefcal_agents.models.cross_validation import Validation
 from prefcal_agents.models.kpi_model import KPIModel, Outcomes
 from prefcal_agents.models.surrogate import Composite, Shape, Surrogate
 from prefcal_env import Answer, Knob, KnobSpace
 from prefcal_env.errors import SettingsError
+from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend
+from support.histories import in_cube
 from support.studies import by, drive
 
 SQUARE = KnobSpace([Knob("a", -2.0, 2.0), Knob("b", -1.0, 1.0)])
@@ -39,14 +41,14 @@ def study(kpis, count=11, *, n_init=6, seed=1, options=None):
     return agent
 
 
-def ledger_of(columns):
+def history_of(columns):
     """A history whose samples have these KPIs: name to values."""
     names, count = list(columns), len(next(iter(columns.values())))
     rng = np.random.default_rng(0)
     history = History()
     for i in range(count):
         kpis = {name: columns[name][i] for name in names if columns[name][i] is not None}
-        history = history.with_pending(rng.random(2))
+        history = history.with_pending(in_cube(rng.random(2)))
         history = history.told(
             Answer(None if i == 0 else 1, outcomes=(kpis, None)), 0 if i else None
         )
@@ -54,17 +56,17 @@ def ledger_of(columns):
 
 
 def test_shares_run_from_the_best_to_the_worst_and_one_lost_run_does_not_flatten_them():
-    outcomes = Outcomes.of(ledger_of({"k": [1.0, 2.0, 3.0, 1e6]}))
+    outcomes = Outcomes.of(history_of({"k": [1.0, 2.0, 3.0, 1e6]}))
     # Median 2.5: all above 2.5 + 2 * 1.5 = 5.5 counts as 5.5.
     assert outcomes.columns[:, 0] == pytest.approx([0, 1 / 4.5, 2 / 4.5, 1])
     assert outcomes.ranges[0] == pytest.approx((1.0, 5.5))
-    assert outcomes.models[0](2 * ledger_of({"k": [0.0] * 4}).cube() - 1) == pytest.approx(
+    assert outcomes.models[0](2 * cube_of(history_of({"k": [0.0] * 4})) - 1) == pytest.approx(
         outcomes.columns[:, 0], abs=1e-6
     )
 
 
 def test_infinite_is_as_bad_as_can_be_and_a_missing_one_is_foretold():
-    outcomes = Outcomes.of(ledger_of({"k": [1.0, 2.0, np.inf, None, 3.0], "l": [5, 4, 3, 2, 1]}))
+    outcomes = Outcomes.of(history_of({"k": [1.0, 2.0, np.inf, None, 3.0], "l": [5, 4, 3, 2, 1]}))
     column = outcomes.columns[:, outcomes.names.index("k")]
     assert column[2] == 1.0
     assert 0.0 <= column[3] <= 1.0
@@ -73,9 +75,11 @@ def test_infinite_is_as_bad_as_can_be_and_a_missing_one_is_foretold():
 
 def test_what_cannot_teach_is_left_out():
     columns = {"same": [3.0] * 5, "rare": [1.0, 2.0, None, None, None], "nan": [np.nan] * 5}
-    assert len(Outcomes.of(ledger_of(columns))) == 0
+    assert len(Outcomes.of(history_of(columns))) == 0
     assert len(Outcomes.of(History())) == 0
-    assert Outcomes.of(ledger_of({**columns, "good": [1.0, 2.0, 3.0, 4.0, 5.0]})).names == ("good",)
+    assert Outcomes.of(history_of({**columns, "good": [1.0, 2.0, 3.0, 4.0, 5.0]})).names == (
+        "good",
+    )
 
 
 KPI = st.none() | st.floats(width=64)
@@ -87,7 +91,7 @@ KPI = st.none() | st.floats(width=64)
 @example([(1.7e308, 0.0), (-1.7e308, 1.0), (0.0, 2.0)])
 def test_whatever_the_values_shares_are_between_0_and_1_and_models_finite(rows):
     first, second = zip(*rows, strict=True)
-    history = ledger_of({"k": first, "l": second})
+    history = history_of({"k": first, "l": second})
     outcomes = Outcomes.of(history)
     assert outcomes.columns.shape == (len(rows), len(outcomes))
     assert ((outcomes.columns >= 0) & (outcomes.columns <= 1)).all()
@@ -119,7 +123,7 @@ def test_slopes_are_those_of_the_values():
     drive(agent, by(cost), 16, kpis=terms)
     history = agent.state.history.until(16)
     judgement = KPIModel(Outcomes.of(history), np.array([0.4, 2.0]))
-    z = history.cube()
+    z = cube_of(history)
     over_theta = Surrogate(z, np.sin(np.arange(float(len(z)))), Shape(1.0, (1.0, 2.0)))
     composite = Composite(over_theta, judgement)
     for part in (composite, composite.over_kpis):
@@ -130,7 +134,7 @@ def test_slopes_are_those_of_the_values():
 
 
 def proposals(agent):
-    return [list(z) for z in agent.state.history.samples]
+    return [list(sample.z) for sample in agent.state.history.samples]
 
 
 @pytest.mark.parametrize("empty", [None, lambda theta: {}, lambda theta: {"k": np.nan}])

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_agents import GLISp, RandomSearch
-from prefcal_agents.history.history import History
 from prefcal_agents.models.learned_cost import LearnedCost, Term
 from prefcal_env import Knob, KnobSpace
+from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend
 from support.studies import by, drive
 
@@ -143,5 +143,5 @@ def test_the_module_needs_nothing_but_python(tmp_path):
     assert float(done.stdout) == pytest.approx(index(known), rel=1e-12)
 
 
-def test_an_empty_ledger_has_no_index():
+def test_an_empty_history_has_no_index():
     assert LearnedCost.of(History(), 0, BACKEND) is None

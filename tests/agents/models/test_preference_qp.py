@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from prefcal_agents.history.history import Preferences
+from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.preference_qp import Constraints, Learning, fit, margins
 from prefcal_agents.models.surrogate import Shape, Surrogate
 from prefcal_env.qp import make_backend

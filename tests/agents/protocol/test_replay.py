@@ -1,14 +1,15 @@
 import pytest
 
-from prefcal_agents.history.history import History
 from prefcal_agents.protocol.replay import Replay
 from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.history import History
+from support.histories import in_cube
 
 
 def history(*values):
     grown = History()
     for k, value in enumerate(values):
-        grown = grown.with_pending([k / 10]).told(Answer(None, value=value), None)
+        grown = grown.with_pending(in_cube([k / 10])).told(Answer(None, value=value), None)
     return grown
 
 
@@ -25,11 +26,11 @@ def replay():
     return replay
 
 
-def test_a_session_is_kept_while_the_ledger_grows_and_sees_each_answer_once(replay):
+def test_a_session_is_kept_while_the_history_grows_and_sees_each_answer_once(replay):
     assert replay.at(history()) == []
     assert replay.at(history(1.0)) == [1.0]
     assert replay.at(history(1.0)) == [1.0]
-    assert replay.at(history(1.0, 2.0, 3.0).with_pending([0.7])) == [1.0, 2.0, 3.0]
+    assert replay.at(history(1.0, 2.0, 3.0).with_pending(in_cube([0.7]))) == [1.0, 2.0, 3.0]
     assert len(replay.started) == 1
 
 
@@ -38,7 +39,7 @@ def test_after_an_undo_a_retraction_or_another_answer_it_lives_through_all_anew(
     assert replay.at(history(1.0, 2.0)) == [1.0, 2.0]
     assert replay.at(history(1.0, 5.0)) == [1.0, 5.0]
     assert replay.at(history(1.0, 5.0, 6.0).retracted(0)) == [None, 5.0, 6.0]
-    moved = History(((0.9,),), history(1.0).comparisons)
+    moved = History((in_cube([0.9]),), history(1.0).comparisons)
     assert replay.at(moved) == [1.0]
     assert len(replay.started) == 5
 

@@ -3,12 +3,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_agents.history.history import History
 from prefcal_agents.space.capacity import capacity
 from prefcal_agents.space.design import Tried, encode_all, latin_hypercube, snap_all
 from prefcal_env.errors import KnobError, ProtocolError
 from prefcal_env.knobs.knob import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.history import History, Sample
 
 SPACE = KnobSpace(
     [
@@ -74,7 +74,7 @@ def test_capacity_counts_theta():
 def tried(*points):
     book = History()
     for z in points:
-        book = book.with_pending(np.array(z)).told(Answer(0), book.incumbent)
+        book = book.with_pending(Sample.of(GRID, np.array(z))).told(Answer(0), book.incumbent)
     return Tried(GRID, book)
 
 

@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_agents.history.history import History
 from prefcal_agents.space.capacity import capacity
 from prefcal_agents.space.design import Tried, latin_hypercube
 from prefcal_agents.space.feasible import Region, random_points, search_domain
@@ -11,6 +10,8 @@ from prefcal_agents.space.snapping import decode_all, snap_all
 from prefcal_env import Constraint, Knob, KnobSpace, LinearConstraint
 from prefcal_env.errors import KnobError
 from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.history import History
+from support.histories import in_cube
 
 KNOBS = (
     Knob("gain", 0.01, 10.0, scale="log10"),
@@ -119,7 +120,7 @@ def test_without_constraints_random_points_are_the_generator_s_own():
 def test_the_search_domain_snaps_to_allowed_points():
     book = History()
     for z in random_points(TINY, 3, np.random.default_rng(0)):
-        book = book.with_pending(TINY.snap(z)).told(Answer(None), book.incumbent)
+        book = book.with_pending(in_cube(TINY.snap(z))).told(Answer(None), book.incumbent)
     domain = search_domain(TINY, book)
     snapped = domain.snap(np.random.default_rng(1).random((20, 3)))
     assert Region(TINY).allows(snapped).all()

@@ -8,9 +8,9 @@ from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.best import Verdict, best_of, contradictory, reigns, undominated
 
 
-def record(*answers, further=False):
+def record(*answers, follow_up=False):
     """Verdicts of (challenger, incumbent, -1 or 0 or 1)."""
-    return [Verdict(a, b, Preference(p), further) for a, b, p in answers]
+    return [Verdict(a, b, Preference(p), follow_up) for a, b, p in answers]
 
 
 def dominators(verdicts, index):
@@ -48,7 +48,7 @@ def test_each_new_best_has_beaten_the_one_before():
 
 def test_winning_against_another_rival_crowns_nobody():
     """The README's second command once called experiment 2 the best this way."""
-    verdicts = record((1, 0, -1), (2, 1, -1)) + record((3, 0, -1), further=True)
+    verdicts = record((1, 0, -1), (2, 1, -1)) + record((3, 0, -1), follow_up=True)
     assert best_of(verdicts) == 2
     assert undominated(verdicts) == (frozenset({2}), frozenset({3}))
 
@@ -66,7 +66,7 @@ def test_a_tie_keeps_the_one_that_was_there():
 
 
 def test_in_a_circle_the_latest_winner_is_the_best():
-    circle = record((1, 0, -1), (2, 1, -1)) + record((2, 0, 1), further=True)
+    circle = record((1, 0, -1), (2, 1, -1)) + record((2, 0, 1), follow_up=True)
     assert contradictory(circle)
     assert best_of(circle) == 0
     assert best_of([*circle, *record((3, 0, -1))]) == 3
@@ -88,7 +88,7 @@ def test_the_best_is_safe_wherever_anything_safe_was_compared():
 def test_after_a_retraction_the_last_winner_along_the_remaining_answers_is_the_best():
     verdicts = record((2, 1, -1), (3, 2, -1))  # "1 beats 0" was taken back
     assert best_of(verdicts) == 3
-    assert best_of([*verdicts, *record((3, 0, 1), further=True)]) == 0
+    assert best_of([*verdicts, *record((3, 0, 1), follow_up=True)]) == 0
 
 
 answers = st.lists(
@@ -121,7 +121,7 @@ def test_with_sure_answers_the_best_is_the_best_of_all_that_were_shown(costs, ra
         pairs = [(new, best_of(verdicts))]
         pairs += [tuple(random.sample(range(new + 1), 2)) for _ in range(random.randrange(3))]
         for k, (a, b) in enumerate(pairs):
-            verdicts += record((a, b, int(np.sign(costs[a] - costs[b]))), further=k > 0)
+            verdicts += record((a, b, int(np.sign(costs[a] - costs[b]))), follow_up=k > 0)
     assert costs[best_of(verdicts)] == min(costs)
     assert not contradictory(verdicts)
 

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_agents import RandomSearch
+from prefcal_agents.history.lessons import Marks
 from prefcal_env import completed
 from prefcal_env.experiments.end import End
 from prefcal_env.knobs.knob import Knob, KnobSpace
@@ -86,7 +87,7 @@ def test_the_loop_in_memory_tells_the_agent():
     for step, told in zip(steps, agent.state.history.comparisons, strict=True):
         assert told.answer == step.answer
         assert (NEW in told.answer.automatic) == (step.challenger.end is End.UNSAFE)
-    marks = agent.state.history.marks()
+    marks = Marks.of(agent.state.history)
     assert marks.unsafe.tolist() == [end is End.UNSAFE for end in ends]
 
 

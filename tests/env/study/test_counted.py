@@ -4,7 +4,6 @@ import pytest
 
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.study import Answered, Finished, Retracted, Shown, Suggested, Undone
-from prefcal_env.study.fold import counted_unsafe
 from support.studies import experiment, small_study
 
 NEW, OLD = Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE
@@ -22,24 +21,24 @@ def study():
 
 
 def test_marks_count_for_the_experiment_of_their_side(study):
-    assert counted_unsafe(study.state) == {1, 3}
+    assert study.state.history.unsafe(automatic=True) == {1, 3}
 
 
 @pytest.mark.parametrize("event", [Undone(), Retracted(3)])
 def test_an_answer_that_is_taken_back_takes_its_marks_along(study, event):
     study.append(event)
-    assert counted_unsafe(study.state) == frozenset()
+    assert study.state.history.unsafe(automatic=True) == frozenset()
 
 
 def test_the_person_s_own_marks_are_not_among_them(study):
     study.append(Undone())
     (shown,) = study.append(Shown(3, 1, True))
     study.append(Answered(shown, 3, 1, Answer(1, marks=(NEW, OLD), automatic=(OLD,))))
-    assert counted_unsafe(study.state) == {1}
+    assert study.state.history.unsafe(automatic=True) == {1}
 
 
 def test_further_answers_count_too(study):
     study.append(Undone())
     (shown,) = study.append(Shown(2, 0, True))
     study.append(Answered(shown, 2, 0, Answer(1, marks=(OLD,), automatic=(OLD,))))
-    assert counted_unsafe(study.state) == {0}
+    assert study.state.history.unsafe(automatic=True) == {0}

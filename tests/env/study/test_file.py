@@ -51,7 +51,7 @@ def test_what_was_appended_is_there_after_reopening(tmp_path):
 def test_a_study_in_memory_leaves_no_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with small_study(":memory:") as file:
-        assert len(file.state.closed) == 4
+        assert file.state.history.answered == 4
     assert list(tmp_path.iterdir()) == []
 
 
@@ -175,7 +175,7 @@ def test_a_disk_that_takes_no_more_bytes_is_told(tmp_path):
     assert "Nothing was recorded" in told
     assert verify(path) == ()
     with reopen(path) as file:
-        assert len(file.state.closed) >= 4 + len(safe)
+        assert file.state.history.answered >= 4 + len(safe)
 
 
 def test_a_file_that_may_not_be_written_is_told(tmp_path):

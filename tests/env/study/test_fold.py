@@ -37,10 +37,10 @@ CANDIDATES = (
 
 def possible(state, dice):
     """Some events, each possible in `state` or refused."""
-    due = len(state.closed)
+    due = state.history.answered
     kind = dice.choice(CANDIDATES)
     if kind == "answer":
-        if len(state.samples) == due:
+        if len(state.history.samples) == due:
             return Suggested(due, (dice.random(),), (dice.random(),))
         if due not in state.finished:
             return Finished(due)
@@ -81,10 +81,10 @@ def test_the_kept_state_is_the_fold_of_all_events(tmp_path_factory, seed):
         state = file.state
     with StudyFile.open(path, clock=clock()) as again:
         assert again.state == state
-    assert [c.challenger for c in state.closed] == list(range(len(state.closed)))
-    assert len(state.closed) <= len(state.samples) <= len(state.closed) + 1
-    assert all(i < len(state.samples) for i in state.finished)
-    assert all(c.challenger in state.finished for c in state.closed)
+    assert [c.challenger for c in state.history.comparisons] == list(range(state.history.answered))
+    assert state.history.answered <= len(state.history.samples) <= state.history.answered + 1
+    assert all(i < len(state.history.samples) for i in state.finished)
+    assert all(c.challenger in state.finished for c in state.history.comparisons)
 
 
 def test_undo_reopens_the_query_and_drops_what_came_after():
@@ -94,21 +94,21 @@ def test_undo_reopens_the_query_and_drops_what_came_after():
         )
         file.append(Undone())
         state = file.state
-    assert len(state.closed) == 3
-    assert len(state.samples) == 4
+    assert state.history.answered == 3
+    assert len(state.history.samples) == 4
     assert set(state.finished) == {0, 1, 2, 3}
     assert state.marks == {}
 
 
 def test_a_repeat_teaches_nothing_and_closes_nothing():
     with small_study(":memory:", answers=3) as file:
-        first = file.state.closed[1]
+        first = file.state.history.comparisons[1]
         (shown,) = file.append(Shown(1, first.incumbent, not first.challenger_left, first.question))
         file.append(Answered(shown, 1, first.incumbent, Answer(1)))
         state = file.state
-    assert len(state.closed) == 4
-    assert state.repeats[0].repeats == first.question
-    assert state.repeats[0].answer.preference is Preference.INCUMBENT
+    assert state.history.answered == 4
+    assert state.history.repeats[0].repeats == first.question
+    assert state.history.repeats[0].answer.preference is Preference.INCUMBENT
 
 
 def test_a_failed_run_is_forgotten_once_it_has_run():

@@ -47,17 +47,18 @@ def state(*events):
 
 def test_samples_are_carried_into_the_new_space():
     now = state(Finished(1), Respaced(content(), {"b": 3.0}, {"start": [[0.5, 0.125]]}))
-    assert [s.theta for s in now.samples] == [(3.0, 1.0), (3.0, 2.0)]
-    assert [s.z for s in now.samples] == [(0.5, 0.25), (0.5, 0.5)]
+    assert [s.theta for s in now.history.samples] == [(3.0, 1.0), (3.0, 2.0)]
+    assert [s.z for s in now.history.samples] == [(0.5, 0.25), (0.5, 0.5)]
     assert now.configuration["agent"] == {"seed": 4, "start": [[0.5, 0.125]]}
     assert space_of(now.configuration) == NEW
-    assert step(now, 9, "now", Undone()).samples[0].theta == (3.0, 1.0)
+    assert step(now, 9, "now", Undone()).history.samples[0].theta == (3.0, 1.0)
 
 
 def test_a_sample_that_has_not_run_is_dropped():
     now = state(Respaced(content(), {"b": 3.0}))
-    assert len(now.samples) == 1
-    assert step(now, 9, "now", Suggested(1, (0.0, 0.5), (1.0, 2.0))).samples[1].index == 1
+    assert len(now.history.samples) == 1
+    later = step(now, 9, "now", Suggested(1, (0.0, 0.5), (1.0, 2.0)))
+    assert later.history.samples[1].theta == (1.0, 2.0)
 
 
 def test_the_event_goes_through_json():
@@ -91,4 +92,4 @@ def test_theta_that_ran_stays_to_the_last_digit():
     theta = float(np.nextafter(1.1, 2))
     now = state(Undone(), Answered(None, 0, None, Answer(None)), Suggested(1, (0.5,), (theta,)),
                 Finished(1), Respaced(content(), {"b": 3.0}))  # fmt: skip
-    assert now.samples[1].theta == (3.0, theta)
+    assert now.history.samples[1].theta == (3.0, theta)

@@ -98,7 +98,8 @@ def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Con
         work.introduce()
         return _attended(work) if options.by_a_person else _unattended(work)
     except KeyboardInterrupt:
-        later = f"; its report: prefcal report {name}" if name and file.state.closed else ""
+        has_report = name and file.state.history.answered
+        later = f"; its report: prefcal report {name}" if has_report else ""
         _say(messages, f"Stopped at once. Every answer is saved{later}" if name else
              "Stopped at once.")  # fmt: skip
         raise
@@ -342,7 +343,7 @@ class Display:
         """Show the best experiment, which the study would return if it ended now."""
         index = now.incumbent
         if index is not None:
-            theta = np.array(now.state.samples[index].theta)
+            theta = np.array(now.state.history.samples[index].theta)
             self._best = f"{theta_text(self._scenario.space, theta)} (experiment {index + 1})"
 
     def _lines(self) -> RenderableType:

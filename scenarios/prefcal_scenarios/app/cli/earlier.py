@@ -88,4 +88,4 @@ def taken_from(options: Options, space: KnobSpace, mine: Thetas) -> Taken | None
             f"the constraints refuse the best θ of study {name!r}: leave --from out, or give a θ "
             "that they allow with --start"
         )
-    return Taken(name, str(state.configuration["name"]), len(state.closed), theta)
+    return Taken(name, str(state.configuration["name"]), state.history.answered, theta)

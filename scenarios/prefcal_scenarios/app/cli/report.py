@@ -22,7 +22,6 @@ from prefcal_scenarios.app.report.kpi_importance import Minded
 from prefcal_scenarios.app.report.ownership import Claim
 from prefcal_scenarios.app.report.record import Record
 from prefcal_scenarios.app.session import Interview, Now
-from prefcal_scenarios.app.session.memory import incumbents
 from prefcal_scenarios.app.session.view import GOOD_ENOUGH
 from prefcal_scenarios.scenario import KPI, Scenario, load
 
@@ -55,7 +54,7 @@ class Reporter:
         Takes no lock, since the handler of Ctrl-C calls it at any point.
         """
         file = self.opened.file
-        if not file.state.closed:
+        if not file.state.history.answered:
             return False
         if not self.opened.options.by_a_person or self.opened.resumed:
             return True
@@ -137,7 +136,7 @@ def report_of(
             stored = {**stored, "cost": cost}  # the file may have moved
         given = {"scenario": source, "cost": cost, "out": out, "json": json}
         opened = Opened(file, Options.resumed(stored, given), name, resumed=True)
-        if not file.state.closed:
+        if not file.state.history.answered:
             raise StudyError(f"study {name!r} has no completed experiment yet: nothing to report")
         # A page may have the study open: writing an event here would make its next answer fail.
         scenario = on_target(scenario, file.state.configuration)
@@ -182,14 +181,14 @@ def record_of(
 
 def _best_after_each(now: Now) -> tuple[int, ...]:
     """Return the best experiment's index after each closed query; the last is the best now."""
-    winners = incumbents(now.state)
+    winners = now.state.history.incumbents()
     return winners if now.incumbent is None else (*winners[:-1], now.incumbent)
 
 
 def _waiting(interview: Interview, now: Now) -> dict[int, Experiment]:
     """Return the completed experiments that have not been compared yet, by index."""
     state = now.state
-    indices = sorted(index for index in state.finished if index >= len(state.closed))
+    indices = sorted(index for index in state.finished if index >= state.history.answered)
     return {index: interview.experiment(index) for index in indices}
 
 

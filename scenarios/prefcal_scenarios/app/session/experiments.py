@@ -9,10 +9,11 @@ import numpy as np
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Channels, End, Experiment
 from prefcal_env.preferences.answer import Answer, Query, Suggestion
+from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.kpis import Outcome
-from prefcal_env.preferences.loop import Comparison
+from prefcal_env.preferences.loop import Comparison as Compared
 from prefcal_env.rig import Rig
-from prefcal_env.study import Closed, Shown, State, StudyFile
+from prefcal_env.study import Shown, State, StudyFile
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.scenario import Scenario
 
@@ -68,7 +69,8 @@ class ExperimentStore:
         return finished[index]
 
     def _read(self, seq: int, index: int) -> Experiment:
-        experiment, theta = self.study.experiment(seq), self.study.state.samples[index].theta
+        experiment = self.study.experiment(seq)
+        theta = self.study.state.history.samples[index].theta
         if len(experiment.theta) == len(theta):
             return experiment
         return replace(experiment, theta=np.array(theta))  # knobs were added since
@@ -81,7 +83,7 @@ class ExperimentStore:
 
     def failed(self, index: int) -> Experiment:
         """An experiment without a record, for sample `index`, whose run failed."""
-        theta = np.array(self.study.state.samples[index].theta)
+        theta = np.array(self.study.state.history.samples[index].theta)
         if isinstance(self.scenario.run, Rig):
             return self.scenario.run.failed(theta)
         known = self.study.state.finished
@@ -106,7 +108,7 @@ class ExperimentStore:
         sides = (new, old) if left else (old, new)
         return Question(id_, number, *sides, shown.repeats)
 
-    def asked(self, closed: Closed) -> Question:
+    def asked(self, closed: Comparison) -> Question:
         """A closed question, as it was shown."""
         if closed.incumbent is None or closed.question is None:
             raise StudyError("the first experiment was not compared with anything")
@@ -115,14 +117,14 @@ class ExperimentStore:
         question = self.question(closed.question, closed.challenger, shown)
         return replace(question, further=closed.after is not None)
 
-    def comparison(self, index: int) -> Comparison:
-        """Closed query number `index`, from 0; a retracted answer is an abstention."""
-        return self.compared(self.study.state.closed[index])
+    def comparison(self, index: int) -> Compared:
+        """Comparison query number `index`, from 0; a retracted answer is an abstention."""
+        return self.compared(self.study.state.history.comparisons[index])
 
-    def compared(self, closed: Closed) -> Comparison:
+    def compared(self, closed: Comparison) -> Compared:
         """What was compared, and the answer; a retracted one is an abstention."""
         state, index, rival = self.study.state, closed.challenger, closed.incumbent
-        return Comparison(
+        return Compared(
             Query(_suggestion(state, index), None if rival is None else _suggestion(state, rival)),
             _abstained(closed.answer) if closed.retracted else closed.answer,
             self.experiment(index),
@@ -135,4 +137,4 @@ def _abstained(answer: Answer) -> Answer:
 
 
 def _suggestion(state: State, index: int) -> Suggestion:
-    return Suggestion(index, np.array(state.samples[index].theta))
+    return Suggestion(index, np.array(state.history.samples[index].theta))

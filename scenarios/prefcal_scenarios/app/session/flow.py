@@ -25,7 +25,6 @@ from prefcal_env.study import (
 from prefcal_scenarios.own.own_line import in_words
 
 from .experiments import ExperimentStore
-from .memory import incumbent
 from .order import challenger_left
 from .prefetch import Prefetch
 from .scores import judged
@@ -67,15 +66,15 @@ class Flow:
     @property
     def best(self) -> int | None:
         """Index of the best experiment so far, as the agent believes; None before the first."""
-        if not self.state.closed or self.agent.by_value:
-            return incumbent(self.state)
+        if not self.state.history.comparisons or self.agent.by_value:
+            return self.state.history.incumbent
         return self.agent.best_index
 
     @property
     def pending(self) -> Suggested | None:
         """The sample that has no answer yet, once it is proposed."""
-        state = self.state
-        return state.samples[-1] if len(state.samples) > len(state.closed) else None
+        sample, index = self.state.history.pending, self.state.history.answered
+        return None if sample is None else Suggested(index, sample.z, sample.theta)
 
     def move(self, phase: Phase, problem: Exception | None = None) -> None:
         """Enter `phase`, without a question."""
@@ -101,7 +100,7 @@ class Flow:
         _, shown = self.state.open
         if shown.repeats is not None:
             return False
-        if shown.challenger < len(self.state.closed):
+        if shown.challenger < self.state.history.answered:
             asked = None if self.agent.done else self.agent.ask()
             return asked is None or pair_of(asked) != (shown.challenger, shown.incumbent)
         return shown.incumbent != self.best
@@ -145,10 +144,10 @@ class Flow:
     def _suggest(self, query: Query) -> None:
         """Store the sample, and its experiment if that is known already, in one step."""
         index, theta = query.challenger.index, query.challenger.theta
-        if len(self.state.samples) > index:
+        if len(self.state.history.samples) > index:
             return
-        z = self.agent.state.history.samples[index]
-        suggested = Suggested(index, z, tuple(map(float, theta)))
+        sample = self.agent.state.history.samples[index]
+        suggested = Suggested(index, sample.z, sample.theta)
         earlier = self.study.find_experiment(theta)
         foreseen = self.ahead.experiment(theta)
         finished: list[Event | tuple[Finished, Experiment]] = []
@@ -184,16 +183,16 @@ class Flow:
         self._put(*self.state.open)
 
     def _put(self, id_: int, shown: Shown) -> None:
-        question = self.album.question(id_, len(self.state.closed), shown)
+        question = self.album.question(id_, self.state.history.answered, shown)
         if shown.repeats is None:
             known = self.album.outcomes(shown.challenger, shown.incumbent)
-            further = shown.challenger < len(self.state.closed)
+            further = shown.challenger < self.state.history.answered
             left, right = (
                 self._with_role(side, further) for side in (question.left, question.right)
             )
             question = replace(question, left=left, right=right, outcomes=known, further=further)
         else:
-            further = any(c.question == shown.repeats for c in self.state.further)
+            further = any(c.question == shown.repeats for c in self.state.history.follow_ups)
             question = replace(question, further=further)
         self.move(Phase.QUESTION)
         self.question = question

@@ -14,8 +14,9 @@ from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.mpc.compiling import Compiling, compile_missing
 from prefcal_env.preferences.answer import Answer, Strength
-from prefcal_env.preferences.loop import Comparison
-from prefcal_env.study import Closed, Noted, StudyFile
+from prefcal_env.preferences.history import Comparison
+from prefcal_env.preferences.loop import Comparison as Compared
+from prefcal_env.study import Noted, StudyFile
 from prefcal_scenarios.app.summary.consistency import Consistency
 from prefcal_scenarios.app.summary.counts import Counts, answered
 from prefcal_scenarios.app.summary.outlook import Outlook, others_unbeaten, outlook
@@ -26,7 +27,7 @@ from . import records, runs, steps
 from .experiments import ExperimentStore
 from .flow import Flow
 from .kpi_importance import importance_of, index_of, known_outcomes
-from .memory import agent_of, as_studied, unbeaten
+from .memory import agent_of, as_studied
 from .records import Given, Preview
 from .view import Choice, Now, Phase, Question
 
@@ -103,7 +104,7 @@ class Interview:
         with self._changed:
             return self._flow.album.asked(steps.closed(self._flow, answer))
 
-    def closed(self, answer: int) -> Closed:
+    def closed(self, answer: int) -> Comparison:
         """Answer number `answer`, from 1; -1, -2 ... are further ones.
 
         Raises:
@@ -112,13 +113,13 @@ class Interview:
         with self._changed:
             return steps.closed(self._flow, answer)
 
-    def comparisons(self, start: int = 0) -> tuple[Comparison, ...]:
+    def comparisons(self, start: int = 0) -> tuple[Compared, ...]:
         """Every closed query from number `start` on, the first experiment's among them."""
         with self._changed:
-            count = len(self._flow.state.closed)
+            count = self._flow.state.history.answered
             return tuple(self._flow.album.comparison(i) for i in range(start, count))
 
-    def answered(self) -> tuple[Comparison, ...]:
+    def answered(self) -> tuple[Compared, ...]:
         """The comparisons whose answers stand, further ones too, in the order given."""
         with self._changed:
             flow = self._flow
@@ -145,7 +146,7 @@ class Interview:
     def surrogate(self) -> Surrogate | None:
         """Learned latent cost of m physical θ, lower is better; None if nothing is learned."""
         with self._changed:
-            closed = self._flow.state.closed
+            closed = self._flow.state.history.comparisons
             learned = any(c.answer.preference is not None and not c.retracted for c in closed)
             # A twin: what is learned must not change while it is looked at.
             return getattr(self._flow.agent.copy(), "surrogate", None) if learned else None
@@ -165,7 +166,7 @@ class Interview:
         found = outlook(advice, best, self.scenario.space, self.study.path, now.state)
         if found is None or self._flow.agent.by_value:
             return found
-        return replace(found, unbeaten=others_unbeaten(unbeaten(now.state)))
+        return replace(found, unbeaten=others_unbeaten(now.state.history.unbeaten()))
 
     @property
     def index(self) -> LearnedCost | None:

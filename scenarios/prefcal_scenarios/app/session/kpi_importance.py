@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from prefcal_agents.history.history import Comparison, History
 from prefcal_agents.models.kpi_importance import Importance
 from prefcal_agents.models.learned_cost import LearnedCost
+from prefcal_env.preferences.history import Comparison, History
 from prefcal_env.qp import make_backend
 from prefcal_env.study import State
 from prefcal_scenarios.kpis import seen

@@ -1,20 +1,14 @@
 """Between a study file and an agent: the configuration, and waking the agent up from a state."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from prefcal_agents import AgentState, Earlier, restore
 from prefcal_agents.protocol.agent import AnyAgent
 from prefcal_env.errors import SettingsError, StudyError
 from prefcal_env.knobs.knob import KnobSpace
-from prefcal_env.preferences.best import (
-    Verdict,
-    best_of,
-    representative,
-    undominated,
-    unsafe_indices,
-)
-from prefcal_env.study import Closed, State, space_of
+from prefcal_env.study import State, space_of
 from prefcal_env.study import knobs_as_dicts as knobs_as_dicts
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
@@ -26,13 +20,7 @@ def constraint_names(space: KnobSpace) -> list[str]:
 
 def agent_as_dict(agent: AnyAgent) -> dict[str, Any]:
     """Return an agent's settings as plain data, without what it has learned."""
-    return agent_configuration(agent.state)
-
-
-def agent_configuration(state: AgentState) -> dict[str, Any]:
-    """Return `state` as plain data, without samples and answers."""
-    learned = ("samples", "answers", "further")
-    return {name: value for name, value in state.to_dict().items() if name not in learned}
+    return agent.state.configuration()
 
 
 QUESTIONS = "questions_per_experiment"
@@ -115,50 +103,9 @@ def agent_of(state: State, space: KnobSpace) -> AnyAgent:
 
 
 def agent_state(state: State) -> AgentState:
-    """The state of the agent of a study. Raises SettingsError if it is none."""
-    told = {
-        "n_max": state.n_max,
-        "samples": [list(sample.z) for sample in state.samples],
-        "answers": [_told(closed) for closed in state.closed],
-        "further": [
-            {"challenger": c.challenger, "after": c.after, **_told(c)} for c in state.further
-        ],
-    }
-    return AgentState.from_dict({**state.configuration["agent"], **told})
-
-
-def incumbent(state: State) -> int | None:
-    """Return the index of the best experiment by the record; None before the first one."""
-    if not state.closed:
-        return None
-    return best_of(*_record(state, len(state.closed)))
-
-
-def incumbents(state: State) -> tuple[int, ...]:
-    """Return the best experiment after each closed query, by the answers given until the next."""
-    return tuple(best_of(*_record(state, count)) for count in range(1, len(state.closed) + 1))
-
-
-def unbeaten(state: State) -> tuple[int, ...]:
-    """Return the best experiment, and others that no answer says are worse, in order."""
-    if not state.closed:
-        return ()
-    verdicts, unsafe = _record(state, len(state.closed))
-    best = best_of(verdicts, unsafe)
-    others = [g for g in undominated(verdicts, unsafe) if best not in g]
-    return (best, *sorted(representative(verdicts, group) for group in others))
-
-
-def _record(state: State, count: int) -> tuple[list[Verdict], frozenset[int]]:
-    """Answers that stand about the first `count` experiments, and those they mark unsafe."""
-    closed = [*state.closed[:count], *(c for c in state.further if (c.after or 0) <= count)]
-    standing = [c for c in sorted(closed, key=lambda c: c.seq) if not c.retracted]
-    verdicts = [
-        Verdict(c.challenger, c.incumbent, c.answer.preference, c.after is not None)
-        for c in standing
-        if c.incumbent is not None and c.answer.preference is not None
-    ]
-    return verdicts, unsafe_indices(standing)
+    """Return the state of the agent of a study. Raises SettingsError if it is none."""
+    configured = AgentState.of(state.configuration["agent"], state.history)
+    return replace(configured, n_max=state.n_max)
 
 
 def earlier_of(state: State) -> Earlier:
@@ -168,17 +115,7 @@ def earlier_of(state: State) -> Earlier:
         SettingsError: it has no answered experiment.
         StudyError: its knobs cannot be read.
     """
-    best = incumbent(state)
+    best = state.history.incumbent
     if best is None:
         raise SettingsError("the earlier study has no answered experiment yet")
-    return Earlier(space_of(state.configuration).knobs, state.samples[best].theta)
-
-
-def _told(closed: Closed) -> dict[str, Any]:
-    told = {
-        "incumbent": closed.incumbent,
-        "retracted": closed.retracted,
-        **closed.answer.to_dict(),
-    }
-    # Nobody was asked: a score was told, and the preference beside it is for readers.
-    return told if closed.question is not None else {**told, "incumbent": None, "preference": None}
+    return Earlier(space_of(state.configuration).knobs, state.history.samples[best].theta)

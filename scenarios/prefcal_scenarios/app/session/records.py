@@ -66,7 +66,7 @@ def preview(flow: Flow, given: Given) -> Preview:
     assert isinstance(rig, Rig)
     theta = _dialed(flow, given)
     if theta is None:
-        theta = np.array(flow.state.samples[given.index].theta)
+        theta = np.array(flow.state.history.samples[given.index].theta)
     experiment = rig.read(rig.read_bytes(given.content), theta, unsafe=given.unsafe)
     check_experiment(flow.album.scenario, experiment.theta, experiment)
     return Preview(experiment, _same(flow, given.index, experiment), len(_about(flow, given.index)))
@@ -123,10 +123,10 @@ def _dialed(flow: Flow, given: Given) -> Float[np.ndarray, " n"] | None:
         theta = space.decode(space.encode(space.check_allowed(np.array(given.theta))))
     except KnobError as error:
         raise RecordError(f"what you set cannot be learned from: {error}") from error
-    samples = flow.state.samples
+    samples = flow.state.history.samples
     if np.array_equal(theta, samples[index].theta):
         return None
-    if index != len(flow.state.closed):
+    if index != flow.state.history.answered:
         raise RecordError(f"experiment {index + 1} was compared already: its θ stays")
     return _new(theta, [s.theta for s in samples[:index]])
 
@@ -156,7 +156,7 @@ def _same(flow: Flow, index: int, experiment: Experiment) -> int | None:
 
 def _about(flow: Flow, index: int) -> list[int]:
     """Numbers of the events of the answers that compared experiment `index`, and still teach."""
-    answers = (*flow.state.closed, *flow.state.further)
+    answers = flow.state.history.counting
     return [
         c.seq
         for c in answers

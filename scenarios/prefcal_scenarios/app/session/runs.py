@@ -222,7 +222,7 @@ def go_on(flow: Flow, more: int) -> None:
     state = flow.state
     if flow.phase is not Phase.OVER:
         raise StaleError("the study has not ended")
-    if more < 0 or (more == 0 and len(state.closed) >= state.n_max):
+    if more < 0 or (more == 0 and state.history.answered >= state.n_max):
         raise StaleError(f"all {state.n_max} experiments are compared: say how many more")
     extended = [Extended(state.n_max + more)] if more else []
     flow.study.append(*extended, Reopened())

@@ -6,7 +6,6 @@ from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.study import State
 
 from .experiments import ExperimentStore
-from .memory import incumbent
 
 
 def judged(state: State, album: ExperimentStore, index: int) -> tuple[int | None, Answer]:
@@ -15,7 +14,7 @@ def judged(state: State, album: ExperimentStore, index: int) -> tuple[int | None
     The preference is for whoever reads the record: the agent learns the score alone. An
     experiment without a record has no score, and an abstention in place of a preference.
     """
-    best = incumbent(state)
+    best = state.history.incumbent
     value = _score(album, index)
     if best is None:
         return None, Answer(None, value=value)

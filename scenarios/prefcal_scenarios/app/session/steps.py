@@ -3,7 +3,8 @@
 from prefcal_agents import GLISp
 from prefcal_env.errors import PreferenceError, SettingsError, StaleError, StudyError
 from prefcal_env.preferences.answer import Answer
-from prefcal_env.study import Adjusted, Answered, Closed, Marked, Retracted, Shown, Undone
+from prefcal_env.preferences.history import Comparison
+from prefcal_env.study import Adjusted, Answered, Marked, Retracted, Shown, Undone
 
 from .flow import Flow
 from .memory import QUESTIONS
@@ -57,9 +58,9 @@ def can_undo(flow: Flow) -> bool:
     """Whether there is an answer to take back: one to a repeated question taught nothing."""
     if flow.question is not None and flow.question.repeats is not None:
         return True
-    state = flow.state
-    last_was_repeat = bool(state.repeats) and state.answers[-1] is state.repeats[-1]
-    return len(state.closed) > 1 and not last_was_repeat
+    state, repeats = flow.state, flow.state.history.repeats
+    last_was_repeat = bool(repeats) and state.answers[-1] is repeats[-1]
+    return state.history.answered > 1 and not last_was_repeat
 
 
 def undo(flow: Flow, version: int) -> None:
@@ -69,7 +70,7 @@ def undo(flow: Flow, version: int) -> None:
     if version < flow.answered_at:
         raise StaleError("an answer was given or taken back since you looked")
     if flow.question is None or flow.question.repeats is None:
-        comment = _last(flow).comment
+        comment = flow.state.history.latest[-1].comment
         flow.study.append(Undone())
         flow.agent.undo()
         flow.draft = comment
@@ -77,20 +78,14 @@ def undo(flow: Flow, version: int) -> None:
     flow.answered_at = flow.version
 
 
-def _last(flow: Flow) -> Closed:
-    """The answer that an undo takes back."""
-    state = flow.state
-    last = state.further[-1:]
-    return last[0] if last and last[0].after == len(state.closed) else state.closed[-1]
-
-
-def closed(flow: Flow, answer: int) -> Closed:
+def closed(flow: Flow, answer: int) -> Comparison:
     """The compared answer of this number, from 1; -1, -2 ... are further ones.
 
     Raises:
         StaleError: there is none.
     """
-    answers = flow.state.closed if answer >= 0 else (None, *flow.state.further)
+    history = flow.state.history
+    answers = history.comparisons if answer >= 0 else (None, *history.follow_ups)
     if not 1 <= abs(answer) < len(answers):
         what = "answer" if answer >= 0 else "further answer"
         raise StaleError(f"there is no {what} {abs(answer)}: {max(len(answers) - 1, 0)} are given")

@@ -36,7 +36,7 @@ def unattended(
         Exception: whatever the scenario's run raised, or several crashed or were late in a row.
         StudyError: the study file cannot be written.
     """
-    known, lost = len(interview.now().state.closed), 0
+    known, lost = interview.now().state.history.answered, 0
     while (now := interview.now()).phase is not Phase.OVER:
         if now.phase is Phase.QUESTION:
             assert now.question is not None

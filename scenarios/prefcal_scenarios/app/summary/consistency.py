@@ -9,7 +9,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, shortest_path
 
 from prefcal_env.preferences.answer import Preference
-from prefcal_env.study import Closed, State
+from prefcal_env.preferences.history import Comparison
+from prefcal_env.study import State
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,13 +31,14 @@ class Consistency:
     @classmethod
     def of(cls, state: State) -> "Consistency":
         """Of a study. Abstentions and retracted answers say nothing."""
-        by_question = {c.question: c for c in (*state.closed, *state.further)}
-        pairs = [(c, o) for c in state.repeats if (o := by_question.get(c.repeats)) is not None]
+        history = state.history
+        by_question = {c.question: c for c in history.counting}
+        pairs = [(c, o) for c in history.repeats if (o := by_question.get(c.repeats)) is not None]
         agreed = sum(c.answer.preference == o.answer.preference for c, o in pairs)
-        return cls(len(pairs), agreed, _cycles([*state.closed, *state.further, *state.repeats]))
+        return cls(len(pairs), agreed, _cycles([*history.counting, *history.repeats]))
 
 
-def _cycles(answers: Iterable[Closed]) -> tuple[tuple[int, ...], ...]:
+def _cycles(answers: Iterable[Comparison]) -> tuple[tuple[int, ...], ...]:
     """One shortest cycle through a strict verdict, of each strongly connected group."""
     better = set()  # (a, b): a is better than b
     as_good = set()

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from prefcal_env.preferences.answer import Preference
-from prefcal_env.study import Closed, State
+from prefcal_env.preferences.history import Comparison
+from prefcal_env.study import State
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +33,11 @@ class Counts:
             experiments=len(state.finished),
             comparisons=len(given),
             verdicts={verdict: given.count(verdict) for verdict in verdicts},
-            retracted=sum(c.retracted for c in (*state.closed, *state.further)),
+            retracted=sum(c.retracted for c in state.history.counting),
         )
 
 
-def answered(state: State) -> tuple[Closed, ...]:
+def answered(state: State) -> tuple[Comparison, ...]:
     """The answers about two experiments that stand, in the order given."""
     return tuple(
         c

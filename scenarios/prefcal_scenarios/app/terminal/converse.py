@@ -60,7 +60,7 @@ class _Conversation:
 
     def run(self) -> None:
         """Ask until the study is over or stopped."""
-        if self.interview.scenario.brief and len(self.interview.now().state.closed) <= 1:
+        if self.interview.scenario.brief and self.interview.now().state.history.answered <= 1:
             show_brief(self.interview, self.console)
         while (now := self.interview.now()).phase is not Phase.OVER:
             if now.phase is Phase.RUNNING:

@@ -6,7 +6,6 @@ import pytest
 
 from prefcal_env.study import StudyFile, study_path
 from prefcal_scenarios.app.presentation.wording import earlier_text
-from prefcal_scenarios.app.session.memory import incumbent
 from toy_study import TOY_FILE
 
 TOY = f"{TOY_FILE}:toy"
@@ -48,7 +47,7 @@ def mine(prefcal):
     study_path("mine").parent.mkdir(parents=True, exist_ok=True)
     study_path("mine").write_bytes(_FILE[0])
     state = state_of("mine")
-    return state.samples[incumbent(state)].theta
+    return state.history.samples[state.history.incumbent].theta
 
 
 def state_of(name):
@@ -61,7 +60,7 @@ def test_the_best_of_the_earlier_study_is_the_first_experiment(prefcal, mine, tm
     code, _, err = prefcal(*line, "--seed", "5", "--n-max", "4", "--out", "a")
     assert code == 0, err
     state = state_of("hers")
-    assert state.samples[0].theta == pytest.approx(mine)
+    assert state.history.samples[0].theta == pytest.approx(mine)
     said = "mine (toy): its best θ of 6 experiments"
     assert f"From {said}." in err
     assert state.configuration["earlier"]["thetas"] == [pytest.approx(list(mine))]
@@ -98,7 +97,7 @@ def test_the_present_tuning_comes_first(prefcal, mine):
     code, _, err = prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "4", "--study", "hers",
                            "--from", "mine", "--start", "T_s=0.5,N_p=30,gain=0.1")  # fmt: skip
     assert code == 0, err
-    first, second = (state_of("hers").samples[i].theta for i in (0, 1))
+    first, second = (state_of("hers").history.samples[i].theta for i in (0, 1))
     assert (first, second) == (pytest.approx((0.5, 30, 0.1)), pytest.approx(mine))
 
 
@@ -120,7 +119,7 @@ def test_a_new_knob_has_the_value_of_the_present_tuning(prefcal, mine):
     assert not study_path("hers").exists()
     code, _, err = prefcal(*line, "--start", "T_s=0.5,N_p=30,gain=0.1,filter=2")
     assert code == 0, err
-    assert state_of("hers").samples[1].theta == pytest.approx((*mine, 2.0))
+    assert state_of("hers").history.samples[1].theta == pytest.approx((*mine, 2.0))
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ def thetas(prefcal, *words):
     assert code == 0, err
     name = words[words.index("--study") + 1]
     with StudyFile.open(name, clock=clock()) as file:
-        return [sample.theta for sample in file.state.samples]
+        return [sample.theta for sample in file.state.history.samples]
 
 
 def test_without_outcomes_the_agent_learns_from_theta_alone(prefcal, tmp_path):
@@ -59,7 +59,7 @@ def test_the_line_that_repeats_a_study_says_so_and_does(prefcal, tmp_path):
     again = str(tmp_path / "again.prefcal")
     assert prefcal(*shlex.split(line)[1:], "--study", again)[0] == 0
     with StudyFile.open(again, clock=clock()) as file:
-        assert [sample.theta for sample in file.state.samples] == first
+        assert [sample.theta for sample in file.state.history.samples] == first
 
 
 def test_a_study_goes_on_as_it_began(prefcal, tmp_path):
@@ -86,7 +86,7 @@ def old_study(path, agent, answers):
         del configuration["options"][option]
     file = StudyFile.create(path, configuration, clock=clock())
     interview, judge = Interview(scenario, file, ahead=False), scenario.calibrators["synthetic"](0)
-    while len(interview.now().state.closed) <= answers:
+    while interview.now().state.history.answered <= answers:
         while interview.work():
             pass
         question = interview.now().question
@@ -107,7 +107,9 @@ def test_a_study_from_before_goes_on_without_outcomes(prefcal, tmp_path, agent):
     fresh = str(tmp_path / "fresh.prefcal")
     assert prefcal("calibrate", TOY, *words, *off, "--study", fresh)[0] == 0
     with StudyFile.open(path, clock=clock()) as a, StudyFile.open(fresh, clock=clock()) as b:
-        assert [s.theta for s in a.state.samples] == [s.theta for s in b.state.samples]
+        assert [s.theta for s in a.state.history.samples] == [
+            s.theta for s in b.state.history.samples
+        ]
     page = (tmp_path / "there" / "report.html").read_text("utf-8")
     assert ("--no-outcomes" in page) == (agent == "glisp")
     assert "What counts" in page  # its experiments are there, and say what the answers follow

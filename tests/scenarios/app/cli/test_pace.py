@@ -33,13 +33,13 @@ def state():
 def test_it_is_changed_recorded_and_goes_on(prefcal):
     code, _, err = calibrate(prefcal, "--n-max", "5")
     assert code == 0, err
-    assert not state()[0].further
+    assert not state()[0].history.follow_ups
     code, _, err = calibrate(prefcal, "--n-max", "9", "--questions-per-experiment", "3")
     assert code == 0, err
     now, changes = state()
     assert changes == [Adjusted({MOST: 3})]
     assert questions_of(now.configuration) == 3
-    assert now.further
+    assert now.history.follow_ups
     # Without the option, and with the same one, it stays as it is.
     for words in ([], ["--questions-per-experiment", "3"]):
         assert calibrate(prefcal, *words)[0] == 0

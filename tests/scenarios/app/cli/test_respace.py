@@ -56,7 +56,7 @@ def short(tmp_path_factory):
 
 def thetas(name="mine"):
     with StudyFile.open(study_path(name), clock=lambda: "now") as file:
-        return np.array([s.theta for s in file.state.samples])
+        return np.array([s.theta for s in file.state.history.samples])
 
 
 def test_a_narrowed_and_frozen_study_goes_on(prefcal, study, tmp_path):
@@ -77,7 +77,7 @@ def test_a_narrowed_and_frozen_study_goes_on(prefcal, study, tmp_path):
     with StudyFile.open(study_path(study), clock=lambda: "now") as file:
         import_json(export_json(file), copy)
     with StudyFile.open(copy, clock=lambda: "now") as file:
-        assert [s.theta for s in file.state.samples] == [tuple(t) for t in after.tolist()]
+        assert [s.theta for s in file.state.history.samples] == [tuple(t) for t in after.tolist()]
 
 
 def test_the_scenario_has_got_a_knob(prefcal, study, tmp_path):

@@ -23,7 +23,7 @@ def _data_folder(monkeypatch, tmp_path):
 
 def first_theta(name):
     with StudyFile.open(study_path(name), clock=lambda: "now") as file:
-        return file.state.samples[0].theta
+        return file.state.history.samples[0].theta
 
 
 def test_the_first_experiment_is_the_present_tuning(prefcal):

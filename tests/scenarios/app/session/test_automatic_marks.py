@@ -10,10 +10,11 @@ import pytest
 from rich.console import Console
 
 from prefcal_agents import GLISp
+from prefcal_agents.history.lessons import Marks
 from prefcal_env.experiments.end import End
 from prefcal_env.preferences.answer import Mark
 from prefcal_env.preferences.loop import calibrate
-from prefcal_env.study import counted_unsafe, export_csv
+from prefcal_env.study import export_csv
 from prefcal_scenarios.app.report import Record
 from prefcal_scenarios.app.report.comparisons import comparisons_as_csv
 from prefcal_scenarios.app.report.html import page
@@ -59,7 +60,7 @@ def sides(closed):
 
 def test_every_answer_says_which_of_its_runs_became_unsafe():
     interview = studied()
-    closed = interview.now().state.closed
+    closed = interview.now().state.history.comparisons
     assert interview.experiment(0).end is End.UNSAFE  # the first one is told of, too
     assert closed[0].answer.automatic == (NEW,)
     ends = set()
@@ -76,25 +77,25 @@ def test_the_agent_learns_them_and_a_retraction_takes_them_along():
     interview = studied()
     unsafe = [i for i in range(7) if interview.experiment(i).end is End.UNSAFE]
     history = interview._flow.agent.state.history
-    assert np.flatnonzero(history.marks().unsafe).tolist() == unsafe
-    assert counted_unsafe(interview.now().state) == set(unsafe)
+    assert np.flatnonzero(Marks.of(history).unsafe).tolist() == unsafe
+    assert interview.now().state.history.unsafe(automatic=True) == set(unsafe)
     last = max(i for i in unsafe if i)
     interview.retract(last)
-    assert counted_unsafe(interview.now().state) == set(unsafe) - {last}
-    assert interview._flow.agent.state.history.marks().unsafe.sum() == len(unsafe) - 1
+    assert interview.now().state.history.unsafe(automatic=True) == set(unsafe) - {last}
+    assert Marks.of(interview._flow.agent.state.history).unsafe.sum() == len(unsafe) - 1
     assert not interview.comparisons()[last].answer.preference
     assert interview.comparisons()[last].answer.automatic
 
 
 def test_an_undone_answer_takes_them_along():
     interview = studied()
-    while interview.now().state.closed[-1].answer.automatic == (OLD,):
+    while interview.now().state.history.comparisons[-1].answer.automatic == (OLD,):
         interview.undo(interview.now().version)
-    before = counted_unsafe(interview.now().state)
-    last = interview.now().state.closed[-1]
+    before = interview.now().state.history.unsafe(automatic=True)
+    last = interview.now().state.history.comparisons[-1]
     interview.undo(interview.now().version)
     gone = {last.challenger} if NEW in last.answer.automatic else set()
-    assert counted_unsafe(interview.now().state) == before - gone
+    assert interview.now().state.history.unsafe(automatic=True) == before - gone
 
 
 def test_a_mark_of_the_person_s_own_is_not_automatic():
@@ -104,7 +105,7 @@ def test_a_mark_of_the_person_s_own_is_not_automatic():
     side = "right" if question.left.challenger else "left"
     interview.mark(question.id, side, "unsafe", True)
     interview.answer(question.id, Choice.SAME)
-    told = interview.now().state.closed[1].answer
+    told = interview.now().state.history.comparisons[1].answer
     assert OLD in told.marks
     assert OLD not in told.automatic
 
@@ -119,7 +120,7 @@ def test_running_ahead_foresees_them(mark):
             pass
         now = interview.answer(interview.now().question.id, Choice.SAME)
         assert now.phase is not Phase.RUNNING  # nothing was left to compute
-    assert any(c.answer.automatic for c in now.state.closed)
+    assert any(c.answer.automatic for c in now.state.history.comparisons)
 
 
 def test_a_study_from_before_resumes_as_it_was(tmp_path, monkeypatch):
@@ -129,7 +130,7 @@ def test_a_study_from_before_resumes_as_it_was(tmp_path, monkeypatch):
         for module in (flow, moment):
             then.setattr(module, "completed", lambda a, new, old, kpis: replace(a, outcomes=kpis))
         old = studied(path=path)
-    asked, answers = old.now().question, [c.answer for c in old.now().state.closed]
+    asked, answers = old.now().question, [c.answer for c in old.now().state.history.comparisons]
     assert not any(given.marks for given in answers)
     old.study.close()
     resumed = reopened(touchy, path)
@@ -138,13 +139,13 @@ def test_a_study_from_before_resumes_as_it_was(tmp_path, monkeypatch):
         asked.left.experiment,
         asked.right.experiment,
     )
-    assert [c.answer for c in resumed.now().state.closed] == answers
-    assert not counted_unsafe(resumed.now().state)
+    assert [c.answer for c in resumed.now().state.history.comparisons] == answers
+    assert not resumed.now().state.history.unsafe(automatic=True)
     assert resumed._flow.agent.state == old._flow.agent.state
     answer(resumed)
     counted = {side.index for side in (again.left, again.right) if side.counts_as_unsafe}
     assert counted
-    assert counted_unsafe(resumed.now().state) == counted
+    assert resumed.now().state.history.unsafe(automatic=True) == counted
 
 
 def test_the_unattended_loop_equals_the_loop_in_memory():
@@ -165,7 +166,7 @@ def test_every_view_says_so_and_why():
     ]
     tried = status_view(interview)["tried"]["experiments"]
     shown = {e["number"] - 1 for e in tried if WORDS in e["marks"]}
-    assert shown == counted_unsafe(state) != set()
+    assert shown == state.history.unsafe(automatic=True) != set()
     question = interview.now().question
     view = now_view(interview, blind=True)["question"]
     for name in ("left", "right"):
@@ -192,4 +193,4 @@ def test_report_and_tables_tell_automatic_marks_from_the_person_s(tmp_path):
     folder = export_csv(interview.study, tmp_path)
     with (folder / "experiments.csv").open() as file:
         marked = [i for i, row in enumerate(csv.DictReader(file)) if row["automatic marks"]]
-    assert set(marked) == counted_unsafe(interview.now().state)
+    assert set(marked) == interview.now().state.history.unsafe(automatic=True)

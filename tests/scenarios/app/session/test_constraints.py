@@ -43,7 +43,7 @@ def test_a_resumed_study_asks_the_same_and_stays_inside(tmp_path):
     interview.study.close()
     resumed = begin(scenario, path)
     assert proceed(resumed).question == asked
-    for sample in resumed.study.state.samples:
+    for sample in resumed.study.state.history.samples:
         assert scenario.space.allows(np.array(sample.theta))
 
 

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from prefcal_agents.history.lessons import Preferences
 from prefcal_env.errors import StaleError, StudyError
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import calibrate
@@ -30,11 +31,13 @@ def test_a_whole_study_equals_the_loop_in_memory(toy):
     interview = begin(toy, n_max=8, agent=THREE)
     list(unattended(interview, judge_))
     state = interview.now().state
-    assert len(state.closed) == 8
-    assert len(state.further) == len(plain) - 8 > 0
-    thetas = [np.array(sample.theta) for sample in state.samples]
+    assert state.history.answered == 8
+    assert len(state.history.follow_ups) == len(plain) - 8 > 0
+    thetas = [np.array(sample.theta) for sample in state.history.samples]
     assert all(map(np.array_equal, thetas, agent.samples))
-    assert len(agent_of(state, toy.space)._session.history.further) == len(state.further)
+    assert len(agent_of(state, toy.space)._session.history.follow_ups) == len(
+        state.history.follow_ups
+    )
 
 
 def test_a_further_question_is_about_two_known_experiments(toy):
@@ -63,25 +66,25 @@ def test_it_is_saved_resumed_undone_and_retracted(toy, tmp_path):
     assert interview.now().question == question
     interview.answer(question.id, judge(question, toy.cost), comment="so")
     after = proceed(interview)
-    assert after.state.further[0].comment == "so"
-    assert after.state.further[0].after == len(after.state.closed)
+    assert after.state.history.follow_ups[0].comment == "so"
+    assert after.state.history.follow_ups[0].after == after.state.history.answered
     undone = interview.undo(after.version)
-    assert not undone.state.further
+    assert not undone.state.history.follow_ups
     again = proceed(interview).question
     assert (again.left.index, again.right.index) == (question.left.index, question.right.index)
     interview.answer(again.id, judge(again, toy.cost))
     interview.retract(-1)
-    assert interview.now().state.further[0].retracted
+    assert interview.now().state.history.follow_ups[0].retracted
     with pytest.raises(StaleError, match="retracted already"):
         interview.retract(-1)
     with pytest.raises(StaleError, match="no further answer 2"):
         interview.retract(-2)
     interview.study.close()
     resumed = reopened(toy, path)
-    assert resumed.now().state.further[0].retracted
+    assert resumed.now().state.history.follow_ups[0].retracted
     assert (
-        len(resumed._flow.agent._session.history.preferences())
-        == len(resumed.now().state.closed) - 1
+        len(Preferences.of(resumed._flow.agent._session.history))
+        == resumed.now().state.history.answered - 1
     )
 
 
@@ -101,7 +104,7 @@ def test_a_question_that_a_newer_algorithm_would_not_ask_is_replaced(toy, tmp_pa
     monkeypatch.setattr("prefcal_agents.glisp.agent.follow_up", lambda *given: None)
     now = proceed(reopened(toy, path))
     assert not now.question.further
-    assert now.question.challenger.index == len(now.state.closed)
+    assert now.question.challenger.index == now.state.history.answered
 
 
 def test_after_contradictions_two_earlier_ones_are_asked_about(toy, tmp_path):
@@ -109,7 +112,7 @@ def test_after_contradictions_two_earlier_ones_are_asked_about(toy, tmp_path):
     interview, older = begin(toy, n_max=26, agent=THREE, path=path), 0
     while older < 2:
         question = proceed(interview).question
-        latest = len(interview.now().state.closed) - 1
+        latest = interview.now().state.history.answered - 1
         if question.further and latest not in (question.left.index, question.right.index):
             older += 1
             view = asked_now(interview)
@@ -123,8 +126,8 @@ def test_after_contradictions_two_earlier_ones_are_asked_about(toy, tmp_path):
         better = judge(question, toy.cost) is Choice.LEFT
         mistaken = question.number % 3 == 1 and not question.further
         interview.answer(question.id, Choice.LEFT if better != mistaken else Choice.RIGHT)
-    told = interview._flow.agent._session.history.further
-    recorded = interview.now().state.further
+    told = interview._flow.agent._session.history.follow_ups
+    recorded = interview.now().state.history.follow_ups
     assert [(c.challenger, c.incumbent, c.answer.preference, c.after) for c in told] == [
         (c.challenger, c.incumbent, c.answer.preference, c.after) for c in recorded
     ]
@@ -189,7 +192,7 @@ def test_a_file_that_compares_an_experiment_before_its_own_question_is_refused(t
     new, old = question.challenger.index, question.incumbent.index
     study: StudyFile = interview.study
     [shown] = study.append(Shown(new, old, True))
-    verdict = interview.now().state.closed[-1].answer
+    verdict = interview.now().state.history.comparisons[-1].answer
     with pytest.raises(StudyError, match="is not on show"):
         study.append(Answered(shown, old, new, verdict))
 
@@ -202,4 +205,4 @@ def test_verdicts_are_counted_with_the_others(toy):
     before = sum(status_view(interview)["verdicts"].values())
     interview.answer(question.id, judge(question, toy.cost))
     assert sum(status_view(interview)["verdicts"].values()) == before + 1
-    assert interview.now().state.further[0].answer.preference in Preference
+    assert interview.now().state.history.follow_ups[0].answer.preference in Preference

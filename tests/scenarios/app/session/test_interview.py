@@ -55,7 +55,7 @@ def test_the_first_question_compares_the_first_two_experiments(interview):
 def test_a_choice_by_side_becomes_the_preference_it_means(interview, choice):
     question = proceed(interview).question
     interview.answer(question.id, choice, comment="so", blind=True)
-    closed = interview.now().state.closed[1]
+    closed = interview.now().state.history.comparisons[1]
     expected = {SAME: Preference.TIE, CANNOT_TELL: None}
     side = question.left if choice is LEFT else question.right
     won = Preference.CHALLENGER if side.challenger else Preference.INCUMBENT
@@ -70,7 +70,7 @@ def test_the_sides_are_randomised_recorded_and_the_same_again(toy):
         interview = begin(toy, n_max=12)
         while (now := proceed(interview)).phase is Phase.QUESTION:
             interview.answer(now.question.id, judge(now.question))
-        sides.append([c.challenger_left for c in interview.now().state.closed[1:]])
+        sides.append([c.challenger_left for c in interview.now().state.history.comparisons[1:]])
     assert sides[0] == sides[1]
     assert {True, False} == set(sides[0])
 
@@ -102,7 +102,7 @@ def test_two_tabs_answer_at_once_and_one_of_them_is_told(interview):
     for thread in threads:
         thread.join()
     assert sorted(outcomes) == ["recorded", "told"]
-    assert len(interview.now().state.closed) == 2
+    assert interview.now().state.history.answered == 2
 
 
 def test_marks_stay_with_the_experiment_and_go_into_the_answer(interview):
@@ -114,7 +114,7 @@ def test_marks_stay_with_the_experiment_and_go_into_the_answer(interview):
     assert now.question.id == question.id
     assert now.question.challenger.marks == {"unsafe"}
     interview.answer(question.id, LEFT)
-    assert interview.now().state.closed[1].answer.marks == (Mark.CHALLENGER_UNSAFE,)
+    assert interview.now().state.history.comparisons[1].answer.marks == (Mark.CHALLENGER_UNSAFE,)
     assert interview.now().state.marks[1] == {"unsafe"}
 
 
@@ -182,8 +182,10 @@ def test_a_retracted_answer_stays_on_record_and_teaches_nothing(interview):
     before = interview.now()
     interview.retract(1)
     now = interview.now()
-    assert now.state.closed[1].retracted
-    assert [s.theta for s in now.state.samples] == [s.theta for s in before.state.samples]
+    assert now.state.history.comparisons[1].retracted
+    assert [s.theta for s in now.state.history.samples] == [
+        s.theta for s in before.state.history.samples
+    ]
     with pytest.raises(StaleError, match="retracted already"):
         interview.retract(1)
     assert interview.comparisons()[1].answer.preference is None
@@ -216,10 +218,10 @@ def test_a_repeated_question_swaps_the_sides_and_teaches_nothing(interview):
     original = interview.asked(again.challenger.index)
     assert again.repeats == original.id
     assert (again.left.index, again.right.index) == (original.right.index, original.left.index)
-    closed = len(interview.now().state.closed)
+    closed = interview.now().state.history.answered
     interview.answer(again.id, again.choice(original.preference(judge(original))))
     now = proceed(interview)
-    assert len(now.state.closed) == closed
+    assert now.state.history.answered == closed
     assert now.question.challenger.index == open_before.challenger.index
     assert interview.consistency.repeated == 1
 
@@ -228,12 +230,12 @@ def test_undo_puts_a_repeated_question_away(interview):
     for _ in range(3):
         answer(interview)
     proceed(interview)
-    closed = interview.now().state.closed
+    closed = interview.now().state.history.comparisons
     interview.repeat()
     interview.undo(interview.now().version)
     now = proceed(interview)
     assert now.question.repeats is None
-    assert now.state.closed == closed
+    assert now.state.history.comparisons == closed
 
 
 def test_the_study_is_over_when_all_is_compared_and_can_be_given_more(interview):
@@ -241,7 +243,7 @@ def test_the_study_is_over_when_all_is_compared_and_can_be_given_more(interview)
         answer(interview)
     now = interview.now()
     assert (now.phase, now.state.ended) == (Phase.OVER, "all compared")
-    assert len(now.state.closed) == 6
+    assert now.state.history.answered == 6
     with pytest.raises(StaleError, match="say how many more"):
         interview.go_on()
     interview.go_on(2)
@@ -337,7 +339,7 @@ def test_running_ahead_changes_nothing_but_the_waiting(toy):
             now = interview.answer(now.question.id, judge(now.question))
             if ahead and now.phase is not Phase.OVER:
                 assert now.phase is Phase.QUESTION  # nothing was left to compute
-            thetas.append(proceed(interview).state.samples[-1].theta)
+            thetas.append(proceed(interview).state.history.samples[-1].theta)
         questions.append(thetas)
     assert questions[0] == questions[1]
 
@@ -364,7 +366,7 @@ def test_a_full_disk_after_an_answer_is_a_problem_to_be_tried_again(interview, m
     interview.answer(question.id, LEFT)
     now = proceed(interview)
     assert (now.phase, now.problem) == (Phase.FAILED, "the disk is full")
-    assert len(now.state.closed) == 2
+    assert now.state.history.answered == 2
     monkeypatch.undo()
     interview.retry(0)
     assert proceed(interview).phase is Phase.QUESTION
@@ -382,7 +384,7 @@ def test_a_full_disk_at_an_answer_leaves_the_question_open(interview, monkeypatc
     assert interview.now().question.id == question.id
     monkeypatch.undo()
     interview.answer(question.id, LEFT)
-    assert len(interview.now().state.closed) == 2
+    assert interview.now().state.history.answered == 2
 
 
 def test_a_study_of_other_knobs_is_refused(toy, tmp_path):
@@ -423,9 +425,9 @@ def test_scores_take_the_place_of_questions(toy):
     interview = begin(toy, agent=GLIS)
     list(unattended(interview, None))
     state = interview.now().state
-    assert [c.question for c in state.closed] == [None] * 6
+    assert [c.question for c in state.history.comparisons] == [None] * 6
     costs = [toy.cost(interview.experiment(i)) for i in range(6)]
-    assert [c.answer.value for c in state.closed] == costs
+    assert [c.answer.value for c in state.history.comparisons] == costs
     assert interview.now().incumbent == int(np.argmin(costs))
     verdicts = [c.answer.preference for c in interview.comparisons()[1:]]
     best = np.minimum.accumulate(costs)
@@ -444,9 +446,9 @@ def test_a_run_without_a_record_has_no_score_and_loses(toy):
         if now.phase is Phase.FAILED:
             interview.fail(now.pending.index)
     state = interview.now().state
-    scores = [c.answer.value for c in state.closed]
+    scores = [c.answer.value for c in state.history.comparisons]
     assert None in scores
-    assert state.samples[interview.now().incumbent].theta[0] >= 0.8
+    assert state.history.samples[interview.now().incumbent].theta[0] >= 0.8
     assert interview.comparisons()[-1].winner_index == interview.now().incumbent
 
 
@@ -454,7 +456,7 @@ def test_a_run_without_a_record_has_no_score_and_loses(toy):
 def test_much_better_is_a_strength_of_a_side_and_of_nothing_else(interview, choice):
     question = proceed(interview).question
     interview.answer(question.id, choice, strength=Strength.MUCH_BETTER)
-    (closed,) = interview.now().state.closed[1:]
+    (closed,) = interview.now().state.history.comparisons[1:]
     assert closed.answer.much_better is (choice in (LEFT, RIGHT))
     assert closed.answer.preference is question.preference(choice)
 
@@ -499,4 +501,7 @@ def test_a_question_that_is_asked_again_is_skipped_without_a_trace(interview):
     sides = {after.question.left.index, after.question.right.index}
     assert sides == {before.question.left.index, before.question.right.index}
     assert after.question.repeats is None
-    assert (after.state.closed, after.state.repeats) == (before.state.closed, ())
+    assert (after.state.history.comparisons, after.state.history.repeats) == (
+        before.state.history.comparisons,
+        (),
+    )

@@ -36,7 +36,7 @@ def test_more_questions_come_with_the_next_experiments(toy):
     until_further(interview)
     while answer(interview).phase is not Phase.OVER:
         pass
-    assert interview.now().state.further
+    assert interview.now().state.history.follow_ups
 
 
 def test_an_open_further_question_disappears_when_there_are_to_be_fewer(toy):
@@ -51,7 +51,7 @@ def test_an_open_further_question_disappears_when_there_are_to_be_fewer(toy):
         interview.answer(question.id, judge(question, toy.cost))
     while answer(interview).phase is not Phase.OVER:
         pass
-    assert not interview.now().state.further
+    assert not interview.now().state.history.follow_ups
 
 
 @pytest.mark.parametrize("most", [1, 2, 12])
@@ -136,11 +136,11 @@ def test_an_undo_goes_back_behind_a_change(toy):
     interview = begin(toy, n_max=8, agent=THREE)
     until_further(interview)
     now = answer(interview)
-    assert len(now.state.further) == 1
+    assert len(now.state.history.follow_ups) == 1
     interview.pace(1)
     interview.undo(interview.now().version)
     now = proceed(interview)
-    assert not now.state.further
+    assert not now.state.history.follow_ups
     assert not now.question.further
 
 

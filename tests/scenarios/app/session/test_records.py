@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
+from prefcal_agents.history.lessons import kpis_of
 from prefcal_env.errors import RecordError, StaleError
 from prefcal_env.preferences.answer import Mark
 from prefcal_env.rig import Rig
@@ -58,7 +58,7 @@ def test_the_theta_that_was_dialed_is_learned_from_and_the_proposed_one_kept(int
     proposed = interview.now().pending.theta
     dialed = (1.07, 20.0, proposed[2])
     now = interview.record(Given(1, csv(9.0), theta=dialed))
-    assert now.state.samples[1].theta == pytest.approx(dialed)
+    assert now.state.history.samples[1].theta == pytest.approx(dialed)
     assert now.state.proposed == {1: proposed}
     assert interview.experiment(1).theta == pytest.approx(dialed)
     interview.answer(now.question.id, Choice.LEFT)
@@ -66,7 +66,7 @@ def test_the_theta_that_was_dialed_is_learned_from_and_the_proposed_one_kept(int
         interview.work()
     following = interview.now()
     history = interview._flow.agent.state.history
-    assert TOY.space.decode(np.array(history.samples[1])) == pytest.approx(dialed)
+    assert history.samples[1].theta == pytest.approx(dialed)
     interview.study.close()
     again = reopened(RIG, tmp_path / "rig.prefcal")
     assert again.now().pending == following.pending
@@ -90,7 +90,7 @@ def test_a_theta_that_cannot_be_learned_from_is_refused(interview, theta, told):
 
 
 def test_no_theta_runs_twice_by_hand_either(interview):
-    first = interview.now().state.samples[0].theta
+    first = interview.now().state.history.samples[0].theta
     with pytest.raises(RecordError, match="experiment 1 was run with exactly the θ"):
         interview.record(Given(1, csv(9.0), theta=first))
 
@@ -101,7 +101,7 @@ def test_a_record_that_is_not_answered_yet_is_replaced_and_its_question_put_anew
     with pytest.raises(StaleError):
         interview.answer(asked.id, Choice.LEFT)
     assert now.question.challenger.experiment.x.max() == 7.5
-    assert now.state.samples[1].theta == pytest.approx((0.5, 20.0, 1.0))
+    assert now.state.history.samples[1].theta == pytest.approx((0.5, 20.0, 1.0))
 
 
 def test_replacing_a_compared_record_retracts_its_answers_and_corrects_its_kpis(interview):
@@ -111,13 +111,13 @@ def test_replacing_a_compared_record_retracts_its_answers_and_corrects_its_kpis(
         interview.work()
     assert interview.preview(Given(1, csv(7.5))).retracts == 1
     now = interview.record(Given(1, csv(7.5)))
-    closed = now.state.closed[1]
+    closed = now.state.history.comparisons[1]
     assert now.phase is Phase.RECORD
     assert closed.retracted
     assert Mark.CHALLENGER_UNSAFE not in closed.answer.marks
     assert closed.answer.outcomes[0]["highest"] == 7.5
     history = interview._flow.agent.state.history
-    assert [o["highest"] for o in history.outcomes()] == [8.0, 7.5]
+    assert [o["highest"] for o in kpis_of(history)] == [8.0, 7.5]
     with pytest.raises(RecordError, match="compared already"):
         interview.record(Given(1, csv(6.0), theta=(0.5, 20.0, 1.0)))
 

@@ -2,7 +2,6 @@
 
 from prefcal_env.study import Retracted
 from prefcal_scenarios.app.session import Choice
-from prefcal_scenarios.app.session.memory import incumbent
 from support.interviews import begin, proceed, reopened
 from toy_study import toy_scenario
 
@@ -26,7 +25,7 @@ def test_with_mistakes_the_best_is_still_what_the_record_says(tmp_path):
     cost = interview.scenario.cost
     while (question := proceed(interview).question) is not None:
         now = interview.now()
-        assert now.incumbent == incumbent(now.state)
+        assert now.incumbent == now.state.history.incumbent
         assert now.incumbent in (question.incumbent.index, question.challenger.index)
         better = cost(question.left.experiment) < cost(question.right.experiment)
         mistaken = question.number % 3 == 1 and not question.further

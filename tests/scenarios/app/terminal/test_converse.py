@@ -57,13 +57,13 @@ def test_a_whole_study_by_keys(interview):
     assert interview.now().phase is Phase.OVER
     assert "Comparison 1 of 4: which experiment is better?" in out
     assert "The study is over: all compared." in out
-    given = [c.answer.preference for c in interview.now().state.closed[1:]]
+    given = [c.answer.preference for c in interview.now().state.history.comparisons[1:]]
     assert given[2:] == [0, None]
 
 
 def test_a_capital_is_much_better(interview):
     out = talk(interview, "Lrx")
-    strong, plain = [c.answer for c in interview.now().state.closed[1:]]
+    strong, plain = [c.answer for c in interview.now().state.history.comparisons[1:]]
     assert (strong.strength, plain.strength) == (Strength.MUCH_BETTER, 1)
     assert "Saved: left, much better." in out
     assert "Saved: right." in out
@@ -160,12 +160,12 @@ def test_t_shows_all_indicators_those_that_differ_most_first(interview):
 def test_it_stops_and_loses_nothing(interview):
     talk(interview, "lx")
     assert interview.now().phase is Phase.QUESTION
-    assert len(interview.now().state.closed) == 2
+    assert interview.now().state.history.answered == 2
 
 
 def test_undo_marks_comment_and_blind(interview):
     out = talk(interview, "l" + "z" + "qcb" + "r" + "x", ["quieter"])
-    closed = interview.now().state.closed[1]
+    closed = interview.now().state.history.comparisons[1]
     assert (closed.comment, closed.blind) == ("quieter", True)
     assert closed.answer.marks != ()
     assert "The last answer is undone." in out
@@ -183,12 +183,12 @@ def test_a_comment_survives_an_answer_that_could_not_be_saved(interview, monkeyp
 
     monkeypatch.setattr(StudyFile, "append", once_full)
     assert "the disk is full" in talk(interview, "cllx", ["quieter"])
-    assert interview.now().state.closed[1].comment == "quieter"
+    assert interview.now().state.history.comparisons[1].comment == "quieter"
 
 
 def test_ctrl_d_at_a_comment_leaves_no_comment(interview):
     talk(interview, "clx", [END])
-    assert interview.now().state.closed[1].comment == ""
+    assert interview.now().state.history.comparisons[1].comment == ""
 
 
 def test_history_status_keys_and_a_repeat(interview):
@@ -346,7 +346,7 @@ def test_an_answer_is_taken_back_while_a_record_is_waited_for(tmp_path):
     interview = begin(replace(toy_scenario(), run=Rig(CHANNELS, (2.0,)), kpis=()), n_max=4)
     talk(interview, "lx", [str(file), str(file), "yes", "z"])
     assert interview.now().phase is Phase.QUESTION
-    assert len(interview.now().state.closed) == 1
+    assert interview.now().state.history.answered == 1
 
 
 def test_where_are_we_says_what_counts_once_the_answers_tell(interview):

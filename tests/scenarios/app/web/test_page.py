@@ -55,7 +55,7 @@ def test_twelve_comparisons_by_keyboard(browser, window):
     state = state_of(served)
     assert state.ended == "all compared"
     choices = []
-    for closed in state.closed[1:]:
+    for closed in state.history.comparisons[1:]:
         p = closed.answer.preference
         left_won = p is not None and p != 0 and (p == -1) == closed.challenger_left
         choices.append("s" if p is None else "ArrowDown" if p == 0 else
@@ -165,7 +165,7 @@ def test_undo_takes_the_answer_back(browser, window):
     after = watched.page.inner_text("#left .which") + watched.page.inner_text("#right .which")
     assert after == before
     assert watched.page.inner_text("#progress-text") == "comparison 1 of 12"
-    assert len(state_of(served).closed) == 1
+    assert state_of(served).history.answered == 1
 
 
 def test_two_tabs_answer_the_same_question(browser, window):
@@ -183,7 +183,7 @@ def test_two_tabs_answer_the_same_question(browser, window):
     second.page.wait_for_selector("#banner:not([hidden])")
     assert "nothing was recorded twice" in second.page.inner_text("#banner")
     second.question(question)  # it goes on with the open one
-    assert len(state_of(served).closed) == 2
+    assert state_of(served).history.answered == 2
 
 
 def test_a_reload_changes_nothing(browser, window):
@@ -192,7 +192,7 @@ def test_a_reload_changes_nothing(browser, window):
     question = watched.answer("ArrowLeft")
     watched.page.reload()
     assert watched.question() == question
-    assert len(state_of(served).closed) == 2
+    assert state_of(served).history.answered == 2
 
 
 def test_a_killed_server_goes_on_where_it_was(browser, window):
@@ -206,7 +206,7 @@ def test_a_killed_server_goes_on_where_it_was(browser, window):
     watched.page.wait_for_selector("#banner:not([hidden])")
     assert "is saved. To continue, run: prefcal calibrate" in watched.page.inner_text("#banner")
     assert verify(served.study) == ()
-    assert len(state_of(served).closed) == 3
+    assert state_of(served).history.answered == 3
     again = window()
     watched.page.goto(again.link)
     assert watched.question() != question
@@ -219,14 +219,17 @@ def test_keys_rest_while_somebody_types(browser, window):
     watched.page.keyboard.press("c")
     watched.page.keyboard.type("quieter, so q and s")
     watched.page.keyboard.press("ArrowLeft")
-    assert len(state_of(served).closed) == 1
+    assert state_of(served).history.answered == 1
     watched.page.keyboard.press("Escape")
     watched.answer("ArrowRight")
     watched.page.keyboard.press("c")
     watched.page.keyboard.type("louder")
     watched.page.keyboard.press("Enter")
     watched.answer("ArrowRight")
-    assert [c.comment for c in state_of(served).closed[1:]] == ["quieter, so q and s", "louder"]
+    assert [c.comment for c in state_of(served).history.comparisons[1:]] == [
+        "quieter, so q and s",
+        "louder",
+    ]
     assert watched.page.input_value("#comment") == ""
     assert state_of(served).marks == {}
 
@@ -237,7 +240,7 @@ def test_shift_and_an_arrow_is_much_better(browser, window):
     page = watched.page
     page.keyboard.press("c")
     page.keyboard.press("Shift+ArrowLeft")  # selects text, while somebody types
-    assert len(state_of(served).closed) == 1
+    assert state_of(served).history.answered == 1
     page.keyboard.press("Escape")
     watched.answer("Shift+ArrowLeft")
     assert page.inner_text("#saved") == "✓ saved: left is much better"
@@ -246,7 +249,7 @@ def test_shift_and_an_arrow_is_much_better(browser, window):
     question = watched.question()
     page.click("#verdict-much-right")
     watched.question(question)
-    told = state_of(served).closed[1:]
+    told = state_of(served).history.comparisons[1:]
     assert [c.answer.strength for c in told] == [3, 1, 1, 3]
     assert [c.answer.preference == 0 for c in told] == [False, False, True, False]
     page.keyboard.press("h")
@@ -262,7 +265,7 @@ def test_shift_and_an_arrow_is_much_better(browser, window):
     page.wait_for_function(
         "() => document.getElementById('progress-text').innerText.includes(' 4 ')"
     )
-    assert [c.answer.strength for c in state_of(served).closed[1:]] == [3, 1, 1]
+    assert [c.answer.strength for c in state_of(served).history.comparisons[1:]] == [3, 1, 1]
     assert watched.errors == []
 
 
@@ -275,7 +278,7 @@ def test_a_long_press_answers_once(browser, window):
     watched.question(question)
     watched.page.keyboard.up("ArrowLeft")
     watched.page.wait_for_timeout(300)
-    assert len(state_of(served).closed) == 2
+    assert state_of(served).history.answered == 2
 
 
 def test_marks_are_kept_and_shown(browser, window):
@@ -316,7 +319,7 @@ def test_blind_hides_what_is_which_and_does_not_even_send_it(browser, window):
     assert '"theta":[{' not in sent
     assert "best so far" not in sent
     watched.answer("ArrowLeft")
-    assert state_of(served).closed[1].blind
+    assert state_of(served).history.comparisons[1].blind
 
 
 def test_history_shows_again_and_retracts(browser, window):
@@ -339,7 +342,7 @@ def test_history_shows_again_and_retracts(browser, window):
     assert "primary" not in watched.page.get_attribute("text=Retract it", "class")
     watched.page.click("text=Retract it")
     watched.page.wait_for_selector("tr.retracted")
-    assert state_of(served).closed[1].retracted
+    assert state_of(served).history.comparisons[1].retracted
 
 
 def test_where_are_we_shows_the_best_and_what_was_learned(browser, window):
@@ -355,7 +358,7 @@ def test_where_are_we_shows_the_best_and_what_was_learned(browser, window):
     once = "() => document.getElementById('heading').textContent.startsWith('Once')"
     watched.page.wait_for_function(once)
     watched.answer("ArrowLeft")
-    assert len(state_of(served).repeats) == 1
+    assert len(state_of(served).history.repeats) == 1
 
 
 def test_the_verdicts_are_in_sight_at_1280_by_720_and_on_a_tablet(browser, window):

@@ -96,7 +96,7 @@ def test_a_repeat_can_be_skipped_and_names_no_best(browser, window):
         leave()
         watched.question(again)
         assert "best so far" in page.inner_text("#pair")
-    assert state_of(served).repeats == ()
+    assert state_of(served).history.repeats == ()
 
 
 def test_one_mark_excludes_the_other_on_the_page(browser, window):

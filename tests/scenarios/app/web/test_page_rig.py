@@ -84,7 +84,7 @@ def test_a_rigs_records_are_dropped_refused_and_compared(browser, window, own):
     watched.shot("rig-dialed")
     page.click("#record-save")
     watched.question()
-    assert state_of(served).samples[1].theta[0] == pytest.approx(1.07)
+    assert state_of(served).history.samples[1].theta[0] == pytest.approx(1.07)
     assert "unsafe" in page.inner_text("#pair")
     watched.shot("rig-question")
     page.click("#replace")
@@ -126,7 +126,7 @@ def test_a_plant_that_breaks_down_is_tried_again(browser, window, own):
     watched.phase("failed")
     assert "the pump does not answer" in watched.page.inner_text("#view-failed")
     watched.shot("failed")
-    assert len(state_of(served).closed) == 2
+    assert state_of(served).history.answered == 2
     (own / "mended").touch()
     watched.page.click("button:has-text('Try again')")
     watched.question()

@@ -33,12 +33,7 @@ from prefcal_scenarios.app.cli.choices import knob_called
 from prefcal_scenarios.app.presentation.wording import printable
 from prefcal_scenarios.app.report.kpi_importance import Minded
 from prefcal_scenarios.app.session import Interview
-from prefcal_scenarios.app.session.memory import (
-    agent_configuration,
-    agent_of,
-    agent_state,
-    with_constraints,
-)
+from prefcal_scenarios.app.session.memory import agent_of, agent_state, with_constraints
 from prefcal_scenarios.scenario import load
 
 from .files import existing, open_described, summary, trusted_source, wall_clock
@@ -272,7 +267,7 @@ def _changed_agent(
     """Return the changes of the agent's configuration, apart from the samples."""
     before = agent_state(state)
     after = moved(before, old, space, added)
-    then, now = (agent_configuration(s) for s in (before, after))
+    then, now = before.configuration(), after.configuration()
     return {name: value for name, value in now.items() if value != then.get(name)}
 
 

@@ -16,14 +16,8 @@ from rich.table import Table
 
 from prefcal_env.errors import PrefcalError, StudyError
 from prefcal_env.preferences.answer import Mark
-from prefcal_env.study import (
-    Closed,
-    State,
-    StudyFile,
-    data_folder,
-    studies_in_data_folder,
-    study_path,
-)
+from prefcal_env.preferences.history import Comparison
+from prefcal_env.study import State, StudyFile, data_folder, studies_in_data_folder, study_path
 from prefcal_scenarios.app.cli.options import Options
 from prefcal_scenarios.app.cli.parameters import kept_by
 from prefcal_scenarios.app.presentation.wording import (
@@ -35,7 +29,6 @@ from prefcal_scenarios.app.presentation.wording import (
 )
 from prefcal_scenarios.app.report.export import jsonable
 from prefcal_scenarios.app.report.record import verdict_text
-from prefcal_scenarios.app.session.memory import incumbent
 from prefcal_scenarios.app.summary.counts import Counts
 from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.scenario import is_built_in
@@ -263,11 +256,11 @@ def _minute(at: str) -> str:
 
 def best_theta(state: State) -> dict[str, float] | None:
     """Return the best θ so far by knob name; None before the first experiment."""
-    best = incumbent(state)
+    best = state.history.incumbent
     if best is None:
         return None
     names = [knob["name"] for knob in state.configuration["knobs"]]
-    return dict(zip(names, map(float, np.array(state.samples[best].theta)), strict=True))
+    return dict(zip(names, map(float, np.array(state.history.samples[best].theta)), strict=True))
 
 
 def _answers(state: State) -> Iterator[dict[str, Any]]:
@@ -285,7 +278,7 @@ def _answers(state: State) -> Iterator[dict[str, Any]]:
         }
 
 
-def _said(closed: Closed) -> str:
+def _said(closed: Comparison) -> str:
     if closed.repeats is not None:
         return "asked again"
     return "retracted" if closed.retracted else ""

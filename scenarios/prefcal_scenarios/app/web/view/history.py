@@ -3,7 +3,7 @@
 from typing import Any
 
 from prefcal_env.preferences.answer import Preference
-from prefcal_env.study import Closed
+from prefcal_env.preferences.history import Comparison
 from prefcal_scenarios.app.presentation.wording import marks_text
 from prefcal_scenarios.app.report.record import verdict_text
 from prefcal_scenarios.app.session import Interview
@@ -17,15 +17,15 @@ _WINNERS = {Preference.CHALLENGER: "new", Preference.INCUMBENT: "best", Preferen
 def history_view(interview: Interview) -> dict[str, Any]:
     """Return all answers in the order given, including repeated questions, and the remarks."""
     state = interview.now().state
-    numbers = {c.question: c.challenger for c in state.closed}
-    numbers |= {c.question: -k for k, c in enumerate(state.further, start=1)}
+    numbers = {c.question: c.challenger for c in state.history.comparisons}
+    numbers |= {c.question: -k for k, c in enumerate(state.history.follow_ups, start=1)}
     return {
         "answers": [_answer_view(c, numbers) for c in state.answers],
         "notes": [{"at": at, "text": text} for at, text in state.notes],
     }
 
 
-def _answer_view(closed: Closed, numbers: dict[int | None, int]) -> dict[str, Any]:
+def _answer_view(closed: Comparison, numbers: dict[int | None, int]) -> dict[str, Any]:
     again = closed.repeats is not None
     return {
         # Number for viewing and retracting; a repeated question has that of the original.

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from prefcal_env.rig import Rig
-from prefcal_env.study import State, Suggested, counted_unsafe
+from prefcal_env.study import State, Suggested
 from prefcal_scenarios.app.isolated import in_time
 from prefcal_scenarios.app.presentation.wording import INTERRUPTED, knob_number, with_unit
 from prefcal_scenarios.app.session import Interview, Now, Phase
@@ -89,7 +89,7 @@ def _time(now: Now) -> str:
 
 def _progress(interview: Interview, now: Now) -> dict[str, int]:
     """Return the progress. There is one comparison fewer than experiments."""
-    answered = max(len(now.state.closed) - 1, 0)
+    answered = max(now.state.history.answered - 1, 0)
     return {
         "answered": answered,
         "comparisons": interview.n_max - 1,
@@ -134,7 +134,7 @@ def _good_enough(now: Now, *, blind: bool) -> Any:
     best = now.incumbent
     if best is None or GOOD_ENOUGH not in now.state.marks.get(best, frozenset()):
         return None
-    if best in counted_unsafe(now.state):
+    if best in now.state.history.unsafe(automatic=True):
         return None
     return {"number": None if blind else best + 1}
 
@@ -156,5 +156,5 @@ def best_view(interview: Interview, now: Now) -> Any:
 
 def marks_of(state: State, index: int) -> list[str]:
     """Return the marks of experiment `index`: the person's, and "unsafe" if it was interrupted."""
-    counted = [INTERRUPTED] if index in counted_unsafe(state) else []
+    counted = [INTERRUPTED] if index in state.history.unsafe(automatic=True) else []
     return sorted(state.marks.get(index, ())) + counted

@@ -11,7 +11,6 @@ from prefcal_scenarios.app.presentation.wording import knob_number
 from prefcal_scenarios.app.report.kpi_importance import Minded
 from prefcal_scenarios.app.report.record import VERDICTS, above
 from prefcal_scenarios.app.session import Consistency, Interview, Now
-from prefcal_scenarios.app.session.memory import incumbents
 from prefcal_scenarios.app.session.order import to_repeat
 
 from .end import outlook_view, report_view
@@ -69,16 +68,16 @@ def _knob_view(knob: Knob) -> dict[str, Any]:
 
 def _tried(interview: Interview, now: Now) -> dict[str, Any]:
     state, space = now.state, interview.scenario.space
-    winners = set(incumbents(state))
+    winners = set(state.history.incumbents())
     return {
         "knobs": [_knob_view(knob) for knob in space],
         "experiments": [
             {
                 "number": index + 1,
-                "theta": list(state.samples[index].theta),
+                "theta": list(state.history.samples[index].theta),
                 "text": [
                     knob_number(k, v)
-                    for k, v in zip(space, state.samples[index].theta, strict=True)
+                    for k, v in zip(space, state.history.samples[index].theta, strict=True)
                 ],
                 "best": index == now.incumbent,
                 "was_best": index in winners,
@@ -96,7 +95,9 @@ def _slices(interview: Interview, now: Now) -> Any:
     if surrogate is None or now.incumbent is None:
         return None
     space, best = interview.scenario.space, interview.experiment(now.incumbent).theta
-    tried = np.array([now.state.samples[index].theta for index in sorted(now.state.finished)])
+    tried = np.array(
+        [now.state.history.samples[index].theta for index in sorted(now.state.finished)]
+    )
     base = space.encode(best)
     paths = [_path(space, base, k) for k in range(len(space))]
     costs = [surrogate(thetas) for thetas in (tried, *paths)]

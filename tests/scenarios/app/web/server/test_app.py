@@ -67,7 +67,7 @@ def test_an_answer_is_recorded_with_what_belongs_to_it(room):
     asked = room.interview.now().question
     body = verdict(room, choice="right", comment="θ: it swings", blind=True)
     assert room.post("answer", **body).status_code == 200
-    (closed,) = room.interview.now().state.closed[1:]
+    (closed,) = room.interview.now().state.history.comparisons[1:]
     assert (closed.question, closed.comment, closed.blind) == (asked.id, "θ: it swings", True)
     assert closed.answer.preference is asked.preference(Choice.RIGHT)
 
@@ -76,7 +76,7 @@ def test_an_answer_is_recorded_with_what_belongs_to_it(room):
 def test_much_better_is_stored_shown_and_exported(room, tmp_path, choice, side):
     asked = room.interview.now().question
     assert room.post("answer", **verdict(room, choice=choice)).status_code == 200
-    (closed,) = room.interview.now().state.closed[1:]
+    (closed,) = room.interview.now().state.history.comparisons[1:]
     assert replace(closed.answer, outcomes=None) == asked.answer(side, Strength.MUCH_BETTER)
     (shown,) = room.page().get("/api/history").json()["answers"]
     assert shown["text"] in ("newer much better", "older much better")
@@ -90,7 +90,7 @@ def test_much_better_is_stored_shown_and_exported(room, tmp_path, choice, side):
 @pytest.mark.parametrize("choice", ["left", "right", "same", "cannot tell"])
 def test_every_verdict_can_be_given(room, choice):
     assert room.post("answer", **verdict(room, choice=choice)).status_code == 200
-    assert len(room.interview.now().state.closed) == 2
+    assert room.interview.now().state.history.answered == 2
 
 
 def test_the_second_of_two_tabs_is_told_and_nothing_is_recorded_twice(room):
@@ -114,7 +114,7 @@ def test_two_tabs_at_the_same_instant_record_one_answer(room):
             return [response.status_code for response in await asyncio.gather(*posts)]
 
     assert sorted(asyncio.run(both())) == [200, 409]
-    assert len(room.interview.now().state.closed) == 2
+    assert room.interview.now().state.history.answered == 2
 
 
 def test_the_answer_waits_for_the_next_question(toy, static):
@@ -157,7 +157,7 @@ def test_an_answer_is_retracted(room):
     room.post("answer", **verdict(room))
     proceed(room.interview)
     assert room.post("retract", answer=1).status_code == 200
-    assert room.interview.now().state.closed[1].retracted
+    assert room.interview.now().state.history.comparisons[1].retracted
     assert room.post("retract", answer=9).status_code == 409
 
 

@@ -47,7 +47,7 @@ def test_blind_hides_numbers_roles_and_theta_on_this_side_of_the_wire():
     view = now_view(interview, blind=True)
     for side in (view["question"]["left"], view["question"]["right"]):
         assert (side["number"], side["role"], side["theta"]) == (None, None, [])
-    for sample in now.state.samples:
+    for sample in now.state.history.samples:
         assert not any(list(sample.theta) == part for part in lists(view))
     assert now_view(interview)["question"]["left"]["theta"]
 

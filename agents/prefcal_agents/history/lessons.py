@@ -1,0 +1,124 @@
+"""What a history teaches: preferences, scores, KPIs and marks of samples, as arrays."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from prefcal_env.preferences.answer import Mark
+from prefcal_env.preferences.history import History
+
+_OF_THE_INCUMBENT = (Mark.INCUMBENT_UNSAFE, Mark.INCUMBENT_GOOD_ENOUGH)
+
+
+@dataclass(frozen=True, slots=True)
+class Preferences:
+    """What M comparisons teach about N samples: the vector B of eq. pref-vector.
+
+    Args:
+        samples: Points of the unit cube, shape (N, n).
+        first: i(h), the challenger of comparison h, shape (M,).
+        second: j(h), the incumbent that it was compared with, shape (M,).
+        b: Preference b_h in {-1, 0, 1}, shape (M,); -1: the first is better.
+        weights: c_h of eq. QP-pref, above 0, shape (M,).
+    """
+
+    samples: Float[np.ndarray, "N n"]
+    first: Int[np.ndarray, " M"]
+    second: Int[np.ndarray, " M"]
+    b: Int[np.ndarray, " M"]
+    weights: Float[np.ndarray, " M"]
+
+    @classmethod
+    def of(cls, history: History) -> "Preferences":
+        """Return what the answers teach that are not retracted."""
+        lessons = [c for c in history.in_order() if c.teaches]
+        return cls(
+            samples=cube_of(history),
+            first=np.array([c.challenger for c in lessons], dtype=np.int64),
+            second=np.array([c.incumbent for c in lessons], dtype=np.int64),
+            b=np.array([c.answer.preference for c in lessons], dtype=np.int64),
+            weights=np.array([c.answer.strength for c in lessons], dtype=float),
+        )
+
+    def __len__(self) -> int:
+        return len(self.b)
+
+    def subset(self, rows: Int[np.ndarray, " K"]) -> "Preferences":
+        """Return only the comparisons `rows`, on all samples."""
+        return Preferences(
+            self.samples, self.first[rows], self.second[rows], self.b[rows], self.weights[rows]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """Marks of the K samples that a calibrator looked at.
+
+    Args:
+        samples: Points of the unit cube, shape (K, n).
+        unsafe: Whether unsafe, shape (K,); a sample without that mark counts as safe.
+        good: Whether good enough, shape (K,); never where unsafe.
+    """
+
+    samples: Float[np.ndarray, "K n"]
+    unsafe: Bool[np.ndarray, " K"]
+    good: Bool[np.ndarray, " K"]
+
+    @classmethod
+    def of(cls, history: History) -> "Marks":
+        """Return the marks of all answers that are not retracted; one answer is enough.
+
+        The answer to the first query often comes from a program: it can mark sample 0, but
+        without a mark it does not say that sample 0 is safe.
+        """
+        seen: set[int] = set()
+        marked: dict[Mark, set[int]] = {mark: set() for mark in Mark}
+        for comparison in history.counting:
+            if comparison.retracted:
+                continue
+            sides = (comparison.challenger, comparison.incumbent)
+            seen.update(side for side in sides if side is not None and sides[1] is not None)
+            for mark in comparison.answer.marks:
+                side = sides[mark in _OF_THE_INCUMBENT]
+                if side is not None:
+                    marked[mark].add(side)
+        unsafe = marked[Mark.CHALLENGER_UNSAFE] | marked[Mark.INCUMBENT_UNSAFE]
+        good = marked[Mark.CHALLENGER_GOOD_ENOUGH] | marked[Mark.INCUMBENT_GOOD_ENOUGH]
+        known = np.array(sorted(seen | unsafe | good), dtype=np.int64)
+        return cls(
+            samples=cube_of(history)[known],
+            unsafe=np.array([index in unsafe for index in known], dtype=np.bool_),
+            good=np.array([index in good - unsafe for index in known], dtype=np.bool_),
+        )
+
+
+def cube_of(history: History) -> Float[np.ndarray, "N n"]:
+    """Return the points of the samples that are answered, shape (N, n); (0, 0) if none is."""
+    if not history.answered:
+        return np.zeros((0, 0))
+    return np.array([s.z for s in history.samples[: history.answered]], dtype=float)
+
+
+def scores_of(history: History) -> tuple[Int[np.ndarray, " K"], Float[np.ndarray, " K"]]:
+    """Return the indices of the samples with a score, and the scores, both of shape (K,)."""
+    known = [(c.challenger, c.value) for c in history.comparisons if c.value is not None]
+    return (
+        np.array([index for index, _ in known], dtype=np.int64),
+        np.array([value for _, value in known], dtype=float),
+    )
+
+
+def kpis_of(history: History) -> tuple[Mapping[str, float], ...]:
+    """Return the KPIs of each sample that is answered, lower is better; empty if none are known.
+
+    KPIs that came with a retracted answer count too, since they say what happened.
+    """
+    known: list[Mapping[str, float]] = [{} for _ in history.comparisons]
+    for c in history.comparisons:
+        pair = c.answer.outcomes or (None, None)
+        for index, outcome in zip((c.challenger, c.incumbent), pair, strict=True):
+            if index is not None and outcome and not known[index]:
+                known[index] = outcome
+    return tuple(known)

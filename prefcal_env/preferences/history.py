@@ -1,0 +1,358 @@
+"""The record of a study: samples and answers, and the rules that follow from them.
+
+The agent, the study file, the report and the benchmark hold the same `History`. It is frozen:
+every change returns a new one.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import ProtocolError
+from prefcal_env.knobs.change import carried
+from prefcal_env.knobs.knob import KnobSpace
+
+from .answer import Answer, Mark
+from .best import Verdict, best_of, representative, undominated
+from .kpis import Outcome
+
+Point = tuple[float, ...]
+
+_MARKS = {
+    True: (Mark.CHALLENGER_UNSAFE, Mark.CHALLENGER_GOOD_ENOUGH),
+    False: (Mark.INCUMBENT_UNSAFE, Mark.INCUMBENT_GOOD_ENOUGH),
+}
+"""Marks of the challenger (True) and of the incumbent; unsafe first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One θ that is tried.
+
+    Args:
+        z: Point of the unit cube, which models are trained on.
+        theta: θ that runs, physical.
+    """
+
+    z: Point
+    theta: Point
+
+    @classmethod
+    def of(cls, space: KnobSpace, z: Float[np.ndarray, " n"]) -> "Sample":
+        """Return the sample at point `z` of the cube, shape (n,)."""
+        return cls(tuple(map(float, z)), tuple(map(float, space.decode(z))))
+
+    def moved(
+        self, old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None = None
+    ) -> "Sample":
+        """Return the same θ as a sample of the space `new`.
+
+        Raises:
+            KnobError: `new` does not hold it, or has a knob without a value.
+        """
+        if old.knobs == new.knobs:
+            return self
+        theta = carried(np.array(self.theta), old, new, added)
+        return Sample(tuple(map(float, new.encode(theta))), tuple(map(float, theta)))
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """One answer about two samples.
+
+    A retracted answer stays on record but teaches nothing. Agents need the first five fields; the
+    others are circumstances that only a study file knows.
+
+    Args:
+        challenger: Index of the sample that was proposed, or of the later one of two.
+        incumbent: Index of the other sample; None for sample 0, which is compared with nothing,
+            and for scores told to an agent.
+        answer: The answer.
+        after: Number of closed queries when a follow-up question was asked; None for others.
+        retracted: Whether the answer was taken back.
+        seq: Number of its event in the study file.
+        at: Time of the answer, by the clock of the study.
+        question: Id of the question; None if nobody was asked.
+        challenger_left: Whether the challenger was shown on the left; None if not shown.
+        comment: Remark of the person.
+        blind: Whether θ and the roles were hidden.
+        repeats: Id of the earlier question that was asked again; None for others.
+    """
+
+    challenger: int
+    incumbent: int | None
+    answer: Answer
+    after: int | None = None
+    retracted: bool = False
+    seq: int = 0
+    at: str = ""
+    question: int | None = None
+    challenger_left: bool | None = None
+    comment: str = ""
+    blind: bool = False
+    repeats: int | None = None
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """Return which sample is better; None if the answer does not say or is retracted."""
+        preference = self.answer.preference
+        if self.incumbent is None or self.retracted or preference is None:
+            return None
+        return Verdict(self.challenger, self.incumbent, preference, self.after is not None)
+
+    @property
+    def teaches(self) -> bool:
+        """Return whether it teaches a preference: a verdict that does not follow from scores."""
+        return self.answer.value is None and self.verdict is not None
+
+    @property
+    def value(self) -> float | None:
+        """Return the score of the challenger; None if there is none or it is retracted."""
+        return None if self.retracted else self.answer.value
+
+    def about(self, index: int) -> bool:
+        """Return whether sample `index` was compared."""
+        return index in (self.challenger, self.incumbent)
+
+    def corrected(self, index: int, outcome: Outcome | None, *, unsafe: bool) -> "Comparison":
+        """Return the answer after the record of experiment `index` was replaced.
+
+        Its verdict and its marks were about other curves, so they no longer count.
+
+        Args:
+            index: Index of the sample; an answer about others stays as it is.
+            outcome: KPIs of the right record.
+            unsafe: Whether the right record counts as unsafe.
+        """
+        if not self.about(index):
+            return self
+        answer, is_challenger = self.answer, index == self.challenger
+        marks = tuple(m for m in answer.marks if m not in _MARKS[is_challenger])
+        automatic = tuple(m for m in answer.automatic if m not in _MARKS[is_challenger])
+        if unsafe:
+            mark = _MARKS[is_challenger][0]
+            marks, automatic = (*marks, mark), (*automatic, mark)
+        known = answer.outcomes
+        if known is not None:
+            known = (outcome, known[1]) if is_challenger else (known[0], outcome)
+        answer = replace(answer, marks=marks, automatic=automatic, outcomes=known)
+        return replace(self, answer=answer, retracted=self.incumbent is not None)
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """Samples in the order proposed, and the answers about them.
+
+    Args:
+        samples: All samples; the last one may not be answered yet.
+        comparisons: Comparison h closed the query of sample h.
+        follow_ups: Answers about two samples whose queries were closed, in the order given.
+        repeats: Answers to questions that were asked again; they teach nothing.
+    """
+
+    samples: tuple[Sample, ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
+    follow_ups: tuple[Comparison, ...] = ()
+    repeats: tuple[Comparison, ...] = ()
+
+    # What follows from the record.
+
+    @property
+    def answered(self) -> int:
+        """Return the number of samples whose query is closed: the index of the next one."""
+        return len(self.comparisons)
+
+    @property
+    def pending(self) -> Sample | None:
+        """Return the sample of the open query; None if it is not proposed yet."""
+        return self.samples[self.answered] if len(self.samples) > self.answered else None
+
+    @property
+    def counting(self) -> tuple[Comparison, ...]:
+        """Return all answers except those to repeated questions; follow-ups come last."""
+        return (*self.comparisons, *self.follow_ups)
+
+    def in_order(self) -> tuple[Comparison, ...]:
+        """Return all answers except those to repeated questions, in the order given."""
+        if not self.follow_ups:
+            return self.comparisons
+        keyed = [(c.challenger + 1, 0, c) for c in self.comparisons]
+        keyed += [(c.after or 0, 1, c) for c in self.follow_ups]
+        return tuple(c for _, _, c in sorted(keyed, key=lambda k: k[:2]))
+
+    @property
+    def latest(self) -> tuple[Comparison, ...]:
+        """Return the answer to the last closed query and to the follow-ups after it."""
+        since = tuple(c for c in self.follow_ups if c.after == self.answered)
+        return (*self.comparisons[-1:], *since)
+
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Return the verdicts that are not retracted, in the order given."""
+        return tuple(v for c in self.in_order() if (v := c.verdict) is not None)
+
+    def unsafe(self, *, automatic: bool = False) -> frozenset[int]:
+        """Return the indices of the samples marked unsafe by answers that are not retracted.
+
+        With `automatic`, only marks that no person gave count, see `Answer.automatic`.
+        """
+        found = set()
+        for c in self.counting:
+            marks = c.answer.automatic if automatic else c.answer.marks
+            if c.retracted or not marks:
+                continue
+            if Mark.CHALLENGER_UNSAFE in marks:
+                found.add(c.challenger)
+            if Mark.INCUMBENT_UNSAFE in marks and c.incumbent is not None:
+                found.add(c.incumbent)
+        return frozenset(found)
+
+    @property
+    def incumbent(self) -> int | None:
+        """Return the index of the best sample by the whole record; None before the first answer.
+
+        It is `best_of` the verdicts; if only scores are known, the first with the lowest score.
+        """
+        if not self.comparisons:
+            return None
+        verdicts = self.verdicts()
+        scores = [(c.value, c.challenger) for c in self.comparisons if c.value is not None]
+        if scores and not verdicts:
+            return min(scores)[1]
+        return best_of(verdicts, self.unsafe())
+
+    def incumbents(self) -> tuple[int, ...]:
+        """Return the best sample after each closed query, by the answers until the next one."""
+        found = (self.until(count).incumbent for count in range(1, self.answered + 1))
+        return tuple(index for index in found if index is not None)
+
+    def unbeaten(self) -> tuple[int, ...]:
+        """Return the best sample, then the others that no answer calls worse, by index."""
+        best = self.incumbent
+        if best is None:
+            return ()
+        verdicts = self.verdicts()
+        others = [g for g in undominated(verdicts, self.unsafe()) if best not in g]
+        return (best, *sorted(representative(verdicts, group) for group in others))
+
+    def asked(self, first: int, second: int, *, standing: bool = False) -> bool:
+        """Return whether the two samples were compared, whatever the answer.
+
+        With `standing`, retracted answers do not count.
+        """
+        asked = (c for c in self.counting if not (standing and c.retracted))
+        return any({c.challenger, c.incumbent} == {first, second} for c in asked)
+
+    def until(self, count: int) -> "History":
+        """Return the first `count` samples with their answers and follow-ups."""
+        follow_ups = tuple(c for c in self.follow_ups if c.after is not None and c.after <= count)
+        return History(self.samples[:count], self.comparisons[:count], follow_ups)
+
+    # What changes it.
+
+    def with_pending(self, sample: Sample) -> "History":
+        """Store `sample` as the one of the open query."""
+        return replace(self, samples=(*self.samples[: self.answered], sample))
+
+    def recorded(self, answer: Comparison) -> "History":
+        """Add an answer where it belongs: a repeated question, a follow-up, or the open query."""
+        if answer.repeats is not None:
+            return replace(self, repeats=(*self.repeats, answer))
+        if answer.challenger < self.answered:
+            follow_up = replace(answer, after=self.answered)
+            return replace(self, follow_ups=(*self.follow_ups, follow_up))
+        return replace(self, comparisons=(*self.comparisons, answer))
+
+    def told(self, answer: Answer, incumbent: int | None) -> "History":
+        """Close the open query against `incumbent`; its sample must be stored."""
+        return self.recorded(Comparison(self.answered, incumbent, answer))
+
+    def told_follow_up(self, answer: Answer, challenger: int, incumbent: int) -> "History":
+        """Add the answer to a follow-up question about two known samples."""
+        return self.recorded(Comparison(challenger, incumbent, answer))
+
+    def undone(self) -> "History":
+        """Take the last answer back: its query is open again, and a later sample is dropped.
+
+        Raises:
+            ProtocolError: nothing is answered.
+        """
+        if not self.comparisons:
+            raise ProtocolError("there is no answer to undo")
+        kept = replace(self, samples=self.samples[: self.answered])
+        if len(self.latest) > 1:
+            return replace(kept, follow_ups=self.follow_ups[:-1])
+        return replace(kept, comparisons=self.comparisons[:-1])
+
+    def retracted(self, index: int, *, follow_up: bool = False) -> "History":
+        """Forget what answer number `index` (from 0) taught; every sample stays.
+
+        Follow-ups are numbered on their own.
+
+        Raises:
+            ProtocolError: there is no such answer, or it is retracted already.
+        """
+        answers = self.follow_ups if follow_up else self.comparisons
+        what = "follow-up answer" if follow_up else "answer"
+        if isinstance(index, bool) or not isinstance(index, (int, np.integer)):
+            raise ProtocolError(f"the index of an answer must be an integer, got {index!r}")
+        if not 0 <= index < len(answers):
+            raise ProtocolError(
+                f"there is no {what} {index}: {len(answers)} are given, counted from 0"
+            )
+        if answers[index].retracted:
+            raise ProtocolError(f"{what} {index} is retracted already")
+        changed = replace(answers[index], retracted=True)
+        answers = (*answers[:index], changed, *answers[index + 1 :])
+        if follow_up:
+            return replace(self, follow_ups=answers)
+        return replace(self, comparisons=answers)
+
+    def corrected(self, index: int, outcome: Outcome | None, *, unsafe: bool) -> "History":
+        """Return the record after that of experiment `index` was replaced by the right one.
+
+        See `Comparison.corrected`.
+        """
+
+        def each(answers: Iterable[Comparison]) -> tuple[Comparison, ...]:
+            return tuple(c.corrected(index, outcome, unsafe=unsafe) for c in answers)
+
+        return History(
+            self.samples, each(self.comparisons), each(self.follow_ups), each(self.repeats)
+        )
+
+    def moved(
+        self, old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None = None
+    ) -> "History":
+        """Return the record for the space `new`, given that its samples are of the space `old`.
+
+        Raises:
+            KnobError: `new` does not hold every sample, or has a knob without a value.
+        """
+        return replace(self, samples=tuple(s.moved(old, new, added) for s in self.samples))
+
+    def bare(self) -> "History":
+        """Return what an agent learns from: no circumstances, no repeated questions.
+
+        This way, an agent that was told every answer equals one restored from the study file.
+        """
+
+        def each(answers: Iterable[Comparison]) -> tuple[Comparison, ...]:
+            return tuple(
+                Comparison(c.challenger, c.incumbent, c.answer, c.after, c.retracted)
+                for c in answers
+            )
+
+        return History(self.samples, each(self.comparisons), each(self.follow_ups))
+
+    def scores_alone(self) -> "History":
+        """Return the record for an agent that learns from scores: nothing is compared.
+
+        A study file also keeps which experiment each score was compared with, for its readers.
+        """
+        alone = tuple(
+            replace(c, incumbent=None, answer=replace(c.answer, preference=None))
+            for c in self.comparisons
+        )
+        return replace(self, comparisons=alone)

@@ -1,0 +1,186 @@
+"""The record of a study: rules that the agent and the study file share."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prefcal_agents import GLISp, RandomSearch
+from prefcal_env import Answer, Knob, KnobSpace, Mark
+from prefcal_env.errors import KnobError, ProtocolError
+from prefcal_env.preferences.history import Comparison, History, Sample
+from prefcal_env.preferences.kpis import Outcome
+from support.histories import in_cube
+
+SPACE = KnobSpace([Knob("a", 1.0, 100.0, "s", scale="log10"), Knob("b", 0, 8, integer=True)])
+UNSAFE = Mark.CHALLENGER_UNSAFE
+
+
+def told(*answers):
+    """Each new sample met the best so far."""
+    history = History()
+    for h, answer in enumerate(answers):
+        history = history.with_pending(in_cube([h / 50, 0.5]))
+        history = history.told(Answer.of(answer), history.incumbent)
+    return history
+
+
+def after(steps):
+    """Take the steps (name, number) that are possible, in order; each history on the way."""
+    history = told(None)
+    yield history
+    for kind, number in steps:
+        count = history.answered
+        if kind == "tell":
+            history = history.with_pending(in_cube([count / 50, 0.5]))
+            history = history.told(Answer((-1, 0, 1, None)[number % 4]), history.incumbent)
+        elif kind == "follow up" and count > 1:
+            first = 1 + number % (count - 1)
+            history = history.told_follow_up(Answer((-1, 0, 1)[number % 3]), first, first - 1)
+        elif kind == "propose":
+            history = history.with_pending(in_cube([number / 100, 1.0]))
+        elif kind == "undo" and count > 1:
+            history = history.undone()
+        elif kind == "retract" and not history.comparisons[number % count].retracted:
+            history = history.retracted(number % count)
+        yield history
+
+
+STEPS = st.lists(
+    st.tuples(
+        st.sampled_from(["tell", "follow up", "propose", "undo", "retract"]), st.integers(0, 99)
+    ),
+    max_size=25,
+)
+
+
+@given(STEPS)
+def test_answers_and_samples_stay_in_step_in_any_order_of_changes(steps):
+    for history in after(steps):
+        assert [c.challenger for c in history.comparisons] == list(range(history.answered))
+        assert history.answered <= len(history.samples) <= history.answered + 1
+        assert all(c.after <= history.answered for c in history.follow_ups)
+        assert all(max(c.challenger, c.incumbent) < c.after for c in history.follow_ups)
+        assert len(history.in_order()) == len(history.comparisons) + len(history.follow_ups)
+
+
+@given(STEPS)
+def test_undo_takes_back_exactly_what_was_told_last(steps):
+    *_, history = after(steps)
+    settled = history.with_pending(in_cube([0.9, 0.9]))
+    assert settled.told(Answer(-1), history.incumbent).undone() == settled
+    if history.answered > 1:
+        kept = History(history.samples[: history.answered], history.comparisons, history.follow_ups)
+        assert kept.told_follow_up(Answer(0), 1, 0).undone() == kept
+
+
+@given(STEPS)
+def test_the_best_after_each_answer_is_the_best_of_the_record_until_then(steps):
+    *_, history = after(steps)
+    assert len(history.incumbents()) == history.answered
+    assert history.incumbents()[-1] == history.incumbent == history.unbeaten()[0]
+    assert history.until(history.answered).incumbent == history.incumbent
+
+
+@given(STEPS)
+def test_a_retracted_answer_says_nothing_about_the_best(steps):
+    *_, history = after(steps)
+    for c in history.comparisons:
+        if not c.retracted:
+            history = history.retracted(c.challenger)
+    for k, c in enumerate(history.follow_ups):
+        if not c.retracted:
+            history = history.retracted(k, follow_up=True)
+    assert history.verdicts() == ()
+    assert history.incumbent == 0
+
+
+def test_undo_drops_a_sample_that_was_proposed_after_the_answer():
+    history = told(None, 1).with_pending(in_cube([0.9, 0.9]))
+    assert history.undone().samples == history.samples[:2]
+    assert history.undone().pending == history.samples[1]
+
+
+def test_an_empty_history_has_no_best_and_nothing_to_undo():
+    assert History().incumbent is None
+    assert History().unbeaten() == ()
+    with pytest.raises(ProtocolError, match="no answer to undo"):
+        History().undone()
+
+
+@pytest.mark.parametrize("index", [-1, 3, True, "1"])
+def test_an_answer_that_does_not_exist_cannot_be_retracted(index):
+    with pytest.raises(ProtocolError, match="answer"):
+        told(None, 1, 1).retracted(index)
+    with pytest.raises(ProtocolError, match="answer"):
+        told(None, 1, 1).retracted(0, follow_up=True)
+
+
+def test_an_answer_is_retracted_once():
+    with pytest.raises(ProtocolError, match="answer 1 is retracted already"):
+        told(None, 1).retracted(1).retracted(1)
+
+
+def test_the_lowest_score_is_the_best_where_nothing_was_compared():
+    history = told(*(Answer(None, value=v) for v in (3.0, 1.0, 1.0, 2.0))).scores_alone()
+    assert history.incumbent == 1
+    assert history.retracted(1).incumbent == 2
+
+
+def test_an_answer_goes_where_it_belongs():
+    history = told(None, -1, -1)
+    again = history.recorded(Comparison(1, 0, Answer(1), repeats=7))
+    assert (again.comparisons, again.follow_ups) == (history.comparisons, ())
+    assert again.repeats[0].repeats == 7
+    later = again.recorded(Comparison(2, 0, Answer(1)))
+    assert later.follow_ups == (Comparison(2, 0, Answer(1), after=3),)
+    assert later.asked(0, 2)
+    assert not history.asked(0, 2)
+
+
+def test_unsafe_marks_count_unless_they_are_retracted():
+    answer = Answer(-1, marks=(UNSAFE,), automatic=(UNSAFE,))
+    history = told(None, Answer(1, marks=(Mark.INCUMBENT_UNSAFE,)), answer)
+    assert history.unsafe() == {0, 2}
+    assert history.unsafe(automatic=True) == {2}
+    assert history.retracted(2).unsafe(automatic=True) == frozenset()
+
+
+def test_the_right_record_replaces_kpis_and_marks_and_retracts_the_verdict():
+    known = (Outcome({"k": 1.0}), Outcome({"k": 2.0}))
+    history = told(None, -1, Answer(-1, marks=(UNSAFE,), outcomes=known))
+    right = history.corrected(2, Outcome({"k": 5.0}), unsafe=False)
+    assert right.comparisons[:2] == history.comparisons[:2]
+    assert right.comparisons[2].retracted
+    assert right.comparisons[2].answer.marks == ()
+    assert right.comparisons[2].answer.outcomes == ({"k": 5.0}, {"k": 2.0})
+    assert history.corrected(2, None, unsafe=True).comparisons[2].answer.automatic == (UNSAFE,)
+
+
+def test_a_sample_keeps_its_theta_in_another_space():
+    sample = Sample.of(SPACE, np.array([0.5, 0.25]))
+    assert sample.theta == pytest.approx((10.0, 2.0))
+    wider = KnobSpace([Knob("a", 1.0, 10_000.0, "s", scale="log10"), SPACE.knobs[1]])
+    history = History((sample,)).moved(SPACE, wider)
+    assert history.samples[0].theta == sample.theta
+    assert history.samples[0].z == pytest.approx((0.25, 0.25))
+    assert History((sample,)).moved(SPACE, SPACE).samples == (sample,)
+    with pytest.raises(KnobError):
+        History((sample,)).moved(SPACE, KnobSpace([Knob("a", 1.0, 5.0, "s", scale="log10")]))
+
+
+@pytest.mark.parametrize("kind", [RandomSearch, GLISp])
+def test_an_agent_restored_from_a_record_with_circumstances_asks_the_same(kind):
+    agent = kind(SPACE, n_init=3, n_max=9, seed=1)
+    while agent.state.history.answered < 5:
+        agent.tell(agent.ask(), -1 if agent.state.history.answered % 2 else 1)
+    state = agent.state
+    bare = state.history
+    seen = [
+        Comparison(c.challenger, c.incumbent, c.answer, c.after, c.retracted, k, "noon", k)
+        for k, c in enumerate(bare.comparisons, start=1)
+    ]
+    full = History(bare.samples, tuple(seen), bare.follow_ups)
+    twin = kind.restore(SPACE, type(state).of(state.configuration(), full))
+    assert twin.ask() == agent.ask()
+    assert twin.state == state
