@@ -20,7 +20,7 @@ from rich.progress import track
 from rich.table import Table
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_agents.support.threads import one_thread
+from prefcal_agents.protocol.agent import one_thread
 from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.bench.problems import NOISES, PROBLEMS, Judge, Outcome, problem
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from prefcal_agents.history.agent_state import AgentState
-    from prefcal_agents.protocol.agent import AnyAgent
+    from prefcal_agents.protocol.agent import Agent
     from prefcal_env.knobs.knob import KnobSpace
 
 
@@ -86,7 +86,7 @@ def agent_class(name: str) -> Any:
     return CLASSES[name].load()
 
 
-def restore(space: "KnobSpace", state: "AgentState") -> "AnyAgent":
+def restore(space: "KnobSpace", state: "AgentState") -> "Agent":
     """Return the agent that `state` was taken from; its next query is identical.
 
     The state of an older version of the algorithm is taken as it is: its samples stay, and the
@@ -96,5 +96,5 @@ def restore(space: "KnobSpace", state: "AgentState") -> "AnyAgent":
         SettingsError: an unknown agent, or a state that does not fit `space`.
         MissingExtraError: an agent of an extra that is not installed.
     """
-    agent: AnyAgent = agent_class(state.agent).restore(space, state)
+    agent: Agent = agent_class(state.agent).restore(space, state)
     return agent

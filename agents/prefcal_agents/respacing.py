@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from prefcal_agents.history.agent_state import AgentState
-from prefcal_agents.protocol.agent import AnyAgent
+from prefcal_agents.protocol.agent import Agent
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.change import respaced as respaced_space
 from prefcal_env.knobs.knob import KnobSpace
@@ -19,12 +19,12 @@ RESPACEABLE = frozenset(name for name, row in CLASSES.items() if not row.extra)
 
 
 def respaced(
-    agent: AnyAgent,
+    agent: Agent,
     new: KnobSpace,
     *,
     added: Mapping[str, float] | None = None,
     keep_open: bool = True,
-) -> AnyAgent:
+) -> Agent:
     """An agent with the samples and answers of `agent` that searches `new` from now on.
 
     Its space is wide enough for every sample, so those outside of a narrowed range teach as
@@ -47,9 +47,7 @@ def respaced(
     if not keep_open:
         kept = state.history.samples[: state.history.answered]
         state = replace(state, history=replace(state.history, samples=kept))
-    twin: AnyAgent = agent_class(state.agent).restore(
-        space, moved(state, agent.space, space, added)
-    )
+    twin: Agent = agent_class(state.agent).restore(space, moved(state, agent.space, space, added))
     return twin
 
 

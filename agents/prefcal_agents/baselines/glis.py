@@ -10,13 +10,9 @@ from prefcal_agents.history.lessons import cube_of, scores_of
 from prefcal_agents.models.interpolant import Interpolant, best_interpolant, normalised
 from prefcal_agents.optimize.search import multistart
 from prefcal_agents.protocol.agent import ValueBased
-from prefcal_agents.protocol.session import Session
-from prefcal_agents.protocol.stored import Stored
 from prefcal_agents.space.design import Tried, encode_all, latin_hypercube
 from prefcal_agents.space.feasible import random_points, search_domain
 from prefcal_agents.space.start import Start
-from prefcal_agents.support.checks import integer
-from prefcal_agents.support.threads import one_thread
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import KnobSpace
 from prefcal_env.preferences.history import History
@@ -25,7 +21,7 @@ from .glis_settings import GLISSettings
 
 
 @final
-class GLIS(Stored, ValueBased):
+class GLIS(ValueBased):
     """Optimize a score that is known after every experiment; a baseline for preferences.
 
     The first `n_init` samples are a Latin hypercube. Then the scores are interpolated, and the
@@ -63,9 +59,8 @@ class GLIS(Stored, ValueBased):
         settings = GLISSettings() if settings is None else settings
         if not isinstance(settings, GLISSettings):
             raise SettingsError(f"settings must be GLISSettings, got {settings!r}")
-        integer("seed", seed, low=0)
-        self._seed, self._options = int(seed), settings
-        self._session = Session(space, n_init, n_max, self._propose, by_value=True, start=start)
+        self._options = settings
+        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed, start=start)
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         index, space = history.answered, self.space
@@ -76,10 +71,9 @@ class GLIS(Stored, ValueBased):
         if not len(scores_of(history)[0]):
             return tried.fresh(random_points(space, 1, rng)[0], rng)
         domain = search_domain(space, history)
-        with one_thread():
-            for z in multistart(self._acquisition(history), domain, rng):
-                if tried.may_run(z):
-                    return np.asarray(z)
+        for z in multistart(self._acquisition(history), domain, rng):
+            if tried.may_run(z):
+                return np.asarray(z)
         return tried.fresh(domain.start, rng)
 
     def _acquisition(self, history: History) -> ValueAcquisition:
@@ -115,6 +109,6 @@ class GLIS(Stored, ValueBased):
             KnobError: `thetas` has another shape or leaves the box.
         """
         z = encode_all(self.space, thetas)
-        if not len(scores_of(self._session.history)[0]):
+        if not len(scores_of(self.history)[0]):
             return np.zeros(len(z))
-        return self._interpolant(self._session.history)[0](2 * z - 1)
+        return self._interpolant(self.history)[0](2 * z - 1)

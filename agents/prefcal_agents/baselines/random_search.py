@@ -6,17 +6,12 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.protocol.agent import PreferenceBased
-from prefcal_agents.protocol.session import Session
-from prefcal_agents.protocol.stored import Stored
 from prefcal_agents.space.design import Tried, scaled
-from prefcal_agents.space.start import Start
-from prefcal_agents.support.checks import integer
-from prefcal_env.knobs.knob import KnobSpace
 from prefcal_env.preferences.history import History
 
 
 @final
-class RandomSearch(Stored, PreferenceBased):
+class RandomSearch(PreferenceBased):
     """Draw each sample uniformly from the cube; sample i depends on `(seed, i)` alone.
 
     Args:
@@ -32,19 +27,6 @@ class RandomSearch(Stored, PreferenceBased):
     """
 
     version: ClassVar[int] = 1
-
-    def __init__(
-        self,
-        space: KnobSpace,
-        *,
-        n_init: int = 10,
-        n_max: int = 50,
-        seed: int = 0,
-        start: Start | None = None,
-    ) -> None:
-        integer("seed", seed, low=0)
-        self._seed = int(seed)
-        self._session = Session(space, n_init, n_max, self._propose, start=start)
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         rng = np.random.default_rng([self._seed, history.answered])

@@ -9,20 +9,15 @@ from jaxtyping import Float
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.learned_cost import LearnedCost
-from prefcal_agents.protocol.agent import PreferenceBased
-from prefcal_agents.protocol.rematch import final as final_question
-from prefcal_agents.protocol.session import Session
-from prefcal_agents.protocol.stored import Stored
+from prefcal_agents.protocol.agent import Pair, PreferenceBased, one_thread
 from prefcal_agents.space.design import encode_all
 from prefcal_agents.space.start import Start
-from prefcal_agents.support.checks import integer
-from prefcal_agents.support.threads import one_thread
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import KnobSpace
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend
 
-from .questions import follow_up
+from .questions import final_question, follow_up
 from .selection import ModelSelection
 from .settings import GLISpSettings
 from .strategy import Setup, propose, propose_start
@@ -30,7 +25,7 @@ from .training import Fit, train
 
 
 @final
-class GLISp(Stored, PreferenceBased):
+class GLISp(PreferenceBased):
     """Learn from preferences which experiment to run next.
 
     The first `n_init` samples are a Latin hypercube. Then Ĵ is trained on all preferences
@@ -73,37 +68,25 @@ class GLISp(Stored, PreferenceBased):
         settings = GLISpSettings() if settings is None else settings
         if not isinstance(settings, GLISpSettings):
             raise SettingsError(f"settings must be GLISpSettings, got {settings!r}")
-        integer("seed", seed, low=0)
         if delta is not None:
             settings = replace(settings, delta=delta, expected_improvement=False)
+        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed, start=start)
         self._options = settings
-        self._seed = int(seed)
         self._setup = Setup(space, n_init, self._seed, settings)
         # Each agent has its own backend, since twins may compute at the same time.
         self._backend = make_backend("piqp")
         self._models = ModelSelection(len(space), n_init, settings, self._seed, self._backend)
         self._latest: Fit | None = None
-        self._session = Session(
-            space,
-            n_init,
-            n_max,
-            self._propose,
-            follow_up=self._follow_up,
-            last=self._final,
-            start=start,
-        )
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        with one_thread():
-            if history.answered < self._setup.n_init:
-                return propose_start(self._setup, history)
-            return propose(self._setup, self._fit(history))
+        if history.answered < self.n_init:
+            return propose_start(self._setup, history)
+        return propose(self._setup, self._fit(history))
 
-    def _follow_up(self, history: History) -> tuple[int, int] | None:
-        with one_thread():
-            return follow_up(history, self._models, self._options, self._backend)
+    def _follow_up(self, history: History) -> Pair | None:
+        return follow_up(history, self._models, self._options, self._backend)
 
-    def _final(self, history: History) -> tuple[int, int] | None:
+    def _final(self, history: History) -> Pair | None:
         # With error rate 0 every answer counts as right, as in the paper.
         return final_question(history) if self._options.error_rate else None
 
@@ -167,7 +150,7 @@ class GLISp(Stored, PreferenceBased):
     def epsilon(self) -> float:
         """Return the ε of eq. rbf in use after the answers so far."""
         with one_thread():
-            return self._models.after(self._session.history).shape.epsilon
+            return self._models.after(self.history).shape.epsilon
 
     @property
     def index(self) -> LearnedCost | None:
@@ -176,7 +159,7 @@ class GLISp(Stored, PreferenceBased):
         None if the answers came without KPIs, or nothing can be learned from the KPIs.
         """
         with one_thread():
-            return LearnedCost.of(self._session.history, self._seed, self._backend)
+            return LearnedCost.of(self.history, self._seed, self._backend)
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return Ĵ/ΔĴ at physical `thetas`, shape (m, n), minus its smallest value on the samples.
@@ -188,10 +171,10 @@ class GLISp(Stored, PreferenceBased):
             KnobError: `thetas` has another shape or leaves the box.
         """
         z = encode_all(self.space, thetas)
-        if len(Preferences.of(self._session.history)) == 0:
+        if len(Preferences.of(self.history)) == 0:
             return np.zeros(len(z))
         with one_thread():
-            learned = self._fit(self._session.history).surrogate
+            learned = self._fit(self.history).surrogate
         on_samples = learned(learned.centres)
         spread = float(np.ptp(on_samples))
         return np.asarray((learned(z) - on_samples.min()) / (spread if spread > 0 else 1.0))

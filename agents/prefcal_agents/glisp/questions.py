@@ -5,7 +5,7 @@ from jaxtyping import Float, Int
 
 from prefcal_agents.history.lessons import Marks, Preferences, cube_of
 from prefcal_env.preferences.answer import Preference
-from prefcal_env.preferences.best import contradictory
+from prefcal_env.preferences.best import contradictory, reigns
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import Backend
 
@@ -18,6 +18,8 @@ _APART = 10
 _SURE = 2.0
 """Standard deviations of a difference from which on it is not asked for."""
 _RIVALS = 9  # samples next to the best, by Ĵ
+FINALS = 3
+"""Maximum number of questions after the last experiment."""
 
 
 def follow_up(
@@ -146,3 +148,28 @@ def insertion_question(history: History, values: Float[np.ndarray, " N"]) -> tup
     if not between or not asked.isdisjoint(between):
         return None
     return new, between[len(between) // 2]
+
+
+def final_question(history: History) -> tuple[int, int] | None:
+    """Return the best sample and a former best for a final comparison; None if none is needed.
+
+    People who call two experiments "about the same" have a threshold, and differences below it add
+    up: each new best may be slightly worse in what matters most. So after the last experiment, the
+    best is compared with up to three former bests, earliest first, that it was not compared with
+    yet. People who never said "about the same" and never contradicted themselves are not asked.
+
+    Source: none.
+    Deviation: the paper compares each experiment with the best so far only.
+
+    Returns:
+        The later and the earlier sample of the pair.
+    """
+    verdicts, best = history.verdicts(), history.incumbent
+    asked = sum(c.after == history.answered for c in history.follow_ups)
+    ties = any(v.preference is Preference.TIE for v in verdicts)
+    if best is None or asked >= FINALS or not (ties or contradictory(verdicts)):
+        return None
+    for former in dict.fromkeys(reigns(verdicts)):
+        if former != best and not history.asked(best, former):
+            return max(best, former), min(best, former)
+    return None

@@ -7,10 +7,7 @@ from jaxtyping import Float
 
 from prefcal_agents.protocol.agent import PreferenceBased
 from prefcal_agents.protocol.replay import Replay
-from prefcal_agents.protocol.session import Session
-from prefcal_agents.protocol.stored import Stored
 from prefcal_agents.space.design import Tried, latin_hypercube
-from prefcal_agents.support.checks import integer
 from prefcal_agents.support.global_random import seeded
 from prefcal_env.knobs.knob import KnobSpace
 from prefcal_env.preferences.answer import Preference
@@ -20,7 +17,7 @@ from .optuna_session import OptunaSession
 
 
 @final
-class OptunaPreferential(Stored, PreferenceBased):
+class OptunaPreferential(PreferenceBased):
     """A preferential Gaussian process with hallucination believer (`PreferentialGPSampler`).
 
     The first `n_init` samples are a Latin hypercube. Then an Optuna study gets every answer, and
@@ -48,9 +45,7 @@ class OptunaPreferential(Stored, PreferenceBased):
     def __init__(
         self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
     ) -> None:
-        integer("seed", seed, low=0)
-        self._seed = int(seed)
-        self._session = Session(space, n_init, n_max, self._propose)
+        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
         OptunaSession.check_installed()
         self._replay = Replay(self._start, self._feed)
 

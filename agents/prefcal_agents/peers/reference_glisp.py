@@ -7,10 +7,7 @@ from jaxtyping import Float
 
 from prefcal_agents.history.lessons import Preferences, cube_of
 from prefcal_agents.protocol.agent import PreferenceBased
-from prefcal_agents.protocol.session import Session
-from prefcal_agents.protocol.stored import Stored
 from prefcal_agents.space.design import Tried
-from prefcal_agents.support.checks import integer
 from prefcal_agents.support.extras import load
 from prefcal_agents.support.global_random import seeded
 from prefcal_env.knobs.knob import KnobSpace
@@ -20,7 +17,7 @@ from .solvers import cube_solver, design
 
 
 @final
-class ReferenceGLISp(Stored, PreferenceBased):
+class ReferenceGLISp(PreferenceBased):
     """GLISp as published by its authors, with the package's own settings.
 
     The package owns its state. Here its solver is set up anew for each proposal from the stored
@@ -47,9 +44,7 @@ class ReferenceGLISp(Stored, PreferenceBased):
     def __init__(
         self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
     ) -> None:
-        integer("seed", seed, low=0)
-        self._seed = int(seed)
-        self._session = Session(space, n_init, n_max, self._propose)
+        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
         self._package = load("glis.solvers", "peers")
         self._thetas: dict[History, float] = {}
 

@@ -1,75 +1,180 @@
-"""Offer the public methods of an agent, each passed on to its `Session`."""
+"""The ask/tell protocol that every agent follows: its record, and the open query made on demand."""
 
-from typing import Any, Protocol
+from contextlib import AbstractContextManager
+from functools import cache
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.advice.stopping import Advice, advise
+from prefcal_agents.space.capacity import capacity
+from prefcal_agents.space.start import Start, start_points
+from prefcal_agents.support.checks import integer
+from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.knobs.knob import KnobSpace
-from prefcal_env.preferences.answer import Answer, Preference, Query
+from prefcal_env.preferences.answer import Answer, Preference, Query, Suggestion
+from prefcal_env.preferences.best import representative, undominated
+from prefcal_env.preferences.history import History, Sample
 
-from .session import Session
 from .stored import Stored
 
+Pair = tuple[int, int]
+"""Two known samples to compare: the later one, which is the challenger, and the earlier one."""
 
-class AgentBase(Protocol):
-    """Give an agent with `_session` everything of the protocol except `tell`."""
 
-    _session: Session
+class Agent(Stored):
+    """An agent: its record of samples and answers, and the query that is open.
 
-    @property
-    def space(self) -> KnobSpace:
-        """Return the knobs that θ consists of."""
-        return self._session.space
+    A subclass says what to try next by `_propose`, a function of the record (its seed and settings
+    are fixed), so nothing else has to be saved. Linear algebra runs on one thread there.
 
-    @property
-    def n_init(self) -> int:
-        """Return the number of samples of the space-filling start."""
-        return self._session.n_init
+    Sample h is proposed when it is first needed, from the record after answer h - 1. From then
+    on it is stored and stays, even if an earlier answer is retracted, since its experiment may
+    have run already. Only the incumbent that it is compared with may then change. `undo` reopens
+    the last closed query and drops the sample proposed after it.
+
+    Args:
+        space: Knobs to tune.
+        n_init: Number of samples of the space-filling start, 1 or more.
+        n_max: Number of experiments asked for, not below `n_init`.
+        seed: Seed of all randomness, 0 or more.
+        start: Physical θ to start from, such as the current tuning, shape (n,), or several. They
+            replace the first proposed samples.
+
+    Raises:
+        SettingsError: an impossible value, or a θ twice in `start`.
+        KnobError: a θ of `start` is outside the space.
+    """
+
+    by_value = False
+    """Whether the agent is told scores, not preferences; then no query has an incumbent."""
+
+    def __init__(
+        self,
+        space: KnobSpace,
+        *,
+        n_init: int = 10,
+        n_max: int = 50,
+        seed: int = 0,
+        start: Start | None = None,
+    ) -> None:
+        if not isinstance(space, KnobSpace):
+            raise SettingsError(f"space must be a KnobSpace, got {space!r}")
+        integer("n_init", n_init, low=1)
+        integer("n_max", n_max, low=2)
+        integer("seed", seed, low=0)
+        if n_max < n_init:
+            raise SettingsError(f"n_max must not be below n_init, got {n_max} below {n_init}")
+        self.space, self.n_init, self._seed = space, int(n_init), int(seed)
+        self._asked_for, self._capacity = int(n_max), capacity(space)
+        self._given = start_points(space, start, self._asked_for)
+        self._chosen: tuple[History, int | None] | None = None
+        self._thought: tuple[History, Pair | None] | None = None
+        self.history = History()
+
+    # What a subclass decides.
+
+    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+        """Return the next sample, a point of the unit cube, shape (n,)."""
+        raise NotImplementedError
+
+    def _follow_up(self, history: History) -> Pair | None:
+        """Return known samples to compare before the next one is proposed; None if none."""
+        return None
+
+    def _final(self, history: History) -> Pair | None:
+        """Return known samples to compare after the last experiment; None if none."""
+        return None
+
+    # What people and programs use.
 
     @property
     def n_max(self) -> int:
         """Return the number of experiments; fewer than asked for if the space holds fewer θ."""
-        return self._session.n_max
+        return self._most(self.history)
 
-    @property
-    def by_value(self) -> bool:
-        """Return whether the agent is told scores, not preferences."""
-        return self._session.by_value
+    def _most(self, history: History) -> int:
+        most = self._capacity
+        if most >= self._asked_for:
+            return self._asked_for
+        # θ that ran count too if they are no longer searched.
+        most += sum(not self.space.searches(np.array(s.theta)) for s in history.samples)
+        return int(min(self._asked_for, most))
 
     @property
     def done(self) -> bool:
-        """Return whether all experiments are answered."""
-        return self._session.done
+        """Return whether all experiments are answered and it is clear which one is the best."""
+        return self._all_answered and self._known_pair() is None
+
+    @property
+    def _all_answered(self) -> bool:
+        return self.history.answered >= self.n_max
 
     @property
     def best(self) -> Float[np.ndarray, " n"]:
-        """Return θ of the best sample, shape (n,). Raises ProtocolError before any answer."""
-        return self._session.best
+        """Return θ of the best sample, physical, shape (n,). Raises ProtocolError without one."""
+        if self.best_index is None:
+            raise ProtocolError("there is no best θ before the first answer")
+        return self._theta_of(self.best_index)
 
     @property
     def best_index(self) -> int | None:
         """Return the index of the best sample; None before any answer."""
-        return self._session.best_index
+        history = self.history
+        if self._chosen is None or self._chosen[0] != history:
+            self._chosen = (history, history.incumbent)
+        return self._chosen[1]
 
     @property
     def samples(self) -> Float[np.ndarray, "N n"]:
         """Return θ of all answered queries, physical, in the order tried, shape (N, n)."""
-        return self._session.samples()
+        tried = [sample.theta for sample in self.history.samples[: self.history.answered]]
+        return np.array(tried, dtype=float).reshape(-1, len(self.space))
 
     @property
     def advice(self) -> Advice | None:
         """Return the expected gain of ten more experiments; None while it is unknown."""
-        return advise(self._session.history)
+        return advise(self.history)
 
     def ask(self) -> Query:
         """Return the open query, the same until it is told. Raises ProtocolError when done."""
-        return self._session.ask()
+        if self.done:
+            why = f"all {self.n_max} experiments are answered"
+            if self.n_max < self._asked_for:
+                why = f"every one of the {self.n_max} θ of the space has been tried"
+            raise ProtocolError(f"there is no open query: {why}")
+        pair = self._known_pair()
+        if pair is not None:
+            return Query(self._suggestion(pair[0]), self._suggestion(pair[1]), further=True)
+        self.settle()
+        rival = self._rival
+        return Query(
+            self._suggestion(self.history.answered),
+            None if rival is None else self._suggestion(rival),
+        )
+
+    def tell(self, query: Query, answer: Any, /) -> None:
+        """Close `query` by a preference or a score; see the kinds of agents.
+
+        Raises:
+            ProtocolError: it is not the open one.
+            PreferenceError: an impossible answer.
+        """
+        given = Answer.scored(answer) if self.by_value else Answer.of(answer)
+        if self.done:
+            raise ProtocolError(f"told {query}, but all {self.n_max} experiments are answered")
+        if query != self.ask():
+            raise ProtocolError(f"told {query}, but the open query is {self.ask()}")
+        pair = self._known_pair()
+        if pair is None:
+            self.history = self.history.told(given, self._rival)
+        else:
+            self.history = self.history.told_follow_up(given, *pair)
 
     def undo(self) -> None:
         """Take the last answer back and open its query again. Raises ProtocolError if none."""
-        self._session.undo()
+        self.history = self.history.undone()
 
     def retract(self, index: int, *, further: bool = False) -> None:
         """Forget what answer `index` (from 0) taught; all samples stay, including the open one.
@@ -79,10 +184,55 @@ class AgentBase(Protocol):
         Raises:
             ProtocolError: there is no such answer, or it is retracted already.
         """
-        self._session.retract(index, further=further)
+        changed = self.history.retracted(index, follow_up=further)
+        if not self.done:
+            self.settle()
+            changed = self.history.retracted(index, follow_up=further)
+        self.history = changed
+
+    def settle(self) -> None:
+        """Store the sample of the open query, unless it is stored or none is needed now."""
+        if self.done or self._known_pair() is not None:
+            return
+        if self.history.pending is None:
+            self.history = self.history.with_pending(Sample.of(self.space, self._next()))
+
+    def _known_pair(self) -> Pair | None:
+        """Return the known samples to compare now; None once a new one is stored.
+
+        Open questions about the best sample come first, also after the last experiment.
+        """
+        history = self.history
+        if self.by_value or history.pending is not None or not history.answered:
+            return None
+        if self._thought is None or self._thought[0] != history:
+            with one_thread():
+                pair = rematch(history)
+                if pair is None:
+                    ask = self._final if self._all_answered else self._follow_up
+                    pair = ask(history)
+            self._thought = (history, pair)
+        return self._thought[1]
+
+    @property
+    def _rival(self) -> int | None:
+        return None if self.by_value else self.best_index
+
+    def _next(self) -> Float[np.ndarray, " n"]:
+        """Return a given θ unchanged, a proposed one rounded to values that can be dialed in."""
+        if self.history.answered < len(self._given):
+            return np.array(self._given[self.history.answered])
+        with one_thread():
+            return self.space.snap(self._propose(self.history))
+
+    def _suggestion(self, index: int) -> Suggestion:
+        return Suggestion(index, self._theta_of(index))
+
+    def _theta_of(self, index: int) -> Float[np.ndarray, " n"]:
+        return np.array(self.history.samples[index].theta)
 
 
-class PreferenceBased(AgentBase, Protocol):
+class PreferenceBased(Agent):
     """An agent that learns from preferences."""
 
     def tell(self, query: Query, answer: Answer | Preference | int | None) -> None:
@@ -92,11 +242,13 @@ class PreferenceBased(AgentBase, Protocol):
             ProtocolError: it is not the open one.
             PreferenceError: `answer` is none of -1, 0, 1, None (can't tell) and an Answer.
         """
-        self._session.tell(query, answer)
+        super().tell(query, answer)
 
 
-class ValueBased(AgentBase, Protocol):
+class ValueBased(Agent):
     """An agent that sees the score of every experiment: its queries have no incumbent."""
+
+    by_value = True
 
     def tell(self, query: Query, value: Answer | float | None) -> None:
         """Close `query` with the score of its experiment, lower is better; None if it has none.
@@ -105,11 +257,39 @@ class ValueBased(AgentBase, Protocol):
             ProtocolError: it is not the open one.
             PreferenceError: `value` is not finite, or holds a preference.
         """
-        self._session.tell(query, value)
+        super().tell(query, value)
 
 
-class AnyAgent(Stored, AgentBase, Protocol):
-    """What every agent of the registry offers, whatever it is told."""
+def rematch(history: History) -> Pair | None:
+    """Return the best sample and another unbeaten one; None if there is no other.
 
-    def tell(self, query: Query, answer: Any, /) -> None:
-        """Close `query` by a preference or a score."""
+    As long as every new sample is compared with the best, only one stays unbeaten. A retraction or
+    "can't tell" can leave two, which the next question then compares. A pair that the person
+    cannot tell apart is not asked again; a pair whose answer was retracted is.
+    """
+    best, verdicts = history.incumbent, history.verdicts()
+    if best is None:
+        return None
+    for group in undominated(verdicts, history.unsafe()):
+        rival = representative(verdicts, group)
+        if best not in group and not history.asked(best, rival, standing=True):
+            return max(best, rival), min(best, rival)
+    return None
+
+
+@cache
+def _threads() -> Any:
+    # It inspects all loaded libraries, so run it once, after numpy's and scipy's are loaded.
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+def one_thread() -> AbstractContextManager[Any]:
+    """Return a context in which linear algebra of numpy and scipy uses one thread.
+
+    With 50 samples, two threads take 3 to 4 times as long.
+    """
+    limit: AbstractContextManager[Any] = _threads().limit(limits=1, user_api="blas")
+    return limit

@@ -8,8 +8,6 @@ from jaxtyping import Float
 from prefcal_agents.history.lessons import cube_of, scores_of
 from prefcal_agents.protocol.agent import ValueBased
 from prefcal_agents.protocol.replay import Replay
-from prefcal_agents.protocol.session import Session
-from prefcal_agents.protocol.stored import Stored
 from prefcal_agents.space.design import Tried
 from prefcal_agents.support.checks import integer, number
 from prefcal_env.knobs.knob import KnobSpace
@@ -20,7 +18,7 @@ from .library import silent, stable_baselines, torch_seeded
 
 
 @final
-class PPOBandit(Stored, ValueBased):
+class PPOBandit(ValueBased):
     """PPO of stable-baselines3 with exactly `n_max` experiments, each an episode of one step.
 
     The policy is a Gaussian, updated after every `n_steps` experiments with a score. Instead of the
@@ -57,13 +55,12 @@ class PPOBandit(Stored, ValueBased):
         n_epochs: int = 20,
         learning_rate: float = 0.03,
     ) -> None:
-        integer("seed", seed, low=0)
         integer("n_steps", n_steps, low=2)
         integer("n_epochs", n_epochs, low=1)
         number("learning_rate", learning_rate, strict=True)
-        self._seed, self._n_steps, self._n_epochs = int(seed), int(n_steps), int(n_epochs)
+        self._n_steps, self._n_epochs = int(n_steps), int(n_epochs)
         self._learning_rate = float(learning_rate)
-        self._session = Session(space, n_init, n_max, self._propose, by_value=True)
+        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
         self._library = stable_baselines()
         self._replay = Replay(self._start, self._feed)
 

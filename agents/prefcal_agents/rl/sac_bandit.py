@@ -8,8 +8,6 @@ from jaxtyping import Float
 from prefcal_agents.history.lessons import cube_of, scores_of
 from prefcal_agents.protocol.agent import ValueBased
 from prefcal_agents.protocol.replay import Replay
-from prefcal_agents.protocol.session import Session
-from prefcal_agents.protocol.stored import Stored
 from prefcal_agents.space.design import Tried, latin_hypercube
 from prefcal_agents.support.checks import integer, number
 from prefcal_env.knobs.knob import KnobSpace
@@ -20,7 +18,7 @@ from .library import silent, stable_baselines, torch_seeded
 
 
 @final
-class SACBandit(Stored, ValueBased):
+class SACBandit(ValueBased):
     """SAC of stable-baselines3 with exactly `n_max` experiments, each an episode of one step.
 
     The first `n_init` samples are a Latin hypercube, where the library draws uniformly. From then
@@ -58,13 +56,12 @@ class SACBandit(Stored, ValueBased):
         learning_rate: float = 0.01,
         entropy: float = 0.01,
     ) -> None:
-        integer("seed", seed, low=0)
         integer("gradient_steps", gradient_steps, low=1)
         number("learning_rate", learning_rate, strict=True)
         number("entropy", entropy)
-        self._seed, self._gradient_steps = int(seed), int(gradient_steps)
+        self._gradient_steps = int(gradient_steps)
         self._learning_rate, self._entropy = float(learning_rate), float(entropy)
-        self._session = Session(space, n_init, n_max, self._propose, by_value=True)
+        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
         self._library = stable_baselines()
         self._replay = Replay(self._start, self._feed)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.support.threads import one_thread
+from prefcal_agents.protocol.agent import one_thread
 from prefcal_env.errors import BenchmarkError, MissingExtraError, ProtocolError, SettingsError
 from prefcal_env.preferences.answer import Answer, Query, Suggestion
 

@@ -21,7 +21,7 @@ from .options import SCORE, Options
 from .parameters import kept_by
 
 if TYPE_CHECKING:
-    from prefcal_agents.protocol.agent import AnyAgent
+    from prefcal_agents.protocol.agent import Agent
 
 Thetas = Sequence[Float[np.ndarray, " n"]]
 
@@ -29,7 +29,7 @@ _PROCESSOR = "processor"
 """Key of the processor in a study's configuration."""
 
 
-def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "AnyAgent":
+def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Agent":
     """Return the agent that the options select; it starts with the physical θ in `start`.
 
     Raises:
@@ -52,7 +52,7 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Any
         extra["settings"] = prefcal_agents.GLISpSettings(**settings)
     if start:
         extra["start"] = start
-    agent: AnyAgent = WORDS[options.agent].load()(
+    agent: Agent = WORDS[options.agent].load()(
         scenario.space, n_init=options.n_init, n_max=options.n_max, seed=options.seed, **extra
     )
     return agent

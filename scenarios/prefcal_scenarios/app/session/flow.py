@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from prefcal_agents.protocol.agent import AnyAgent
+from prefcal_agents.protocol.agent import Agent
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.mpc.compiling import Compiling
@@ -37,7 +37,7 @@ class Flow:
 
     study: StudyFile
     album: ExperimentStore
-    agent: AnyAgent
+    agent: Agent
     ahead: Prefetch = field(default_factory=Prefetch)
     phase: Phase = Phase.RUNNING
     question: Question | None = None

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from prefcal_agents import AgentState, Earlier, restore
-from prefcal_agents.protocol.agent import AnyAgent
+from prefcal_agents.protocol.agent import Agent
 from prefcal_env.errors import SettingsError, StudyError
 from prefcal_env.knobs.knob import KnobSpace
 from prefcal_env.study import State, space_of
@@ -18,7 +18,7 @@ def constraint_names(space: KnobSpace) -> list[str]:
     return [constraint.name for constraint in space.constraints]
 
 
-def agent_as_dict(agent: AnyAgent) -> dict[str, Any]:
+def agent_as_dict(agent: Agent) -> dict[str, Any]:
     """Return an agent's settings as plain data, without what it has learned."""
     return agent.state.configuration()
 
@@ -91,7 +91,7 @@ def with_constraints(space: KnobSpace, scenario: KnobSpace) -> KnobSpace:
     )
 
 
-def agent_of(state: State, space: KnobSpace) -> AnyAgent:
+def agent_of(state: State, space: KnobSpace) -> Agent:
     """The agent of a study, with the identical next query.
 
     Raises:

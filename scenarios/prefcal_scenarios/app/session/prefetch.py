@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.protocol.agent import AnyAgent
+from prefcal_agents.protocol.agent import Agent
 from prefcal_env.errors import RunError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Preference, Strength
@@ -33,7 +33,7 @@ class Prefetch:
     Nothing here is saved: it can be lost at any time, and changes no result.
     """
 
-    _twins: dict[Answer, AnyAgent] = field(default_factory=dict)
+    _twins: dict[Answer, Agent] = field(default_factory=dict)
     _tried: set[Answer] = field(default_factory=set)
     _experiments: OrderedDict[bytes, Experiment] = field(default_factory=OrderedDict)
     _failures: dict[bytes, RunError] = field(default_factory=dict)
@@ -49,11 +49,11 @@ class Prefetch:
                 return answer
         return None
 
-    def keep_twin(self, answer: Answer, twin: AnyAgent) -> None:
+    def keep_twin(self, answer: Answer, twin: Agent) -> None:
         """Have `twin` at hand for `answer`."""
         self._twins[answer] = twin
 
-    def take(self, answer: Answer) -> AnyAgent | None:
+    def take(self, answer: Answer) -> Agent | None:
         """The twin that was told `answer`; all are forgotten, since the question is closed."""
         twin = self._twins.get(answer)
         self.forget()

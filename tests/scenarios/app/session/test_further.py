@@ -35,9 +35,7 @@ def test_a_whole_study_equals_the_loop_in_memory(toy):
     assert len(state.history.follow_ups) == len(plain) - 8 > 0
     thetas = [np.array(sample.theta) for sample in state.history.samples]
     assert all(map(np.array_equal, thetas, agent.samples))
-    assert len(agent_of(state, toy.space)._session.history.follow_ups) == len(
-        state.history.follow_ups
-    )
+    assert len(agent_of(state, toy.space).history.follow_ups) == len(state.history.follow_ups)
 
 
 def test_a_further_question_is_about_two_known_experiments(toy):
@@ -83,8 +81,7 @@ def test_it_is_saved_resumed_undone_and_retracted(toy, tmp_path):
     resumed = reopened(toy, path)
     assert resumed.now().state.history.follow_ups[0].retracted
     assert (
-        len(Preferences.of(resumed._flow.agent._session.history))
-        == resumed.now().state.history.answered - 1
+        len(Preferences.of(resumed._flow.agent.history)) == resumed.now().state.history.answered - 1
     )
 
 
@@ -126,7 +123,7 @@ def test_after_contradictions_two_earlier_ones_are_asked_about(toy, tmp_path):
         better = judge(question, toy.cost) is Choice.LEFT
         mistaken = question.number % 3 == 1 and not question.further
         interview.answer(question.id, Choice.LEFT if better != mistaken else Choice.RIGHT)
-    told = interview._flow.agent._session.history.follow_ups
+    told = interview._flow.agent.history.follow_ups
     recorded = interview.now().state.history.follow_ups
     assert [(c.challenger, c.incumbent, c.answer.preference, c.after) for c in told] == [
         (c.challenger, c.incumbent, c.answer.preference, c.after) for c in recorded

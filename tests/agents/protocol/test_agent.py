@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp, GLISpSettings, RandomSearch
-from prefcal_agents.protocol.rematch import FINALS, final, rematch
+from prefcal_agents.glisp.questions import FINALS, final_question
+from prefcal_agents.protocol.agent import rematch
 from prefcal_env.knobs.knob import Knob, KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.history import History
@@ -72,11 +73,11 @@ def test_a_pair_that_cannot_be_told_apart_is_not_asked_again():
 def test_small_steps_add_up_so_former_bests_are_asked_about_at_the_end():
     history = reigning(4, (0, 0))
     best = history.incumbent
-    assert final(history) == (best, 0)
+    assert final_question(history) == (best, 0)
     won = history.told_follow_up(Answer(1), best, 0)
     assert won.incumbent == 0
     asked, kept = [], history
-    while (pair := final(kept)) is not None:
+    while (pair := final_question(kept)) is not None:
         asked.append(pair)
         kept = kept.told_follow_up(Answer(-1), *pair)
     assert asked == [(best, 0), (best, 2), (best, 3)]  # the one before it was met already
@@ -85,13 +86,13 @@ def test_small_steps_add_up_so_former_bests_are_asked_about_at_the_end():
 
 def test_no_more_than_three_questions_come_after_the_last_experiment():
     history, count = reigning(9, (0, 0)), 0
-    while (pair := final(history)) is not None:
+    while (pair := final_question(history)) is not None:
         history, count = history.told_follow_up(Answer(-1), *pair), count + 1
     assert count == FINALS == 3
 
 
 def test_someone_who_always_sees_a_difference_is_not_asked_again():
-    assert final(reigning(6)) is None
+    assert final_question(reigning(6)) is None
 
 
 @pytest.mark.parametrize(("settings", "least"), [(GLISpSettings.paper(), 11), (None, 14)])
