@@ -19,7 +19,7 @@ from rich.progress import track
 from rich.table import Table
 
 from prefcal_agents import GLISp
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios import load, outcome
 from prefcal_scenarios.cases.functions import FUNCTIONS

@@ -23,7 +23,7 @@ from prefcal_env.experiments.rollout import rollout as rollout
 from prefcal_env.knobs.constraints import Constraint as Constraint
 from prefcal_env.knobs.constraints import LinearConstraint as LinearConstraint
 from prefcal_env.knobs.knob import Knob as Knob
-from prefcal_env.knobs.knob import KnobSpace as KnobSpace
+from prefcal_env.knobs.space import KnobSpace as KnobSpace
 from prefcal_env.preferences.answer import Agent as Agent
 from prefcal_env.preferences.answer import Answer as Answer
 from prefcal_env.preferences.answer import Calibrator as Calibrator

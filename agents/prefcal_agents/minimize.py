@@ -11,7 +11,7 @@ from prefcal_agents.glisp.agent import GLISp
 from prefcal_agents.space.start import Start
 from prefcal_agents.support.checks import integer
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Agent, Answer, Preference
 
 Prefer = Callable[

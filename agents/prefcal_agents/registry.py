@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from prefcal_agents.history.agent_state import AgentState
     from prefcal_agents.protocol.agent import Agent
-    from prefcal_env.knobs.knob import KnobSpace
+    from prefcal_env.knobs.space import KnobSpace
 
 
 @dataclass(frozen=True, slots=True)

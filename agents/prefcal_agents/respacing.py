@@ -9,7 +9,7 @@ from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.protocol.agent import Agent
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.change import respaced as respaced_space
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import Sample
 
 from .registry import CLASSES, agent_class

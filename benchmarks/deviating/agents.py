@@ -61,7 +61,7 @@ def maximin(space: KnobSpace, count: int, seed: int) -> np.ndarray:
     """The best of five Latin hypercubes, by the smallest distance of two points."""
     sampler = qmc.LatinHypercube(len(space), rng=np.random.default_rng([seed, 0]))
     plans = [np.asarray(sampler.random(count)) for _ in range(5)]
-    return cube.scaled(space, max(plans, key=smallest_distance))
+    return space.scaled(max(plans, key=smallest_distance))
 
 
 def smallest_distance(points: np.ndarray) -> float:

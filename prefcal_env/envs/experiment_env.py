@@ -12,7 +12,7 @@ from prefcal_env.experiments.control import Controller
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.experiments.rollout import KPIs, rollout
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 
 from .rendering import makes
 from .tuning_env import Run, TuningEnv, same_step_vector

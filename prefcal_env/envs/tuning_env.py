@@ -10,7 +10,7 @@ from jaxtyping import Float
 from prefcal_env.errors import ExperimentError, KnobError, ProtocolError, SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import Panel, plots_of
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 
 from .canvas import Canvas, Trace
 from .checks import check_render_mode, numbers

@@ -1,4 +1,4 @@
 """The knobs that θ is made of: ranges, scales, constraints, and changes of the space."""
 
 from .knob import Knob as Knob
-from .knob import KnobSpace as KnobSpace
+from .space import KnobSpace as KnobSpace

@@ -8,7 +8,8 @@ from jaxtyping import Float
 
 from prefcal_env.errors import KnobError
 
-from .knob import Knob, KnobSpace
+from .knob import Knob
+from .space import KnobSpace
 
 
 def respaced(old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None = None) -> KnobSpace:

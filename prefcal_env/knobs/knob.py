@@ -1,23 +1,23 @@
-"""Knobs: the tunable numbers θ, and the conversion between the unit cube and physical units."""
+"""A knob: one tunable number, its resolution, and its place in the unit interval."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from math import isfinite
+from dataclasses import dataclass, field
+from math import floor, isfinite, log, log1p, log10, ulp
 from typing import Literal, get_args
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from prefcal_env.errors import KnobError
 
-from .constraints import AnyConstraint, checked
-from .ranges import exact, is_number, parts, too_close
-from .resolution import default_step, nearest_step
-
 Scale = Literal["linear", "log10"]
 
-_ROUNDING = 1e-12  # error of decoding a proposed value, as a share of the knob's range
-_TOUCHING = 1e-6  # tolerance in steps: neighbors on the grid are one step apart, up to rounding
+_DECODED = 1e-12  # error of decoding a proposed value, as a share of the knob's range
+_SHARE = 100  # the default step is at most the range divided by this
+_FINEST = 1e-13  # smallest step relative to the values: below it, doubles cannot be rounded
+_DIGITS = 15  # significant digits of a double that survive a multiplication
+_FEWEST = 2**13  # fewest floats in a range: about a hundred that differ by more than rounding
+ROUNDING = 1e-14
+"""Error of decoding, relative to a linear knob's bounds or a log10 knob's value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +53,8 @@ class Knob:
     integer: bool = False
     step: float | None = None
     about: str = field(default="", compare=False, kw_only=True)
+    resolution: float = field(init=False, default=0.0, repr=False, compare=False)
+    """Step in use, in `unit` (relative on a log10 scale); 0 if any value may be proposed."""
 
     def __post_init__(self) -> None:
         box = f"got [{self.low}, {self.high}] {self.unit}".rstrip()
@@ -81,13 +83,10 @@ class Knob:
             raise KnobError(f"knob {self.name!r}: an integer knob needs integer bounds, {box}")
         if self.step is not None:
             _check_step(self, self.step)
-
-    @property
-    def resolution(self) -> float:
-        """Step in use, in `unit` (relative on a log10 scale); 0 if any value may be proposed."""
-        if self.step is not None:
-            return float(self.step)
-        return 1.0 if self.integer else default_step(self.low, self.high, self.scale)
+        step = self.step
+        if step is None:
+            step = 1.0 if self.integer else default_step(self.low, self.high, self.scale)
+        object.__setattr__(self, "resolution", float(step))
 
     def round(self, value: float) -> float:
         """Return the valid proposal nearest to `value`, both in `unit`.
@@ -95,7 +94,16 @@ class Knob:
         Valid proposals are the multiples of the resolution (on a log10 scale `low` times a power
         of 1 + step, rounded to a few digits) and the two ends of the range.
         """
-        return nearest_step(self, value)
+        step = self.resolution
+        if step == 0:
+            return value
+        if self.scale == "log10" and not self.integer:
+            count = floor(log(value / self.low) / log1p(step) + 0.5)
+            near = float(f"{self.low * (1 + step) ** count:.{_digits(step)}g}")
+        else:
+            near = float(f"{floor(value / step + 0.5) * step:.{_DIGITS}g}")
+        near = min(max(near, self.low), self.high)
+        return min((near, self.low, self.high), key=lambda end: abs(end - value))
 
     def steps(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Return how many steps `values`, in `unit`, lie from 0 (log10: from `low`), shape (m,).
@@ -121,7 +129,7 @@ class Knob:
         value = float(min(max(value, self.low), self.high))
         # Undo the rounding of encode and decode: a proposed value was a round number.
         nearest = value if self.integer else self.round(value)
-        return nearest if abs(nearest - value) <= _ROUNDING * abs(self.high - self.low) else value
+        return nearest if abs(nearest - value) <= _DECODED * abs(self.high - self.low) else value
 
     def encode(self, value: float) -> float:
         """Return the unit coordinate in [0, 1] of a physical value in `unit`."""
@@ -131,240 +139,62 @@ class Knob:
             z = (value - self.low) / (self.high - self.low)
         return float(min(max(z, 0.0), 1.0))
 
+    def decode_all(self, z: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Decode many coordinates at once, up to rounding and without rounding integers, (m,)."""
+        low, high = (np.log10(v) if self.scale == "log10" else v for v in (self.low, self.high))
+        value = low * (1 - z) + high * z
+        return np.asarray(10.0**value if self.scale == "log10" else value)
 
-@dataclass(frozen=True)
-class KnobSpace:
-    """The search space of θ: an ordered collection of knobs, with constraints.
+    def encode_all(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Encode many physical values at once, up to rounding, shape (m,)."""
+        if self.scale == "log10":
+            return np.asarray(np.log10(values / self.low) / np.log10(self.high / self.low))
+        return np.asarray((values - self.low) / (self.high - self.low))
 
-    Deviation: [0, 1] for each knob, where the authors' code scales to [-1, 1]; the paper names no
-    box. Distances are half as long, so δ of eq. acquisition acts up to 16 times weaker. Measured
-    in docs/deviations.md.
+    def round_all(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Round many values at once, without cutting powers of the step to a few digits, (m,)."""
+        step = self.resolution
+        if self.scale == "log10" and not self.integer:
+            count = np.floor(np.log(values / self.low) / np.log1p(step) + 0.5)
+            near = self.low * (1 + step) ** count
+        else:
+            near = np.floor(values / step + 0.5) * step
+        near = np.clip(near, self.low, self.high)
+        for end in (self.low, self.high):
+            near = np.where(np.abs(end - values) < np.abs(near - values), end, near)
+        return np.asarray(near)
 
-    Args:
-        knobs: One or more knobs.
-        constraints: Constraints that every proposed θ satisfies. `decode`, `encode` and `check`
-            ignore them and know only the box, since plots also show the points outside.
-        within: Maps a knob name to the physical range (low, high) that is still searched; equal
-            values freeze the knob. Experiments outside this range still teach the agent.
 
-    Raises:
-        KnobError: If there are no knobs, an item is not a `Knob` or a constraint, two names are
-            equal, a linear constraint names an unknown knob, or `within` does not fit the knobs.
+def is_number(value: object) -> bool:
+    """Return whether `value` is a number of Python or numpy; booleans are not numbers."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def too_close(low: float, high: float, *, integer: bool) -> bool:
+    """Return whether a range holds too few floats to be searched.
+
+    An integer range may be small as long as rounding (see `exact`) cannot confuse two neighbors.
     """
-
-    knobs: tuple[Knob, ...]
-    constraints: tuple[AnyConstraint, ...]
-    within: tuple[tuple[float, float], ...]
-
-    def __init__(
-        self,
-        knobs: Sequence[Knob],
-        constraints: Sequence[AnyConstraint] = (),
-        *,
-        within: Mapping[str, tuple[float, float]] | None = None,
-    ) -> None:
-        if isinstance(knobs, Knob) or not isinstance(knobs, Iterable):
-            raise KnobError(f"a knob space needs a sequence of Knobs, got {knobs!r}")
-        object.__setattr__(self, "knobs", tuple(knobs))
-        strangers = [k for k in self.knobs if not isinstance(k, Knob)]
-        if not self.knobs or strangers:
-            raise KnobError(f"a knob space needs one or more Knobs, got {strangers or 'none'}")
-        duplicates = {n for n in self.names if self.names.count(n) > 1}
-        if duplicates:
-            raise KnobError(f"knob names must differ, got {sorted(duplicates)} more than once")
-        object.__setattr__(self, "constraints", checked(constraints, self.names))
-        object.__setattr__(self, "within", parts(self.knobs, within or {}))
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the knobs, in order of `knobs`."""
-        return tuple(k.name for k in self.knobs)
-
-    @property
-    def frozen(self) -> tuple[bool, ...]:
-        """Whether each knob is frozen at one value."""
-        return tuple(low == high for low, high in self.within)
-
-    @property
-    def corners(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Lower and upper corner of the searched box in the unit cube, each of shape (n,)."""
-        lower, upper = zip(*self.within, strict=True)
-        return self.encode(np.array(lower)), self.encode(np.array(upper))
-
-    def narrowed(self, within: Mapping[str, tuple[float, float]]) -> "KnobSpace":
-        """Return this space with a smaller searched range; other knobs keep theirs.
-
-        Raises:
-            KnobError: If `within` does not fit the knobs, as in the constructor.
-        """
-        now = dict(zip(self.names, self.within, strict=True))
-        return KnobSpace(self.knobs, self.constraints, within={**now, **within})
-
-    def described(self, about: Mapping[str, str]) -> "KnobSpace":
-        """Return this space with a sentence for each knob, by name, on what the knob does.
-
-        Raises:
-            KnobError: If no knob has one of the names.
-        """
-        unknown = sorted(set(about) - set(self.names))
-        if unknown:
-            raise KnobError(f"about must name some of the knobs {self.names}, got {unknown}")
-        knobs = [replace(k, about=about.get(k.name, k.about)) for k in self.knobs]
-        within = dict(zip(self.names, self.within, strict=True))
-        return KnobSpace(knobs, self.constraints, within=within)
-
-    def searches(self, theta: Float[np.ndarray, " n"]) -> bool:
-        """Return whether a physical θ, shape (n,), lies in the searched range."""
-        theta = self._vector(theta, "theta")
-        return all(low <= v <= high for (low, high), v in zip(self.within, theta, strict=True))
-
-    def __len__(self) -> int:
-        return len(self.knobs)
-
-    def __iter__(self) -> Iterator[Knob]:
-        return iter(self.knobs)
-
-    def decode(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Map a point of the unit cube, shape (n,), to physical units.
-
-        Raises:
-            KnobError: If the shape is wrong, or a coordinate is NaN or outside [0, 1].
-        """
-        z = self._vector(z, "z")
-        for knob, zi in zip(self.knobs, z, strict=True):
-            if not 0.0 <= zi <= 1.0:
-                raise KnobError(f"z of knob {knob.name!r} must be in [0, 1], got {zi}")
-        values = [k.decode(zi) for k, zi in zip(self.knobs, z, strict=True)]
-        return np.array(
-            [exact(*each) for each in zip(self.knobs, values, self.within, strict=True)]
-        )
-
-    def encode(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Map a physical θ, shape (n,), to the unit cube.
-
-        Raises:
-            KnobError: If θ is not valid, as in `check`.
-        """
-        theta = self.check(theta)
-        return np.array([k.encode(v) for k, v in zip(self.knobs, theta, strict=True)])
-
-    def snap(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the cube point of the θ proposed for `z`, shape (n,), with rounded knob values.
-
-        Each knob is rounded to its resolution, unless the constraints forbid the rounded θ but
-        allow the unrounded one. All `z` with the same proposed θ give the same point.
-        """
-        theta = self.decode(z)
-        parts = zip(self.knobs, theta, self.within, strict=True)
-        rounded = np.array([_rounded(*each) for each in parts])
-        if self.constraints and not self.allows(rounded) and self.allows(theta):
-            rounded = theta
-        return self.encode(rounded)
-
-    def close(
-        self, theta: Float[np.ndarray, " n"], others: Float[np.ndarray, "m n"]
-    ) -> Bool[np.ndarray, " m"]:
-        """Return which of `others`, physical, are less than a step from `theta` in each knob.
-
-        People cannot tell such experiments apart, nor dial them in. A knob without a step must be
-        equal. Shape (m,).
-        """
-        close = np.ones(len(others), dtype=np.bool_)
-        for k, knob in enumerate(self.knobs):
-            if knob.resolution == 0:
-                close &= others[:, k] == theta[k]
-                continue
-            away = np.abs(knob.steps(others[:, k]) - knob.steps(theta[k : k + 1]))
-            close &= away < 1 - _TOUCHING
-        return close
-
-    def check(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return a valid physical `theta` as a float array, shape (n,).
-
-        Raises:
-            KnobError: If the shape is wrong, or a value is NaN, outside the box, or a fraction for
-                an integer knob.
-        """
-        theta = self._vector(theta, "theta")
-        for knob, value in zip(self.knobs, theta, strict=True):
-            if not knob.low <= value <= knob.high:
-                raise KnobError(
-                    f"theta of knob {knob.name!r} must be in [{knob.low}, {knob.high}] "
-                    f"{knob.unit}".rstrip()
-                    + f", got {value}"
-                )
-            if knob.integer and value != round(value):
-                raise KnobError(f"theta of knob {knob.name!r} must be an integer, got {value}")
-        return theta
-
-    def allows(self, theta: Float[np.ndarray, "*m n"]) -> Bool[np.ndarray, "*m"] | bool:
-        """Return whether constraints allow a physical θ, shape (n,), or each of m, shape (m, n).
-
-        Raises:
-            KnobError: If the shape is wrong or a constraint cannot be computed.
-        """
-        thetas = np.asarray(theta, dtype=float)
-        if thetas.ndim == 1:
-            return bool(np.all(self.excess(self._vector(thetas, "theta")[None]) <= 0))
-        return np.asarray(np.all(self.excess(thetas) <= 0, axis=1))
-
-    def excess(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m c"]:
-        """Return the c constraints at m physical θ, shape (m, c): 0 or less where allowed.
-
-        Raises:
-            KnobError: If the shape is wrong or a constraint cannot be computed.
-        """
-        if np.ndim(thetas) != 2 or np.shape(thetas)[1] != len(self):
-            raise KnobError(f"thetas must have shape (m, {len(self)}), got {np.shape(thetas)}")
-        if not self.constraints or not len(thetas):
-            return np.zeros((len(thetas), len(self.constraints)))
-        values = {name: thetas[:, k] for k, name in enumerate(self.names)}
-        return np.array([constraint(values) for constraint in self.constraints]).T
-
-    def check_allowed(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return `theta` as a float array, shape (n,), if the constraints allow it.
-
-        Raises:
-            KnobError: If θ is not valid, as in `check`, or a constraint forbids it.
-        """
-        theta = self.check(theta)
-        for constraint, g in zip(self.constraints, self.excess(theta[None])[0], strict=True):
-            if not g <= 0:
-                raise KnobError(
-                    f"constraint {constraint.name!r} must be 0 or less, got {g:g} at "
-                    f"theta {self.named(theta)}"
-                )
-        return theta
-
-    def named(self, theta: Float[np.ndarray, " n"]) -> dict[str, float]:
-        """Return a dict from knob name to physical value, in order; integer knobs as int."""
-        theta = self.check(theta)
-        return {
-            k.name: int(v) if k.integer else float(v)
-            for k, v in zip(self.knobs, theta, strict=True)
-        }
-
-    def _vector(self, values: object, what: str) -> Float[np.ndarray, " n"]:
-        try:
-            vector = np.array(values, dtype=float)
-        except (TypeError, ValueError) as error:
-            raise KnobError(f"{what} must be numbers, got {values!r}") from error
-        if vector.shape != (len(self),):
-            raise KnobError(
-                f"{what} must have shape ({len(self)},), one value each of {self.names}, "
-                f"got shape {vector.shape}"
-            )
-        if not np.all(np.isfinite(vector)):
-            raise KnobError(
-                f"{what} must be finite, got {dict(zip(self.names, vector.tolist(), strict=True))}"
-            )
-        return vector
+    size = max(abs(low), abs(high))
+    if integer and ROUNDING * size < 0.5:
+        return False
+    return high - low < _FEWEST * ulp(size)
 
 
-def _rounded(knob: Knob, value: float, part: tuple[float, float]) -> float:
-    """Return `value` rounded to the knob's resolution and kept inside the searched `part`."""
-    low, high = part
-    return value if value in part else float(min(max(knob.round(value), low), high))
+def default_step(low: float, high: float, scale: str) -> float:
+    """Return the largest 1, 2 or 5 times a power of ten that is at most 1/100 of the range.
+
+    On a log10 scale the step is relative: 1 + step is at most the hundredth root of high / low.
+    """
+    if scale == "log10":
+        most, size = 10.0 ** ((log10(high) - log10(low)) / _SHARE) - 1.0, 1.0
+    else:
+        most, size = (high - low) / _SHARE, max(abs(low), abs(high))
+    if most <= _FINEST * size:
+        return 0.0  # the range holds hardly more floats than that
+    power = 10.0 ** floor(log10(most))
+    lead = next(lead for lead in (5.0, 2.0, 1.0) if lead * power <= most * (1 + 1e-9))
+    return float(f"{lead * power:.1g}")
 
 
 def _check_step(knob: Knob, step: object) -> None:
@@ -377,3 +207,8 @@ def _check_step(knob: Knob, step: object) -> None:
         raise KnobError(f"knob {knob.name!r}: step must be at most {widest:g}, the range, {got}")
     if knob.integer and (step < 1 or step != round(step)):  # type: ignore[operator, call-overload]
         raise KnobError(f"knob {knob.name!r}: an integer knob needs an integer step, {got}")
+
+
+def _digits(step: float) -> int:
+    """Return how many significant digits separate neighbors on a log10 scale, plus two."""
+    return max(2, 2 - floor(log10(step)))

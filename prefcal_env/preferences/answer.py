@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import PreferenceError
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.plain import from_plain, to_plain
 
 from .kpis import Outcome

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import ProtocolError
 from prefcal_env.knobs.change import carried
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 
 from .answer import Answer, Mark
 from .best import Verdict, best_of, representative, undominated

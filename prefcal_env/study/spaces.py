@@ -6,7 +6,8 @@ from typing import Any
 import msgspec
 
 from prefcal_env.errors import StudyError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.plain import UNREADABLE
 
 

@@ -17,7 +17,7 @@ from prefcal_env.experiments.control import Controller
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import Panel as Panel
 from prefcal_env.experiments.panels import Plot, plots_of
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_scenarios.own.checks import check_parts
 from prefcal_scenarios.own.nearest import did_you_mean

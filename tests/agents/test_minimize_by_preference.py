@@ -3,7 +3,8 @@ import pytest
 
 from prefcal_agents import GLISp, LatinHypercube, RandomSearch, minimize_by_preference
 from prefcal_env.errors import PreferenceError, SettingsError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
 
 SPACE = KnobSpace([Knob("gain", 0.1, 10.0, scale="log10"), Knob("steps", 2, 30, integer=True)])

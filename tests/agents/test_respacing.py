@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from contracts.agents import MIXED, judge, latent, run
 from prefcal_agents import GLIS, AgentState, GLISp, LatinHypercube, RandomSearch, respaced, restore
 from prefcal_env.errors import KnobError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 
 
 @pytest.fixture(params=[GLISp, GLISp.paper, RandomSearch, LatinHypercube])

@@ -10,7 +10,8 @@ from prefcal_agents.rl import PPOBandit, SACBandit
 from prefcal_agents.rl.bandit import rewards
 from prefcal_agents.support.global_random import seeded
 from prefcal_env.errors import MissingExtraError, SettingsError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from support.extras import need
 
 LINE = KnobSpace([Knob("x", 0.0, 4.0), Knob("y", -1.0, 1.0)])

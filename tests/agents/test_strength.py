@@ -5,7 +5,8 @@ import pytest
 
 from prefcal_agents import GLISp, minimize_by_preference
 from prefcal_agents.history.lessons import Preferences
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Strength
 from prefcal_env.preferences.history import History
 from support.histories import in_cube

@@ -12,7 +12,7 @@ import pytest
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.end import End
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios import Panel, figure
 from prefcal_scenarios.app.presentation.folder import folder_for
 from prefcal_scenarios.app.presentation.style import canvas

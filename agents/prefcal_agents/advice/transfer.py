@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, SettingsError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 
 
 class HasBest(Protocol):

@@ -10,11 +10,11 @@ from prefcal_agents.history.lessons import cube_of, scores_of
 from prefcal_agents.models.interpolant import Interpolant, best_interpolant, normalised
 from prefcal_agents.optimize.search import multistart
 from prefcal_agents.protocol.agent import ValueBased
-from prefcal_agents.space.design import Tried, encode_all, latin_hypercube
+from prefcal_agents.space.design import Tried, latin_hypercube
 from prefcal_agents.space.feasible import random_points, search_domain
 from prefcal_agents.space.start import Start
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .glis_settings import GLISSettings
@@ -108,7 +108,7 @@ class GLIS(ValueBased):
         Raises:
             KnobError: `thetas` has another shape or leaves the box.
         """
-        z = encode_all(self.space, thetas)
+        z = self.space.encode_all(thetas)
         if not len(scores_of(self.history)[0]):
             return np.zeros(len(z))
         return self._interpolant(self.history)[0](2 * z - 1)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.protocol.agent import PreferenceBased
-from prefcal_agents.space.design import Tried, scaled
+from prefcal_agents.space.design import Tried
 from prefcal_env.preferences.history import History
 
 
@@ -31,5 +31,5 @@ class RandomSearch(PreferenceBased):
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         rng = np.random.default_rng([self._seed, history.answered])
         return Tried(self.space, history).fresh(
-            scaled(self.space, rng.random((1, len(self.space))))[0], rng
+            self.space.scaled(rng.random((1, len(self.space))))[0], rng
         )

@@ -10,10 +10,9 @@ from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.protocol.agent import Pair, PreferenceBased, one_thread
-from prefcal_agents.space.design import encode_all
 from prefcal_agents.space.start import Start
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend
 
@@ -170,7 +169,7 @@ class GLISp(PreferenceBased):
         Raises:
             KnobError: `thetas` has another shape or leaves the box.
         """
-        z = encode_all(self.space, thetas)
+        z = self.space.encode_all(thetas)
         if len(Preferences.of(self.history)) == 0:
             return np.zeros(len(z))
         with one_thread():

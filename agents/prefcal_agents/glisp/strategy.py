@@ -15,7 +15,7 @@ from prefcal_agents.models.surrogate import Composite
 from prefcal_agents.optimize.search import Objective, multistart
 from prefcal_agents.space.design import Tried, latin_hypercube
 from prefcal_agents.space.feasible import random_points, search_domain
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .noise_test import ALMOST_SURE

@@ -9,7 +9,7 @@ from prefcal_agents.protocol.agent import PreferenceBased
 from prefcal_agents.protocol.replay import Replay
 from prefcal_agents.space.design import Tried, latin_hypercube
 from prefcal_agents.support.global_random import seeded
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 

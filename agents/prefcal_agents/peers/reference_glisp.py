@@ -10,7 +10,7 @@ from prefcal_agents.protocol.agent import PreferenceBased
 from prefcal_agents.space.design import Tried
 from prefcal_agents.support.extras import load
 from prefcal_agents.support.global_random import seeded
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .solvers import cube_solver, design

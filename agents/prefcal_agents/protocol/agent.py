@@ -12,7 +12,7 @@ from prefcal_agents.space.capacity import capacity
 from prefcal_agents.space.start import Start, start_points
 from prefcal_agents.support.checks import integer
 from prefcal_env.errors import ProtocolError, SettingsError
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference, Query, Suggestion
 from prefcal_env.preferences.best import representative, undominated
 from prefcal_env.preferences.history import History, Sample

@@ -7,7 +7,7 @@ import numpy as np
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.space.start import start_points
 from prefcal_env.errors import KnobError, SettingsError
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History, Sample
 
 _SAME_PLACE = 1e-6

@@ -10,7 +10,7 @@ from prefcal_agents.protocol.agent import ValueBased
 from prefcal_agents.protocol.replay import Replay
 from prefcal_agents.space.design import Tried
 from prefcal_agents.support.checks import integer, number
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .bandit import OBSERVATION, Bandit, actions, rewards, sample

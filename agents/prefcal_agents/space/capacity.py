@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import KnobError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 
 _COUNTED = 100_000  # spaces with at most this many θ are checked against the constraints
 _MANY = 10**6  # a knob with more values counts as having no step

@@ -6,43 +6,15 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.models.rbf import squared_distances
-from prefcal_env.errors import KnobError, ProtocolError
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.errors import ProtocolError
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .capacity import capacity, choices
 from .feasible import Region, random_points
-from .snapping import integer_mask as integer_mask
-from .snapping import scaled as scaled
-from .snapping import snap_all as snap_all
 
 _DRAWS = 200  # random points looked at before an integer space is searched in full
 _POOL, _POOL_SHARE = 200, 20  # allowed points to choose from: at least, and for each one chosen
-
-
-def encode_all(space: KnobSpace, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
-    """Points of the cube of many physical θ, shape (m, n): `KnobSpace.encode`, up to rounding.
-
-    Raises:
-        KnobError: `thetas` has another shape or leaves the box.
-    """
-    if np.ndim(thetas) != 2 or np.shape(thetas)[1] != len(space):
-        raise KnobError(f"thetas must have shape (m, {len(space)}), got {np.shape(thetas)}")
-    z = np.empty(np.shape(thetas))
-    inside = np.ones(len(thetas), dtype=np.bool_)
-    for k, knob in enumerate(space):
-        values = thetas[:, k]
-        whole = values == np.round(values) if knob.integer else True
-        here = (knob.low <= values) & (values <= knob.high) & whole
-        inside &= here
-        values = np.where(here, values, knob.low)
-        if knob.scale == "log10":
-            z[:, k] = np.log10(values / knob.low) / np.log10(knob.high / knob.low)
-        else:
-            z[:, k] = (values - knob.low) / (knob.high - knob.low)
-    for theta in thetas[~inside][:1]:
-        space.check(theta)  # says what is wrong with it
-    return np.clip(z, 0.0, 1.0)
 
 
 def latin_hypercube(space: KnobSpace, count: int, seed: int) -> Float[np.ndarray, "N n"]:
@@ -55,7 +27,7 @@ def latin_hypercube(space: KnobSpace, count: int, seed: int) -> Float[np.ndarray
     from scipy.stats import qmc  # takes most of a second to import
 
     sampler = qmc.LatinHypercube(len(space), rng=np.random.default_rng([seed, 0]))
-    points = scaled(space, np.asarray(sampler.random(count), dtype=float))
+    points = space.scaled(np.asarray(sampler.random(count), dtype=float))
     return _moved_inside(points, space, seed) if space.constraints else points
 
 

@@ -9,10 +9,8 @@ from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.rbf import squared_distances
 from prefcal_agents.optimize.search import Domain
 from prefcal_env.errors import KnobError
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
-
-from .snapping import decode_all, integer_mask, scaled, snap_all
 
 _BLOCKS = (300, 1_000, 4_000, 16_000)  # numbers of random points to check, block by block
 _LEADERS = 20  # points to search from if no random point is allowed
@@ -33,7 +31,7 @@ class Region:
         return np.asarray(self.space.allows(self._thetas(z)))
 
     def _thetas(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m n"]:
-        return decode_all(self.space, snap_all(self.space, z, only_integers=True))
+        return self.space.decode_all(self.space.snap_all(z, only_integers=True))
 
     def draw(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count n"]:
         """Return random points of the region, shape (count, n); uniform unless it is tiny.
@@ -44,7 +42,7 @@ class Region:
         n = len(self.space)
         found = np.zeros((0, n))
         for size in _BLOCKS:
-            block = scaled(self.space, rng.random((max(size, count), n)))
+            block = self.space.scaled(rng.random((max(size, count), n)))
             found = np.vstack([found, block[self.allows(block)]])
             if len(found) >= count:
                 return np.asarray(found[:count])
@@ -59,13 +57,13 @@ class Region:
     ) -> Float[np.ndarray, "count n"]:
         """Return points by hit and run: from random anchors part of the way to the edge."""
         start = anchors[rng.integers(len(anchors), size=count)]
-        edge = self._towards(start, scaled(self.space, rng.random((count, start.shape[1]))))
+        edge = self._towards(start, self.space.scaled(rng.random((count, start.shape[1]))))
         inside = start + rng.random((count, 1)) * (edge - start)
         return np.where(self.allows(inside)[:, None], inside, start)
 
     def _search(self, rng: np.random.Generator) -> Float[np.ndarray, "a n"]:
         """Return allowed points, found by reducing the violation of the constraints."""
-        leaders = scaled(self.space, rng.random((_BLOCKS[-1], len(self.space))))
+        leaders = self.space.scaled(rng.random((_BLOCKS[-1], len(self.space))))
         sizes = np.nan_to_num(np.abs(self.space.excess(self._thetas(leaders))))
         scale = np.median(sizes, axis=0)
         order = np.argsort(self._violation(leaders, scale), kind="stable")
@@ -109,13 +107,13 @@ class Region:
 
         They move towards the nearest of the anchors, which are allowed points, shape (a, n).
         """
-        snapped = snap_all(self.space, z)
+        snapped = self.space.snap_all(z)
         out = np.flatnonzero(~self.allows(snapped))
         if len(out):
             nearest = anchors[np.argmin(squared_distances(snapped[out], anchors), axis=1)]
             edge = self._towards(nearest, snapped[out])
             # Points at the edge are not rounded, since rounding could leave the region.
-            snapped[out] = snap_all(self.space, edge, only_integers=True)
+            snapped[out] = self.space.snap_all(edge, only_integers=True)
         return snapped
 
     def _towards(
@@ -141,7 +139,7 @@ def random_points(
     """
     if space.constraints:
         return Region(space).draw(count, rng)
-    return scaled(space, rng.random((count, len(space))))
+    return space.scaled(rng.random((count, len(space))))
 
 
 def search_domain(space: KnobSpace, history: History, *, best: int | None = None) -> Domain:
@@ -154,9 +152,9 @@ def search_domain(space: KnobSpace, history: History, *, best: int | None = None
     lower, upper = space.corners
     best = (history.incumbent or 0) if best is None else best
     start = np.clip(np.array(history.samples[best].z), lower, upper)
-    fixed = integer_mask(space) | (lower == upper)
+    fixed = space.integers | (lower == upper)
     if not space.constraints:
-        return Domain(fixed, lambda z: snap_all(space, z), start, (lower, upper))
+        return Domain(fixed, lambda z: space.snap_all(z), start, (lower, upper))
     region, anchors = Region(space), _anchors(space, history)
     return Domain(fixed, lambda z: region.repaired(z, anchors), start, (lower, upper))
 

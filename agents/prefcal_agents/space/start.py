@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, SettingsError
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 
 Points = tuple[tuple[float, ...], ...]
 """Points of the cube, each of length n."""

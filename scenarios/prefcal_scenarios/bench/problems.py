@@ -11,7 +11,7 @@ from jaxtyping import Float
 from prefcal_env.calibrators import Flipping, LatentCost
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Calibrator, Preference
 from prefcal_scenarios.cases.functions import FUNCTIONS, TestFunction
 from prefcal_scenarios.scenario import Scenario

@@ -15,7 +15,8 @@ from typing import Any, Literal
 from prefcal_agents.registry import AGENTS as REGISTRY
 from prefcal_agents.registry import AgentRow
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.own.own_file import module_at
 

@@ -11,7 +11,8 @@ from types import MappingProxyType
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 
 Latent = Callable[[Float[np.ndarray, " n"]], float]
 

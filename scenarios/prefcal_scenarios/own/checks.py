@@ -10,7 +10,7 @@ from jaxtyping import Float
 from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.panels import Panel
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 
 if TYPE_CHECKING:
     from prefcal_scenarios.scenario import Scenario

@@ -8,7 +8,8 @@ from scipy.stats import norm
 from prefcal_agents import GLISp
 from prefcal_agents.acquisition.expected_improvement import ExpectedImprovement, _log_gain
 from prefcal_agents.models.gaussian_process import GaussianProcess
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer
 
 RNG = np.random.default_rng(0)

@@ -12,7 +12,8 @@ from prefcal_agents.acquisition.penalty import (
     unsafe_penalty,
 )
 from prefcal_agents.history.lessons import Marks
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
 from prefcal_scenarios.cases.functions import FUNCTIONS

@@ -8,7 +8,8 @@ from prefcal_agents.glisp.training import train
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.models.cross_validation import FOLDS
 from prefcal_env.errors import KnobError, SettingsError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.cases.functions import FUNCTIONS
 from support.studies import by, drive
 

@@ -14,7 +14,8 @@ from prefcal_agents.history.lessons import Preferences, cube_of
 from prefcal_agents.models.expectation_propagation import ExpectationPropagation
 from prefcal_agents.models.surrogate import Shape
 from prefcal_env.errors import ProtocolError, SettingsError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark, Preference
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend

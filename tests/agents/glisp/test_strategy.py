@@ -18,7 +18,8 @@ from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.preference_gp import PreferenceGP
 from prefcal_agents.models.surrogate import Composite, Shape, Surrogate
 from prefcal_agents.space.design import latin_hypercube
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend

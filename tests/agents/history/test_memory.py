@@ -12,7 +12,8 @@ from prefcal_agents.history.lessons import Preferences, kpis_of
 from prefcal_agents.history.memory import MOST, Memory
 from prefcal_agents.models import preference_qp as fitting
 from prefcal_agents.models.surrogate import Shape, Surrogate
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import Comparison, History
 from support.histories import in_cube

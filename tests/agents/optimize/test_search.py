@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from prefcal_agents.optimize.search import Domain, multistart
-from prefcal_agents.space.design import integer_mask, snap_all
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 
 REAL = KnobSpace([Knob(name, 0, 1, step=0) for name in "abc"])
 MIXED = KnobSpace([Knob("a", 0, 1), Knob("b", 0, 4, integer=True), Knob("c", 0, 1)])
@@ -28,7 +28,7 @@ class Waves:
 
 def domain(space, start=(0.5, 0.5, 0.5)):
     cube = (np.zeros(len(start)), np.ones(len(start)))
-    return Domain(integer_mask(space), lambda z: snap_all(space, z), np.array(start), cube)
+    return Domain(space.integers, lambda z: space.snap_all(z), np.array(start), cube)
 
 
 @pytest.mark.parametrize("centre", [(0.3, 0.8, 0.5), (0.0, 1.0, 0.9)])

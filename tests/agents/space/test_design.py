@@ -4,9 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_agents.space.capacity import capacity
-from prefcal_agents.space.design import Tried, encode_all, latin_hypercube, snap_all
+from prefcal_agents.space.design import Tried, latin_hypercube
 from prefcal_env.errors import KnobError, ProtocolError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History, Sample
 
@@ -23,7 +24,7 @@ coordinate = st.floats(0, 1)
 
 @given(st.tuples(coordinate, coordinate, coordinate))
 def test_snapping_many_agrees_with_snapping_one(z):
-    snapped, one = snap_all(SPACE, np.array([z]))[0], SPACE.snap(np.array(z))
+    snapped, one = SPACE.snap_all(np.array([z]))[0], SPACE.snap(np.array(z))
     assert snapped[0] == z[0]
     assert SPACE.check(SPACE.decode(snapped))[1:] == pytest.approx(SPACE.decode(one)[1:], abs=1)
     half_way = [(3 + 14 * z[1]) % 1, 5000 ** z[2] % 1]
@@ -35,7 +36,7 @@ def test_snapping_many_agrees_with_snapping_one(z):
 @given(st.lists(st.tuples(coordinate, coordinate, coordinate), max_size=5))
 def test_encoding_many_agrees_with_encoding_one(points):
     thetas = np.array([SPACE.decode(np.array(z)) for z in points]).reshape(-1, 3)
-    z = encode_all(SPACE, thetas)
+    z = SPACE.encode_all(thetas)
     assert z.shape == thetas.shape
     for theta, found in zip(thetas, z, strict=True):
         assert found == pytest.approx(SPACE.encode(theta), abs=1e-14)
@@ -55,7 +56,7 @@ def test_encoding_many_agrees_with_encoding_one(points):
 def test_of_many_the_first_that_cannot_be_is_refused(theta, words):
     fine = (2.0, 3.0, 1.0)[: len(theta)]
     with pytest.raises(KnobError, match=words):
-        encode_all(SPACE, np.array([fine, theta, np.full(len(theta), 9e9)], dtype=float))
+        SPACE.encode_all(np.array([fine, theta, np.full(len(theta), 9e9)], dtype=float))
 
 
 def test_a_latin_hypercube_has_one_sample_in_every_stratum_of_every_knob():

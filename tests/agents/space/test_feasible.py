@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 from prefcal_agents.space.capacity import capacity
 from prefcal_agents.space.design import Tried, latin_hypercube
 from prefcal_agents.space.feasible import Region, random_points, search_domain
-from prefcal_agents.space.snapping import decode_all, snap_all
 from prefcal_env import Constraint, Knob, KnobSpace, LinearConstraint
 from prefcal_env.errors import KnobError
 from prefcal_env.preferences.answer import Answer
@@ -38,8 +37,8 @@ coordinate = st.floats(0, 1)
 
 @given(st.tuples(coordinate, coordinate, coordinate))
 def test_decoding_many_agrees_with_decoding_one(z):
-    z = snap_all(LINEAR, np.array([z]))
-    assert decode_all(LINEAR, z)[0] == pytest.approx(LINEAR.decode(z[0]), rel=1e-12, abs=1e-12)
+    z = LINEAR.snap_all(np.array([z]))
+    assert LINEAR.decode_all(z)[0] == pytest.approx(LINEAR.decode(z[0]), rel=1e-12, abs=1e-12)
 
 
 @SPACES
@@ -68,12 +67,12 @@ def test_where_nothing_is_allowed_the_error_names_constraint_and_value(g):
 @SPACES
 def test_points_outside_are_moved_to_the_edge_and_points_inside_stay(space):
     rng = np.random.default_rng(0)
-    region, anchors = Region(space), snap_all(space, random_points(space, 3, rng))
-    z = snap_all(space, np.vstack([rng.random((30, 3)), anchors]))
+    region, anchors = Region(space), space.snap_all(random_points(space, 3, rng))
+    z = space.snap_all(np.vstack([rng.random((30, 3)), anchors]))
     moved, allowed = region.repaired(z, anchors), region.allows(z)
     assert region.allows(moved).all()
     assert np.array_equal(moved[allowed], z[allowed])
-    assert snap_all(space, moved, only_integers=True) == pytest.approx(moved)
+    assert space.snap_all(moved, only_integers=True) == pytest.approx(moved)
 
 
 def test_a_moved_point_lies_at_the_edge():

@@ -18,7 +18,8 @@ from prefcal_agents import (
     restore,
 )
 from prefcal_env.errors import KnobError, SettingsError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 
 PRESENT = (0.5, 7, -1.0)
 OTHER = (2.0, 3, 1.5)

@@ -9,7 +9,8 @@ from prefcal_env.envs import PlantEnv
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import End
 from prefcal_env.experiments.rollout import rollout
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from support.short_runs import short_run
 from support.tank import TANK, pi_of, tank_env, tank_task
 

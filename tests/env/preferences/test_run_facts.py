@@ -11,7 +11,8 @@ from prefcal_agents import RandomSearch
 from prefcal_agents.history.lessons import Marks
 from prefcal_env import completed
 from prefcal_env.experiments.end import End
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.loop import calibrate
 from prefcal_env.preferences.run_facts import counts_as_unsafe

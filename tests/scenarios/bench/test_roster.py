@@ -3,7 +3,8 @@ from pathlib import Path
 import pytest
 
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Agent
 from prefcal_scenarios.bench.roster import AGENTS, Entry, entry, in_order, is_installed
 

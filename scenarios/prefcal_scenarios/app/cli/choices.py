@@ -10,7 +10,7 @@ from jaxtyping import Float
 from prefcal_agents.registry import WORDS
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.mpc.processors import as_dict, processor_of, read_processor
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.rig import Rig

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, PrefcalError, SettingsError, StudyError
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.app.cli.studies.files import existing, open_described
 from prefcal_scenarios.app.session.memory import earlier_of
 

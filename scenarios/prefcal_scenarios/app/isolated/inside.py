@@ -19,7 +19,7 @@ import numpy as np
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study import space_of
 from prefcal_env.study.codec import encode
 from prefcal_scenarios.own.checks import check_experiment

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.rig import Rig
 from prefcal_scenarios.scenario import Scenario, is_own
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import RunError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study.codec import decode
 from prefcal_env.study.spaces import knobs_as_dicts, within_as_dict
 

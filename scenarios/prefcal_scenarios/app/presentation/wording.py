@@ -8,7 +8,8 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_scenarios.scenario import KPI
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.control import Controller
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import Scenario, load, with_ranges
 
 from .record import Record

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullLocator
 
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.app.presentation.style import BEST, FAINT, VALLEY, WIDTH, canvas
 from prefcal_scenarios.app.presentation.wording import knob_axis
 

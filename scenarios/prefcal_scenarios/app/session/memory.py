@@ -7,7 +7,7 @@ from typing import Any
 from prefcal_agents import AgentState, Earlier, restore
 from prefcal_agents.protocol.agent import Agent
 from prefcal_env.errors import SettingsError, StudyError
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study import State, space_of
 from prefcal_env.study import knobs_as_dicts as knobs_as_dicts
 from prefcal_scenarios.scenario import Scenario, with_ranges

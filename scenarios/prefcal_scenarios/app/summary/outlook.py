@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents import Advice
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study import State
 from prefcal_env.study.locations import data_folder
 from prefcal_scenarios.scenario import is_built_in

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from prefcal_env.errors import PrefcalError, RecordError, StaleError
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Strength
 from prefcal_env.study import Suggested
 from prefcal_scenarios.app.isolated import in_time

@@ -8,7 +8,8 @@ from jaxtyping import Float
 
 from prefcal_env.envs.cstr import MAX_MOVE
 from prefcal_env.experiments.control import Controller
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.mpc import (
     EstimatingMPC,
     EstimatorSettings,

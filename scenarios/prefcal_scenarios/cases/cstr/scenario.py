@@ -13,7 +13,7 @@ from prefcal_env.envs.rendering import makes
 from prefcal_env.envs.tuning_env import TuningEnv, same_step_vector, sampled_at
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.rollout import rollout
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.plants.cstr import CSTR
 from prefcal_scenarios.scenario import Panel, Scenario, described
 

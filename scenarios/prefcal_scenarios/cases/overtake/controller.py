@@ -15,7 +15,8 @@ from prefcal_env.envs.overtake.road.rules import (
     T_S_RANGE,
     Phase,
 )
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.mpc import EstimatorSettings, MPCSettings, control_horizon
 from prefcal_env.mpc.settings import Linearisation
 from prefcal_env.plants.bicycle import Bicycle

@@ -12,7 +12,7 @@ from prefcal_env.envs.rendering import makes
 from prefcal_env.envs.tuning_env import TuningEnv, same_step_vector, sampled_at
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.rollout import rollout
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.mpc.computation import Processor
 from prefcal_env.plants.bicycle import KMH
 from prefcal_scenarios.cases.overtake.pictures.drawing import animation

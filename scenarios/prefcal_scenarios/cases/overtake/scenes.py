@@ -10,7 +10,7 @@ from prefcal_env.envs.overtake import Course, OvertakeOptions
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.rollout import rollout
 from prefcal_env.experiments.worst_case import worst_of
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.mpc import EstimatorSettings
 from prefcal_scenarios.scenario import Scenario
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.worst_case import worst_of
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.mpc.computation import Processor
 from prefcal_scenarios.scenario import Scenario
 

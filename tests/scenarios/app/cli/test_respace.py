@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import StudyError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study import StudyFile, export_csv, export_json, import_json, study_path, verify
 from prefcal_scenarios.app.cli.studies.changes import Changes, respace
 from prefcal_scenarios.app.session import Choice, Interview, Phase

@@ -6,7 +6,8 @@ import shlex
 import pytest
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study import StudyFile, study_path
 from prefcal_scenarios.app.cli.choices import knob_called, theta_of
 from toy_study import TOY_FILE, toy_scenario

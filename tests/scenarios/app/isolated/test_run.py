@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import RunError, SettingsError
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.app.isolated import IsolatedRun, in_time, isolation
 from prefcal_scenarios.scenario import load, with_ranges
 from toy_study import toy_scenario

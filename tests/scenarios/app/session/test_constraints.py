@@ -7,7 +7,7 @@ import pytest
 
 from prefcal_env.errors import StudyError
 from prefcal_env.knobs.constraints import Constraint, LinearConstraint
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.app.cli.opening import open_study
 from prefcal_scenarios.app.session import Choice, Interview
 from support.interviews import proceed

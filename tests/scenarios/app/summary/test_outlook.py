@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from prefcal_agents import Advice
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study import StudyFile
 from prefcal_env.study.locations import study_path
 from prefcal_scenarios.app.cli.studies.changes import Changes, respace

@@ -15,7 +15,8 @@ from rich.console import Console
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Channels
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Strength
 from prefcal_env.rig import Rig
 from prefcal_env.study import Answered, StudyFile

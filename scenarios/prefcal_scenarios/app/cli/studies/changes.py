@@ -10,7 +10,8 @@ from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.respacing import RESPACEABLE, moved
 from prefcal_env.errors import PrefcalError, SettingsError, StudyError
 from prefcal_env.knobs.change import respaced
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study import (
     Respaced,
     State,

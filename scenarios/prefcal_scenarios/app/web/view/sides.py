@@ -3,7 +3,7 @@
 from typing import Any
 
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.app.presentation.wording import knob_number, measured
 from prefcal_scenarios.app.report.tables import objective
 from prefcal_scenarios.app.session import Question, Side

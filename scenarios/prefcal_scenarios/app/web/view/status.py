@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.app.presentation.wording import knob_number
 from prefcal_scenarios.app.report.kpi_importance import Minded
 from prefcal_scenarios.app.report.record import VERDICTS, above

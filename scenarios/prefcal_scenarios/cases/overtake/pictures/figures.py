@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from prefcal_env.envs.overtake.road.rules import KEEPING_SPEEDS, LENGTH, OVERTAKING_SPEEDS
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.knobs.knob import KnobSpace
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.plants.bicycle import KMH
 from prefcal_scenarios.app.presentation.style import FAINT, GOOD, LIMIT, WIDTH, canvas
 from prefcal_scenarios.app.presentation.wording import mathtext, number
