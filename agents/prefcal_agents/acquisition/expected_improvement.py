@@ -7,7 +7,8 @@ from jaxtyping import Float
 
 from prefcal_agents.models.gaussian_process import GaussianProcess
 from prefcal_agents.models.interpolant import normalised
-from prefcal_agents.models.surrogate import Composite, Surrogate
+from prefcal_agents.models.kpi_model import Composite
+from prefcal_agents.models.rbf import Surrogate
 
 _CEILING = 2.0  # see `normalised`: values far worse than most must not flatten the rest
 _FAR = -1e3  # standard deviations; below, the difference of two numbers near 1 is lost

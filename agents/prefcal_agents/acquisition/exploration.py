@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.models.preference_gp import PreferenceGP
-from prefcal_agents.models.rbf import squared_distances
-from prefcal_agents.models.surrogate import Composite, Surrogate
+from prefcal_agents.models.gaussian_process import PreferenceGP
+from prefcal_agents.models.kpi_model import Composite
+from prefcal_agents.models.rbf import Surrogate, squared_distances
 
 _NEAREST = 1e-75  # squares to 1e-150: the sum of inverses stays finite on a sample
 

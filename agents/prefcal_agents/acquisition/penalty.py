@@ -14,8 +14,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Bool, Float
 
-from prefcal_agents.history.lessons import Marks
-from prefcal_agents.history.memory import MOST
+from prefcal_agents.history.lessons import MOST, Marks
 from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, squared_distances
 from prefcal_agents.optimize.search import Objective
 from prefcal_env.preferences.history import History

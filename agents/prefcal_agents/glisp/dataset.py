@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Int
 
-from prefcal_agents.history.lessons import Preferences
-from prefcal_agents.history.memory import Memory
+from prefcal_agents.history.lessons import Memory, Preferences
 from prefcal_agents.models.kpi_model import Outcomes
 from prefcal_env.preferences.history import History
 

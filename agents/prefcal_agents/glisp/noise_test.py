@@ -8,9 +8,9 @@ from jaxtyping import Float
 
 from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.cross_validation import nearest
-from prefcal_agents.models.expectation_propagation import ExpectationPropagation
+from prefcal_agents.models.gaussian_process import ExpectationPropagation
 from prefcal_agents.models.preference_qp import Constraints
-from prefcal_agents.models.surrogate import Shape
+from prefcal_agents.models.rbf import Shape
 
 from .schedule import MANY
 

@@ -6,8 +6,7 @@ from typing import final
 
 import numpy as np
 
-from prefcal_agents.history.lessons import kpis_of
-from prefcal_agents.history.memory import MOST
+from prefcal_agents.history.lessons import MOST, kpis_of
 from prefcal_agents.models.cross_validation import (
     FOLDS,
     Validation,
@@ -15,7 +14,7 @@ from prefcal_agents.models.cross_validation import (
     nearest,
     rescale_knob,
 )
-from prefcal_agents.models.surrogate import Shape
+from prefcal_agents.models.rbf import Shape
 from prefcal_env.preferences.best import contradictory
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import Backend

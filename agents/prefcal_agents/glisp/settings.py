@@ -6,8 +6,7 @@ from itertools import pairwise
 from typing import Any, Literal
 
 from prefcal_agents.models.preference_qp import Learning
-from prefcal_agents.models.rbf import RADIAL_FUNCTIONS
-from prefcal_agents.models.surrogate import Shape
+from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, Shape
 from prefcal_agents.support.checks import choice, integer, number
 from prefcal_env.errors import SettingsError
 

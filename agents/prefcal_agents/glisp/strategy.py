@@ -10,8 +10,8 @@ from prefcal_agents.acquisition.expected_improvement import ExpectedImprovement
 from prefcal_agents.acquisition.exploration import Acquisition
 from prefcal_agents.acquisition.penalty import POOL, penalized, replaced, unsafe_penalty
 from prefcal_agents.history.lessons import cube_of
-from prefcal_agents.models.preference_gp import PreferenceGP
-from prefcal_agents.models.surrogate import Composite
+from prefcal_agents.models.gaussian_process import PreferenceGP
+from prefcal_agents.models.kpi_model import Composite
 from prefcal_agents.optimize.search import Objective, multistart
 from prefcal_agents.space.design import Tried, latin_hypercube
 from prefcal_agents.space.feasible import random_points, search_domain

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.models.expectation_propagation import ExpectationPropagation
-from prefcal_agents.models.kpi_model import KPIModel
+from prefcal_agents.models.gaussian_process import ExpectationPropagation
+from prefcal_agents.models.kpi_model import Composite, KPIModel
 from prefcal_agents.models.preference_qp import Constraints, fit, margins
-from prefcal_agents.models.surrogate import Composite, Shape, Surrogate
+from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_env.qp import Backend
 
 from .dataset import Dataset

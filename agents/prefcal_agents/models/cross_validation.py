@@ -13,7 +13,7 @@ from prefcal_agents.history.lessons import Preferences
 from prefcal_env.qp import Backend
 
 from .preference_qp import Constraints, Learning, fit, margins
-from .surrogate import Shape
+from .rbf import Shape
 
 FOLDS = 3
 """K of the cross-validation, as in section IV of the paper."""

@@ -10,6 +10,7 @@ from prefcal_agents.history.lessons import cube_of, kpis_of
 from prefcal_env.preferences.history import History
 
 from .interpolant import Interpolant, best_interpolants, normalised
+from .rbf import Surrogate
 
 CEILING = 2.0  # see `normalised`: an interrupted run must not flatten the other differences
 _EPSILONS = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2)
@@ -152,3 +153,33 @@ class KPIModel:
         most = float(np.max(self.weights, initial=0.0))
         pairs = zip(self.weights, self.outcomes.models, strict=True)
         return [(float(w), model) for w, model in pairs if w > 1e-6 * most]
+
+
+@dataclass(frozen=True, slots=True)
+class Composite:
+    """The surrogate Ĵ of eq. rbf plus a part from KPIs.
+
+    Source: none.
+    Deviation: what a person prefers depends on what happened, not on θ.
+    """
+
+    over_theta: Surrogate
+    over_kpis: KPIModel
+
+    @property
+    def centres(self) -> Float[np.ndarray, "N n"]:
+        """Return the samples in the unit cube, shape (N, n)."""
+        return self.over_theta.centres
+
+    def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+        """Return Ĵ at the rows of `z`, shape (m, n), unit cube, as shape (m,)."""
+        return np.asarray(self.over_theta(z) + self.over_kpis(z))
+
+    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return ∂Ĵ/∂z at one point of the cube, shape (n,)."""
+        return np.asarray(self.over_theta.gradient(z) + self.over_kpis.gradient(z))
+
+    @property
+    def spread(self) -> float:
+        """Return ΔĴ, the range of Ĵ over the samples."""
+        return float(np.ptp(self(self.centres)))

@@ -4,8 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_agents.acquisition.exploration import Acquisition, exploration, exploration_gradient
-from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, squared_distances
-from prefcal_agents.models.surrogate import Shape, Surrogate
+from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, Shape, Surrogate, squared_distances
 
 SAMPLES = np.random.default_rng(0).random((7, 3))
 coordinate = st.floats(0, 1)

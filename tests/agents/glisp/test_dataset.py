@@ -3,8 +3,7 @@
 import numpy as np
 
 from prefcal_agents.glisp.dataset import Dataset
-from prefcal_agents.history.lessons import cube_of
-from prefcal_agents.history.memory import MOST
+from prefcal_agents.history.lessons import MOST, cube_of
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History
 from support.histories import in_cube

@@ -6,7 +6,7 @@ import pytest
 from prefcal_agents.glisp.noise_test import NoiseTest, evidence_of_mistakes, rows_of, suited_shape
 from prefcal_agents.glisp.schedule import MANY
 from prefcal_agents.history.lessons import Preferences
-from prefcal_agents.models.surrogate import Shape
+from prefcal_agents.models.rbf import Shape
 
 ROUND = Shape(1.0, (1.0, 1.0))
 RATE = 0.1

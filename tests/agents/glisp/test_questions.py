@@ -11,8 +11,8 @@ from prefcal_agents.glisp.questions import confirm_best, contenders, follow_up, 
 from prefcal_agents.glisp.selection import ModelSelection, Selection
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.history.lessons import Preferences, cube_of
-from prefcal_agents.models.expectation_propagation import ExpectationPropagation
-from prefcal_agents.models.surrogate import Shape
+from prefcal_agents.models.gaussian_process import ExpectationPropagation
+from prefcal_agents.models.rbf import Shape
 from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace

@@ -15,8 +15,9 @@ from prefcal_agents.glisp.selection import Selection
 from prefcal_agents.glisp.strategy import STRATEGY, Setup, propose, propose_start
 from prefcal_agents.glisp.training import train
 from prefcal_agents.history.lessons import cube_of
-from prefcal_agents.models.preference_gp import PreferenceGP
-from prefcal_agents.models.surrogate import Composite, Shape, Surrogate
+from prefcal_agents.models.gaussian_process import PreferenceGP
+from prefcal_agents.models.kpi_model import Composite
+from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace

@@ -10,7 +10,8 @@ from prefcal_agents.glisp.dataset import Dataset
 from prefcal_agents.glisp.noise_test import NoiseTest
 from prefcal_agents.glisp.selection import Selection
 from prefcal_agents.glisp.training import train, trust
-from prefcal_agents.models.surrogate import Composite, Shape, Surrogate
+from prefcal_agents.models.kpi_model import Composite
+from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend

@@ -1,10 +1,22 @@
 """What a history teaches, as arrays."""
 
-import numpy as np
+from dataclasses import replace
 
-from prefcal_agents.history.lessons import Preferences, scores_of
+import numpy as np
+import pytest
+import scipy.linalg
+from scipy.linalg import lapack
+
+from prefcal_agents import GLISp, GLISpSettings
+from prefcal_agents.acquisition.exploration import Acquisition
+from prefcal_agents.acquisition.penalty import SafetyModel
+from prefcal_agents.history.lessons import MOST, Memory, Preferences, kpis_of, scores_of
+from prefcal_agents.models import preference_qp as fitting
+from prefcal_agents.models.rbf import Shape, Surrogate
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer
-from prefcal_env.preferences.history import History
+from prefcal_env.preferences.history import Comparison, History
 from support.histories import in_cube
 
 
@@ -41,3 +53,149 @@ def test_a_score_teaches_no_preference_even_if_a_study_file_holds_one():
     history = told(Answer(None, value=2.0), Answer(-1, value=1.0))
     assert len(Preferences.of(history)) == 0
     assert scores_of(history)[1].tolist() == [2.0, 1.0]
+
+
+pytestmark = pytest.mark.unchecked  # for speed: the contract suite checks the shapes
+
+CUBE = KnobSpace([Knob(name, 0.0, 1.0) for name in "abc"])
+LARGEST = 350  # samples and KPIs
+
+
+def bowl(z):
+    return float(np.sum((np.array(z) - 0.4) ** 2))
+
+
+def long_history(count, *, kpis=False, errs=0.0, abstains_until=0):
+    """Random samples, each compared with the best one before it."""
+    rng, best, comparisons = np.random.default_rng(0), 0, []
+    samples = [tuple(z) for z in rng.random((count, len(CUBE)))]
+    known = [{"k": bowl(z), "l": z[0]} if kpis else None for z in samples]
+    for h in range(count):
+        verdict, rival = None, None if h == 0 else best
+        if h > abstains_until:
+            verdict = int(np.sign(bowl(samples[h]) - bowl(samples[best])))
+            verdict *= -1 if rng.random() < errs else 1
+        pair = (known[h], None if rival is None else known[rival]) if kpis else None
+        comparisons.append(Comparison(h, rival, Answer(verdict, outcomes=pair)))
+        best = h if verdict == -1 else best
+    return History(tuple(map(in_cube, samples)), tuple(comparisons))
+
+
+def contradicted(history):
+    """The same, and four answers about a sample that lost were given the other way round."""
+    lost = [c for c in history.comparisons[-40:] if c.answer.preference == 1]
+    for c in lost[:4]:
+        history = history.told_follow_up(Answer(-1), c.challenger, c.incumbent)
+    return history
+
+
+def taught(history):
+    """(challenger, incumbent, preference) of all answers."""
+    p = Preferences.of(history)
+    return list(zip(p.first.tolist(), p.second.tolist(), p.b.tolist(), strict=True))
+
+
+def test_a_study_up_to_the_bound_is_remembered_as_it_is():
+    history = long_history(MOST)
+    memory = Memory.of(history)
+    assert memory.history is history
+    assert memory.kept.tolist() == list(range(MOST))
+
+
+def test_of_a_long_study_the_oldest_and_the_latest_answers_are_remembered():
+    history = long_history(1000)
+    memory = Memory.of(history)
+    assert len(Preferences.of(memory.history)) == MOST
+    assert MOST <= len(memory.kept) <= MOST * 4 / 3
+    assert {*range(MOST // 4), *range(1000 - MOST * 3 // 4, 1000), history.incumbent} <= set(
+        memory.kept.tolist()
+    )
+    assert [history.samples[i] for i in memory.kept] == list(memory.history.samples)
+
+
+def test_what_is_remembered_was_answered_in_that_order():
+    history = contradicted(long_history(500))
+    memory = Memory.of(history)
+    there = [(int(memory.kept[a]), int(memory.kept[b]), p) for a, b, p in taught(memory.history)]
+    assert [answer for answer in taught(history) if answer in there] == there
+    assert len(memory.history.follow_ups) == 4
+
+
+def test_of_several_answers_about_a_sample_the_last_one_is_remembered_first():
+    history = long_history(2)
+    for h in range(2, 40):
+        history = history.with_pending(in_cube(np.full(3, h / 40))).told(Answer(1), 0)
+        history = history.told_follow_up(Answer(-1), h, 1)
+    memory = Memory.of(history, most=40)
+    assert memory.kept.tolist() == list(range(40))
+    assert sum(c.teaches for c in memory.history.comparisons) == 2  # of samples 1 and 39
+    assert len(memory.history.follow_ups) == 38
+
+
+def test_abstentions_teach_kpis_of_the_latest_samples():
+    history = long_history(1000, kpis=True, abstains_until=989)
+    memory = Memory.of(history)
+    assert len(Preferences.of(memory.history)) == 10
+    assert len(memory.kept) == MOST
+    assert 999 in memory.kept
+    known = kpis_of(history)
+    assert kpis_of(memory.history) == tuple(known[i] for i in memory.kept)
+
+
+@pytest.fixture
+def largest(monkeypatch):
+    """Sizes of the matrices factorized, and of the quadratic programs solved."""
+    sizes = []
+
+    def watch(module, name):
+        plain = getattr(module, name)
+
+        def noted(a, *args, **kwargs):
+            sizes.append(len(a))
+            return plain(a, *args, **kwargs)
+
+        monkeypatch.setattr(module, name, noted)
+
+    for name in ("cholesky", "eigh", "inv"):
+        watch(np.linalg, name)
+    watch(scipy.linalg, "cho_factor")
+    watch(lapack, "dpotrf")
+    watch(fitting, "_dual")
+    return sizes
+
+
+def of_history(history, settings):
+    fresh = GLISp(CUBE, n_init=1000, n_max=1010, settings=settings)
+    return GLISp.restore(CUBE, replace(fresh.state, history=history))
+
+
+@pytest.mark.parametrize(("kpis", "contradicts"), [(True, False), (False, True)])
+def test_no_proposal_of_a_long_study_solves_a_large_problem(kpis, contradicts, largest):
+    history = long_history(1000, kpis=kpis, errs=0.1 if contradicts else 0.0)
+    told = contradicted(history) if contradicts else history
+    agent = of_history(told, GLISpSettings())
+    while agent.ask().further:
+        assert agent.best_index in {agent.ask().challenger.index, agent.ask().incumbent.index}
+        agent.tell(agent.ask(), 1)
+    assert agent.ask().challenger.index == 1000
+    sure = of_history(agent.state.history, GLISpSettings(error_rate=0.0))
+    thetas = agent.samples[:3]
+    assert np.array_equal(agent.surrogate(thetas), sure.surrogate(thetas)) != contradicts
+    assert max(largest) <= LARGEST
+
+
+def test_exploration_keeps_away_from_forgotten_samples():
+    z = np.array([[0.1, 0.1], [0.9, 0.9]])
+    surrogate = Surrogate(z[:1], np.zeros(1), Shape(1.0, (1.0, 1.0)))
+    assert Acquisition.of(surrogate, 0.3)(z)[1] < 0
+    assert Acquisition.of(surrogate, 0.3, z)(z)[1] == 0
+    assert not Acquisition.of(surrogate, 0.3, z).gradient(z[1]).any()
+
+
+def test_rare_marks_are_remembered():
+    z = np.random.default_rng(0).random((1000, 2))
+    unsafe = np.arange(1000) % 50 == 0
+    for labels in (unsafe, ~unsafe):
+        centres = SafetyModel.of(z, labels).centres
+        assert len(centres) == MOST
+        assert all(np.any(np.all(centres == rare, axis=1)) for rare in z[unsafe])

@@ -4,7 +4,7 @@ import pytest
 from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.cross_validation import Validation, choose_epsilon, rescale_knob
 from prefcal_agents.models.preference_qp import Learning
-from prefcal_agents.models.surrogate import Shape
+from prefcal_agents.models.rbf import Shape
 from prefcal_env.qp import make_backend
 
 LEARNING, BACKEND = Learning(), make_backend("piqp")

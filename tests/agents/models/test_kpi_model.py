@@ -11,8 +11,8 @@ from scipy.optimize import check_grad
 from prefcal_agents import AgentState, GLISp, GLISpSettings, RandomSearch, restore
 from prefcal_agents.history.lessons import Preferences, cube_of
 from prefcal_agents.models.cross_validation import Validation
-from prefcal_agents.models.kpi_model import KPIModel, Outcomes
-from prefcal_agents.models.surrogate import Composite, Shape, Surrogate
+from prefcal_agents.models.kpi_model import Composite, KPIModel, Outcomes
+from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_env import Answer, Knob, KnobSpace
 from prefcal_env.errors import SettingsError
 from prefcal_env.preferences.history import History

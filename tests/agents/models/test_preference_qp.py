@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.preference_qp import Constraints, Learning, fit, margins
-from prefcal_agents.models.surrogate import Shape, Surrogate
+from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_env.qp import make_backend
 
 BACKEND = make_backend("piqp")
