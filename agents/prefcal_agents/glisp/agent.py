@@ -20,7 +20,7 @@ from .questions import final_question, follow_up
 from .selection import ModelSelection
 from .settings import GLISpSettings
 from .strategy import Setup, propose, propose_start
-from .training import Fit, train
+from .training import train
 
 
 @final
@@ -71,31 +71,22 @@ class GLISp(PreferenceBased):
             settings = replace(settings, delta=delta, expected_improvement=False)
         super().__init__(space, n_init=n_init, n_max=n_max, seed=seed, start=start)
         self._options = settings
-        self._setup = Setup(space, n_init, self._seed, settings)
-        # Each agent has its own backend, since twins may compute at the same time.
-        self._backend = make_backend("piqp")
-        self._models = ModelSelection(len(space), n_init, settings, self._seed, self._backend)
-        self._latest: Fit | None = None
+        # Each agent has its own QP solver, since twins may compute at the same time.
+        backend = make_backend("piqp")
+        self._setup = Setup(space, self.n_init, self._seed, settings, backend)
+        self._models = ModelSelection(len(space), self.n_init, settings, self._seed, backend)
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         if history.answered < self.n_init:
             return propose_start(self._setup, history)
-        return propose(self._setup, self._fit(history))
+        return propose(self._setup, self._models.fit(history))
 
     def _follow_up(self, history: History) -> Pair | None:
-        return follow_up(history, self._models, self._options, self._backend)
+        return follow_up(history, self._models, self._options, self._setup.backend)
 
     def _final(self, history: History) -> Pair | None:
         # With error rate 0 every answer counts as right, as in the paper.
         return final_question(history) if self._options.error_rate else None
-
-    def _fit(self, history: History) -> Fit:
-        """Return what is learned from `history`, once for each answer."""
-        if self._latest is None or self._latest.data.history != history:
-            selection = self._models.after(history)
-            data = self._models.dataset(history)
-            self._latest = train(data, selection, self._options, self._backend)
-        return self._latest
 
     @classmethod
     def paper(
@@ -137,7 +128,7 @@ class GLISp(PreferenceBased):
     def _twin(self, state: AgentState) -> Self:
         # The selected models go with it, so a copy need not learn again.
         twin = super()._twin(state)
-        twin._models = self._models.copy(twin._options, twin._backend)
+        twin._models = self._models.copy(twin._options, twin._setup.backend)
         return twin
 
     @property
@@ -158,7 +149,7 @@ class GLISp(PreferenceBased):
         None if the answers came without KPIs, or nothing can be learned from the KPIs.
         """
         with one_thread():
-            return LearnedCost.of(self.history, self._seed, self._backend)
+            return LearnedCost.of(self.history, self._seed, self._setup.backend)
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return Ĵ/ΔĴ at physical `thetas`, shape (m, n), minus its smallest value on the samples.
@@ -173,7 +164,8 @@ class GLISp(PreferenceBased):
         if len(Preferences.of(self.history)) == 0:
             return np.zeros(len(z))
         with one_thread():
-            learned = self._fit(self.history).surrogate
+            fit = self._models.fit(self.history)
+            learned = train(fit.data, fit.selection, self._options, self._setup.backend)
         on_samples = learned(learned.centres)
         spread = float(np.ptp(on_samples))
         return np.asarray((learned(z) - on_samples.min()) / (spread if spread > 0 else 1.0))

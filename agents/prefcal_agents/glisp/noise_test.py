@@ -12,8 +12,8 @@ from prefcal_agents.models.gaussian_process import ExpectationPropagation
 from prefcal_agents.models.preference_qp import Constraints
 from prefcal_agents.models.rbf import Shape
 
-from .schedule import MANY
-
+MANY = 100
+"""Number of experiments or comparisons beyond which the shape of φ hardly moves and takes long."""
 ALMOST_SURE = 0.003
 """Error rate of a person who is hardly ever wrong; with 0 no surrogate might fit."""
 WINDOW = 10

@@ -51,8 +51,8 @@ def follow_up(
         pair = confirm_best(models, history, selection, settings.error_rate, sure)
     if pair is not None or asked >= most:
         return pair
-    fit = train(models.dataset(history), selection, settings, backend)
-    return insertion_question(history, fit.surrogate(cube_of(history)))
+    surrogate = train(models.dataset(history), selection, settings, backend)
+    return insertion_question(history, surrogate(cube_of(history)))
 
 
 def confirm_best(

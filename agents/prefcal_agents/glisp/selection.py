@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
+from jaxtyping import Int
 
-from prefcal_agents.history.lessons import MOST, kpis_of
+from prefcal_agents.history.lessons import MOST, Memory, Preferences, kpis_of
 from prefcal_agents.models.cross_validation import (
     FOLDS,
     Validation,
@@ -14,17 +15,50 @@ from prefcal_agents.models.cross_validation import (
     nearest,
     rescale_knob,
 )
+from prefcal_agents.models.kpi_model import Outcomes
 from prefcal_agents.models.rbf import Shape
 from prefcal_env.preferences.best import contradictory
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import Backend
 
-from .dataset import Dataset
-from .noise_test import WINDOW, NoiseTest, evidence_of_mistakes, suited_shape
-from .schedule import MANY, SELDOM, is_process_turn, process_turns
+from .noise_test import MANY, WINDOW, NoiseTest, evidence_of_mistakes, suited_shape
 from .settings import EVERY_STEP, GLISpSettings
 
+FEW = 20
+"""Number of experiments before the process takes turns."""
+SELDOM = 10
+"""Number of experiments between two validations, or two noise tests, from then on."""
 _SHAPE_AT, _SCALE_AT = 5, 7  # of ten; noise tests come at 0, so no proposal waits for everything
+
+
+@dataclass(frozen=True, slots=True)
+class Dataset:
+    """What a history teaches.
+
+    Args:
+        history: All samples and answers.
+        kept: Numbers of the samples that models are trained on, increasing, shape (K,); see
+            `Memory`.
+        preferences: Comparisons of these samples.
+        kpis: KPIs of these samples, as far as θ predicts them; empty if KPIs are left out.
+    """
+
+    history: History
+    kept: Int[np.ndarray, " K"]
+    preferences: Preferences
+    kpis: Outcomes
+
+    @classmethod
+    def of(cls, history: History, *, with_kpis: bool) -> "Dataset":
+        """Extract what `history` teaches."""
+        memory = Memory.of(history)
+        kpis = Outcomes.of(memory.history).predictable() if with_kpis else Outcomes.none()
+        return cls(history, memory.kept, Preferences.of(memory.history), kpis)
+
+    @property
+    def is_strict(self) -> bool:
+        """Whether some answer says which of two samples is better."""
+        return bool(np.any(self.preferences.b))
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +78,19 @@ class Selection:
     kpi_scale: float
     noise: NoiseTest | None
     is_noisy: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """What GLISp has learned from a history; its models are trained on that.
+
+    Args:
+        data: What the history teaches.
+        selection: What was selected for the models.
+    """
+
+    data: Dataset
+    selection: Selection
 
 
 @final
@@ -89,6 +136,10 @@ class ModelSelection:
         if self._data is None or self._data.history != history:
             self._data = Dataset.of(history, with_kpis=any(self._settings.outcome_scales))
         return self._data
+
+    def fit(self, history: History) -> Fit:
+        """Return what is learned from `history`."""
+        return Fit(self.dataset(history), self.after(history))
 
     def after(self, history: History) -> Selection:
         """Return what is selected after `history`."""
@@ -246,3 +297,24 @@ def shared(one: History, other: History) -> int:
     while count and one.until(count) != other.until(count):
         count -= 1
     return count
+
+
+def is_process_turn(answered: int, n_init: int) -> bool:
+    """Return whether the process makes the proposal after `answered` experiments.
+
+    Source: none; the paper minimizes one acquisition at every step.
+    Deviation: one kind of proposal keeps returning to the same place when it is wrong, so from
+    `FEW` experiments on every second proposal is the process's. Before that the process settles
+    too soon on one of many valleys.
+
+    Args:
+        answered: Number of answered experiments, `n_init` or more.
+        n_init: Number of experiments in the initial design.
+    """
+    since = answered - max(n_init, FEW)
+    return since >= 0 and since % 2 == 1
+
+
+def process_turns(answered: int, n_init: int) -> int:
+    """Return how many proposals before the one after `answered` experiments were the process's."""
+    return max(0, answered - max(n_init, FEW)) // 2

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,16 +13,20 @@ from prefcal_agents.acquisition.penalty import POOL, penalized, replaced, unsafe
 from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.gaussian_process import PreferenceGP
 from prefcal_agents.models.kpi_model import Composite
+from prefcal_agents.models.rbf import Surrogate
 from prefcal_agents.optimize.search import Objective, multistart
 from prefcal_agents.space.design import Tried, latin_hypercube
 from prefcal_agents.space.feasible import random_points, search_domain
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
+from prefcal_env.qp import Backend
 
 from .noise_test import ALMOST_SURE
-from .schedule import is_process_turn
+from .selection import Fit, is_process_turn
 from .settings import GLISpSettings
-from .training import Fit
+from .training import train
+
+Model = Surrogate | Composite | PreferenceGP
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +38,14 @@ class Setup:
         n_init: Number of samples of the Latin hypercube.
         seed: Seed of all randomness; sample i draws from `(seed, i)`.
         settings: Settings of GLISp.
+        backend: QP solver.
     """
 
     space: KnobSpace
     n_init: int
     seed: int
     settings: GLISpSettings
+    backend: Backend
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,60 +54,72 @@ class Rule:
 
     Args:
         holds: Whether the row applies, in a study, to a fit.
-        objective: What the next sample minimizes then.
+        model: The model that is trained then.
+        acquisition: What the next sample minimizes, given the model.
     """
 
     holds: Callable[[Setup, Fit], bool]
-    objective: Callable[[Setup, Fit], Objective]
+    model: Callable[[Setup, Fit], Model]
+    acquisition: Callable[[Setup, Fit, Any], Objective]
+
+    def objective(self, setup: Setup, fit: Fit) -> Objective:
+        """Train the model, and return what the next sample minimizes."""
+        return self.acquisition(setup, fit, self.model(setup, fit))
 
 
 def _kpis_explain_trusted_answers(setup: Setup, fit: Fit) -> bool:
-    kpis_explain = isinstance(fit.surrogate, Composite) and fit.data.is_strict
-    return setup.settings.expected_improvement and kpis_explain and not fit.selection.is_noisy
+    wanted, selection = setup.settings.expected_improvement, fit.selection
+    return wanted and selection.kpi_scale > 0 and fit.data.is_strict and not selection.is_noisy
 
 
-def _expected_improvement(setup: Setup, fit: Fit) -> Objective:
+def _every_second_time_without_kpis(setup: Setup, fit: Fit) -> bool:
+    # The process knows no KPIs, so it has no turns if they count.
+    takes_turns = setup.settings.process and not fit.selection.kpi_scale
+    turn = is_process_turn(fit.data.history.answered, setup.n_init)
+    return takes_turns and fit.data.is_strict and turn
+
+
+def _always(setup: Setup, fit: Fit) -> bool:
+    return True
+
+
+def _surrogate(setup: Setup, fit: Fit) -> Surrogate | Composite:
+    """Return Ĵ."""
+    return train(fit.data, fit.selection, setup.settings, setup.backend)
+
+
+def _preference_gp(setup: Setup, fit: Fit) -> PreferenceGP:
+    """Return a Gaussian process trained on comparisons only."""
+    # One comparison for each sample cannot contradict the others, further ones can.
+    trusted = ALMOST_SURE if fit.data.history.follow_ups else 0.0
+    error_rate = setup.settings.error_rate if fit.selection.is_noisy else trusted
+    return PreferenceGP.of(fit.data.preferences, error_rate)
+
+
+def _improvement(setup: Setup, fit: Fit, model: Surrogate | Composite) -> Objective:
     """Return -log of the expected improvement on a process through the values of Ĵ.
 
     Its Gaussian process has a length for each knob and knows where it is unsure. Without KPIs it
     is no better than eq. acquisition (docs/research/improvement.md).
     """
-    return ExpectedImprovement.of(fit.surrogate)
+    return ExpectedImprovement.of(model)
 
 
-def _every_second_time_without_kpis(setup: Setup, fit: Fit) -> bool:
-    # The process knows no KPIs, so it has no turns if they count.
-    takes_turns = setup.settings.process and not isinstance(fit.surrogate, Composite)
-    return (
-        takes_turns
-        and fit.data.is_strict
-        and is_process_turn(fit.data.history.answered, setup.n_init)
-    )
+def _mean(setup: Setup, fit: Fit, model: PreferenceGP) -> Objective:
+    return Acquisition.of(model, 0.0)
 
 
-def _process_mean(setup: Setup, fit: Fit) -> Objective:
-    """Return the mean of a Gaussian process trained on comparisons only."""
-    # One comparison for each sample cannot contradict the others, further ones can.
-    trusted = ALMOST_SURE if fit.data.history.follow_ups else 0.0
-    error_rate = setup.settings.error_rate if fit.selection.is_noisy else trusted
-    return Acquisition.of(PreferenceGP.of(fit.data.preferences, error_rate), 0.0)
-
-
-def _otherwise(setup: Setup, fit: Fit) -> bool:
-    return True
-
-
-def _acquisition(setup: Setup, fit: Fit) -> Objective:
+def _exploration(setup: Setup, fit: Fit, model: Surrogate | Composite) -> Objective:
     """Return eq. acquisition on Ĵ."""
-    return Acquisition.of(fit.surrogate, setup.settings.delta, cube_of(fit.data.history))
+    return Acquisition.of(model, setup.settings.delta, cube_of(fit.data.history))
 
 
 STRATEGY = (
-    Rule(_kpis_explain_trusted_answers, _expected_improvement),
-    Rule(_every_second_time_without_kpis, _process_mean),
-    Rule(_otherwise, _acquisition),
+    Rule(_kpis_explain_trusted_answers, _surrogate, _improvement),
+    Rule(_every_second_time_without_kpis, _preference_gp, _mean),
+    Rule(_always, _surrogate, _exploration),
 )
-"""What the next sample minimizes: the first row that holds.
+"""Model and acquisition of the next sample: the first row that holds.
 
 Deviation: the paper has the last row only.
 """
@@ -115,7 +134,9 @@ def propose(setup: Setup, fit: Fit) -> Float[np.ndarray, " n"]:
     history = fit.data.history
     rng = np.random.default_rng([setup.seed, history.answered])
     rule = next(rule for rule in STRATEGY if rule.holds(setup, fit))
-    objective = penalized(rule.objective(setup, fit), history, setup.settings)
+    objective = rule.objective(setup, fit)
+    if history.unsafe():
+        objective = penalized(objective, history, setup.settings)
     domain = search_domain(setup.space, history, best=history.incumbent or 0)
     tried = Tried(setup.space, history)
     for z in multistart(objective, domain, rng):
@@ -132,7 +153,8 @@ def propose_start(setup: Setup, history: History) -> Float[np.ndarray, " n"]:
     index = history.answered
     rng = np.random.default_rng([setup.seed, index])
     plan = latin_hypercube(setup.space, setup.n_init, setup.seed)
-    z, penalty = np.asarray(plan[index]), unsafe_penalty(history, setup.settings)
+    z = np.asarray(plan[index])
+    penalty = unsafe_penalty(history, setup.settings) if history.unsafe() else None
     if penalty is not None:
         others = np.vstack([cube_of(history), plan[index + 1 :]])
         z = replaced(z, others, random_points(setup.space, POOL, rng), penalty)

@@ -1,6 +1,4 @@
-"""Train Ĵ on what a history teaches: one frozen fit for each answer."""
-
-from dataclasses import dataclass
+"""Train Ĵ on what a history teaches."""
 
 import numpy as np
 from jaxtyping import Float
@@ -11,29 +9,15 @@ from prefcal_agents.models.preference_qp import Constraints, fit, margins
 from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_env.qp import Backend
 
-from .dataset import Dataset
 from .noise_test import rows_of
-from .selection import Selection
+from .selection import Dataset, Selection
 from .settings import GLISpSettings
 
 
-@dataclass(frozen=True, slots=True)
-class Fit:
-    """Everything that GLISp has learned from a history.
-
-    Args:
-        data: What the history teaches.
-        selection: What was selected for the models.
-        surrogate: Ĵ.
-    """
-
-    data: Dataset
-    selection: Selection
-    surrogate: Surrogate | Composite
-
-
-def train(data: Dataset, selection: Selection, settings: GLISpSettings, backend: Backend) -> Fit:
-    """Train Ĵ.
+def train(
+    data: Dataset, selection: Selection, settings: GLISpSettings, backend: Backend
+) -> Surrogate | Composite:
+    """Return Ĵ, trained on `data` with what was selected for it.
 
     Source: eq. QP-pref.
     Deviation: KPIs that explain the answers are part of Ĵ if cross-validation finds that they
@@ -43,7 +27,7 @@ def train(data: Dataset, selection: Selection, settings: GLISpSettings, backend:
     if selection.is_noisy:
         assert selection.noise is not None
         shape, posterior = selection.noise.shape, trust(data, selection, settings.error_rate)
-        return Fit(data, selection, assembled(data, selection, shape, posterior.mean))
+        return assembled(data, selection, shape, posterior.mean)
     preferences, shape = data.preferences, selection.shape
     margin = margins(preferences, settings.margin_power)
     features = shape.basis(preferences.samples, preferences.samples)
@@ -52,7 +36,7 @@ def train(data: Dataset, selection: Selection, settings: GLISpSettings, backend:
         columns = selection.kpi_scale * data.kpis.columns
         constraints = constraints.with_outcomes(preferences, columns)
     v = fit(constraints, settings.learning, backend)
-    return Fit(data, selection, assembled(data, selection, shape, v))
+    return assembled(data, selection, shape, v)
 
 
 def trust(data: Dataset, selection: Selection, error_rate: float) -> ExpectationPropagation:

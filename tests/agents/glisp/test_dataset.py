@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from prefcal_agents.glisp.dataset import Dataset
+from prefcal_agents.glisp.selection import Dataset
 from prefcal_agents.history.lessons import MOST, cube_of
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History

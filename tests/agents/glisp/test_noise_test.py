@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.glisp.noise_test import NoiseTest, evidence_of_mistakes, rows_of, suited_shape
-from prefcal_agents.glisp.schedule import MANY
+from prefcal_agents.glisp.noise_test import (
+    MANY,
+    NoiseTest,
+    evidence_of_mistakes,
+    rows_of,
+    suited_shape,
+)
 from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.rbf import Shape
 

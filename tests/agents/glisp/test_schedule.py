@@ -1,6 +1,6 @@
 import pytest
 
-from prefcal_agents.glisp.schedule import FEW, is_process_turn, process_turns
+from prefcal_agents.glisp.selection import FEW, is_process_turn, process_turns
 
 N_INIT = 10
 

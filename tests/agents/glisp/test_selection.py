@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_agents import GLISpSettings
-from prefcal_agents.glisp.schedule import FEW, MANY
-from prefcal_agents.glisp.selection import ModelSelection, shared
+from prefcal_agents.glisp.selection import FEW, MANY, ModelSelection, shared
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.best import contradictory
 from prefcal_env.preferences.history import History

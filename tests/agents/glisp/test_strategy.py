@@ -8,10 +8,8 @@ import pytest
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.acquisition.expected_improvement import ExpectedImprovement
 from prefcal_agents.acquisition.exploration import Acquisition
-from prefcal_agents.glisp.dataset import Dataset
 from prefcal_agents.glisp.noise_test import NoiseTest
-from prefcal_agents.glisp.schedule import FEW
-from prefcal_agents.glisp.selection import Selection
+from prefcal_agents.glisp.selection import FEW, Dataset, Selection
 from prefcal_agents.glisp.strategy import STRATEGY, Setup, propose, propose_start
 from prefcal_agents.glisp.training import train
 from prefcal_agents.history.lessons import cube_of

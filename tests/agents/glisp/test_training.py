@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISpSettings
-from prefcal_agents.glisp.dataset import Dataset
 from prefcal_agents.glisp.noise_test import NoiseTest
-from prefcal_agents.glisp.selection import Selection
+from prefcal_agents.glisp.selection import Dataset, Selection
 from prefcal_agents.glisp.training import train, trust
 from prefcal_agents.models.kpi_model import Composite
 from prefcal_agents.models.rbf import Shape, Surrogate
