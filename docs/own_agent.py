@@ -3,8 +3,8 @@
 import numpy as np
 
 from prefcal_agents.history.lessons import Preferences
+from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import PreferenceBased
-from prefcal_agents.space.design import Tried
 
 
 class StepSearch(PreferenceBased):

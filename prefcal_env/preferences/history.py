@@ -188,6 +188,10 @@ class History:
         since = tuple(c for c in self.follow_ups if c.after == self.answered)
         return (*self.comparisons[-1:], *since)
 
+    def lessons(self) -> tuple[Comparison, ...]:
+        """Return the answers that teach a preference, in the order given."""
+        return tuple(c for c in self.in_order() if c.teaches)
+
     def verdicts(self) -> tuple[Verdict, ...]:
         """Return the verdicts that are not retracted, in the order given."""
         return tuple(v for c in self.in_order() if (v := c.verdict) is not None)

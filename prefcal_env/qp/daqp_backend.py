@@ -1,6 +1,7 @@
 """DAQP, a dual active-set solver: the second backend, and the only import of daqp (an extra)."""
 
 import numpy as np
+from jaxtyping import Float
 
 from prefcal_env.errors import MissingExtraError
 
@@ -42,3 +43,13 @@ class DAQPBackend:
         if exit_flag != 1:
             return failed(qp, _STATUS.get(exit_flag, Status.FAILED), iterations)
         return verified(qp, np.asarray(z), np.asarray(info["lam"]), iterations)
+
+    def solve_box(
+        self,
+        P: Float[np.ndarray, "n n"],
+        q: Float[np.ndarray, " n"],
+        upper: Float[np.ndarray, " n"],
+    ) -> Float[np.ndarray, " n"] | None:
+        """Minimize over a box; see `Backend`."""
+        solution = self.solve(QP(P, q, np.eye(len(q)), np.zeros(len(q)), upper))
+        return solution.z if solution.solved else None

@@ -7,9 +7,13 @@ adapter always sets up before it solves, and `verified` copies and checks the re
 """
 
 from dataclasses import replace
+from math import isfinite
 
 import numpy as np
 import piqp
+from jaxtyping import Float
+
+from prefcal_env.errors import QPError
 
 from .problem import QP, Solution, Status, Tolerances, failed, verified
 
@@ -53,6 +57,23 @@ class PIQPBackend:
             return failed(qp, _STATUS.get(status, Status.FAILED), iterations)
         y = result.z_bu - result.z_bl if box else result.z_u - result.z_l
         return verified(qp, result.x, y, iterations)
+
+    def solve_box(
+        self,
+        P: Float[np.ndarray, "n n"],
+        q: Float[np.ndarray, " n"],
+        upper: Float[np.ndarray, " n"],
+    ) -> Float[np.ndarray, " n"] | None:
+        """Minimize over a box; see `Backend`."""
+        if not isfinite(P.sum() + q.sum() + upper.sum()):
+            raise QPError("P, q and upper of a QP must be finite")
+        if len(q) == 1:  # PIQP takes no problem of one variable with bounds only
+            return np.asarray(np.clip(-q / P[0], 0.0, upper))
+        solver = self._solver
+        solver.setup(np.asfortranarray(P.T), q, x_l=np.zeros(len(q)), x_u=upper)
+        if solver.solve() != piqp.PIQP_SOLVED:
+            return None
+        return np.array(solver.result.x)
 
     def _without_free_rows(self, qp: QP) -> Solution:
         """Solve without rows that have no bound, because PIQP prints a message about them."""

@@ -174,6 +174,21 @@ class Backend(Protocol):
     def solve(self, qp: QP) -> Solution:
         """Solve once, check the residuals, and return copies that later solves do not change."""
 
+    def solve_box(
+        self,
+        P: Float[np.ndarray, "n n"],
+        q: Float[np.ndarray, " n"],
+        upper: Float[np.ndarray, " n"],
+    ) -> Float[np.ndarray, " n"] | None:
+        """Return the minimizer of ½ zᵀP z + qᵀz over 0 <= z <= upper; None if it is not found.
+
+        For callers that know P to be positive definite and solve dozens of small problems at a
+        time: neither that nor the residuals are checked.
+
+        Raises:
+            QPError: If data is NaN or infinite.
+        """
+
 
 def verified(
     qp: QP,

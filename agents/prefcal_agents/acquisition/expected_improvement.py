@@ -39,6 +39,12 @@ class ExpectedImprovement:
         mean, deviation = self.process(z)
         return np.asarray(-np.log(deviation) - _log_gain(-mean / deviation)[0])
 
+    def value_and_gradient(
+        self, z: Float[np.ndarray, " n"]
+    ) -> tuple[float, Float[np.ndarray, " n"]]:
+        """Return value and gradient at one point of the cube, shape (n,)."""
+        return float(self(z[None])[0]), self.gradient(z)
+
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the gradient at one point, shape (n,)."""
         mean, deviation, of_mean, of_deviation = self.process.slopes(z)

@@ -82,9 +82,16 @@ class Acquisition:
         d = squared_distances(z, self.tried)
         return np.asarray(value - self.delta * exploration(d))
 
-    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return ∂a/∂z at one point of the cube, shape (n,)."""
-        slope = self.surrogate.gradient(z) / self.spread
+    def value_and_gradient(
+        self, z: Float[np.ndarray, " n"]
+    ) -> tuple[float, Float[np.ndarray, " n"]]:
+        """Return a and ∂a/∂z at one point of the cube, shape (n,)."""
+        value, slope = self.surrogate.value_and_gradient(z)
+        value, slope = value / self.spread, slope / self.spread
         if not self.delta:
-            return slope
-        return np.asarray(slope - self.delta * exploration_gradient(z, self.tried))
+            return value, slope
+        d = squared_distances(z[None], self.tried)
+        return (
+            float(value - self.delta * exploration(d)[0]),
+            np.asarray(slope - self.delta * exploration_gradient(z, self.tried)),
+        )

@@ -146,6 +146,12 @@ class Penalty:
         """Return the penalty at the rows of `z`, shape (m,)."""
         return np.asarray(self.weight * np.maximum(1 - self.chance(z) / self.least, 0.0) ** 2)
 
+    def value_and_gradient(
+        self, z: Float[np.ndarray, " n"]
+    ) -> tuple[float, Float[np.ndarray, " n"]]:
+        """Return value and gradient at one point of the cube, shape (n,)."""
+        return float(self(z[None])[0]), self.gradient(z)
+
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the gradient at one point, shape (n,)."""
         lack = max(1 - self.chance(z[None])[0] / self.least, 0.0)
@@ -168,9 +174,13 @@ class Penalized:
         """Return the values at the rows of `z`, shape (m,)."""
         return np.asarray(self.acquisition(z) + self.penalty(z))
 
-    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the gradient at one point, shape (n,)."""
-        return np.asarray(self.acquisition.gradient(z) + self.penalty.gradient(z))
+    def value_and_gradient(
+        self, z: Float[np.ndarray, " n"]
+    ) -> tuple[float, Float[np.ndarray, " n"]]:
+        """Return value and gradient at one point, shape (n,)."""
+        value, slope = self.acquisition.value_and_gradient(z)
+        extra, extra_slope = self.penalty.value_and_gradient(z)
+        return value + extra, np.asarray(slope + extra_slope)
 
 
 def unsafe_penalty(history: History, settings: PenaltySettings) -> Penalty | None:

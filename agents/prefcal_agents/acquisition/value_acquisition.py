@@ -39,6 +39,12 @@ class ValueAcquisition:
         s = np.sqrt(variance(weights, self.values, f))
         return np.asarray(f - self.alpha * s - self.delta * distance(weights))
 
+    def value_and_gradient(
+        self, z: Float[np.ndarray, " n"]
+    ) -> tuple[float, Float[np.ndarray, " n"]]:
+        """Return value and gradient at one point of the cube, shape (n,)."""
+        return float(self(z[None])[0]), self.gradient(z)
+
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return ∂a/∂z at one point of the cube, shape (n,)."""
         x = 2 * z - 1

@@ -8,10 +8,10 @@ from jaxtyping import Float
 from prefcal_agents.acquisition.value_acquisition import ValueAcquisition
 from prefcal_agents.history.lessons import cube_of, scores_of
 from prefcal_agents.models.interpolant import Interpolant, best_interpolant, normalised
-from prefcal_agents.optimize.search import multistart
+from prefcal_agents.optimize.search import Tried, new_minimum
 from prefcal_agents.protocol.agent import ValueBased
-from prefcal_agents.space.design import Tried, latin_hypercube
-from prefcal_agents.space.feasible import random_points, search_domain
+from prefcal_agents.space.design import latin_hypercube
+from prefcal_agents.space.feasible import random_points
 from prefcal_agents.space.start import Start
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.space import KnobSpace
@@ -70,11 +70,7 @@ class GLIS(ValueBased):
             return tried.fresh(latin_hypercube(space, self.n_init, self._seed)[index], rng)
         if not len(scores_of(history)[0]):
             return tried.fresh(random_points(space, 1, rng)[0], rng)
-        domain = search_domain(space, history)
-        for z in multistart(self._acquisition(history), domain, rng):
-            if tried.may_run(z):
-                return np.asarray(z)
-        return tried.fresh(domain.start, rng)
+        return new_minimum(self._acquisition(history), space, history, rng)
 
     def _acquisition(self, history: History) -> ValueAcquisition:
         interpolant, values = self._interpolant(history)

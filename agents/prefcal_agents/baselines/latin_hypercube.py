@@ -5,8 +5,9 @@ from typing import ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import PreferenceBased
-from prefcal_agents.space.design import Tried, latin_hypercube
+from prefcal_agents.space.design import latin_hypercube
 from prefcal_env.preferences.history import History
 
 

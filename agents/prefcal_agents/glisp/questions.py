@@ -86,8 +86,9 @@ def confirm_best(
     posterior = trust(data, selection, error_rate)
     samples = data.preferences.samples
     known = shape.basis(samples, samples)
-    if selection.kpi_scale:
-        known = np.hstack([known, selection.kpi_scale * data.kpis.columns])
+    columns = data.columns(selection.kpi_scale)
+    if columns is not None:
+        known = np.hstack([known, columns])
     features = np.zeros((history.answered, known.shape[1]))
     values = np.full(history.answered, np.inf)
     features[data.kept] = known

@@ -1,11 +1,12 @@
 """Select the models of GLISp after each experiment: shapes of φ, weight of KPIs, noise test."""
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from prefcal_agents.history.lessons import MOST, Memory, Preferences, kpis_of
 from prefcal_agents.models.cross_validation import (
@@ -16,13 +17,14 @@ from prefcal_agents.models.cross_validation import (
     rescale_knob,
 )
 from prefcal_agents.models.kpi_model import Outcomes
+from prefcal_agents.models.preference_qp import Learning
 from prefcal_agents.models.rbf import Shape
 from prefcal_env.preferences.best import contradictory
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import Backend
 
 from .noise_test import MANY, WINDOW, NoiseTest, evidence_of_mistakes, suited_shape
-from .settings import EVERY_STEP, GLISpSettings
+from .settings import EPSILONS, EVERY_STEP, GLISpSettings
 
 FEW = 20
 """Number of experiments before the process takes turns."""
@@ -40,20 +42,26 @@ class Dataset:
         kept: Numbers of the samples that models are trained on, increasing, shape (K,); see
             `Memory`.
         preferences: Comparisons of these samples.
-        kpis: KPIs of these samples, as far as θ predicts them; empty if KPIs are left out.
+        kpis: KPIs of these samples, as far as θ predicts them; None if there are none.
     """
 
     history: History
     kept: Int[np.ndarray, " K"]
     preferences: Preferences
-    kpis: Outcomes
+    kpis: Outcomes | None
 
     @classmethod
     def of(cls, history: History, *, with_kpis: bool) -> "Dataset":
         """Extract what `history` teaches."""
         memory = Memory.of(history)
-        kpis = Outcomes.of(memory.history).predictable() if with_kpis else Outcomes.none()
+        kpis = None
+        if with_kpis and any(kpis_of(memory.history)):
+            kpis = Outcomes.of(memory.history).predictable() or None
         return cls(history, memory.kept, Preferences.of(memory.history), kpis)
+
+    def columns(self, scale: float) -> Float[np.ndarray, "K p"] | None:
+        """Return the KPIs that may explain answers, times `scale`; None if they do not count."""
+        return scale * self.kpis.columns if self.kpis is not None and scale else None
 
     @property
     def is_strict(self) -> bool:
@@ -114,6 +122,8 @@ class ModelSelection:
     ) -> None:
         self._n, self._n_init, self._seed = n, n_init, seed
         self._settings, self._backend = settings, backend
+        self._learning = Learning(margin_power=settings.margin_power)
+        self._candidates: Sequence[float] = tuple(settings.epsilon * factor for factor in EPSILONS)
         self._history = History()
         self._shapes = [settings.shape(n)]
         self._noise_shapes = [Shape(1.0, (1.0,) * n, settings.rbf)]
@@ -212,7 +222,7 @@ class ModelSelection:
         settings, comparisons = self._settings, len(data.preferences)
         if comparisons < FOLDS:
             return shape
-        validation, candidates = self._validation(data), settings.candidates
+        validation, candidates = self._validation(data), self._candidates
         if comparisons > MANY:  # ε hardly moves any more, and every try takes tens of milliseconds
             candidates = nearest(candidates, shape.epsilon, 1)
         shape, score = choose_epsilon(validation, shape, candidates)
@@ -231,11 +241,11 @@ class ModelSelection:
 
     def _validation(self, data: Dataset) -> Validation:
         rng = np.random.default_rng([self._seed, data.history.answered, 1])
-        return Validation.deal(data.preferences, self._settings.learning, self._backend, rng)
+        return Validation.deal(data.preferences, self._learning, self._backend, rng)
 
     def _kpi_scale(self, data: Dataset, shape: Shape) -> float:
         """Return how much KPIs count beside θ, so that left-out answers are predicted best."""
-        if not len(data.kpis) or len(data.preferences) < FOLDS:
+        if data.kpis is None or len(data.preferences) < FOLDS:
             return 0.0
         answered = count = data.history.answered
         if answered > MANY + SELDOM:
@@ -248,10 +258,7 @@ class ModelSelection:
 
     def _best_scale(self, data: Dataset, shape: Shape) -> float:
         scales, validation = self._settings.outcome_scales, self._validation(data)
-        scores = [
-            validation.reproduced(shape, scale * data.kpis.columns if scale else None)
-            for scale in scales
-        ]
+        scores = [validation.reproduced(shape, data.columns(scale)) for scale in scales]
         winners = [s for s, score in zip(scales, scores, strict=True) if score == max(scores)]
         return winners[len(winners) // 2]
 
@@ -273,9 +280,11 @@ class ModelSelection:
         if count not in self._evidence:
             data = self._prefix(count, with_kpis=True)
             scale = self._kpi_scale(data, self._shape(count))
-            columns = scale * data.kpis.columns if scale else None
             self._evidence[count] = evidence_of_mistakes(
-                data.preferences, self._noise_shape(count), columns, self._settings.error_rate
+                data.preferences,
+                self._noise_shape(count),
+                data.columns(scale),
+                self._settings.error_rate,
             )
         return self._evidence[count]
 

@@ -1,11 +1,10 @@
 """Define the settings of GLISp, checked on creation, including those of the paper."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any, Literal
 
-from prefcal_agents.models.preference_qp import Learning
 from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, Shape
 from prefcal_agents.support.checks import choice, integer, number
 from prefcal_env.errors import SettingsError
@@ -108,19 +107,9 @@ class GLISpSettings:
             unsafe_weight=0.0,
         )
 
-    @property
-    def learning(self) -> Learning:
-        """Return how β is learned."""
-        return Learning(margin_power=self.margin_power)
-
     def shape(self, n: int) -> Shape:
         """Return the shape of φ for `n` knobs before the first cross-validation."""
         return Shape(self.epsilon, (1.0,) * n, self.rbf)
-
-    @property
-    def candidates(self) -> Sequence[float]:
-        """Return the values of ε that cross-validation chooses from, increasing."""
-        return tuple(self.epsilon * factor for factor in EPSILONS)
 
     def pairs(self) -> tuple[tuple[str, Any], ...]:
         """Return name and value of every setting, for an `AgentState`."""

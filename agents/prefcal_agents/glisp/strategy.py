@@ -14,9 +14,9 @@ from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.gaussian_process import PreferenceGP
 from prefcal_agents.models.kpi_model import Composite
 from prefcal_agents.models.rbf import Surrogate
-from prefcal_agents.optimize.search import Objective, multistart
-from prefcal_agents.space.design import Tried, latin_hypercube
-from prefcal_agents.space.feasible import random_points, search_domain
+from prefcal_agents.optimize.search import Objective, Tried, new_minimum
+from prefcal_agents.space.design import latin_hypercube
+from prefcal_agents.space.feasible import random_points
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import Backend
@@ -137,12 +137,7 @@ def propose(setup: Setup, fit: Fit) -> Float[np.ndarray, " n"]:
     objective = rule.objective(setup, fit)
     if history.unsafe():
         objective = penalized(objective, history, setup.settings)
-    domain = search_domain(setup.space, history, best=history.incumbent or 0)
-    tried = Tried(setup.space, history)
-    for z in multistart(objective, domain, rng):
-        if tried.may_run(z):
-            return np.asarray(z)
-    return tried.fresh(domain.start, rng)
+    return new_minimum(objective, setup.space, history, rng)
 
 
 def propose_start(setup: Setup, history: History) -> Float[np.ndarray, " n"]:

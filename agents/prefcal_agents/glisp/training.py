@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from prefcal_agents.models.gaussian_process import ExpectationPropagation
 from prefcal_agents.models.kpi_model import Composite, KPIModel
-from prefcal_agents.models.preference_qp import Constraints, fit, margins
+from prefcal_agents.models.preference_qp import Constraints, Learning, fit, margins
 from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_env.qp import Backend
 
@@ -32,18 +32,17 @@ def train(
     margin = margins(preferences, settings.margin_power)
     features = shape.basis(preferences.samples, preferences.samples)
     constraints = Constraints.of(preferences, features, margin)
-    if selection.kpi_scale:
-        columns = selection.kpi_scale * data.kpis.columns
+    columns = data.columns(selection.kpi_scale)
+    if columns is not None:
         constraints = constraints.with_outcomes(preferences, columns)
-    v = fit(constraints, settings.learning, backend)
+    v = fit(constraints, Learning(margin_power=settings.margin_power), backend)
     return assembled(data, selection, shape, v)
 
 
 def trust(data: Dataset, selection: Selection, error_rate: float) -> ExpectationPropagation:
     """Return the posterior of β if each answer is wrong with chance `error_rate`."""
     assert selection.noise is not None
-    scale = selection.kpi_scale
-    columns = scale * data.kpis.columns if scale else None
+    columns = data.columns(selection.kpi_scale)
     return ExpectationPropagation.of(
         rows_of(data.preferences, selection.noise.shape, columns), error_rate
     )
@@ -55,6 +54,6 @@ def assembled(
     """Return Ĵ of the coefficients `v`: of the N features, then of the KPIs that count."""
     samples, scale = data.preferences.samples, selection.kpi_scale
     surrogate = Surrogate(samples, v[: len(samples)], shape)
-    if scale == 0:
+    if data.kpis is None or scale == 0:
         return surrogate
     return Composite(surrogate, KPIModel(data.kpis, scale * np.maximum(v[len(samples) :], 0.0)))

@@ -1,6 +1,6 @@
 """What a history teaches: preferences, scores, KPIs and marks of samples, as arrays."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,7 +33,7 @@ class Preferences:
     @classmethod
     def of(cls, history: History) -> "Preferences":
         """Return what the answers teach that are not retracted."""
-        lessons = [c for c in history.in_order() if c.teaches]
+        lessons = history.lessons()
         return cls(
             samples=cube_of(history),
             first=np.array([c.challenger for c in lessons], dtype=np.int64),
@@ -155,7 +155,7 @@ class Memory:
     def of(cls, history: History, most: int = MOST) -> "Memory":
         """Return the part of `history` to learn from: at most `most` answers."""
         count = history.answered
-        lessons = [c for c in history.in_order() if c.teaches]
+        lessons = history.lessons()
         if max(count, len(lessons)) <= most:
             return cls(history, np.arange(count))
         samples = {history.incumbent or 0}
@@ -171,7 +171,7 @@ class Memory:
         return cls(_part(history, [lessons[h] for h in sorted(chosen)], kept), kept)
 
 
-def _by_weight(lessons: list[Comparison], most: int) -> list[int]:
+def _by_weight(lessons: Sequence[Comparison], most: int) -> list[int]:
     """Return the numbers of the comparisons, the most important ones first."""
     later = [0] * len(lessons)  # comparisons of the same challenger that followed
     seen: dict[int, int] = {}
@@ -183,7 +183,7 @@ def _by_weight(lessons: list[Comparison], most: int) -> list[int]:
     return [*oldest, *sorted(rest, key=lambda h: (later[h], -h))]
 
 
-def _part(history: History, lessons: list[Comparison], kept: Int[np.ndarray, " K"]) -> History:
+def _part(history: History, lessons: Sequence[Comparison], kept: Int[np.ndarray, " K"]) -> History:
     """Return a history of the samples `kept` and of `lessons`; other samples only teach KPIs."""
     number = {int(index): k for k, index in enumerate(kept)}
     own = {c.challenger: c for c in lessons if c.after is None}

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from prefcal_agents.history.lessons import Preferences
 from prefcal_env.qp import Backend
 
-from .preference_qp import Constraints, Learning, fit, margins
+from .preference_qp import Constraints, Learning, fit_without, margins
 from .rbf import Shape
 
 FOLDS = 3
@@ -29,12 +29,14 @@ class Validation:
         learning: How β is learned from the rest.
         backend: QP solver.
         slices: Which comparisons each of the K slices holds, shape (K, M).
+        margin: Margin of each comparison, shape (M,), see `margins`.
     """
 
     preferences: Preferences
     learning: Learning
     backend: Backend
     slices: Bool[np.ndarray, "K M"]
+    margin: Float[np.ndarray, " M"]
 
     @classmethod
     def deal(
@@ -46,7 +48,8 @@ class Validation:
     ) -> "Validation":
         """Deal at random, to `FOLDS` slices that differ by at most one comparison."""
         share = rng.permutation(len(preferences)) % FOLDS
-        return cls(preferences, learning, backend, share == np.arange(FOLDS)[:, None])
+        margin = margins(preferences, learning.margin_power)
+        return cls(preferences, learning, backend, share == np.arange(FOLDS)[:, None], margin)
 
     def reproduced(self, shape: Shape, columns: Float[np.ndarray, "N p"] | None = None) -> int:
         """Return how many left-out preferences are predicted right (eq. RBF-pref).
@@ -55,14 +58,13 @@ class Validation:
         """
         known = self.preferences
         phi = shape.basis(known.samples, known.samples)
-        margin = margins(known, self.learning.margin_power)
-        constraints = Constraints.of(known, phi, margin)
+        constraints = Constraints.of(known, phi, self.margin)
         if columns is not None:
             constraints = constraints.with_outcomes(known, columns)
             phi = np.hstack([phi, columns])
         right = 0
-        for left_out in self.slices:
-            beta = fit(constraints.without(left_out), self.learning, self.backend)
+        betas = fit_without(constraints, self.slices, self.learning, self.backend)
+        for left_out, beta in zip(self.slices, betas, strict=True):
             values = phi @ beta
             gap = values[known.first[left_out]] - values[known.second[left_out]]
             b = known.b[left_out]

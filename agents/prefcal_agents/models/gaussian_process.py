@@ -365,6 +365,12 @@ class PreferenceGP:
         slope = matern((away.T**2)[:, :, None])[1][:, 0]
         return np.asarray((self.alpha * slope) @ away / self.lengths)
 
+    def value_and_gradient(
+        self, z: Float[np.ndarray, " n"]
+    ) -> tuple[float, Float[np.ndarray, " n"]]:
+        """Return value and gradient at one point of the cube, shape (n,)."""
+        return float(self(z[None])[0]), self.gradient(z)
+
     @property
     def spread(self) -> float:
         """Return the range of the mean over the samples."""

@@ -38,11 +38,6 @@ class Outcomes:
     errors: tuple[float, ...]
 
     @classmethod
-    def none(cls) -> "Outcomes":
-        """Return no KPIs."""
-        return cls(np.zeros((0, 0)), (), (), (), ())
-
-    @classmethod
     def of(cls, history: History) -> "Outcomes":
         """Return the KPIs that came with the answers in `history`.
 
@@ -178,6 +173,12 @@ class Composite:
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return ∂Ĵ/∂z at one point of the cube, shape (n,)."""
         return np.asarray(self.over_theta.gradient(z) + self.over_kpis.gradient(z))
+
+    def value_and_gradient(
+        self, z: Float[np.ndarray, " n"]
+    ) -> tuple[float, Float[np.ndarray, " n"]]:
+        """Return value and gradient at one point of the cube, shape (n,)."""
+        return float(self(z[None])[0]), self.gradient(z)
 
     @property
     def spread(self) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from prefcal_agents.history.lessons import Preferences
-from prefcal_env.qp import QP, Backend
+from prefcal_env.qp import Backend
 
 _SHORTEST = 1e-12  # a shorter row (two samples that φ cannot tell apart) counts as this long
 _FAR = 0.3  # root mean square distance per knob from which on the margin is σ in full
@@ -138,6 +138,16 @@ def fit(constraints: Constraints, learning: Learning, backend: Backend) -> Float
     return np.asarray(learning.sigma * (alpha @ constraints.rows))
 
 
+def fit_without(
+    constraints: Constraints,
+    slices: Bool[np.ndarray, "K M"],
+    learning: Learning,
+    backend: Backend,
+) -> Float[np.ndarray, "K N"]:
+    """Return β of K fits, shape (K, N), each without the comparisons of one slice."""
+    return np.array([fit(constraints.without(left_out), learning, backend) for left_out in slices])
+
+
 def _dual(
     rows: Float[np.ndarray, "R N"],
     margin: Float[np.ndarray, " R"],
@@ -149,17 +159,12 @@ def _dual(
     length = np.maximum(np.sqrt(np.sum(rows * rows, axis=1)), _SHORTEST)
     unit = rows / length[:, None]
     gram = unit @ unit.T
-    identity = np.eye(len(gram))
     scale = 1 / length.min()
-    solution = backend.solve(
-        QP(
-            P=0.5 * (gram + gram.T) + _RIDGE * identity,
-            q=-margin / (length * scale),
-            G=identity,
-            lower=np.zeros(len(gram)),
-            upper=ceiling * length / scale,
-        )
+    z = backend.solve_box(
+        P=0.5 * (gram + gram.T) + _RIDGE * np.eye(len(gram)),
+        q=-margin / (length * scale),
+        upper=ceiling * length / scale,
     )
-    if not np.isfinite(solution.z).all():
+    if z is None:
         return np.zeros(len(rows))
-    return np.asarray(np.clip(solution.z * scale / length, 0.0, ceiling))
+    return np.asarray(np.clip(z * scale / length, 0.0, ceiling))

@@ -125,6 +125,12 @@ class Surrogate:
         """Return ∂Ĵ/∂z at one point of the cube, shape (n,)."""
         return self.shape.gradient(z, self.centres, self.beta)
 
+    def value_and_gradient(
+        self, z: Float[np.ndarray, " n"]
+    ) -> tuple[float, Float[np.ndarray, " n"]]:
+        """Return value and gradient at one point of the cube, shape (n,)."""
+        return float(self(z[None])[0]), self.gradient(z)
+
     @property
     def spread(self) -> float:
         """Return ΔĴ, the range of Ĵ over the samples, which normalizes eq. acquisition."""

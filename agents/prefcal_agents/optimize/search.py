@@ -1,32 +1,45 @@
-"""Minimize the acquisition by a search from several starts.
+"""Minimize the acquisition over the θ that have not run, by a search from several starts.
 
-It searches the unit cube or a box in it, respects integer knobs, takes the incumbent as one of its
-starts, and returns points in increasing order of the objective, so that a caller who cannot use
-the first takes the next.
+It searches the unit cube or a box in it, respects integer knobs and constraints, takes the best
+sample as one of its starts, and goes through what it found in increasing order of the objective
+until a θ is new.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from prefcal_agents.history.lessons import cube_of
+from prefcal_agents.space.capacity import capacity, choices
+from prefcal_agents.space.feasible import Region, random_points
+from prefcal_env.errors import ProtocolError
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.preferences.history import History
+
 Box = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 
 _SCALES = (1e-4, 0.3)  # smallest and largest step around the incumbent, in units of the cube
 _APART = 0.1  # minimum distance between two starts of a descent, in the cube
+_DRAWS = 200  # random points looked at before an integer space is searched in full
+_ANCHORS = 20  # random allowed points to search from if no sample is one
+_SAME = 0.4  # steps; points that are closer in every knob to a θ that ran round to that θ
 
 
 @runtime_checkable
 class Objective(Protocol):
-    """A function to minimize: many values at once, and the gradient at one point."""
+    """A function to minimize: many values at once, and value and gradient at one point."""
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return the values at the rows of `z`."""
 
-    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the gradient at one point."""
+    def value_and_gradient(
+        self, z: Float[np.ndarray, " n"]
+    ) -> tuple[float, Float[np.ndarray, " n"]]:
+        """Return the value and the gradient at one point."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +57,36 @@ class Domain:
     snap: Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, "m n"]] = field(repr=False)
     start: Float[np.ndarray, " n"]
     corners: Box
+
+    @classmethod
+    def of(cls, space: KnobSpace, history: History) -> "Domain":
+        """Return the domain in which to minimize an acquisition: the searched part of the cube.
+
+        Frozen knobs stay fixed. Points that constraints refuse move to the edge of the region, so
+        a search can ignore the constraints and still finds optima at the edge. It starts at the
+        best sample.
+        """
+        lower, upper = space.corners
+        start = np.clip(np.array(history.samples[history.incumbent or 0].z), lower, upper)
+        fixed = space.integers | (lower == upper)
+        if not space.constraints:
+            return cls(fixed, space.snap_all, start, (lower, upper))
+        region, anchors = Region(space), _anchors(space, history)
+        return cls(fixed, lambda z: region.repaired(z, anchors), start, (lower, upper))
+
+
+def new_minimum(
+    objective: Objective, space: KnobSpace, history: History, rng: np.random.Generator
+) -> Float[np.ndarray, " n"]:
+    """Return the point of the cube with the lowest objective whose θ has not run, shape (n,).
+
+    Raises:
+        ProtocolError: every θ of the space has been tried.
+        KnobError: none was found that the constraints allow.
+    """
+    domain, tried = Domain.of(space, history), Tried(space, history)
+    z = tried.first_new(multistart(objective, domain, rng))
+    return tried.fresh(domain.start, rng) if z is None else z
 
 
 def multistart(
@@ -110,7 +153,8 @@ def _descend(
 
     def value_and_slope(part: np.ndarray) -> tuple[float, np.ndarray]:
         point[free] = part
-        return float(objective(point[None])[0]), objective.gradient(point)[free]
+        value, slope = objective.value_and_gradient(point)
+        return value, slope[free]
 
     result = minimize(
         value_and_slope,
@@ -122,3 +166,81 @@ def _descend(
     )
     point[free] = np.clip(result.x, low[free], high[free])
     return point
+
+
+class Tried:
+    """The θ that ran: none runs again, nor one that differs by less than a step in every knob.
+
+    Args:
+        space: The knobs.
+        history: Samples and answers.
+    """
+
+    def __init__(self, space: KnobSpace, history: History) -> None:
+        self._space = space
+        tried = [sample.theta for sample in history.samples[: history.answered]]
+        self._thetas = np.array(tried, dtype=float).reshape(-1, len(space))
+
+    def may_run(self, z: Float[np.ndarray, " n"]) -> bool:
+        """Return whether the θ of `z`, shape (n,), is a new one that the constraints allow."""
+        theta = self._space.decode(self._space.snap(z))
+        return bool(self._space.allows(theta)) and not self._space.close(theta, self._thetas).any()
+
+    def first_new(self, points: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"] | None:
+        """Return the first row of `points` that may run, shape (n,); None if there is none."""
+        if self.may_run(points[0]):
+            return np.asarray(points[0])
+        # Near an optimum hundreds of rows round to a θ that ran: skip them together.
+        for z in points[~self._surely_tried(points)]:
+            if self.may_run(z):
+                return np.asarray(z)
+        return None
+
+    def _surely_tried(self, points: Float[np.ndarray, "m n"]) -> Bool[np.ndarray, " m"]:
+        close = np.ones((len(points), len(self._thetas)), dtype=np.bool_)
+        thetas = self._space.decode_all(points)
+        for k, knob in enumerate(self._space):
+            if knob.resolution == 0:
+                return np.zeros(len(points), dtype=np.bool_)
+            there, here = knob.steps(self._thetas[:, k]), knob.steps(thetas[:, k])
+            close &= np.abs(here[:, None] - there) < _SAME
+        return np.asarray(close.any(axis=1))
+
+    def fresh(
+        self, z: Float[np.ndarray, " n"], rng: np.random.Generator
+    ) -> Float[np.ndarray, " n"]:
+        """Return `z`, shape (n,), or another point if its θ ran already or is not allowed.
+
+        That is a random point of what is searched.
+
+        Raises:
+            ProtocolError: every θ of the space has been tried.
+            KnobError: none was found that the constraints allow.
+        """
+        if self.may_run(z):
+            return z
+        candidate = self.first_new(random_points(self._space, _DRAWS, rng))
+        if candidate is not None:
+            return candidate
+        if not np.isfinite(capacity(self._space)):
+            raise ProtocolError(f"no new θ was found in {_DRAWS} random draws")
+        return self._first_free()
+
+    def _first_free(self) -> Float[np.ndarray, " n"]:
+        # Few θ are left, so the space is small: at most some times the number of samples.
+        values = [choices(*each) for each in zip(self._space, self._space.within, strict=True)]
+        for theta in product(*values):
+            z = self._space.encode(np.array(theta, dtype=float))
+            if self.may_run(z):
+                return z
+        raise ProtocolError(f"every one of the {len(self._thetas)} θ of the space has been tried")
+
+
+def _anchors(space: KnobSpace, history: History) -> Float[np.ndarray, "a n"]:
+    """Return allowed points to search from: the samples there, or random points without any."""
+    tried = cube_of(history)
+    lower, upper = space.corners
+    inside = tried[np.all((tried >= lower) & (tried <= upper), axis=1)]
+    if len(inside):
+        return np.asarray(inside)
+    return random_points(space, _ANCHORS, np.random.default_rng(history.answered))

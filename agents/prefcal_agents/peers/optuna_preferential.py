@@ -5,9 +5,10 @@ from typing import ClassVar, final
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import PreferenceBased
 from prefcal_agents.protocol.replay import Replay
-from prefcal_agents.space.design import Tried, latin_hypercube
+from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.support.global_random import seeded
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Preference

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.history.lessons import Preferences, cube_of
+from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import PreferenceBased
-from prefcal_agents.space.design import Tried
 from prefcal_agents.support.extras import load
 from prefcal_agents.support.global_random import seeded
 from prefcal_env.knobs.space import KnobSpace

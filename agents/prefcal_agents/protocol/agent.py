@@ -147,7 +147,7 @@ class Agent(Stored):
         pair = self._known_pair()
         if pair is not None:
             return Query(self._suggestion(pair[0]), self._suggestion(pair[1]), further=True)
-        self.settle()
+        self._store()
         rival = self._rival
         return Query(
             self._suggestion(self.history.answered),
@@ -192,8 +192,10 @@ class Agent(Stored):
 
     def settle(self) -> None:
         """Store the sample of the open query, unless it is stored or none is needed now."""
-        if self.done or self._known_pair() is not None:
-            return
+        if not self.done and self._known_pair() is None:
+            self._store()
+
+    def _store(self) -> None:
         if self.history.pending is None:
             self.history = self.history.with_pending(Sample.of(self.space, self._next()))
 

@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.history.lessons import cube_of, scores_of
+from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import ValueBased
 from prefcal_agents.protocol.replay import Replay
-from prefcal_agents.space.design import Tried
 from prefcal_agents.support.checks import integer, number
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History

@@ -5,12 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.rbf import squared_distances
-from prefcal_agents.optimize.search import Domain
 from prefcal_env.errors import KnobError
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.history import History
 
 _BLOCKS = (300, 1_000, 4_000, 16_000)  # numbers of random points to check, block by block
 _LEADERS = 20  # points to search from if no random point is allowed
@@ -140,30 +137,3 @@ def random_points(
     if space.constraints:
         return Region(space).draw(count, rng)
     return space.scaled(rng.random((count, len(space))))
-
-
-def search_domain(space: KnobSpace, history: History, *, best: int | None = None) -> Domain:
-    """Return the domain in which to minimize an acquisition.
-
-    It is the searched part of the cube; frozen knobs stay fixed. Points that constraints refuse
-    move to the edge of the region, so a search can ignore the constraints and still finds optima
-    at the edge. It starts at sample number `best`, or at the incumbent.
-    """
-    lower, upper = space.corners
-    best = (history.incumbent or 0) if best is None else best
-    start = np.clip(np.array(history.samples[best].z), lower, upper)
-    fixed = space.integers | (lower == upper)
-    if not space.constraints:
-        return Domain(fixed, lambda z: space.snap_all(z), start, (lower, upper))
-    region, anchors = Region(space), _anchors(space, history)
-    return Domain(fixed, lambda z: region.repaired(z, anchors), start, (lower, upper))
-
-
-def _anchors(space: KnobSpace, history: History) -> Float[np.ndarray, "a n"]:
-    """Return allowed points to search from: the samples there, or random points without any."""
-    tried = cube_of(history)
-    lower, upper = space.corners
-    inside = tried[np.all((tried >= lower) & (tried <= upper), axis=1)]
-    if len(inside):
-        return np.asarray(inside)
-    return random_points(space, _LEADERS, np.random.default_rng(history.answered))

@@ -7,6 +7,7 @@ from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
 from prefcal_agents.glisp.training import train
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.models.cross_validation import FOLDS
+from prefcal_agents.models.preference_qp import Learning
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
@@ -68,7 +69,7 @@ def test_settings_survive_as_pairs_and_unknown_ones_are_refused():
 
 def test_the_paper_s_settings_are_those_of_section_iv():
     paper = GLISp.paper(SQUARE).settings
-    assert (paper.delta, paper.learning.sigma, paper.epsilon, FOLDS) == (0.3, 1e-6, 1.0, 3)
+    assert (paper.delta, Learning().sigma, paper.epsilon, FOLDS) == (0.3, 1e-6, 1.0, 3)
     assert paper.validate_at == (10, 20, 30, 40)
     assert paper.rbf == "inverse_quadratic"
     assert (paper.margin_power, paper.rescale) == (0, False)
@@ -248,8 +249,8 @@ def test_linear_algebra_keeps_to_one_thread_in_proposals(monkeypatch):
         assert limited[-1:] == [True]
         return train(*given)
 
-    monkeypatch.setattr("prefcal_agents.glisp.agent.one_thread", one_thread)
-    monkeypatch.setattr("prefcal_agents.glisp.agent.train", watched)
+    monkeypatch.setattr("prefcal_agents.protocol.agent.one_thread", one_thread)
+    monkeypatch.setattr("prefcal_agents.glisp.strategy.train", watched)
     agent = GLISp(KnobSpace([Knob("x", 0, 1)]), n_init=2, n_max=6)
     drive(agent, lambda new, old: 1)
     assert limited.count(True) == limited.count(False) >= 4

@@ -9,9 +9,8 @@ from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.acquisition.expected_improvement import ExpectedImprovement
 from prefcal_agents.acquisition.exploration import Acquisition
 from prefcal_agents.glisp.noise_test import NoiseTest
-from prefcal_agents.glisp.selection import FEW, Dataset, Selection
+from prefcal_agents.glisp.selection import FEW, Dataset, Fit, Selection
 from prefcal_agents.glisp.strategy import STRATEGY, Setup, propose, propose_start
-from prefcal_agents.glisp.training import train
 from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.gaussian_process import PreferenceGP
 from prefcal_agents.models.kpi_model import Composite
@@ -54,15 +53,14 @@ def history_of(count, *, ties=False, further=False, unsafe=False):
 
 
 def setup_of(**settings):
-    return Setup(SQUARE, 4, 2, GLISpSettings(**settings))
+    return Setup(SQUARE, 4, 2, GLISpSettings(**settings), make_backend("piqp"))
 
 
 def fit_of(history, setup, *, kpis=False, noisy=False):
-    """Train on `history`; KPIs count if `kpis`, and answers may be wrong if `noisy`."""
+    """Learn from `history`; KPIs count if `kpis`, and answers may be wrong if `noisy`."""
     noise = NoiseTest(SHAPE, 5.0 if noisy else -5.0)
     selection = Selection(SHAPE, 1.0 if kpis else 0.0, noise, noisy)
-    data = Dataset.of(history, with_kpis=kpis)
-    return train(data, selection, setup.settings, make_backend("piqp"))
+    return Fit(Dataset.of(history, with_kpis=kpis), selection)
 
 
 def objective_of(setup, fit):
@@ -111,7 +109,7 @@ def test_if_all_are_ties_nothing_can_be_improved_on_and_no_process_is_trained(kp
 
 
 def test_the_paper_minimizes_its_acquisition_at_every_step():
-    setup = Setup(SQUARE, 4, 2, GLISpSettings.paper())
+    setup = Setup(SQUARE, 4, 2, GLISpSettings.paper(), make_backend("piqp"))
     for count in (9, FEW, ODD, EVEN):
         objective = objective_of(setup, fit_of(history_of(count), setup))
         assert kind(objective) == ACQUISITION
@@ -121,8 +119,7 @@ def test_the_paper_minimizes_its_acquisition_at_every_step():
 def test_the_acquisition_is_that_of_the_whole_surrogate():
     setup = setup_of(expected_improvement=False)
     fit = fit_of(history_of(9), setup, kpis=True)
-    assert isinstance(fit.surrogate, Composite)
-    assert objective_of(setup, fit).surrogate is fit.surrogate
+    assert isinstance(objective_of(setup, fit).surrogate, Composite)
 
 
 @pytest.mark.parametrize(

@@ -189,7 +189,7 @@ def test_exploration_keeps_away_from_forgotten_samples():
     surrogate = Surrogate(z[:1], np.zeros(1), Shape(1.0, (1.0, 1.0)))
     assert Acquisition.of(surrogate, 0.3)(z)[1] < 0
     assert Acquisition.of(surrogate, 0.3, z)(z)[1] == 0
-    assert not Acquisition.of(surrogate, 0.3, z).gradient(z[1]).any()
+    assert not Acquisition.of(surrogate, 0.3, z).value_and_gradient(z[1])[1].any()
 
 
 def test_rare_marks_are_remembered():

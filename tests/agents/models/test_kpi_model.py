@@ -12,6 +12,7 @@ from prefcal_agents import AgentState, GLISp, GLISpSettings, RandomSearch, resto
 from prefcal_agents.history.lessons import Preferences, cube_of
 from prefcal_agents.models.cross_validation import Validation
 from prefcal_agents.models.kpi_model import Composite, KPIModel, Outcomes
+from prefcal_agents.models.preference_qp import Learning
 from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_env import Answer, Knob, KnobSpace
 from prefcal_env.errors import SettingsError
@@ -171,7 +172,7 @@ def test_kpis_that_explain_the_answers_help_to_foretell_others():
     b = np.sign(wave[first] - wave[second]).astype(int)
     preferences = Preferences(samples, first, second, b, np.ones(40))
     backend, rng = make_backend("piqp"), np.random.default_rng(1)
-    dealt = Validation.deal(preferences, ALONE.learning, backend, rng)
+    dealt = Validation.deal(preferences, Learning(margin_power=1.0), backend, rng)
     shape = Shape(1.0, (1.0, 1.0))
     assert dealt.reproduced(shape) < 32
     assert dealt.reproduced(shape, 10 * wave[:, None]) > 36

@@ -21,9 +21,9 @@ class Waves:
         away = z - self.centre
         return np.sum(away**2 + 0.05 * (1 - np.cos(20 * away)), axis=1)
 
-    def gradient(self, z):
+    def value_and_gradient(self, z):
         away = z - self.centre
-        return 2 * away + np.sin(20 * away)
+        return self(z[None])[0], 2 * away + np.sin(20 * away)
 
 
 def domain(space, start=(0.5, 0.5, 0.5)):

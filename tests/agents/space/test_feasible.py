@@ -3,9 +3,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from prefcal_agents.optimize.search import Domain, Tried
 from prefcal_agents.space.capacity import capacity
-from prefcal_agents.space.design import Tried, latin_hypercube
-from prefcal_agents.space.feasible import Region, random_points, search_domain
+from prefcal_agents.space.design import latin_hypercube
+from prefcal_agents.space.feasible import Region, random_points
 from prefcal_env import Constraint, Knob, KnobSpace, LinearConstraint
 from prefcal_env.errors import KnobError
 from prefcal_env.preferences.answer import Answer
@@ -120,6 +121,6 @@ def test_the_search_domain_snaps_to_allowed_points():
     book = History()
     for z in random_points(TINY, 3, np.random.default_rng(0)):
         book = book.with_pending(in_cube(TINY.snap(z))).told(Answer(None), book.incumbent)
-    domain = search_domain(TINY, book)
+    domain = Domain.of(TINY, book)
     snapped = domain.snap(np.random.default_rng(1).random((20, 3)))
     assert Region(TINY).allows(snapped).all()

@@ -2,6 +2,7 @@
 
 from prefcal_agents import GLISpSettings
 from prefcal_agents.models.cross_validation import FOLDS
+from prefcal_agents.models.preference_qp import Learning
 from prefcal_env.envs.cstr import START
 from prefcal_env.plants.cstr import CSTR, CSTRParams
 from prefcal_scenarios.app.presentation.wording import labelled, number
@@ -29,7 +30,7 @@ def algorithm() -> list[Row]:
     s = GLISpSettings.paper()
     assert not isinstance(s.validate_at, str)
     ours = (
-        N_MAX, N_INIT, s.delta, s.learning.sigma, s.epsilon, FOLDS,
+        N_MAX, N_INIT, s.delta, Learning().sigma, s.epsilon, FOLDS,
         s.validate_at[0], s.validate_at[-1],
     )  # fmt: skip
     return [
