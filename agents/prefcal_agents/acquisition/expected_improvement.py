@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.models.gaussian_process import GaussianProcess
-from prefcal_agents.models.interpolant import normalised
+from prefcal_agents.models.interpolant import normalized
 from prefcal_agents.models.kpi_model import Composite
 from prefcal_agents.models.rbf import Surrogate
 
-_CEILING = 2.0  # see `normalised`: values far worse than most must not flatten the rest
+_CEILING = 2.0  # see `normalized`: values far worse than most must not flatten the rest
 _FAR = -1e3  # standard deviations; below, the difference of two numbers near 1 is lost
 
 
@@ -31,8 +31,8 @@ class ExpectedImprovement:
     @classmethod
     def of(cls, surrogate: Surrogate | Composite) -> "ExpectedImprovement":
         """Create it from the values of `surrogate` at its centers, and so from all answers."""
-        values = normalised(surrogate(surrogate.centres), _CEILING)
-        return cls(GaussianProcess.through(surrogate.centres, values))
+        values = normalized(surrogate(surrogate.centers), _CEILING)
+        return cls(GaussianProcess.through(surrogate.centers, values))
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return -log EI at the rows of `z`, shape (m,)."""
@@ -42,15 +42,13 @@ class ExpectedImprovement:
     def value_and_gradient(
         self, z: Float[np.ndarray, " n"]
     ) -> tuple[float, Float[np.ndarray, " n"]]:
-        """Return value and gradient at one point of the cube, shape (n,)."""
-        return float(self(z[None])[0]), self.gradient(z)
-
-    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the gradient at one point, shape (n,)."""
+        """Return -log EI and its gradient at one point, shape (n,)."""
         mean, deviation, of_mean, of_deviation = self.process.slopes(z)
         u = -mean / deviation  # the best sample has 0
         of_u = -(of_mean + u * of_deviation) / deviation
-        return np.asarray(-of_deviation / deviation - _log_gain(np.array([u]))[1][0] * of_u)
+        gain, of_gain = (each[0] for each in _log_gain(np.array([u])))
+        value = -np.log(deviation) - gain
+        return float(value), np.asarray(-of_deviation / deviation - of_gain * of_u)
 
 
 def _log_gain(

@@ -26,20 +26,21 @@ def exploration(d: Float[np.ndarray, "m N"]) -> Float[np.ndarray, " m"]:
     return np.asarray(np.where(np.any(d == 0, axis=1), 0.0, np.arctan(1 / weights)))
 
 
-def exploration_gradient(
+def exploration_and_gradient(
     z: Float[np.ndarray, " n"], samples: Float[np.ndarray, "N n"]
-) -> Float[np.ndarray, " n"]:
-    """Return ∂z/∂θ of eq. IDW-distance at one point of the cube, shape (n,); 0 on a sample."""
+) -> tuple[float, Float[np.ndarray, " n"]]:
+    """Return z of eq. IDW-distance and its gradient at one point of the cube; 0 on a sample."""
     away = z - samples
     d = np.sum(away * away, axis=1)
     nearest = d.min()
     if nearest < _NEAREST:
-        return np.zeros(len(z))
+        return 0.0, np.zeros(len(z))
     # With s = Σ d⁻² and arctan(1/s): the slope is -1/(1 + s²) times ∂s = Σ -2 d⁻³ · 2 away.
     # Relative to the nearest sample, because d⁻³ and s² could overflow.
     ratio = nearest / d
     s = np.sum(ratio**2)
-    return np.asarray((4 * nearest / (nearest**4 + s**2)) * (ratio**3 @ away))
+    slope = (4 * nearest / (nearest**4 + s**2)) * (ratio**3 @ away)
+    return float(np.arctan(nearest**2 / s)), np.asarray(slope)
 
 
 Learned = Surrogate | Composite | PreferenceGP
@@ -67,7 +68,7 @@ class Acquisition:
     ) -> "Acquisition":
         """Normalize `surrogate` by its range; `tried` may have more samples than it was fit to."""
         spread = surrogate.spread
-        tried = surrogate.centres if tried is None else tried
+        tried = surrogate.centers if tried is None else tried
         return cls(surrogate, delta, spread if spread > 0 else 1.0, tried)
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
@@ -90,8 +91,5 @@ class Acquisition:
         value, slope = value / self.spread, slope / self.spread
         if not self.delta:
             return value, slope
-        d = squared_distances(z[None], self.tried)
-        return (
-            float(value - self.delta * exploration(d)[0]),
-            np.asarray(slope - self.delta * exploration_gradient(z, self.tried)),
-        )
+        away, of_away = exploration_and_gradient(z, self.tried)
+        return value - self.delta * away, np.asarray(slope - self.delta * of_away)

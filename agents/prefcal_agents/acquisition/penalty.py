@@ -51,13 +51,13 @@ class SafetyModel:
     the samples: marks then prevented fewer unsafe experiments (docs/research/marks.md).
 
     Args:
-        centres: K labeled samples, shape (K, n).
+        centers: K labeled samples, shape (K, n).
         alpha: Weights α, shape (K,).
         offset: Log odds far from all samples.
         length: Length scale of a label, above 0, in units of the cube per knob.
     """
 
-    centres: Float[np.ndarray, "K n"]
+    centers: Float[np.ndarray, "K n"]
     alpha: Float[np.ndarray, " K"]
     offset: float
     length: float
@@ -85,13 +85,13 @@ class SafetyModel:
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return the probability at the rows of `z`, shape (m, n), as shape (m,)."""
-        phi = _kernel(squared_distances(z, self.centres) / z.shape[1], self.length)
+        phi = _kernel(squared_distances(z, self.centers) / z.shape[1], self.length)
         return _logistic(self.offset + phi @ self.alpha)
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the gradient at one point, shape (n,)."""
         p = self(z[None])[0]
-        away = z - self.centres
+        away = z - self.centers
         per = self.length**2 * len(z)
         slope = _RBF.slope(np.sum(away * away, axis=1) / per)
         return np.asarray(p * (1 - p) * (2 / per) * ((self.alpha * slope) @ away))

@@ -34,7 +34,7 @@ class ValueAcquisition:
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return a at the rows of `z`, shape (m, n), unit cube, as shape (m,)."""
         x = 2 * z - 1
-        weights = Weights.of(squared_distances(x, self.interpolant.centres))
+        weights = Weights.of(squared_distances(x, self.interpolant.centers))
         f = self.interpolant(x)
         s = np.sqrt(variance(weights, self.values, f))
         return np.asarray(f - self.alpha * s - self.delta * distance(weights))
@@ -49,7 +49,7 @@ class ValueAcquisition:
         """Return ∂a/∂z at one point of the cube, shape (n,)."""
         x = 2 * z - 1
         slope = self.interpolant.gradient(x)
-        slopes = Slopes.at(x, self.interpolant.centres)
+        slopes = Slopes.at(x, self.interpolant.centers)
         if slopes is None:
             return np.asarray(2 * slope)
         f = self.interpolant(x[None])

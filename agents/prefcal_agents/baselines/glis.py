@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from prefcal_agents.acquisition.value_acquisition import ValueAcquisition
 from prefcal_agents.history.lessons import cube_of, scores_of
-from prefcal_agents.models.interpolant import Interpolant, best_interpolant, normalised
+from prefcal_agents.models.interpolant import Interpolant, best_interpolant, normalized
 from prefcal_agents.optimize.search import Tried, new_minimum
 from prefcal_agents.protocol.agent import ValueBased
 from prefcal_agents.space.design import latin_hypercube
@@ -78,7 +78,7 @@ class GLIS(ValueBased):
 
     def _interpolant(self, history: History) -> tuple[Interpolant, Float[np.ndarray, " K"]]:
         scored, values = scores_of(history)
-        values = normalised(values, self._options.ceiling)
+        values = normalized(values, self._options.ceiling)
         x = 2 * cube_of(history)[scored] - 1
         options = self._options
         return best_interpolant(x, values, options.epsilons, options.rbf), values

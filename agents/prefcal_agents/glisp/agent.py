@@ -166,6 +166,6 @@ class GLISp(PreferenceBased):
         with one_thread():
             fit = self._models.fit(self.history)
             learned = train(fit.data, fit.selection, self._options, self._setup.backend)
-        on_samples = learned(learned.centres)
+        on_samples = learned(learned.centers)
         spread = float(np.ptp(on_samples))
         return np.asarray((learned(z) - on_samples.min()) / (spread if spread > 0 else 1.0))

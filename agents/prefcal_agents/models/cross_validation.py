@@ -22,7 +22,7 @@ GAIN = 2  # comparisons that a change of scale must win: one more is often chanc
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """Comparisons dealt out to K slices, each left out once; all samples stay centres.
+    """Comparisons dealt out to K slices, each left out once; all samples stay centers.
 
     Args:
         preferences: M comparisons.

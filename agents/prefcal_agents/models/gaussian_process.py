@@ -60,7 +60,7 @@ class GaussianProcess:
     of section 5.2; mean and variance follow from them.
 
     Args:
-        centres: Samples in the unit cube, shape (N, n).
+        centers: Samples in the unit cube, shape (N, n).
         lengths: Length ℓ of each knob, shape (n,).
         mean: Mean far from all samples.
         variance: Variance far from all samples.
@@ -68,7 +68,7 @@ class GaussianProcess:
         factor: Lower Cholesky factor of K, the kernel between all samples, shape (N, N).
     """
 
-    centres: Float[np.ndarray, "N n"]
+    centers: Float[np.ndarray, "N n"]
     lengths: Float[np.ndarray, " n"]
     mean: float
     variance: float
@@ -77,28 +77,28 @@ class GaussianProcess:
 
     @classmethod
     def through(
-        cls, centres: Float[np.ndarray, "N n"], values: Float[np.ndarray, " N"]
+        cls, centers: Float[np.ndarray, "N n"], values: Float[np.ndarray, " N"]
     ) -> "GaussianProcess":
-        """Fit the process to `values` at `centres`, with the most likely lengths; N >= 1."""
+        """Fit the process to `values` at `centers`, with the most likely lengths; N >= 1."""
         last = slice(max(len(values) - _FITTED, 0), None)
-        return cls._with(centres, values, _likeliest(centres[last], values[last]))
+        return cls._with(centers, values, _likeliest(centers[last], values[last]))
 
     @classmethod
     def _with(
         cls,
-        centres: Float[np.ndarray, "N n"],
+        centers: Float[np.ndarray, "N n"],
         values: Float[np.ndarray, " N"],
         lengths: Float[np.ndarray, " n"],
     ) -> "GaussianProcess":
         from scipy.linalg import cho_solve  # takes a tenth of a second to import
 
-        kernel = matern(squares(centres, centres) / lengths[:, None, None] ** 2)[0]
+        kernel = matern(squares(centers, centers) / lengths[:, None, None] ** 2)[0]
         factor = np.linalg.cholesky(kernel + _NOISE * np.eye(len(values)))
         ones = cho_solve((factor, True), np.ones(len(values)))
         mean = float(ones @ values / ones.sum())
         alpha = cho_solve((factor, True), values - mean)
         variance = float((values - mean) @ alpha) / len(values)
-        return cls(centres, lengths, mean, max(variance, 1e-300), alpha, factor)
+        return cls(centers, lengths, mean, max(variance, 1e-300), alpha, factor)
 
     def __call__(
         self, z: Float[np.ndarray, "m n"]
@@ -106,7 +106,7 @@ class GaussianProcess:
         """Return mean and standard deviation at the rows of `z`, unit cube, shape (m,) each."""
         from scipy.linalg import solve_triangular
 
-        k = matern(squares(z, self.centres) / self.lengths[:, None, None] ** 2)[0]
+        k = matern(squares(z, self.centers) / self.lengths[:, None, None] ** 2)[0]
         v = solve_triangular(self.factor, k.T, lower=True)
         share = np.maximum(1 + _NOISE - np.sum(v * v, axis=0), _NOISE**2)
         return self.mean + k @ self.alpha, np.sqrt(self.variance * share)
@@ -117,7 +117,7 @@ class GaussianProcess:
         """Return mean and standard deviation at one point, and their gradients, shape (n,)."""
         from scipy.linalg import solve_triangular
 
-        away = (z - self.centres) / self.lengths
+        away = (z - self.centers) / self.lengths
         k, slope = matern((away.T**2)[:, :, None])
         gradient = slope[:, 0, None] * away / self.lengths
         v = solve_triangular(self.factor, k[:, 0], lower=True)
@@ -134,12 +134,12 @@ class GaussianProcess:
 
 
 def _likeliest(
-    centres: Float[np.ndarray, "N n"], values: Float[np.ndarray, " N"]
+    centers: Float[np.ndarray, "N n"], values: Float[np.ndarray, " N"]
 ) -> Float[np.ndarray, " n"]:
     """Return ℓ at the maximum of the posterior, with a log-normal prior."""
     from scipy.optimize import minimize
 
-    apart, eye = squares(centres, centres), np.eye(len(values))
+    apart, eye = squares(centers, centers), np.eye(len(values))
 
     def loss(logs: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
         u = apart / np.exp(2 * logs)[:, None, None]
@@ -158,10 +158,10 @@ def _likeliest(
 
     found = minimize(
         loss,
-        np.full(centres.shape[1], np.log(_MEDIAN)),
+        np.full(centers.shape[1], np.log(_MEDIAN)),
         jac=True,
         method="L-BFGS-B",
-        bounds=[(np.log(SHORTEST), np.log(LONGEST))] * centres.shape[1],
+        bounds=[(np.log(SHORTEST), np.log(LONGEST))] * centers.shape[1],
         options={"maxiter": _STEPS},
     )
     return np.asarray(np.exp(found.x))
@@ -330,12 +330,12 @@ class PreferenceGP:
     samples that were compared. Measured in docs/research/process.md.
 
     Args:
-        centres: Samples in the unit cube, shape (N, n).
+        centers: Samples in the unit cube, shape (N, n).
         lengths: Length ℓ of each knob, shape (n,).
         alpha: Vector K⁻¹ times the mean at the samples, shape (N,).
     """
 
-    centres: Float[np.ndarray, "N n"]
+    centers: Float[np.ndarray, "N n"]
     lengths: Float[np.ndarray, " n"]
     alpha: Float[np.ndarray, " N"]
 
@@ -352,29 +352,25 @@ class PreferenceGP:
         factor = known.factor(lengths)[0]
         belief = known.belief(factor, start)
         alpha = solve_triangular(factor, belief.mean, lower=True, trans=1)
-        return cls(known.centres, lengths, np.asarray(alpha))
+        return cls(known.centers, lengths, np.asarray(alpha))
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return the mean at the rows of `z`, shape (m,), without unit; lower is better."""
-        u = squares(z, self.centres) / self.lengths[:, None, None] ** 2
+        u = squares(z, self.centers) / self.lengths[:, None, None] ** 2
         return np.asarray(matern(u)[0] @ self.alpha)
-
-    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the gradient at one point of the cube, shape (n,)."""
-        away = (z - self.centres) / self.lengths
-        slope = matern((away.T**2)[:, :, None])[1][:, 0]
-        return np.asarray((self.alpha * slope) @ away / self.lengths)
 
     def value_and_gradient(
         self, z: Float[np.ndarray, " n"]
     ) -> tuple[float, Float[np.ndarray, " n"]]:
-        """Return value and gradient at one point of the cube, shape (n,)."""
-        return float(self(z[None])[0]), self.gradient(z)
+        """Return the mean and its gradient at one point of the cube, shape (n,)."""
+        away = (z - self.centers) / self.lengths
+        kernel, slope = (each[:, 0] for each in matern((away.T**2)[:, :, None]))
+        return float(kernel @ self.alpha), np.asarray((self.alpha * slope) @ away / self.lengths)
 
     @property
     def spread(self) -> float:
         """Return the range of the mean over the samples."""
-        return float(np.ptp(self(self.centres)))
+        return float(np.ptp(self(self.centers)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -384,7 +380,7 @@ class _Known:
     Each row has a 1 at the losing sample and a -1 at the winning one.
     """
 
-    centres: Float[np.ndarray, "N n"]
+    centers: Float[np.ndarray, "N n"]
     constraints: Constraints
     apart: Float[np.ndarray, "n N N"]
     error_rate: float
@@ -398,11 +394,11 @@ class _Known:
         recent = np.sort(samples[np.argsort(at)[:_RECENT]])
         kept = strict[np.isin(first, recent) & np.isin(second, recent)]
         one_each = np.eye(len(preferences.samples))[:, recent]
-        centres = preferences.samples[recent]
+        centers = preferences.samples[recent]
         return cls(
-            centres,
+            centers,
             Constraints.of(preferences.subset(kept), one_each, np.ones(len(kept))),
-            squares(centres, centres),
+            squares(centers, centers),
             error_rate,
         )
 

@@ -22,14 +22,14 @@ class Interpolant:
     Source: Bemporad 2020, equation 3; φ takes the distance there, its square in eq. rbf.
 
     Args:
-        centres: Centers, shape (N, n).
+        centers: Centers, shape (N, n).
         beta: Weights β, shape (N,).
         offset: Mean of the values, predicted far from all samples.
         epsilon: Width parameter ε.
         rbf: Name of φ, one of `POSITIVE_DEFINITE`.
     """
 
-    centres: Float[np.ndarray, "N n"]
+    centers: Float[np.ndarray, "N n"]
     beta: Float[np.ndarray, " N"]
     offset: float
     epsilon: float
@@ -37,12 +37,12 @@ class Interpolant:
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return the values at the rows of `z`, shape (m,)."""
-        u = self.epsilon**2 * squared_distances(z, self.centres)
+        u = self.epsilon**2 * squared_distances(z, self.centers)
         return np.asarray(self.offset + RADIAL_FUNCTIONS[self.rbf].value(u) @ self.beta)
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the gradient at one point, shape (n,)."""
-        away = z - self.centres
+        away = z - self.centers
         slope = RADIAL_FUNCTIONS[self.rbf].slope(self.epsilon**2 * np.sum(away**2, axis=1))
         return np.asarray((2 * self.epsilon**2 * self.beta * slope) @ away)
 
@@ -112,7 +112,7 @@ def best_interpolant(
     return best_interpolants(samples, values[:, None], epsilons, rbf)[0][0]
 
 
-def normalised(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndarray, " N"]:
+def normalized(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndarray, " N"]:
     """Return `values` as shares of their range: 0 for the best, 1 for the worst; all 0 if equal.
 
     Values more than `ceiling` (median - best) above the median are capped there first.

@@ -11,7 +11,7 @@ from scipy.special import betainc, betaln
 from prefcal_agents.history.lessons import Preferences, kpis_of
 from prefcal_env.preferences.history import History
 
-from .interpolant import normalised
+from .interpolant import normalized
 from .kpi_model import CEILING
 
 _SURE = 0.9
@@ -101,7 +101,7 @@ def _scaled(values: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
     shares[there] = np.where(values[there] > 0, 1.0, 0.0)
     finite = np.flatnonzero(np.isfinite(values))
     if len(finite):
-        shares[finite] = normalised(values[finite], CEILING)
+        shares[finite] = normalized(values[finite], CEILING)
     return shares
 
 

@@ -9,10 +9,10 @@ from jaxtyping import Float, Int
 from prefcal_agents.history.lessons import cube_of, kpis_of
 from prefcal_env.preferences.history import History
 
-from .interpolant import Interpolant, best_interpolants, normalised
+from .interpolant import Interpolant, best_interpolants, normalized
 from .rbf import Surrogate
 
-CEILING = 2.0  # see `normalised`: an interrupted run must not flatten the other differences
+CEILING = 2.0  # see `normalized`: an interrupted run must not flatten the other differences
 _EPSILONS = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2)
 _RBF = "inverse_quadratic"
 _FEWEST = 3  # minimum number of values of a KPI to predict it
@@ -106,7 +106,7 @@ class _KPI:
         shares = np.where(values > 0, 1.0, 0.0)  # for infinite values
         if not finite.any():
             return cls(name, there, shares, (0.0, np.inf))
-        shares[finite] = normalised(values[finite], CEILING)
+        shares[finite] = normalized(values[finite], CEILING)
         best = float(values[finite].min())
         if not shares[finite].any():
             return cls(name, there, shares, (best, np.inf))  # only infinite values are worse
@@ -162,25 +162,23 @@ class Composite:
     over_kpis: KPIModel
 
     @property
-    def centres(self) -> Float[np.ndarray, "N n"]:
+    def centers(self) -> Float[np.ndarray, "N n"]:
         """Return the samples in the unit cube, shape (N, n)."""
-        return self.over_theta.centres
+        return self.over_theta.centers
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return Ĵ at the rows of `z`, shape (m, n), unit cube, as shape (m,)."""
         return np.asarray(self.over_theta(z) + self.over_kpis(z))
 
-    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return ∂Ĵ/∂z at one point of the cube, shape (n,)."""
-        return np.asarray(self.over_theta.gradient(z) + self.over_kpis.gradient(z))
-
     def value_and_gradient(
         self, z: Float[np.ndarray, " n"]
     ) -> tuple[float, Float[np.ndarray, " n"]]:
-        """Return value and gradient at one point of the cube, shape (n,)."""
-        return float(self(z[None])[0]), self.gradient(z)
+        """Return Ĵ and its gradient at one point of the cube, shape (n,)."""
+        value, slope = self.over_theta.value_and_gradient(z)
+        more = self.over_kpis(z[None])[0]
+        return float(value + more), np.asarray(slope + self.over_kpis.gradient(z))
 
     @property
     def spread(self) -> float:
         """Return ΔĴ, the range of Ĵ over the samples."""
-        return float(np.ptp(self(self.centres)))
+        return float(np.ptp(self(self.centers)))

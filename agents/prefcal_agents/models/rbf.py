@@ -94,44 +94,42 @@ class Shape:
         u = (self.epsilon * self.distances(a, b)) ** 2
         return np.asarray(RADIAL_FUNCTIONS[self.rbf].value(u))
 
-    def gradient(
+    def value_and_gradient(
         self,
         z: Float[np.ndarray, " n"],
-        centres: Float[np.ndarray, "N n"],
+        centers: Float[np.ndarray, "N n"],
         beta: Float[np.ndarray, " N"],
-    ) -> Float[np.ndarray, " n"]:
-        """Return ∂/∂z of Σ β_i φ(εd(z, center i)) at one point, shape (n,)."""
+    ) -> tuple[float, Float[np.ndarray, " n"]]:
+        """Return Σ β_i φ(εd(z, center i)) at one point, and its gradient, shape (n,)."""
         squared_scales = np.array(self.scales) ** 2
-        away = z - centres
+        away = z - centers
         d = (away * away) @ squared_scales
-        slope = RADIAL_FUNCTIONS[self.rbf].slope((self.epsilon * d) ** 2)
+        u = (self.epsilon * d) ** 2
+        phi = RADIAL_FUNCTIONS[self.rbf]
         # du/dz = ε² 2d ∂d/dz and ∂d/dz = 2 scales² (z - center).
-        return np.asarray(((4 * self.epsilon**2 * beta * slope * d) @ away) * squared_scales)
+        slope = ((4 * self.epsilon**2 * beta * phi.slope(u) * d) @ away) * squared_scales
+        return float(phi.value(u) @ beta), np.asarray(slope)
 
 
 @dataclass(frozen=True, slots=True)
 class Surrogate:
     """The surrogate Ĵ of eq. rbf: N centers in the unit cube, weights β and the shape of φ."""
 
-    centres: Float[np.ndarray, "N n"]
+    centers: Float[np.ndarray, "N n"]
     beta: Float[np.ndarray, " N"]
     shape: Shape
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return Ĵ at the rows of `z`, shape (m, n), unit cube, as shape (m,)."""
-        return np.asarray(self.shape.basis(z, self.centres) @ self.beta)
-
-    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return ∂Ĵ/∂z at one point of the cube, shape (n,)."""
-        return self.shape.gradient(z, self.centres, self.beta)
+        return np.asarray(self.shape.basis(z, self.centers) @ self.beta)
 
     def value_and_gradient(
         self, z: Float[np.ndarray, " n"]
     ) -> tuple[float, Float[np.ndarray, " n"]]:
-        """Return value and gradient at one point of the cube, shape (n,)."""
-        return float(self(z[None])[0]), self.gradient(z)
+        """Return Ĵ and ∂Ĵ/∂z at one point of the cube, shape (n,)."""
+        return self.shape.value_and_gradient(z, self.centers, self.beta)
 
     @property
     def spread(self) -> float:
         """Return ΔĴ, the range of Ĵ over the samples, which normalizes eq. acquisition."""
-        return float(np.ptp(self(self.centres)))
+        return float(np.ptp(self(self.centers)))

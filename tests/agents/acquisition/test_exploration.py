@@ -3,7 +3,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_agents.acquisition.exploration import Acquisition, exploration, exploration_gradient
+from prefcal_agents.acquisition.exploration import (
+    Acquisition,
+    exploration,
+    exploration_and_gradient,
+)
 from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, Shape, Surrogate, squared_distances
 
 SAMPLES = np.random.default_rng(0).random((7, 3))
@@ -34,12 +38,14 @@ def test_gradient_of_the_idw_distance_agrees_with_differences(point):
     point = np.array(point)
     steps = 1e-6 * np.eye(3)
     differences = (z_of(point + steps) - z_of(point - steps)) / 2e-6
-    assert exploration_gradient(point, SAMPLES) == pytest.approx(differences, rel=1e-4, abs=1e-6)
+    value, slope = exploration_and_gradient(point, SAMPLES)
+    assert value == pytest.approx(exploration(squared_distances(point[None], SAMPLES))[0])
+    assert slope == pytest.approx(differences, rel=1e-4, abs=1e-6)
 
 
 def test_gradient_of_the_idw_distance_is_finite_beside_and_on_a_sample():
     for offset in (0.0, 1e-160, 1e-80, 1e-12):
-        assert np.isfinite(exploration_gradient(SAMPLES[0] + offset, SAMPLES)).all()
+        assert np.isfinite(exploration_and_gradient(SAMPLES[0] + offset, SAMPLES)[1]).all()
         assert np.isfinite(z_of(SAMPLES[0] + offset)).all()
 
 
@@ -53,12 +59,13 @@ def test_gradient_of_the_acquisition_agrees_with_differences(rbf, delta):
     for point in rng.random((10, 3)):
         steps = 1e-6 * np.eye(3)
         differences = (acquisition(point + steps) - acquisition(point - steps)) / 2e-6
-        slope = acquisition.value_and_gradient(point)[1]
+        value, slope = acquisition.value_and_gradient(point)
+        assert value == pytest.approx(acquisition(point[None])[0])
         assert slope == pytest.approx(differences, rel=1e-4, abs=1e-6)
 
 
 def test_acquisition_by_hand():
-    # One centre at 0 with weight 2, ε = 1: Ĵ = 2 / (1 + d²); the point lies at d = 1/4.
+    # One center at 0 with weight 2, ε = 1: Ĵ = 2 / (1 + d²); the point lies at d = 1/4.
     surrogate = Surrogate(np.array([[0.0], [1.0]]), np.array([2.0, 0.0]), Shape(1.0, (1.0,)))
     acquisition = Acquisition.of(surrogate, 0.3)
     value, spread = 2 / (1 + 1 / 16), 2 - 1

@@ -89,9 +89,9 @@ def test_a_chance_lies_between_0_and_1_and_its_gradient_agrees_with_differences(
 
 def test_a_chance_agrees_with_the_labels_and_forgets_them_far_away():
     labels = np.array([True, False, True])
-    centres = np.array([[0.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    chance = SafetyModel.of(centres, labels)
-    assert np.array_equal(chance(centres) > 0.5, labels)
+    centers = np.array([[0.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    chance = SafetyModel.of(centers, labels)
+    assert np.array_equal(chance(centers) > 0.5, labels)
     assert chance(np.array([[1e3, 1e3]]))[0] == pytest.approx(3 / 5, abs=1e-3)  # (2+1) to (1+1)
 
 

@@ -8,7 +8,7 @@ from prefcal_env.errors import KnobError, SettingsError
 from prefcal_scenarios.cases.functions import FUNCTIONS
 
 
-def minimise(function, seed, n_max=30, score=None, **options):
+def minimize(function, seed, n_max=30, score=None, **options):
     agent = GLIS(function.space, n_max=n_max, seed=seed, **options)
     score = score or function
     while not agent.done:
@@ -20,7 +20,7 @@ def minimise(function, seed, n_max=30, score=None, **options):
 @pytest.mark.parametrize(("name", "gap"), [("camel", 1e-3), ("hartman3", 0.1)])
 def test_it_comes_near_the_minimum_in_30_experiments(name, gap):
     function = FUNCTIONS[name]
-    gaps = [function.gap(minimise(function, seed).best) for seed in range(3)]
+    gaps = [function.gap(minimize(function, seed).best) for seed in range(3)]
     assert np.median(gaps) < gap
 
 
@@ -31,7 +31,7 @@ def test_it_beats_random_search_by_far():
         query = random.ask()
         rival = query.incumbent
         random.tell(query, rival and function.prefer(query.challenger.theta, rival.theta))
-    assert function.gap(minimise(function, 0).best) < 0.1 * function.gap(random.best)
+    assert function.gap(minimize(function, 0).best) < 0.1 * function.gap(random.best)
 
 
 def test_an_interrupted_run_that_costs_a_thousand_does_not_blind_it():
@@ -40,17 +40,17 @@ def test_an_interrupted_run_that_costs_a_thousand_does_not_blind_it():
     def score(theta):
         return 1000.5 if theta[0] < -2 else function(theta)
 
-    gaps = [function.gap(minimise(function, seed, score=score).best) for seed in range(3)]
+    gaps = [function.gap(minimize(function, seed, score=score).best) for seed in range(3)]
     blind = GLISSettings(ceiling=1e9)
     without = [
-        function.gap(minimise(function, seed, score=score, settings=blind).best)
+        function.gap(minimize(function, seed, score=score, settings=blind).best)
         for seed in range(3)
     ]
     assert np.median(gaps) < 0.2 * np.median(without)
 
 
 def test_what_it_has_learned_is_low_at_the_best_and_between_0_and_1_on_the_samples():
-    agent = minimise(FUNCTIONS["camel"], 1)
+    agent = minimize(FUNCTIONS["camel"], 1)
     learned = agent.surrogate(agent.samples)
     assert learned.min() == pytest.approx(0.0, abs=1e-3)
     assert learned.max() == pytest.approx(1.0, abs=1e-3)

@@ -196,6 +196,6 @@ def test_rare_marks_are_remembered():
     z = np.random.default_rng(0).random((1000, 2))
     unsafe = np.arange(1000) % 50 == 0
     for labels in (unsafe, ~unsafe):
-        centres = SafetyModel.of(z, labels).centres
-        assert len(centres) == MOST
-        assert all(np.any(np.all(centres == rare, axis=1)) for rare in z[unsafe])
+        centers = SafetyModel.of(z, labels).centers
+        assert len(centers) == MOST
+        assert all(np.any(np.all(centers == rare, axis=1)) for rare in z[unsafe])

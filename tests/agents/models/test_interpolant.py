@@ -11,7 +11,7 @@ from prefcal_agents.models.interpolant import (
     POSITIVE_DEFINITE,
     best_interpolant,
     interpolate,
-    normalised,
+    normalized,
 )
 
 RNG = np.random.default_rng(7)
@@ -63,9 +63,9 @@ def test_two_samples_at_one_place_break_nothing():
 
 
 @given(st.lists(st.floats(-1e300, 1e300), min_size=1, max_size=30), st.floats(0.01, 100.0))
-def test_normalised_scores_keep_their_order(values, ceiling):
+def test_normalized_scores_keep_their_order(values, ceiling):
     values = np.array(values)
-    shares = normalised(values, ceiling)
+    shares = normalized(values, ceiling)
     assert ((shares >= 0) & (shares <= 1)).all()
     assert shares[np.argmin(values)] == 0
     order = np.argsort(values, kind="stable")
@@ -74,7 +74,7 @@ def test_normalised_scores_keep_their_order(values, ceiling):
 
 def test_an_interrupted_run_does_not_flatten_the_others():
     values = np.array([0.7, 0.8, 0.9, 1.0, 1000.5, 1000.9])
-    shares = normalised(values, 2.0)
+    shares = normalized(values, 2.0)
     assert shares[3] > 0.3
     assert shares[4] == shares[5] == 1.0
-    assert normalised(values, 1e9)[3] < 1e-3
+    assert normalized(values, 1e9)[3] < 1e-3

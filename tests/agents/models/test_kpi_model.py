@@ -96,10 +96,10 @@ def test_whatever_the_values_shares_are_between_0_and_1_and_models_finite(rows):
     outcomes = Outcomes.of(history)
     assert outcomes.columns.shape == (len(rows), len(outcomes))
     assert ((outcomes.columns >= 0) & (outcomes.columns <= 1)).all()
-    judgement = KPIModel(outcomes, np.ones(len(outcomes)))
+    judgment = KPIModel(outcomes, np.ones(len(outcomes)))
     z = np.random.default_rng(1).random((5, 2))
-    assert np.isfinite(judgement(z)).all()
-    assert np.isfinite(judgement.gradient(z[0])).all()
+    assert np.isfinite(judgment(z)).all()
+    assert np.isfinite(judgment.gradient(z[0])).all()
     for k, (name, (best, worst)) in enumerate(zip(outcomes.names, outcomes.ranges, strict=True)):
         values = np.array(
             [v if v is not None else np.nan for v in (first if name == "k" else second)]
@@ -123,14 +123,19 @@ def test_slopes_are_those_of_the_values():
     agent = RandomSearch(SQUARE, n_max=20)
     drive(agent, by(cost), 16, kpis=terms)
     history = agent.state.history.until(16)
-    judgement = KPIModel(Outcomes.of(history), np.array([0.4, 2.0]))
+    judgment = KPIModel(Outcomes.of(history), np.array([0.4, 2.0]))
     z = cube_of(history)
     over_theta = Surrogate(z, np.sin(np.arange(float(len(z)))), Shape(1.0, (1.0, 2.0)))
-    composite = Composite(over_theta, judgement)
-    for part in (composite, composite.over_kpis):
-        for z in np.random.default_rng(3).random((6, 2)):
-            size = max(np.abs(part.gradient(z)).max(), 1e-9)
-            wrong = check_grad(lambda x, f=part: f(x[None])[0], part.gradient, z, epsilon=1e-6)
+    composite = Composite(over_theta, judgment)
+    slopes = [
+        (composite, lambda z: composite.value_and_gradient(z)[1]),
+        (composite.over_kpis, composite.over_kpis.gradient),
+    ]
+    for z in np.random.default_rng(3).random((6, 2)):
+        assert composite.value_and_gradient(z)[0] == pytest.approx(composite(z[None])[0])
+        for part, slope in slopes:
+            size = max(np.abs(slope(z)).max(), 1e-9)
+            wrong = check_grad(lambda x, f=part: f(x[None])[0], slope, z, epsilon=1e-6)
             assert wrong < 1e-3 * size
 
 

@@ -28,7 +28,7 @@ def test_slopes_agree_with_differences(name, u):
 
 
 @pytest.mark.parametrize("name", sorted(RADIAL_FUNCTIONS))
-def test_values_and_slopes_are_finite_on_a_centre(name):
+def test_values_and_slopes_are_finite_on_a_center(name):
     f = RADIAL_FUNCTIONS[name]
     assert np.isfinite(f.value(np.zeros(1))).all()
     assert np.isfinite(f.slope(np.zeros(1))).all()
@@ -45,7 +45,7 @@ def test_squared_distances_of_close_points_keep_their_digits():
 
 
 def test_eq_rbf_by_hand_with_the_squared_distance():
-    # Distance 2 from the centre: d = 4, ε d = 2, φ = 1 / (1 + 2²).
+    # Distance 2 from the center: d = 4, ε d = 2, φ = 1 / (1 + 2²).
     surrogate = Surrogate(np.array([[0.0, 0.0]]), np.array([5.0]), Shape(0.5, (1.0, 1.0)))
     assert surrogate(np.array([[2.0, 0.0]])) == pytest.approx([1.0])
 
@@ -58,5 +58,5 @@ def test_a_knob_with_scale_two_counts_as_if_its_range_were_twice_as_wide():
 
 
 def test_the_spread_is_the_range_over_the_samples():
-    centres = np.array([[0.0], [1.0]])
-    assert Surrogate(centres, np.array([2.0, 0.0]), Shape(1.0, (1.0,))).spread == 1.0
+    centers = np.array([[0.0], [1.0]])
+    assert Surrogate(centers, np.array([2.0, 0.0]), Shape(1.0, (1.0,))).spread == 1.0

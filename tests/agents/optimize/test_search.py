@@ -12,17 +12,17 @@ MIXED = KnobSpace([Knob("a", 0, 1), Knob("b", 0, 4, integer=True), Knob("c", 0, 
 
 
 class Waves:
-    """A bowl around `centre` with waves on it; the lowest one is at the centre."""
+    """A bowl around `center` with waves on it; the lowest one is at the center."""
 
-    def __init__(self, centre):
-        self.centre = np.array(centre)
+    def __init__(self, center):
+        self.center = np.array(center)
 
     def __call__(self, z):
-        away = z - self.centre
+        away = z - self.center
         return np.sum(away**2 + 0.05 * (1 - np.cos(20 * away)), axis=1)
 
     def value_and_gradient(self, z):
-        away = z - self.centre
+        away = z - self.center
         return self(z[None])[0], 2 * away + np.sin(20 * away)
 
 
@@ -31,10 +31,10 @@ def domain(space, start=(0.5, 0.5, 0.5)):
     return Domain(space.integers, lambda z: space.snap_all(z), np.array(start), cube)
 
 
-@pytest.mark.parametrize("centre", [(0.3, 0.8, 0.5), (0.0, 1.0, 0.9)])
-def test_a_known_minimum_among_many_is_found(centre):
-    found = multistart(Waves(centre), domain(REAL), np.random.default_rng(0))
-    assert found[0] == pytest.approx(centre, abs=2e-3)
+@pytest.mark.parametrize("center", [(0.3, 0.8, 0.5), (0.0, 1.0, 0.9)])
+def test_a_known_minimum_among_many_is_found(center):
+    found = multistart(Waves(center), domain(REAL), np.random.default_rng(0))
+    assert found[0] == pytest.approx(center, abs=2e-3)
 
 
 def test_multistart_ends_exactly_where_the_gradient_is_zero():
