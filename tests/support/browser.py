@@ -13,6 +13,11 @@ from typing import Any
 
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from prefcal_scenarios.app.session import Background
+from prefcal_scenarios.app.web import Window
+from prefcal_scenarios.scenario import Scenario
+from support.interviews import begin
+
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
@@ -27,7 +32,7 @@ FLAGS = [
 
 
 @dataclass
-class Served:
+class Command:
     """A running `prefcal calibrate`, and its link."""
 
     process: subprocess.Popen[str]
@@ -45,7 +50,7 @@ class Served:
         return self.process.communicate(timeout=60)[0]
 
 
-def serve(folder: Path, scenario: str, *words: str, study: str = "mine.prefcal") -> Served:
+def serve(folder: Path, scenario: str, *words: str, study: str = "mine.prefcal") -> Command:
     """Start the command in `folder`, and wait for its link."""
     path = folder / study
     process = subprocess.Popen(
@@ -59,7 +64,24 @@ def serve(folder: Path, scenario: str, *words: str, study: str = "mine.prefcal")
     if not link.startswith("http://127.0.0.1:"):
         _, errors = process.communicate(timeout=30)
         raise AssertionError(f"no link but {link!r}: {errors}")
-    return Served(process, link, path)
+    return Command(process, link, path)
+
+
+@dataclass(frozen=True)
+class Served:
+    """A query window of this process: its link, and the study."""
+
+    link: str
+    study: Path
+
+
+@contextlib.contextmanager
+def window_on(scenario: Scenario, study: Path, n_max: int) -> Iterator[Served]:
+    """Serve an interview about `scenario` from this process, as `prefcal calibrate` does."""
+    interview = begin(scenario, n_max=n_max, path=study, ahead=True)
+    with Window(interview) as window, Background(interview):
+        yield Served(window.link, study)
+    interview.study.close()
 
 
 @contextlib.contextmanager

@@ -28,8 +28,7 @@ refused = replace(old, name="refused", references={{}},
 
 
 @pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+def _other_file(tmp_path):
     (tmp_path / "other.py").write_text(OTHER)
 
 

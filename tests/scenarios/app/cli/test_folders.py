@@ -13,13 +13,6 @@ QUICK = ["calibrate", TOY, "--calibrator", "synthetic", "--agent", "random", "--
 MINE, OTHERS = Owner("1", "mine", "toy"), Owner("2", "other", "toy")
 
 
-@pytest.fixture(autouse=True)
-def _quick(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    # No figures: they take most of the time, and nothing here is about them.
-    monkeypatch.setattr("prefcal_scenarios.app.report.write.draw", lambda record, extra: ())
-
-
 def test_every_study_has_a_folder_of_its_name(prefcal, tmp_path):
     assert prefcal(*QUICK, "--study", "first")[0] == 0
     best = (tmp_path / "prefcal-first" / "best.json").read_bytes()

@@ -17,12 +17,6 @@ TOY = f"{TOY_FILE}:toy"
 SYNTHETIC = ["--calibrator", "synthetic", "--agent", "random", "--n-max", "4"]
 
 
-@pytest.fixture(autouse=True)
-def _quick(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    monkeypatch.setattr("prefcal_scenarios.app.report.write.draw", lambda record, extra: ())
-
-
 @pytest.fixture
 def ours(monkeypatch):
     """The toy counts as a scenario of ours, whose experiments are cheap simulations."""

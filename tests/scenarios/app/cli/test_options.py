@@ -89,8 +89,7 @@ def test_options_of_one_run_may_change_on_resuming():
 
 
 @pytest.mark.parametrize("name", sorted({*kept_by(Options)} - {"scenario"}))
-def test_an_option_of_another_type_makes_a_study_strange(prefcal, monkeypatch, tmp_path, name):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+def test_an_option_of_another_type_makes_a_study_strange(prefcal, name):
     configuration = {
         "n_max": 5, "scenario": TOY, "name": "toy", "title": "", "seed": 0, "knobs": [],
         "agent": {"agent": "GLISp"}, "options": {**Options(TOY).as_dict(), name: {}},

@@ -20,13 +20,6 @@ SYNTHETIC = ["--calibrator", "synthetic"]
 SHORT = [*SYNTHETIC, "--n-init", "4", "--n-max", "7"]
 
 
-@pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    # No figures: they take most of the time, and nothing here is about them.
-    monkeypatch.setattr("prefcal_scenarios.app.report.write.draw", lambda record, extra: ())
-
-
 def thetas(prefcal, *words):
     """All θ of a study of the toy."""
     code, _, err = prefcal("calibrate", TOY, *SHORT, *words)

@@ -16,12 +16,6 @@ SLOW = SERVER_CORE.slower(500.0, "slow target")
 SHORT = ["calibrate", "overtake", "--calibrator", "synthetic", "--n-init", "2", "--n-max", "3"]
 
 
-@pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    monkeypatch.setattr("prefcal_scenarios.app.report.write.draw", lambda record, extra: ())
-
-
 @pytest.fixture
 def slow(tmp_path):
     return write_processor(SLOW, tmp_path / "slow.json")

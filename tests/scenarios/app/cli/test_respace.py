@@ -30,11 +30,6 @@ toy = replace(old, run=run, space=KnobSpace([*old.space, Knob("filter", 1.0, 5.0
 """
 
 
-@pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-
-
 @pytest.fixture(scope="module", params=["glisp", "random"])
 def made(request, tmp_path_factory):
     words = [TOY, *SYNTHETIC, "--agent", request.param, "--n-max", "5",

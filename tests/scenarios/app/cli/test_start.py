@@ -16,11 +16,6 @@ SYNTHETIC = ["--calibrator", "synthetic", "--agent", "random", "--n-init", "2"]
 PRESENT = "T_s=0.5, N_p=30, gain=0.1"
 
 
-@pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-
-
 def first_theta(name):
     with StudyFile.open(study_path(name), clock=lambda: "now") as file:
         return file.state.history.samples[0].theta

@@ -17,11 +17,6 @@ TOY = f"{TOY_FILE}:toy"
 SYNTHETIC = ["--calibrator", "synthetic", "--agent", "random"]
 
 
-@pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A folder with a report, and a study among its data."""

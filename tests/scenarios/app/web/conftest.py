@@ -1,9 +1,11 @@
 """A room with an open question, and a real browser, for the tests of the window."""
 
+import contextlib
+
 import pytest
 
 from prefcal_scenarios.scenario import load
-from support.browser import chromium, serve
+from support.browser import chromium, serve, window_on
 from support.interviews import begin, proceed
 from support.windows import TOY, TOY_STUDY, make_room
 
@@ -48,7 +50,19 @@ def browser(running_browser):
 
 
 @pytest.fixture
-def window(tmp_path):
+def window(tmp_path, toy):
+    """Serve a study, of the toy by default, from this process."""
+    with contextlib.ExitStack() as served:
+
+        def start(scenario=None, n_max=13):
+            chosen = toy if scenario is None else load(scenario)
+            return served.enter_context(window_on(chosen, tmp_path / "mine.prefcal", n_max))
+
+        yield start
+
+
+@pytest.fixture
+def command(tmp_path):
     """Start `prefcal calibrate` on a study in an empty folder; killed in the end."""
     started = []
 

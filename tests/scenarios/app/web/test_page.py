@@ -36,9 +36,9 @@ def gray(page, selector):
     return np.asarray(Image.open(io.BytesIO(shot)).convert("L")).astype(int)
 
 
-def test_twelve_comparisons_by_keyboard(browser, window):
+def test_twelve_comparisons_by_keyboard(browser, command):
     # Answers at random contradict what GLISp expects, and it would ask more than twelve questions.
-    served, watched = window(TOY, "--agent", "lhs"), Watched(browser)
+    served, watched = command(TOY, "--agent", "lhs"), Watched(browser)
     watched.open(served.link)
     assert watched.page.url.endswith("/")  # the token is not left in the address
     keys = ["ArrowLeft", "ArrowRight", "ArrowDown", "s"] * 3
@@ -195,8 +195,8 @@ def test_a_reload_changes_nothing(browser, window):
     assert state_of(served).history.answered == 2
 
 
-def test_a_killed_server_goes_on_where_it_was(browser, window):
-    served, watched = window(), Watched(browser)
+def test_a_killed_server_goes_on_where_it_was(browser, command):
+    served, watched = command(), Watched(browser)
     watched.open(served.link)
     watched.answer("ArrowLeft")
     question = watched.question()
@@ -207,7 +207,7 @@ def test_a_killed_server_goes_on_where_it_was(browser, window):
     assert "is saved. To continue, run: prefcal calibrate" in watched.page.inner_text("#banner")
     assert verify(served.study) == ()
     assert state_of(served).history.answered == 3
-    again = window()
+    again = command()
     watched.page.goto(again.link)
     assert watched.question() != question
     assert watched.page.inner_text("#progress-text") == "comparison 3 of 12"
@@ -346,7 +346,7 @@ def test_history_shows_again_and_retracts(browser, window):
 
 
 def test_where_are_we_shows_the_best_and_what_was_learned(browser, window):
-    served, watched = window(TOY, "--n-init", "2"), Watched(browser)
+    served, watched = window(), Watched(browser)
     watched.open(served.link)
     for key in ("ArrowLeft", "ArrowRight", "ArrowLeft"):
         watched.answer(key)

@@ -37,8 +37,8 @@ def test_the_reactor_is_explained_above_its_first_question_and_under_the_key(bro
     assert watched.errors == []
 
 
-def test_the_end_shows_the_gain_and_opens_the_report(browser, window):
-    served, watched = window(n_max=3), Watched(browser)
+def test_the_end_shows_the_gain_and_opens_the_report(browser, command):
+    served, watched = command(n_max=3), Watched(browser)
     watched.open(served.link)
     watched.answer("ArrowRight")
     watched.page.keyboard.press("ArrowRight")
