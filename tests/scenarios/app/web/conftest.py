@@ -7,31 +7,40 @@ import pytest
 from prefcal_scenarios.scenario import load
 from support.browser import chromium, serve, window_on
 from support.interviews import begin, proceed
-from support.windows import TOY, TOY_STUDY, make_room
+from support.windows import TOY_STUDY, make_room
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def toy():
-    return load(f"{TOY}:toy")
+    return load(TOY_STUDY)
 
 
-@pytest.fixture
-def static(tmp_path):
+@pytest.fixture(scope="session")
+def static(tmp_path_factory):
     """A page's files, small ones."""
-    folder = tmp_path / "static"
-    folder.mkdir()
+    folder = tmp_path_factory.mktemp("static")
     (folder / "index.html").write_text('<script src="/static/main.js?v=VERSION"></script>')
     (folder / "main.js").write_text("// " + "plain " * 400)
     (folder / "notes.txt").write_text("not for the page")
     return folder
 
 
-@pytest.fixture
-def room(toy, static):
-    """The first question of the toy is open."""
+def room_of(toy, static):
+    """A room in which the first question of the toy is open."""
     interview = begin(toy)
     proceed(interview)
     return make_room(interview, static)
+
+
+@pytest.fixture
+def room(toy, static):
+    return room_of(toy, static)
+
+
+@pytest.fixture(scope="module")
+def shared_room(toy, static):
+    """The same one for all tests of a file, for requests that change nothing."""
+    return room_of(toy, static)
 
 
 @pytest.fixture(scope="module")
