@@ -142,6 +142,7 @@ def test_the_embedded_positions_are_those_of_the_experiment(page):
 @pytest.mark.usefixtures("_few_frames")
 def test_equal_studies_have_equal_pictures(tmp_path):
     for name in "ab":
+        (tmp_path / name).mkdir()
         write_report(record(), tmp_path / name, PICTURES)
     for file in (*FILES, "report.html"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
