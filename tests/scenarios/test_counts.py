@@ -18,7 +18,7 @@ from prefcal_scenarios.app.session import Counts
 from prefcal_scenarios.app.terminal.looking import show_status
 from prefcal_scenarios.app.web.view import now_view, status_view
 from support.interviews import THREE, begin, judge, proceed, until_further
-from toy_study import TOY_FILE, toy_scenario
+from toy_study import TOY, toy_scenario
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def interview():
 
 @pytest.fixture(scope="module")
 def record(interview):
-    options = Options(f"{TOY_FILE}:toy", n_max=9, n_init=3)
+    options = Options(TOY, n_max=9, n_init=3)
     return record_of(interview, options, {})
 
 
@@ -58,7 +58,7 @@ def test_the_study_has_all_that_could_be_counted_differently(interview):
 
 def test_experiments_are_those_that_ran(interview, record, tmp_path):
     ran = len(interview.now().state.finished)
-    options = Options(f"{TOY_FILE}:toy", n_max=9, n_init=3)
+    options = Options(TOY, n_max=9, n_init=3)
     told = json.loads(as_json(record, options, tmp_path, "mine"))
     assert interview.counts.experiments == len(record.trials) == told["experiments"] == ran
     assert json.loads(best_as_json(record))["experiments"] == ran
@@ -76,7 +76,7 @@ def test_comparisons_are_the_answers_that_stand(interview, record, tmp_path):
         c for c in (*state.history.comparisons[1:], *state.history.follow_ups) if not c.retracted
     ]
     count = len(asked)
-    options = Options(f"{TOY_FILE}:toy", n_max=9, n_init=3)
+    options = Options(TOY, n_max=9, n_init=3)
     told = json.loads(as_json(record, options, tmp_path, "mine"))
     assert interview.counts.comparisons == record.questions == told["questions"] == count
     assert sum(told["verdicts"].values()) == count
@@ -92,7 +92,7 @@ def test_comparisons_are_the_answers_that_stand(interview, record, tmp_path):
 
 def test_the_best_is_the_same_everywhere(interview, record, tmp_path):
     best = interview.now().incumbent
-    options = Options(f"{TOY_FILE}:toy", n_max=9, n_init=3)
+    options = Options(TOY, n_max=9, n_init=3)
     told = json.loads(as_json(record, options, tmp_path, "mine"))
     theta = interview.scenario.space.named(interview.experiment(best).theta)
     assert record.best.index == best
@@ -117,7 +117,7 @@ def record_of_now(interview, now):
         def now(self):
             return now
 
-    return record_of(Fixed(), Options(f"{TOY_FILE}:toy", n_max=9, n_init=3), {})
+    return record_of(Fixed(), Options(TOY, n_max=9, n_init=3), {})
 
 
 def test_verdicts_add_up(interview):

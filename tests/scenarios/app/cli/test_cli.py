@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 from prefcal_scenarios import load_controller
-from toy_study import TOY_FILE
+from toy_study import TOY, TOY_FILE
 
-TOY = f"{TOY_FILE}:toy"
 SYNTHETIC = ["--calibrator", "synthetic"]
 QUICK = [*SYNTHETIC, "--agent", "random", "--n-max", "5"]
 

@@ -2,9 +2,7 @@
 
 import pytest
 
-from toy_study import TOY_FILE
-
-TOY = f"{TOY_FILE}:toy"
+from toy_study import TOY
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,8 @@ import pytest
 
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.app.report.ownership import Owner, claim_default, claim_given
-from toy_study import TOY_FILE
+from toy_study import TOY
 
-TOY = f"{TOY_FILE}:toy"
 QUICK = ["calibrate", TOY, "--calibrator", "synthetic", "--agent", "random", "--n-max", "4"]
 MINE, OTHERS = Owner("1", "mine", "toy"), Owner("2", "other", "toy")
 

@@ -13,9 +13,7 @@ from prefcal_env.study import StudyFile, study_path
 from prefcal_scenarios.app.cli.options import Options
 from prefcal_scenarios.app.cli.parameters import Kept, given, kept_by, parameters_of, takes
 from support.interviews import clock
-from toy_study import TOY_FILE
-
-TOY = f"{TOY_FILE}:toy"
+from toy_study import TOY
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,9 @@ from pathlib import Path
 
 from prefcal_env.study import Adjusted, StudyFile, study_path
 from prefcal_scenarios.app.session.memory import questions_of
-from toy_study import TOY_FILE
+from toy_study import TOY
 
 MOST = "questions_per_experiment"
-TOY = f"{TOY_FILE}:toy"
 
 
 def calibrate(prefcal, *words, agent="glisp"):

@@ -10,6 +10,7 @@ from prefcal_env.study import StudyFile
 from prefcal_scenarios.cases.overtake import measuring, overtake, overtake_on, overtake_variants
 from prefcal_scenarios.cases.overtake.computation_time import SERVER_CORE
 from support.interviews import clock
+from support.studies import state_of
 
 PAPER = overtake.references["paper, preferences"]
 SLOW = SERVER_CORE.slower(500.0, "slow target")
@@ -22,8 +23,7 @@ def slow(tmp_path):
 
 
 def configuration(path):
-    with StudyFile.open(path, clock=clock()) as file:
-        return file.state.configuration
+    return state_of(path).configuration
 
 
 def test_a_scenario_is_judged_on_the_processor_by_kpis_and_calibrator():

@@ -13,9 +13,9 @@ from prefcal_scenarios.app.cli.studies.changes import Changes, respace
 from prefcal_scenarios.app.session import Choice, Interview, Phase
 from support.calibrated import calibrated, copied
 from support.interviews import begin, proceed, reopened
-from toy_study import TOY_FILE, toy_scenario
+from support.studies import state_of
+from toy_study import TOY, toy_scenario
 
-TOY = f"{TOY_FILE}:toy"
 SYNTHETIC = ["--calibrator", "synthetic", "--n-init", "3"]
 # The toy as its author has it later: one knob more, which the run does not know.
 GROWN = f"""
@@ -50,8 +50,7 @@ def short(tmp_path_factory):
 
 
 def thetas(name="mine"):
-    with StudyFile.open(study_path(name), clock=lambda: "now") as file:
-        return np.array([s.theta for s in file.state.history.samples])
+    return np.array([s.theta for s in state_of(name).history.samples])
 
 
 def test_a_narrowed_and_frozen_study_goes_on(prefcal, study, tmp_path):
@@ -71,8 +70,7 @@ def test_a_narrowed_and_frozen_study_goes_on(prefcal, study, tmp_path):
     copy = tmp_path / "copy.prefcal"
     with StudyFile.open(study_path(study), clock=lambda: "now") as file:
         import_json(export_json(file), copy)
-    with StudyFile.open(copy, clock=lambda: "now") as file:
-        assert [s.theta for s in file.state.history.samples] == [tuple(t) for t in after.tolist()]
+    assert thetas(copy).tolist() == after.tolist()
 
 
 def test_the_scenario_has_got_a_knob(prefcal, study, tmp_path):

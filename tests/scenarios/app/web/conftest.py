@@ -7,12 +7,13 @@ import pytest
 from prefcal_scenarios.scenario import load
 from support.browser import chromium, serve, window_on
 from support.interviews import begin, proceed
-from support.windows import TOY_STUDY, make_room
+from support.windows import make_room
+from toy_study import TOY, toy_scenario
 
 
 @pytest.fixture(scope="session")
 def toy():
-    return load(TOY_STUDY)
+    return toy_scenario()
 
 
 @pytest.fixture(scope="session")
@@ -75,7 +76,7 @@ def command(tmp_path):
     """Start `prefcal calibrate` on a study in an empty folder; killed in the end."""
     started = []
 
-    def start(scenario=TOY_STUDY, *words, n_max=13):
+    def start(scenario=TOY, *words, n_max=13):
         served = serve(tmp_path, scenario, "--n-max", str(n_max), *words)
         started.append(served)
         return served
