@@ -27,7 +27,7 @@ from prefcal_scenarios.app.report.slices import slices
 from prefcal_scenarios.app.report.tried import tried
 from prefcal_scenarios.app.report.write import write_report
 from prefcal_scenarios.app.summary.outlook import Outlook
-from support.pages import Outline
+from support.pages import Outline, assert_accessible
 from toy_study import toy_record, toy_scenario
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -71,17 +71,8 @@ def test_the_images_of_the_page_are_those_of_the_folder(page, folder):
     assert inside == [(folder / p.file).read_bytes() for p in PICTURES if p.applies(toy_record())]
 
 
-def test_the_page_is_accessible(page):
-    outline = Outline(page)
-    assert outline.all("html") == [{"lang": "en"}]
-    assert len(outline.all("h1")) == 1
-    assert all(len(a["alt"]) > 40 for a in outline.all("img"))
-    assert all("scope" in a for a in outline.all("th"))
-    assert len(outline.all("caption")) == len(outline.all("table"))
-
-
-def test_the_page_follows_the_colour_scheme_of_the_reader(page):
-    assert "prefers-color-scheme: dark" in page
+def test_the_page_is_accessible_and_follows_the_color_scheme(page):
+    assert_accessible(page)
 
 
 def test_content_is_escaped(page):
