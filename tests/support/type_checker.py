@@ -56,20 +56,21 @@ def jaxtyped(function: Any = _ABSENT, **options: Any) -> Any:
         return function
     if not _mentions_shape(function):
         return function
-    return _at_first(function, _jaxtyped(function, **options))
+    return _at_first(function, partial(_jaxtyped, function, **options))
 
 
-def _at_first(function: Any, checked: Any) -> Any:
-    test, calls = -1, 0
+def _at_first(function: Any, make: Any) -> Any:
+    test, calls, checked = -1, 0, None
 
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        nonlocal test, calls
+        nonlocal test, calls, checked
         if test != Test.number:
             test, calls = Test.number, 0
         if calls >= MOST:
             return function(*args, **kwargs)
         calls += 1
+        checked = checked or make()  # it takes a while, and many are never called
         return checked(*args, **kwargs)
 
     return call
