@@ -18,7 +18,7 @@ import jaxtyping
 import matplotlib as mpl
 import pytest
 
-from support.type_checker import jaxtyped
+from support.type_checker import Test, jaxtyped
 
 TESTS = Path(__file__).parent
 ROOT = TESTS.parent
@@ -28,34 +28,6 @@ PACKAGES = {
     "prefcal_scenarios": ROOT / "scenarios",
 }
 COMPILED_ELSEWHERE = {"prefcal_env.plants.integrate"}
-WHOLE_STUDIES = {
-    "agents/acquisition/test_expected_improvement",
-    "agents/acquisition/test_penalty",
-    "agents/glisp/test_questions",
-    "agents/models/test_learned_cost",
-    "agents/test_peers",
-    "env/experiments/test_worst_case",
-    "env/test_environments",
-    "scenarios/app/cli/test_cli",
-    "scenarios/app/cli/test_config",
-    "scenarios/app/cli/test_earlier",
-    "scenarios/app/cli/test_outcomes",
-    "scenarios/app/cli/test_own",
-    "scenarios/app/cli/test_pace",
-    "scenarios/app/cli/test_processor",
-    "scenarios/app/cli/test_respace",
-    "scenarios/app/cli/test_studies",
-    "scenarios/app/reproduce/test_reproduce",
-    "scenarios/app/session/test_further",
-    "scenarios/app/session/test_interview",
-    "scenarios/app/session/test_pacing",
-    "scenarios/app/session/test_resuming",
-    "scenarios/cases/overtake/test_robust",
-    "scenarios/test_failed_runs",
-    "test_own_plant",
-}
-"""Files of tests that make the same calls thousands of times: checking each takes most of their
-time, and the tests of the parts check the same shapes."""
 UNCHECKED = "JAXTYPING_DISABLE" in os.environ
 """Whether nothing is checked: CI does so on its second Python."""
 
@@ -90,10 +62,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
-    """Check shapes, unless the test wants to see how wrong ones are refused."""
+    """Check shapes in the first calls, unless the test wants to see how wrong ones are refused."""
     wanted = item.get_closest_marker("unchecked") or "refused" in item.name
-    whole = item.path.relative_to(TESTS).with_suffix("").as_posix() in WHOLE_STUDIES
-    jaxtyping.config.update("jaxtyping_disable", UNCHECKED or whole or bool(wanted))
+    jaxtyping.config.update("jaxtyping_disable", UNCHECKED or bool(wanted))
+    Test.number += 1
     try:
         return (yield)
     finally:

@@ -12,6 +12,7 @@ from prefcal_scenarios.app.report import Record
 from prefcal_scenarios.scenario import Scenario, load
 
 TOY_FILE = Path(__file__).parent / "scenarios" / "toy_scenario.py"
+TOY = f"{TOY_FILE}:toy"
 
 
 def toy_scenario(name: str = "toy") -> Scenario:

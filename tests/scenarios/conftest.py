@@ -10,7 +10,7 @@ from prefcal_scenarios.app.cli import main
 @pytest.fixture(autouse=True)
 def data_home(monkeypatch, tmp_path):
     """Studies with a name go into a folder of the test, never into the user's."""
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data-home"))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
 
 
 @pytest.fixture

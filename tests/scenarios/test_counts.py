@@ -18,7 +18,9 @@ from prefcal_scenarios.app.session import Counts
 from prefcal_scenarios.app.terminal.looking import show_status
 from prefcal_scenarios.app.web.view import now_view, status_view
 from support.interviews import THREE, begin, judge, proceed, until_further
-from toy_study import TOY_FILE, toy_scenario
+from toy_study import TOY, toy_scenario
+
+OPTIONS = Options(TOY, n_max=9, n_init=3)
 
 
 @pytest.fixture(scope="module")
@@ -44,8 +46,13 @@ def interview():
 
 @pytest.fixture(scope="module")
 def record(interview):
-    options = Options(f"{TOY_FILE}:toy", n_max=9, n_init=3)
-    return record_of(interview, options, {})
+    return record_of(interview, OPTIONS, {})
+
+
+@pytest.fixture
+def told(record, tmp_path):
+    """What `prefcal report --json` says."""
+    return json.loads(as_json(record, OPTIONS, tmp_path, "mine"))
 
 
 def test_the_study_has_all_that_could_be_counted_differently(interview):
@@ -56,10 +63,8 @@ def test_the_study_has_all_that_could_be_counted_differently(interview):
     assert len(state.finished) == state.history.answered + 1
 
 
-def test_experiments_are_those_that_ran(interview, record, tmp_path):
+def test_experiments_are_those_that_ran(interview, record, told):
     ran = len(interview.now().state.finished)
-    options = Options(f"{TOY_FILE}:toy", n_max=9, n_init=3)
-    told = json.loads(as_json(record, options, tmp_path, "mine"))
     assert interview.counts.experiments == len(record.trials) == told["experiments"] == ran
     assert json.loads(best_as_json(record))["experiments"] == ran
     assert now_view(interview)["progress"]["experiments"] == ran
@@ -70,14 +75,12 @@ def test_experiments_are_those_that_ran(interview, record, tmp_path):
     assert f"{ran} of 9 experiments" in said(interview)
 
 
-def test_comparisons_are_the_answers_that_stand(interview, record, tmp_path):
+def test_comparisons_are_the_answers_that_stand(interview, record, told):
     state = interview.now().state
     asked = [
         c for c in (*state.history.comparisons[1:], *state.history.follow_ups) if not c.retracted
     ]
     count = len(asked)
-    options = Options(f"{TOY_FILE}:toy", n_max=9, n_init=3)
-    told = json.loads(as_json(record, options, tmp_path, "mine"))
     assert interview.counts.comparisons == record.questions == told["questions"] == count
     assert sum(told["verdicts"].values()) == count
     assert told["verdicts"] == record.verdict_counts() == status_view(interview)["verdicts"]
@@ -90,10 +93,8 @@ def test_comparisons_are_the_answers_that_stand(interview, record, tmp_path):
     assert interview.counts.retracted == 1
 
 
-def test_the_best_is_the_same_everywhere(interview, record, tmp_path):
+def test_the_best_is_the_same_everywhere(interview, record, told):
     best = interview.now().incumbent
-    options = Options(f"{TOY_FILE}:toy", n_max=9, n_init=3)
-    told = json.loads(as_json(record, options, tmp_path, "mine"))
     theta = interview.scenario.space.named(interview.experiment(best).theta)
     assert record.best.index == best
     assert told["best"] == theta
@@ -117,7 +118,7 @@ def record_of_now(interview, now):
         def now(self):
             return now
 
-    return record_of(Fixed(), Options(f"{TOY_FILE}:toy", n_max=9, n_init=3), {})
+    return record_of(Fixed(), OPTIONS, {})
 
 
 def test_verdicts_add_up(interview):

@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from importlib.resources import files
 
+import matplotlib
 import numpy as np
 import pytest
 
@@ -26,7 +27,7 @@ from prefcal_scenarios.app.report.slices import slices
 from prefcal_scenarios.app.report.tried import tried
 from prefcal_scenarios.app.report.write import write_report
 from prefcal_scenarios.app.summary.outlook import Outlook
-from support.pages import Outline
+from support.pages import Outline, assert_accessible
 from toy_study import toy_record, toy_scenario
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -70,17 +71,8 @@ def test_the_images_of_the_page_are_those_of_the_folder(page, folder):
     assert inside == [(folder / p.file).read_bytes() for p in PICTURES if p.applies(toy_record())]
 
 
-def test_the_page_is_accessible(page):
-    outline = Outline(page)
-    assert outline.all("html") == [{"lang": "en"}]
-    assert len(outline.all("h1")) == 1
-    assert all(len(a["alt"]) > 40 for a in outline.all("img"))
-    assert all("scope" in a for a in outline.all("th"))
-    assert len(outline.all("caption")) == len(outline.all("table"))
-
-
-def test_the_page_follows_the_colour_scheme_of_the_reader(page):
-    assert "prefers-color-scheme: dark" in page
+def test_the_page_is_accessible_and_follows_the_color_scheme(page):
+    assert_accessible(page)
 
 
 def test_content_is_escaped(page):
@@ -153,36 +145,41 @@ def test_the_csv_has_one_row_for_each_question_with_units(folder):
     assert rows[0]["incumbent ended"] == "time is up"
 
 
-def test_a_partial_study_gets_a_readable_report_that_says_so(tmp_path):
-    write_report(toy_record(stop_after=3), tmp_path)
-    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+def test_a_partial_study_gets_a_readable_report_that_says_so():
+    text = page_of(toy_record(stop_after=3), [])
     Outline(text)
     assert "Partial report" in text
     assert "after 3 of 8 experiments" in text
-    assert (tmp_path / "best.json").is_file()
 
 
 def test_a_study_of_one_experiment_can_be_reported(tmp_path):
     write_report(toy_record(stop_after=1), tmp_path)
+    assert (tmp_path / "best.json").is_file()
     assert not (tmp_path / "surrogate.png").exists()
     assert (tmp_path / "best_trajectory.png").exists()
 
 
 def test_a_study_without_any_experiment_leaves_a_page_and_no_stale_result(tmp_path):
-    write_report(toy_record(stop_after=2), tmp_path)
+    for result in ("best.json", "best_trajectory.png"):
+        (tmp_path / result).write_bytes(b"of an earlier report")
     write_report(toy_record(stop_after=0), tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {"report.html", "comparisons.csv"}
     assert "after 0 of 8 experiments" in (tmp_path / "report.html").read_text("utf-8")
 
 
-def test_a_scenario_with_nothing_but_knobs_can_be_reported(tmp_path):
-    write_report(toy_record("plain", learn=False), tmp_path)
+def test_a_scenario_with_nothing_but_knobs_shows_its_answers_and_what_was_tried(tmp_path):
+    plain = toy_record("plain", learn=False)
+    page = write_report(plain, tmp_path).read_text(encoding="utf-8")
     assert {p.name for p in tmp_path.glob("*.png")} == {"course.png", "tried.png"}
+    assert page.count("<figure>") == 2
+    assert len(course(plain).axes) == 1
 
 
-def test_a_scenario_may_bring_its_own_figures(tmp_path):
+def test_a_scenario_may_bring_its_own_figures_and_the_plot_settings_survive(tmp_path):
+    before = dict(matplotlib.rcParams)
     own = Picture("own.png", "Own", "An own one.", lambda r: "own " * 20, lambda r: canvas(1.0))
     write_report(toy_record(stop_after=2), tmp_path, extra=[own])
+    assert dict(matplotlib.rcParams) == before
     assert (tmp_path / "own.png").read_bytes().startswith(PNG)
 
 
@@ -191,14 +188,6 @@ def test_an_infinite_time_reads_as_never_and_other_values_as_they_are():
     endless = replace(experiment, kpis={"t_f": np.inf, "largest": np.inf, "final": 2.00004})
     words = [measured(kpi, endless) for kpi in toy_record().kpis]
     assert words == ["never", "2", "∞"]
-
-
-def test_the_callers_plot_settings_survive(tmp_path):
-    import matplotlib
-
-    before = dict(matplotlib.rcParams)
-    write_report(toy_record(stop_after=2), tmp_path)
-    assert dict(matplotlib.rcParams) == before
 
 
 def test_the_incumbent_is_followed_through_the_answers():
@@ -217,20 +206,14 @@ def test_the_best_so_far_is_what_the_study_held_and_is_not_computed_again():
     assert tuple(t.index for t in record.incumbents) == held
 
 
-def written(record, folder):
-    write_report(record, folder)
-    return (folder / "report.html").read_text(encoding="utf-8")
-
-
-def test_a_person_is_not_judged_by_an_index_that_they_never_chose(tmp_path):
-    page = written(replace(toy_record(), judged=False), tmp_path)
-    assert "performance index" not in page.lower()
+def test_a_person_is_not_judged_by_an_index_that_they_never_chose(tmp_path, page, folder):
+    write_report(replace(toy_record(), judged=False), tmp_path)
+    assert "performance index" not in (tmp_path / "report.html").read_text("utf-8").lower()
     assert not (tmp_path / "best_so_far.png").exists()
     assert (tmp_path / "course.png").exists()
-    judged = written(toy_record(), tmp_path)
-    assert "performance index" in judged
-    assert (tmp_path / "best_so_far.png").exists()
-    assert not (tmp_path / "course.png").exists()
+    assert "performance index" in page
+    assert (folder / "best_so_far.png").exists()
+    assert not (folder / "course.png").exists()
 
 
 def test_the_colours_without_a_cost_count_experiments_up_in_integers():
@@ -278,12 +261,6 @@ def test_kpis_over_the_experiments_follow_the_best_so_far():
     np.testing.assert_allclose(steps.get_ydata(), np.clip(held, *drawn.axes[0].get_ylim()))
     marks = [len(line.get_xdata()) for line in drawn.axes[-1].lines]
     assert dict(zip(record.verdict_counts(), marks, strict=True)) == record.verdict_counts()
-
-
-def test_a_study_without_kpis_shows_its_answers(tmp_path):
-    plain = toy_record("plain", learn=False)
-    assert written(plain, tmp_path).count("<figure>") == 2
-    assert len(course(plain).axes) == 1
 
 
 def test_a_csv_without_questions_is_just_the_headings():

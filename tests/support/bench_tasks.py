@@ -32,6 +32,8 @@ def sleep(seconds, log=None):
     if log is not None:
         Path(log).write_text(str(os.getpid()))
     time.sleep(seconds)
+    if log is not None:
+        Path(log).write_text("slept")
     return os.getpid()
 
 
@@ -40,8 +42,14 @@ def spin():
         pass
 
 
-def leave_a_thread():
-    threading.Thread(target=time.sleep, args=(600,)).start()
+def leave_a_thread(over):
+    """Start a thread that makes the file `over` when it ends."""
+
+    def last():
+        time.sleep(120)
+        Path(over).touch()
+
+    threading.Thread(target=last).start()
 
 
 def stutter():

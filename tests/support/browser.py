@@ -5,7 +5,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,10 +12,17 @@ from typing import Any
 
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from prefcal_env.study import State
+from prefcal_scenarios.app.session import Background
+from prefcal_scenarios.app.web import Window
+from prefcal_scenarios.scenario import Scenario
+from support.interviews import begin
+from support.processes import start
+from support.studies import state_of
+
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
-MAIN = "from prefcal_scenarios.app.cli import main; main()"
 SHOTS = Path(os.environ.get("PREFCAL_SHOTS", "screenshots"))
 # No name is resolved but the loopback address: whatever asks for the network fails, and is seen.
 FLAGS = [
@@ -27,12 +33,17 @@ FLAGS = [
 
 
 @dataclass
-class Served:
+class Command:
     """A running `prefcal calibrate`, and its link."""
 
     process: subprocess.Popen[str]
     link: str
     study: Path
+
+    @property
+    def state(self) -> State:
+        """What the study file says by now."""
+        return state_of(self.study)
 
     def kill(self) -> None:
         """SIGKILL: nothing can be tidied up."""
@@ -45,21 +56,41 @@ class Served:
         return self.process.communicate(timeout=60)[0]
 
 
-def serve(folder: Path, scenario: str, *words: str, study: str = "mine.prefcal") -> Served:
+def serve(folder: Path, scenario: str, *words: str, study: str = "mine.prefcal") -> Command:
     """Start the command in `folder`, and wait for its link."""
     path = folder / study
-    process = subprocess.Popen(
-        [sys.executable, "-c", MAIN, "calibrate", scenario, "--study", str(path), "--no-browser",
-         "--out", str(folder / "report"), *words],
-        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    process = start(
+        folder, "calibrate", scenario, "--study", str(path), "--no-browser",
+        "--out", str(folder / "report"), *words,
     )  # fmt: skip
     assert process.stdout is not None
     link = process.stdout.readline().strip()
     if not link.startswith("http://127.0.0.1:"):
         _, errors = process.communicate(timeout=30)
         raise AssertionError(f"no link but {link!r}: {errors}")
-    return Served(process, link, path)
+    return Command(process, link, path)
+
+
+@dataclass(frozen=True)
+class Served:
+    """A query window of this process: its link, and the study."""
+
+    link: str
+    study: Path
+
+    @property
+    def state(self) -> State:
+        """What the study file says by now."""
+        return state_of(self.study)
+
+
+@contextlib.contextmanager
+def window_on(scenario: Scenario, study: Path, n_max: int) -> Iterator[Served]:
+    """Serve an interview about `scenario` from this process, as `prefcal calibrate` does."""
+    interview = begin(scenario, n_max=n_max, path=study, ahead=True)
+    with Window(interview) as window, Background(interview):
+        yield Served(window.link, study)
+    interview.study.close()
 
 
 @contextlib.contextmanager

@@ -8,9 +8,15 @@ import pytest
 from prefcal_scenarios.app.cli import main
 
 
+def without_figures(patch: pytest.MonkeyPatch) -> None:
+    """Write reports without figures, which take most of their time."""
+    patch.setattr("prefcal_scenarios.app.report.write.draw", lambda record, extra: ())
+
+
 def calibrated(folder: Path, *words: str) -> Path:
     """Run `prefcal calibrate` with these words in `folder`, where its data are kept, too."""
     with pytest.MonkeyPatch.context() as patch:
+        without_figures(patch)
         patch.chdir(folder)
         patch.setenv("XDG_DATA_HOME", str(folder / "data"))
         patch.setattr("sys.argv", ["prefcal", "calibrate", *words])

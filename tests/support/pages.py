@@ -24,3 +24,14 @@ class Outline(HTMLParser):
 
     def all(self, tag):
         return [attrs for name, attrs in self.tags if name == tag]
+
+
+def assert_accessible(page):
+    """Language, headings, texts for pictures, tables with captions, and a dark scheme."""
+    outline = Outline(page)
+    assert outline.all("html") == [{"lang": "en"}]
+    assert len(outline.all("h1")) == 1
+    assert all(len(a["alt"]) > 40 for a in outline.all("img"))
+    assert all("scope" in a for a in outline.all("th"))
+    assert len(outline.all("caption")) == len(outline.all("table"))
+    assert "prefers-color-scheme: dark" in page

@@ -9,7 +9,15 @@ import numpy as np
 
 from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
 from prefcal_env.preferences.answer import Answer, Mark, Query
-from prefcal_env.study import Answered, Finished, Shown, StudyFile, Suggested
+from prefcal_env.study import (
+    Answered,
+    Finished,
+    Shown,
+    State,
+    StudyFile,
+    Suggested,
+    study_path,
+)
 from support.interviews import clock
 
 Theta = np.ndarray
@@ -63,6 +71,12 @@ def drive(
         agent.tell(query, replace(answer, marks=tuple(marks)))
         asked.append(query)
     return asked
+
+
+def state_of(study: Path | str) -> State:
+    """Return the state of a study, by its name or its file."""
+    with StudyFile.open(study_path(str(study)), clock=clock()) as file:
+        return file.state
 
 
 def experiment(theta: float, count: int = 4, **changes: Any) -> Experiment:

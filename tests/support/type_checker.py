@@ -1,7 +1,8 @@
 """The run-time checker of array shapes in the tests: jaxtyping and beartype, with latitude."""
 
 import inspect
-from functools import partial
+from dataclasses import is_dataclass
+from functools import partial, wraps
 from typing import Any, get_args
 
 import jaxtyping
@@ -28,21 +29,55 @@ def check(function: Any) -> Any:
 
 
 _ABSENT, _jaxtyped = object(), jaxtyping.jaxtyped
+MOST = 60
+"""Calls of one function that are checked in one test. A check takes much longer than most of what
+is checked, and the shapes of the thousandth call are those of the first ones."""
+
+
+class Test:
+    """The test that runs: each one checks the first calls anew."""
+
+    number = 0
 
 
 def jaxtyped(function: Any = _ABSENT, **options: Any) -> Any:
-    """As jaxtyping's own, which costs microseconds a call, but only where there is a shape."""
+    """As jaxtyping's own, but only where there is a shape, and only the first calls of a test."""
     if function is _ABSENT:
         return partial(jaxtyped, **options)
-    return _jaxtyped(function, **options) if _mentions_shape(function) else function
+    if isinstance(function, classmethod | staticmethod):
+        return type(function)(jaxtyped(function.__func__, **options))
+    if isinstance(function, property):
+        parts = (function.fget, function.fset, function.fdel)
+        return property(*(part and jaxtyped(part, **options) for part in parts))
+    if inspect.isclass(function):
+        made = vars(function).get("__init__")
+        if is_dataclass(function) and made is not None and not hasattr(made, "__wrapped__"):
+            function.__init__ = jaxtyped(made, **options)
+        return function
+    if not _mentions_shape(function):
+        return function
+    return _at_first(function, partial(_jaxtyped, function, **options))
+
+
+def _at_first(function: Any, make: Any) -> Any:
+    test, calls, checked = -1, 0, None
+
+    @wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        nonlocal test, calls, checked
+        if test != Test.number:
+            test, calls = Test.number, 0
+        if calls >= MOST:
+            return function(*args, **kwargs)
+        calls += 1
+        checked = checked or make()  # it takes a while, and many are never called
+        return checked(*args, **kwargs)
+
+    return call
 
 
 def _mentions_shape(function: Any) -> bool:
-    if inspect.isclass(function):
-        return _mentions_shape(function.__init__)  # of a dataclass: its fields
-    if isinstance(function, property):
-        return any(map(_mentions_shape, (function.fget, function.fset, function.fdel)))
-    hints = getattr(getattr(function, "__func__", function), "__annotations__", {})
+    hints = getattr(function, "__annotations__", {})
     return any(isinstance(hint, str) or _has_shape(hint) for hint in hints.values())
 
 

@@ -17,8 +17,6 @@ TOKEN, PORT = "the-token", 8765
 HOST = f"127.0.0.1:{PORT}"
 ORIGIN = f"http://{HOST}"
 COOKIE = f"prefcal_{PORT}={TOKEN}"
-TOY = Path(__file__).parents[1] / "scenarios" / "toy_scenario.py"
-TOY_STUDY = f"{TOY}:toy"
 
 
 @dataclass

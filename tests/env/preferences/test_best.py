@@ -18,21 +18,18 @@ def dominators(verdicts, index):
     better = {(v.winner, v.loser) for v in verdicts if v.winner is not None}
     ties = {(v.challenger, v.incumbent) for v in verdicts if v.winner is None}
     steps = better | ties | {(b, a) for a, b in ties}
-    above, fringe = {index}, [index]
+    return reached(index, {(b, a) for a, b in steps}) - reached(index, steps)
+
+
+def reached(start, steps):
+    """Everything that a chain of `steps` leads to."""
+    found, fringe = {start}, [start]
     while fringe:
-        below = fringe.pop()
-        for a, b in steps:
-            if b == below and a not in above:
-                above.add(a)
-                fringe.append(a)
-    reachable_from_index, fringe = {index}, [index]
-    while fringe:
-        top = fringe.pop()
-        for a, b in steps:
-            if a == top and b not in reachable_from_index:
-                reachable_from_index.add(b)
-                fringe.append(b)
-    return above - reachable_from_index
+        here = fringe.pop()
+        new = {b for a, b in steps if a == here} - found
+        found |= new
+        fringe += new
+    return found
 
 
 def test_before_any_answer_the_first_experiment_is_the_best():

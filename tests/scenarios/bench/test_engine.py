@@ -82,10 +82,11 @@ def test_workers_that_die_at_once_end_the_run(monkeypatch):
         run([partial(tasks.double, k) for k in range(9)], jobs=1)
 
 
-def test_a_thread_that_a_task_leaves_behind_keeps_nobody():
-    begun = time.monotonic()
-    assert run([tasks.leave_a_thread, partial(tasks.double, 1)], jobs=1) == [None, 2]
-    assert time.monotonic() - begun < 20
+def test_a_thread_that_a_task_leaves_behind_keeps_nobody(tmp_path):
+    over = tmp_path / "over"
+    leave = partial(tasks.leave_a_thread, str(over))
+    assert run([leave, partial(tasks.double, 1)], jobs=1) == [None, 2]
+    assert not over.exists()
 
 
 def test_half_a_character_in_an_error_is_spelled_out():
@@ -102,12 +103,10 @@ def test_closing_early_kills_what_is_running(tmp_path):
     next(running)
     while not log.exists() or not log.read_text():
         time.sleep(0.01)
-    start = time.monotonic()
     running.close()
-    assert time.monotonic() - start < 10
     assert not multiprocessing.active_children()
     with pytest.raises(ProcessLookupError):
-        os.kill(int(log.read_text()), 0)
+        os.kill(int(log.read_text()), 0)  # no number is left if it has slept to the end
 
 
 def test_standard_output_of_a_worker_is_not_ours(capfd):

@@ -36,7 +36,7 @@ def drive(env, u, seed=0, **options):
 
 
 @given(T_s=sampling_times)
-@settings(max_examples=30)
+@settings(max_examples=10)
 def test_time_is_exact(T_s):
     env = OvertakeEnv()
     record = drive(env, (50 * KMH, 0.0), T_s=T_s, **LEFT)
@@ -50,7 +50,7 @@ def test_time_is_exact(T_s):
 
 
 @given(T_s=sampling_times)
-@settings(max_examples=20)
+@settings(max_examples=10)
 def test_straight_ahead_at_70_kmh_it_hits_the_obstacle_when_it_must(T_s):
     env = OvertakeEnv()
     record = drive(env, (70 * KMH, 0.0), T_s=T_s)

@@ -7,6 +7,7 @@ import pytest
 from prefcal_scenarios.own.own_line import in_words, located, own_line
 from toy_study import TOY_FILE
 
+pytestmark = pytest.mark.usefixtures("own_process")
 HEAD = f"""
 from dataclasses import replace
 import sys

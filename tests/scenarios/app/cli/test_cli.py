@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 
 from prefcal_scenarios import load_controller
-from toy_study import TOY_FILE
+from toy_study import TOY, TOY_FILE
 
-TOY = f"{TOY_FILE}:toy"
 SYNTHETIC = ["--calibrator", "synthetic"]
 QUICK = [*SYNTHETIC, "--agent", "random", "--n-max", "5"]
 
 
+@pytest.mark.usefixtures("figures", "own_process")
 def test_a_study_ends_with_a_table_and_the_place_of_the_report(prefcal, tmp_path):
     code, out, err = prefcal("calibrate", TOY, *QUICK)
     assert code == 0
@@ -35,6 +35,7 @@ def test_json_prints_only_json_on_standard_output(prefcal, tmp_path):
     assert sum(result["verdicts"].values()) == 4
 
 
+@pytest.mark.usefixtures("figures", "own_process")
 def test_the_same_seed_gives_the_same_folder_byte_by_byte(prefcal, tmp_path):
     for out in ("a", "b"):
         assert prefcal("calibrate", TOY, *QUICK, "--out", out)[0] == 0
@@ -124,6 +125,7 @@ def test_the_scenarios_are_listed(prefcal):
     assert "own.py:name" in out
 
 
+@pytest.mark.usefixtures("figures")
 def test_the_reactor_is_calibrated_exported_and_rebuilt(prefcal, tmp_path):
     words = [*SYNTHETIC, "--n-max", "5", "--agent", "lhs", "--out", "out", "--json"]
     code, out, _ = prefcal("calibrate", "cstr", *words)

@@ -9,8 +9,7 @@ QUICK = ["--calibrator", "synthetic", "--agent", "random", "--n-init", "2", "--n
 
 
 @pytest.fixture(autouse=True)
-def _files(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+def _files(tmp_path):
     (tmp_path / "traffic.json").write_text(json.dumps(CONFIG))
     (tmp_path / "other.json").write_text('{"duration": 5}')
 

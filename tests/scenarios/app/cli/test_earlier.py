@@ -6,9 +6,9 @@ import pytest
 
 from prefcal_env.study import StudyFile, study_path
 from prefcal_scenarios.app.presentation.wording import earlier_text
-from toy_study import TOY_FILE
+from support.studies import state_of
+from toy_study import TOY
 
-TOY = f"{TOY_FILE}:toy"
 SYNTHETIC = ["--calibrator", "synthetic", "--agent", "random", "--n-init", "2"]
 OTHER = f"""
 from dataclasses import replace
@@ -28,8 +28,7 @@ refused = replace(old, name="refused", references={{}},
 
 
 @pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+def _other_file(tmp_path):
     (tmp_path / "other.py").write_text(OTHER)
 
 
@@ -48,11 +47,6 @@ def mine(prefcal):
     study_path("mine").write_bytes(_FILE[0])
     state = state_of("mine")
     return state.history.samples[state.history.incumbent].theta
-
-
-def state_of(name):
-    with StudyFile.open(study_path(name), clock=lambda: "now") as file:
-        return file.state
 
 
 def test_the_best_of_the_earlier_study_is_the_first_experiment(prefcal, mine, tmp_path):

@@ -2,14 +2,7 @@
 
 import pytest
 
-from toy_study import TOY_FILE
-
-TOY = f"{TOY_FILE}:toy"
-
-
-@pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+from toy_study import TOY
 
 
 @pytest.mark.parametrize(

@@ -6,18 +6,10 @@ import pytest
 
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.app.report.ownership import Owner, claim_default, claim_given
-from toy_study import TOY_FILE
+from toy_study import TOY
 
-TOY = f"{TOY_FILE}:toy"
 QUICK = ["calibrate", TOY, "--calibrator", "synthetic", "--agent", "random", "--n-max", "4"]
 MINE, OTHERS = Owner("1", "mine", "toy"), Owner("2", "other", "toy")
-
-
-@pytest.fixture(autouse=True)
-def _quick(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    # No figures: they take most of the time, and nothing here is about them.
-    monkeypatch.setattr("prefcal_scenarios.app.report.write.draw", lambda record, extra: ())
 
 
 def test_every_study_has_a_folder_of_its_name(prefcal, tmp_path):

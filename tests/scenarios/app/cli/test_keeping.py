@@ -2,25 +2,19 @@
 
 import io
 import json
-import os
 import subprocess
 import sys
 
 import pytest
 
-from prefcal_env.study import StudyFile, study_path
+from prefcal_env.study import study_path
 from prefcal_scenarios.app.session import Choice
 from support.interviews import begin, proceed
-from toy_study import TOY_FILE, toy_scenario
+from support.processes import finished
+from support.studies import state_of
+from toy_study import TOY, toy_scenario
 
-TOY = f"{TOY_FILE}:toy"
 SYNTHETIC = ["--calibrator", "synthetic", "--agent", "random", "--n-max", "4"]
-
-
-@pytest.fixture(autouse=True)
-def _quick(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    monkeypatch.setattr("prefcal_scenarios.app.report.write.draw", lambda record, extra: ())
 
 
 @pytest.fixture
@@ -69,8 +63,7 @@ def test_a_resumed_study_stays_whatever_happens(prefcal, monkeypatch, ours):
 
 def test_experiments_of_somebody_s_own_plant_are_never_lost(prefcal, monkeypatch):
     start(prefcal, monkeypatch, "")
-    with StudyFile.open(study_path("toy-1"), clock=lambda: "now") as file:
-        assert len(file.state.finished) == 2
+    assert len(state_of("toy-1").finished) == 2
 
 
 def test_the_record_of_a_rig_is_never_lost(prefcal, monkeypatch, tmp_path):
@@ -166,14 +159,10 @@ def test_a_study_that_is_being_answered_is_neither_removed_nor_renamed(prefcal, 
     path = tmp_path / "mine.prefcal"
     interview = begin(toy_scenario(), path=path)
     interview.answer(proceed(interview).question.id, Choice.LEFT)
-    main = "from prefcal_scenarios.app.cli import main; main()"
-    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     for words in (["rm", str(path), "--yes"], ["rename", str(path), str(tmp_path / "b.prefcal")]):
-        done = subprocess.run(
-            [sys.executable, "-c", main, "studies", *words], env=env, capture_output=True, text=True
-        )
-        assert done.returncode == 2
-        assert "open in another process: close it there first" in done.stderr
+        code, _, err = finished(tmp_path, "studies", *words)
+        assert code == 2
+        assert "open in another process: close it there first" in err
     interview.answer(proceed(interview).question.id, Choice.LEFT)
     interview.study.close()
 

@@ -13,9 +13,7 @@ from prefcal_env.study import StudyFile, study_path
 from prefcal_scenarios.app.cli.options import Options
 from prefcal_scenarios.app.cli.parameters import Kept, given, kept_by, parameters_of, takes
 from support.interviews import clock
-from toy_study import TOY_FILE
-
-TOY = f"{TOY_FILE}:toy"
+from toy_study import TOY
 
 
 @dataclass(frozen=True)
@@ -89,8 +87,7 @@ def test_options_of_one_run_may_change_on_resuming():
 
 
 @pytest.mark.parametrize("name", sorted({*kept_by(Options)} - {"scenario"}))
-def test_an_option_of_another_type_makes_a_study_strange(prefcal, monkeypatch, tmp_path, name):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+def test_an_option_of_another_type_makes_a_study_strange(prefcal, name):
     configuration = {
         "n_max": 5, "scenario": TOY, "name": "toy", "title": "", "seed": 0, "knobs": [],
         "agent": {"agent": "GLISp"}, "options": {**Options(TOY).as_dict(), name: {}},

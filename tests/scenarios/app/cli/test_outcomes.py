@@ -13,18 +13,11 @@ from prefcal_scenarios.app.cli.options import Options
 from prefcal_scenarios.app.cli.report import record_of
 from prefcal_scenarios.app.session import Interview
 from support.interviews import clock
-from toy_study import TOY_FILE, toy_scenario
+from support.studies import state_of
+from toy_study import TOY, TOY_FILE, toy_scenario
 
-TOY = f"{TOY_FILE}:toy"
 SYNTHETIC = ["--calibrator", "synthetic"]
 SHORT = [*SYNTHETIC, "--n-init", "4", "--n-max", "7"]
-
-
-@pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    # No figures: they take most of the time, and nothing here is about them.
-    monkeypatch.setattr("prefcal_scenarios.app.report.write.draw", lambda record, extra: ())
 
 
 def thetas(prefcal, *words):
@@ -32,20 +25,21 @@ def thetas(prefcal, *words):
     code, _, err = prefcal("calibrate", TOY, *SHORT, *words)
     assert code == 0, err
     name = words[words.index("--study") + 1]
-    with StudyFile.open(name, clock=clock()) as file:
-        return [sample.theta for sample in file.state.history.samples]
+    return thetas_of(name)
+
+
+def thetas_of(study):
+    return [sample.theta for sample in state_of(study).history.samples]
 
 
 def test_without_outcomes_the_agent_learns_from_theta_alone(prefcal, tmp_path):
     on = thetas(prefcal, "--study", str(tmp_path / "on.prefcal"))
     off = thetas(prefcal, "--study", str(tmp_path / "off.prefcal"), "--no-outcomes")
     assert on[:4] == off[:4]
-    with StudyFile.open(tmp_path / "off.prefcal", clock=clock()) as file:
-        configuration = file.state.configuration
-        assert configuration["options"]["outcomes"] is False
-        assert configuration["agent"]["settings"]["outcome_scales"] == [0.0]
-    with StudyFile.open(tmp_path / "on.prefcal", clock=clock()) as file:
-        assert file.state.configuration["options"]["outcomes"] is True
+    configuration = state_of(tmp_path / "off.prefcal").configuration
+    assert configuration["options"]["outcomes"] is False
+    assert configuration["agent"]["settings"]["outcome_scales"] == [0.0]
+    assert state_of(tmp_path / "on.prefcal").configuration["options"]["outcomes"] is True
 
 
 def test_the_line_that_repeats_a_study_says_so_and_does(prefcal, tmp_path):
@@ -58,8 +52,7 @@ def test_the_line_that_repeats_a_study_says_so_and_does(prefcal, tmp_path):
     assert line in page
     again = str(tmp_path / "again.prefcal")
     assert prefcal(*shlex.split(line)[1:], "--study", again)[0] == 0
-    with StudyFile.open(again, clock=clock()) as file:
-        assert [sample.theta for sample in file.state.history.samples] == first
+    assert thetas_of(again) == first
 
 
 def test_a_study_goes_on_as_it_began(prefcal, tmp_path):
@@ -106,10 +99,7 @@ def test_a_study_from_before_goes_on_without_outcomes(prefcal, tmp_path, agent):
     off = ["--no-outcomes"] if agent == "glisp" else []
     fresh = str(tmp_path / "fresh.prefcal")
     assert prefcal("calibrate", TOY, *words, *off, "--study", fresh)[0] == 0
-    with StudyFile.open(path, clock=clock()) as a, StudyFile.open(fresh, clock=clock()) as b:
-        assert [s.theta for s in a.state.history.samples] == [
-            s.theta for s in b.state.history.samples
-        ]
+    assert thetas_of(path) == thetas_of(fresh)
     page = (tmp_path / "there" / "report.html").read_text("utf-8")
     assert ("--no-outcomes" in page) == (agent == "glisp")
     assert "What counts" in page  # its experiments are there, and say what the answers follow

@@ -38,6 +38,7 @@ def own(tmp_path):
     return write
 
 
+@pytest.mark.usefixtures("own_process")
 @pytest.mark.parametrize("case", CASES)
 def test_an_own_scenario_is_calibrated(prefcal, own, tmp_path, case):
     (tmp_path / "neighbour.py").write_text(HEAD + "own = t.toy", encoding="utf-8")
@@ -64,6 +65,7 @@ def test_a_reference_outside_the_box_is_refused_before_anything_runs(prefcal, ow
     assert not (tmp_path / "res").exists()
 
 
+@pytest.mark.usefixtures("own_process")
 def test_a_reference_that_does_not_run_is_left_out(prefcal, own, tmp_path):
     text = """
 def run(theta, seed=0):
@@ -78,6 +80,7 @@ own = replace(t.toy, run=run)
     assert (tmp_path / "res" / "best.json").exists()
 
 
+@pytest.mark.usefixtures("own_process")
 def test_ctrl_c_that_compiled_code_turned_into_another_error_is_still_ctrl_c(prefcal, own):
     text = """
 def run(theta, seed=0):

@@ -3,20 +3,11 @@
 import json
 from pathlib import Path
 
-import pytest
-
 from prefcal_env.study import Adjusted, StudyFile, study_path
 from prefcal_scenarios.app.session.memory import questions_of
-from toy_study import TOY_FILE
+from toy_study import TOY
 
 MOST = "questions_per_experiment"
-TOY = f"{TOY_FILE}:toy"
-
-
-@pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    monkeypatch.chdir(tmp_path)
 
 
 def calibrate(prefcal, *words, agent="glisp"):

@@ -7,24 +7,8 @@ import subprocess
 import sys
 import time
 
+from support.processes import finished, start, wait_until
 from toy_study import TOY_FILE
-
-MAIN = "from prefcal_scenarios.app.cli import main; main()"
-ENV = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "COLUMNS": "120"}
-
-
-def start(folder, *words):
-    return subprocess.Popen(
-        [sys.executable, "-c", MAIN, *words],
-        cwd=folder, env=ENV, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-
-
-def wait_for(path, seconds=30.0):
-    until = time.monotonic() + seconds
-    while not path.exists():
-        assert time.monotonic() < until, f"{path} never came"
-        time.sleep(0.02)
 
 
 def interrupted(folder, delay):
@@ -33,7 +17,7 @@ def interrupted(folder, delay):
         folder, "calibrate", f"{TOY_FILE}:slow", "--calibrator", "synthetic",
         "--agent", "random", "--n-max", "500", "--json", "--out", "out",
     )  # fmt: skip
-    wait_for(folder / "out")
+    wait_until((folder / "out").exists)
     time.sleep(delay)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
@@ -66,7 +50,7 @@ def test_ctrl_c_before_the_first_experiment_reports_nothing(tmp_path):
     )
     words = ["--calibrator", "synthetic", "--agent", "random", "--json"]
     process = start(tmp_path, "calibrate", "own.py:plant", *words)
-    wait_for(tmp_path / "running")
+    wait_until((tmp_path / "running").exists)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
@@ -91,9 +75,8 @@ def test_a_rig_that_breaks_down_leaves_a_report_and_its_own_error(tmp_path):
         "rig = replace(toy, run=run)\n"
     )
     words = ["--calibrator", "synthetic", "--agent", "random", "--out", "out"]
-    process = start(tmp_path, "calibrate", "rig.py:rig", *words)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode not in (0, 2, 130)
+    code, _, err = finished(tmp_path, "calibrate", "rig.py:rig", *words)
+    assert code not in (0, 2, 130)
     assert "the pump does not answer" in err
     assert "after 3 of 50 experiments" in (tmp_path / "out" / "report.html").read_text("utf-8")
 
@@ -104,7 +87,8 @@ def test_help_loads_neither_plots_nor_compilers_nor_agents(tmp_path):
         "heavy = {'matplotlib', 'numba', 'numpy', 'prefcal_agents.glisp', 'prefcal_env'}\n"
         "print(sorted(heavy & set(sys.modules)))\n"
     )
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     out = subprocess.run(
-        [sys.executable, "-c", code], env=ENV, capture_output=True, text=True, check=True
+        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
     )
     assert out.stdout == "[]\n"

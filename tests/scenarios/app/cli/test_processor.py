@@ -10,16 +10,11 @@ from prefcal_env.study import StudyFile
 from prefcal_scenarios.cases.overtake import measuring, overtake, overtake_on, overtake_variants
 from prefcal_scenarios.cases.overtake.computation_time import SERVER_CORE
 from support.interviews import clock
+from support.studies import state_of
 
 PAPER = overtake.references["paper, preferences"]
 SLOW = SERVER_CORE.slower(500.0, "slow target")
 SHORT = ["calibrate", "overtake", "--calibrator", "synthetic", "--n-init", "2", "--n-max", "3"]
-
-
-@pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    monkeypatch.setattr("prefcal_scenarios.app.report.write.draw", lambda record, extra: ())
 
 
 @pytest.fixture
@@ -28,8 +23,7 @@ def slow(tmp_path):
 
 
 def configuration(path):
-    with StudyFile.open(path, clock=clock()) as file:
-        return file.state.configuration
+    return state_of(path).configuration
 
 
 def test_a_scenario_is_judged_on_the_processor_by_kpis_and_calibrator():

@@ -14,9 +14,9 @@ from prefcal_scenarios.app.cli.studies.changes import Changes, respace
 from prefcal_scenarios.app.session import Choice, Interview, Phase
 from support.calibrated import calibrated, copied
 from support.interviews import begin, proceed, reopened
-from toy_study import TOY_FILE, toy_scenario
+from support.studies import state_of
+from toy_study import TOY, toy_scenario
 
-TOY = f"{TOY_FILE}:toy"
 SYNTHETIC = ["--calibrator", "synthetic", "--n-init", "3"]
 # The toy as its author has it later: one knob more, which the run does not know.
 GROWN = f"""
@@ -29,11 +29,6 @@ def run(theta, seed=0):
 toy = replace(old, run=run, space=KnobSpace([*old.space, Knob("filter", 1.0, 5.0, "s")]),
               references={{}})
 """
-
-
-@pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
 
 
 @pytest.fixture(scope="module", params=["glisp", "random"])
@@ -56,8 +51,7 @@ def short(tmp_path_factory):
 
 
 def thetas(name="mine"):
-    with StudyFile.open(study_path(name), clock=lambda: "now") as file:
-        return np.array([s.theta for s in file.state.history.samples])
+    return np.array([s.theta for s in state_of(name).history.samples])
 
 
 def test_a_narrowed_and_frozen_study_goes_on(prefcal, study, tmp_path):
@@ -77,8 +71,7 @@ def test_a_narrowed_and_frozen_study_goes_on(prefcal, study, tmp_path):
     copy = tmp_path / "copy.prefcal"
     with StudyFile.open(study_path(study), clock=lambda: "now") as file:
         import_json(export_json(file), copy)
-    with StudyFile.open(copy, clock=lambda: "now") as file:
-        assert [s.theta for s in file.state.history.samples] == [tuple(t) for t in after.tolist()]
+    assert thetas(copy).tolist() == after.tolist()
 
 
 def test_the_scenario_has_got_a_knob(prefcal, study, tmp_path):

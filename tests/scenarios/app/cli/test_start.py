@@ -8,30 +8,20 @@ import pytest
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.study import StudyFile, study_path
+from prefcal_env.study import study_path
 from prefcal_scenarios.app.cli.choices import knob_called, theta_of
-from toy_study import TOY_FILE, toy_scenario
+from support.studies import state_of
+from toy_study import TOY, toy_scenario
 
-TOY = f"{TOY_FILE}:toy"
 SYNTHETIC = ["--calibrator", "synthetic", "--agent", "random", "--n-init", "2"]
 PRESENT = "T_s=0.5, N_p=30, gain=0.1"
-
-
-@pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-
-
-def first_theta(name):
-    with StudyFile.open(study_path(name), clock=lambda: "now") as file:
-        return file.state.history.samples[0].theta
 
 
 def test_the_first_experiment_is_the_present_tuning(prefcal):
     code, _, err = prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "4", "--start", PRESENT,
                            "--study", "mine")  # fmt: skip
     assert code == 0, err
-    assert first_theta("mine") == pytest.approx((0.5, 30, 0.1))
+    assert state_of("mine").history.samples[0].theta == pytest.approx((0.5, 30, 0.1))
     code, out, err = prefcal("calibrate", TOY, "--study", "mine", "--n-max", "6", "--start",
                              PRESENT, "--json")  # fmt: skip
     assert code == 0, err
@@ -55,7 +45,7 @@ def test_a_reference_of_the_scenario_is_a_start(prefcal):
     code, _, err = prefcal("calibrate", TOY, *SYNTHETIC, "--n-max", "3", "--study", "mine",
                            "--start", name, "--start", PRESENT)  # fmt: skip
     assert code == 0, err
-    assert first_theta("mine") == pytest.approx(tuple(theta))
+    assert state_of("mine").history.samples[0].theta == pytest.approx(tuple(theta))
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,6 @@ import pytest
 from prefcal_env.study import StudyFile, export_json
 from support.interviews import clock
 
-
-@pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-
-
 WHOLE = {
     "n_max": 5, "scenario": "cstr", "name": "cstr", "title": "", "seed": 0, "knobs": [],
     "agent": {"agent": "GLISp"}, "options": {"calibrator": "human"}, "versions": {},

@@ -11,15 +11,9 @@ from prefcal_env.study import Noted
 from prefcal_scenarios.app.session import Choice
 from support.calibrated import calibrated, copied
 from support.interviews import begin, proceed
-from toy_study import TOY_FILE, toy_scenario
+from toy_study import TOY, toy_scenario
 
-TOY = f"{TOY_FILE}:toy"
 SYNTHETIC = ["--calibrator", "synthetic", "--agent", "random"]
-
-
-@pytest.fixture(autouse=True)
-def _data_folder(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
 
 
 @pytest.fixture(scope="module")

@@ -102,10 +102,8 @@ def test_a_run_on_suspicion_that_hangs_makes_way():
             worker = interview.scenario.run.worker
             now = until(interview, lambda now: worker.busy_with(BAD))
             interview.mark(now.question.id, "left", "unsafe", True)  # foreseen answers are void
-            begun = time.monotonic()
             interview.answer(now.question.id, Choice.LEFT)
             until(interview, lambda now: now.pending is not None)  # the next one is chosen
-            assert 1 < time.monotonic() - begun < 10
 
 
 def test_a_run_on_suspicion_that_took_too_long_is_not_waited_for_twice():
@@ -120,11 +118,9 @@ def test_a_run_on_suspicion_that_took_too_long_is_not_waited_for_twice():
 
 def test_closing_ends_a_run_that_hangs_at_once_and_records_no_failure():
     with hanging(n_max=8, seed=9) as interview:
-        begun = 0.0
         with Background(interview):
             answer_until_it_hangs(interview)
-            begun = time.monotonic()
-        assert time.monotonic() - begun < 4
+        # Had closing waited for the run, the time limit would have made it a failure.
         assert interview.now().state.failures == {}
 
 

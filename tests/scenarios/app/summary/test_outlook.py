@@ -14,7 +14,7 @@ from prefcal_scenarios.app.cli.studies.changes import Changes, respace
 from prefcal_scenarios.app.session import Choice
 from prefcal_scenarios.app.summary.outlook import at_end, outlook, study_name
 from support.interviews import begin, clock, proceed
-from toy_study import TOY_FILE, toy_scenario
+from toy_study import TOY, toy_scenario
 
 STOP = Advice(10, 0, 0.1, 0, 1, 0.9)
 GO_ON = Advice(10, 5, 4.0, 2, 6, 0.01)
@@ -94,7 +94,7 @@ def test_a_scenario_of_ones_own_is_named_and_a_study_of_the_data_folder_by_its_n
 def test_the_command_can_be_carried_out(tmp_path):
     toy = toy_scenario()
     path = tmp_path / "mine.prefcal"
-    interview = begin(replace(toy, name=f"{TOY_FILE}:toy"), n_max=7, path=path)
+    interview = begin(replace(toy, name=TOY), n_max=7, path=path)
     for _ in range(6):
         now = proceed(interview)
         best = max if now.question.left.experiment.theta[0] else min

@@ -1,35 +1,47 @@
 """A room with an open question, and a real browser, for the tests of the window."""
 
+import contextlib
+
 import pytest
 
 from prefcal_scenarios.scenario import load
-from support.browser import chromium, serve
+from support.browser import chromium, serve, window_on
 from support.interviews import begin, proceed
-from support.windows import TOY, TOY_STUDY, make_room
+from support.windows import make_room
+from toy_study import TOY, toy_scenario
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def toy():
-    return load(f"{TOY}:toy")
+    return toy_scenario()
 
 
-@pytest.fixture
-def static(tmp_path):
+@pytest.fixture(scope="session")
+def static(tmp_path_factory):
     """A page's files, small ones."""
-    folder = tmp_path / "static"
-    folder.mkdir()
+    folder = tmp_path_factory.mktemp("static")
     (folder / "index.html").write_text('<script src="/static/main.js?v=VERSION"></script>')
     (folder / "main.js").write_text("// " + "plain " * 400)
     (folder / "notes.txt").write_text("not for the page")
     return folder
 
 
-@pytest.fixture
-def room(toy, static):
-    """The first question of the toy is open."""
+def room_of(toy, static):
+    """A room in which the first question of the toy is open."""
     interview = begin(toy)
     proceed(interview)
     return make_room(interview, static)
+
+
+@pytest.fixture
+def room(toy, static):
+    return room_of(toy, static)
+
+
+@pytest.fixture(scope="module")
+def shared_room(toy, static):
+    """The same one for all tests of a file, for requests that change nothing."""
+    return room_of(toy, static)
 
 
 @pytest.fixture(scope="module")
@@ -48,11 +60,23 @@ def browser(running_browser):
 
 
 @pytest.fixture
-def window(tmp_path):
+def window(tmp_path, toy):
+    """Serve a study, of the toy by default, from this process."""
+    with contextlib.ExitStack() as served:
+
+        def start(scenario=None, n_max=13):
+            chosen = toy if scenario is None else load(scenario)
+            return served.enter_context(window_on(chosen, tmp_path / "mine.prefcal", n_max))
+
+        yield start
+
+
+@pytest.fixture
+def command(tmp_path):
     """Start `prefcal calibrate` on a study in an empty folder; killed in the end."""
     started = []
 
-    def start(scenario=TOY_STUDY, *words, n_max=13):
+    def start(scenario=TOY, *words, n_max=13):
         served = serve(tmp_path, scenario, "--n-max", str(n_max), *words)
         started.append(served)
         return served

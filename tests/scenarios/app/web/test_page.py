@@ -7,20 +7,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from prefcal_env.study import StudyFile, verify
+from prefcal_env.study import verify
 from prefcal_scenarios.app.session.memory import questions_of
 from support.browser import CHROMIUM, Watched
-from support.interviews import clock
-from support.windows import TOY_STUDY as TOY
+from toy_study import TOY
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 BLUE, ORANGE = (11, 99, 194), (185, 58, 6)
 """The curves of the two sides, in light."""
-
-
-def state_of(served):
-    with StudyFile.open(served.study, clock=clock()) as file:
-        return file.state
 
 
 def pixels(page, selector, color):
@@ -36,9 +30,9 @@ def gray(page, selector):
     return np.asarray(Image.open(io.BytesIO(shot)).convert("L")).astype(int)
 
 
-def test_twelve_comparisons_by_keyboard(browser, window):
+def test_twelve_comparisons_by_keyboard(browser, command):
     # Answers at random contradict what GLISp expects, and it would ask more than twelve questions.
-    served, watched = window(TOY, "--agent", "lhs"), Watched(browser)
+    served, watched = command(TOY, "--agent", "lhs"), Watched(browser)
     watched.open(served.link)
     assert watched.page.url.endswith("/")  # the token is not left in the address
     keys = ["ArrowLeft", "ArrowRight", "ArrowDown", "s"] * 3
@@ -52,7 +46,7 @@ def test_twelve_comparisons_by_keyboard(browser, window):
     watched.phase("over")
     watched.page.wait_for_selector(".pictures img")
     watched.shot("over")
-    state = state_of(served)
+    state = served.state
     assert state.ended == "all compared"
     choices = []
     for closed in state.history.comparisons[1:]:
@@ -165,7 +159,7 @@ def test_undo_takes_the_answer_back(browser, window):
     after = watched.page.inner_text("#left .which") + watched.page.inner_text("#right .which")
     assert after == before
     assert watched.page.inner_text("#progress-text") == "comparison 1 of 12"
-    assert state_of(served).history.answered == 1
+    assert served.state.history.answered == 1
 
 
 def test_two_tabs_answer_the_same_question(browser, window):
@@ -183,7 +177,7 @@ def test_two_tabs_answer_the_same_question(browser, window):
     second.page.wait_for_selector("#banner:not([hidden])")
     assert "nothing was recorded twice" in second.page.inner_text("#banner")
     second.question(question)  # it goes on with the open one
-    assert state_of(served).history.answered == 2
+    assert served.state.history.answered == 2
 
 
 def test_a_reload_changes_nothing(browser, window):
@@ -192,11 +186,11 @@ def test_a_reload_changes_nothing(browser, window):
     question = watched.answer("ArrowLeft")
     watched.page.reload()
     assert watched.question() == question
-    assert state_of(served).history.answered == 2
+    assert served.state.history.answered == 2
 
 
-def test_a_killed_server_goes_on_where_it_was(browser, window):
-    served, watched = window(), Watched(browser)
+def test_a_killed_server_goes_on_where_it_was(browser, command):
+    served, watched = command(), Watched(browser)
     watched.open(served.link)
     watched.answer("ArrowLeft")
     question = watched.question()
@@ -206,8 +200,8 @@ def test_a_killed_server_goes_on_where_it_was(browser, window):
     watched.page.wait_for_selector("#banner:not([hidden])")
     assert "is saved. To continue, run: prefcal calibrate" in watched.page.inner_text("#banner")
     assert verify(served.study) == ()
-    assert state_of(served).history.answered == 3
-    again = window()
+    assert served.state.history.answered == 3
+    again = command()
     watched.page.goto(again.link)
     assert watched.question() != question
     assert watched.page.inner_text("#progress-text") == "comparison 3 of 12"
@@ -219,19 +213,19 @@ def test_keys_rest_while_somebody_types(browser, window):
     watched.page.keyboard.press("c")
     watched.page.keyboard.type("quieter, so q and s")
     watched.page.keyboard.press("ArrowLeft")
-    assert state_of(served).history.answered == 1
+    assert served.state.history.answered == 1
     watched.page.keyboard.press("Escape")
     watched.answer("ArrowRight")
     watched.page.keyboard.press("c")
     watched.page.keyboard.type("louder")
     watched.page.keyboard.press("Enter")
     watched.answer("ArrowRight")
-    assert [c.comment for c in state_of(served).history.comparisons[1:]] == [
+    assert [c.comment for c in served.state.history.comparisons[1:]] == [
         "quieter, so q and s",
         "louder",
     ]
     assert watched.page.input_value("#comment") == ""
-    assert state_of(served).marks == {}
+    assert served.state.marks == {}
 
 
 def test_shift_and_an_arrow_is_much_better(browser, window):
@@ -240,7 +234,7 @@ def test_shift_and_an_arrow_is_much_better(browser, window):
     page = watched.page
     page.keyboard.press("c")
     page.keyboard.press("Shift+ArrowLeft")  # selects text, while somebody types
-    assert state_of(served).history.answered == 1
+    assert served.state.history.answered == 1
     page.keyboard.press("Escape")
     watched.answer("Shift+ArrowLeft")
     assert page.inner_text("#saved") == "✓ saved: left is much better"
@@ -249,7 +243,7 @@ def test_shift_and_an_arrow_is_much_better(browser, window):
     question = watched.question()
     page.click("#verdict-much-right")
     watched.question(question)
-    told = state_of(served).history.comparisons[1:]
+    told = served.state.history.comparisons[1:]
     assert [c.answer.strength for c in told] == [3, 1, 1, 3]
     assert [c.answer.preference == 0 for c in told] == [False, False, True, False]
     page.keyboard.press("h")
@@ -265,7 +259,7 @@ def test_shift_and_an_arrow_is_much_better(browser, window):
     page.wait_for_function(
         "() => document.getElementById('progress-text').innerText.includes(' 4 ')"
     )
-    assert [c.answer.strength for c in state_of(served).history.comparisons[1:]] == [3, 1, 1]
+    assert [c.answer.strength for c in served.state.history.comparisons[1:]] == [3, 1, 1]
     assert watched.errors == []
 
 
@@ -278,7 +272,7 @@ def test_a_long_press_answers_once(browser, window):
     watched.question(question)
     watched.page.keyboard.up("ArrowLeft")
     watched.page.wait_for_timeout(300)
-    assert state_of(served).history.answered == 2
+    assert served.state.history.answered == 2
 
 
 def test_marks_are_kept_and_shown(browser, window):
@@ -291,7 +285,7 @@ def test_marks_are_kept_and_shown(browser, window):
     watched.shot("marks")
     watched.page.keyboard.press("a")
     watched.page.wait_for_selector("#left-good-enough[aria-pressed=false]")
-    assert sorted(map(sorted, state_of(served).marks.values())) == [[], ["unsafe"]]
+    assert sorted(map(sorted, served.state.marks.values())) == [[], ["unsafe"]]
 
 
 def test_good_enough_offers_the_end(browser, window):
@@ -302,7 +296,7 @@ def test_good_enough_offers_the_end(browser, window):
     watched.answer("ArrowLeft")
     watched.page.click("#offer-finish")
     watched.phase("over")
-    assert state_of(served).ended == "good enough"
+    assert served.state.ended == "good enough"
     watched.page.click("text=Keep comparing")
     watched.question()
 
@@ -319,7 +313,7 @@ def test_blind_hides_what_is_which_and_does_not_even_send_it(browser, window):
     assert '"theta":[{' not in sent
     assert "best so far" not in sent
     watched.answer("ArrowLeft")
-    assert state_of(served).history.comparisons[1].blind
+    assert served.state.history.comparisons[1].blind
 
 
 def test_history_shows_again_and_retracts(browser, window):
@@ -342,11 +336,11 @@ def test_history_shows_again_and_retracts(browser, window):
     assert "primary" not in watched.page.get_attribute("text=Retract it", "class")
     watched.page.click("text=Retract it")
     watched.page.wait_for_selector("tr.retracted")
-    assert state_of(served).history.comparisons[1].retracted
+    assert served.state.history.comparisons[1].retracted
 
 
 def test_where_are_we_shows_the_best_and_what_was_learned(browser, window):
-    served, watched = window(TOY, "--n-init", "2"), Watched(browser)
+    served, watched = window(), Watched(browser)
     watched.open(served.link)
     for key in ("ArrowLeft", "ArrowRight", "ArrowLeft"):
         watched.answer(key)
@@ -358,7 +352,7 @@ def test_where_are_we_shows_the_best_and_what_was_learned(browser, window):
     once = "() => document.getElementById('heading').textContent.startsWith('Once')"
     watched.page.wait_for_function(once)
     watched.answer("ArrowLeft")
-    assert len(state_of(served).history.repeats) == 1
+    assert len(served.state.history.repeats) == 1
 
 
 def test_the_verdicts_are_in_sight_at_1280_by_720_and_on_a_tablet(browser, window):
@@ -541,5 +535,5 @@ def test_the_questions_per_experiment_are_chosen_on_the_page(browser, window):
     # Drawn anew, and still in focus.
     page.wait_for_function("() => document.activeElement.id === 'pace'")
     assert page.input_value("#pace") == "3"
-    assert questions_of(state_of(served).configuration) == 3
+    assert questions_of(served.state.configuration) == 3
     assert watched.errors == []

@@ -2,16 +2,9 @@
 
 import pytest
 
-from prefcal_env.study import StudyFile
 from support.browser import CHROMIUM, Watched
-from support.interviews import clock
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
-
-
-def state_of(served):
-    with StudyFile.open(served.study, clock=clock()) as file:
-        return file.state
 
 
 def test_the_reactor_is_explained_above_its_first_question_and_under_the_key(browser, window):
@@ -37,8 +30,8 @@ def test_the_reactor_is_explained_above_its_first_question_and_under_the_key(bro
     assert watched.errors == []
 
 
-def test_the_end_shows_the_gain_and_opens_the_report(browser, window):
-    served, watched = window(n_max=3), Watched(browser)
+def test_the_end_shows_the_gain_and_opens_the_report(browser, command):
+    served, watched = command(n_max=3), Watched(browser)
     watched.open(served.link)
     watched.answer("ArrowRight")
     watched.page.keyboard.press("ArrowRight")
@@ -64,7 +57,7 @@ def test_the_end_shows_the_gain_and_opens_the_report(browser, window):
     page.fill("#more", "2")
     page.click("text=more experiments")
     watched.question()
-    assert state_of(served).n_max == 5
+    assert served.state.n_max == 5
 
 
 def test_undo_brings_the_comment_back(browser, window):
@@ -96,7 +89,7 @@ def test_a_repeat_can_be_skipped_and_names_no_best(browser, window):
         leave()
         watched.question(again)
         assert "best so far" in page.inner_text("#pair")
-    assert state_of(served).history.repeats == ()
+    assert served.state.history.repeats == ()
 
 
 def test_one_mark_excludes_the_other_on_the_page(browser, window):
@@ -107,4 +100,4 @@ def test_one_mark_excludes_the_other_on_the_page(browser, window):
     watched.page.keyboard.press("q")
     watched.page.wait_for_selector("#left-unsafe[aria-pressed=true]")
     watched.page.wait_for_selector("#left-good-enough[aria-pressed=false]")
-    assert sorted(map(sorted, state_of(served).marks.values())) == [["unsafe"]]
+    assert sorted(map(sorted, served.state.marks.values())) == [["unsafe"]]

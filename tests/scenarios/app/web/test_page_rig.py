@@ -2,10 +2,9 @@
 
 import pytest
 
-from prefcal_env.study import StudyFile
 from support.browser import CHROMIUM, Watched
-from support.interviews import clock
 from toy_scenario_tools import record_of_toy
+from toy_study import TOY
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 
@@ -32,19 +31,12 @@ pump = replace(toy, run=run)
 
 @pytest.fixture
 def own(tmp_path):
-    from support.windows import TOY_STUDY
-
-    (tmp_path / "own.py").write_text(RIG.format(toy=TOY_STUDY), encoding="utf-8")
+    (tmp_path / "own.py").write_text(RIG.format(toy=TOY), encoding="utf-8")
     return tmp_path
 
 
-def state_of(served):
-    with StudyFile.open(served.study, clock=clock()) as file:
-        return file.state
-
-
-def test_a_rigs_records_are_dropped_refused_and_compared(browser, window, own):
-    served, watched = window("own.py:rig", n_max=4), Watched(browser)
+def test_a_rigs_records_are_dropped_refused_and_compared(browser, command, own):
+    served, watched = command("own.py:rig", n_max=4), Watched(browser)
     page = watched.page
     page.goto(served.link)
     watched.phase("record")
@@ -58,12 +50,12 @@ def test_a_rigs_records_are_dropped_refused_and_compared(browser, window, own):
     assert "column 'level <h>' is missing" in told
     assert "column 'time' is in s, expected h" in told
     watched.shot("rig-refused")
-    assert state_of(served).finished == {}
+    assert served.state.finished == {}
     good = {"name": "good.csv", "mimeType": "text/csv", "buffer": record_of_toy().encode()}
     page.set_input_files("#record-file", good)
     page.wait_for_selector("#record-save")
     assert "30 rows, from 0 h to 14.5 h" in page.inner_text("#record-preview")
-    assert state_of(served).finished == {}
+    assert served.state.finished == {}
     watched.shot("rig-preview")
     page.click("#record-save")
     page.wait_for_function(
@@ -84,7 +76,7 @@ def test_a_rigs_records_are_dropped_refused_and_compared(browser, window, own):
     watched.shot("rig-dialed")
     page.click("#record-save")
     watched.question()
-    assert state_of(served).history.samples[1].theta[0] == pytest.approx(1.07)
+    assert served.state.history.samples[1].theta[0] == pytest.approx(1.07)
     assert "unsafe" in page.inner_text("#pair")
     watched.shot("rig-question")
     page.click("#replace")
@@ -95,7 +87,7 @@ def test_a_rigs_records_are_dropped_refused_and_compared(browser, window, own):
     page.click("#replace-save")
     page.wait_for_function("() => !document.getElementById('dialog').open")
     watched.question()
-    assert len(list(state_of(served).finished)) == 2
+    assert len(list(served.state.finished)) == 2
     assert "unsafe" not in page.inner_text("#pair")
     page.keyboard.press("ArrowLeft")
     watched.phase("record")
@@ -107,27 +99,27 @@ def test_a_rigs_records_are_dropped_refused_and_compared(browser, window, own):
     assert watched.errors == []
 
 
-def test_a_record_that_takes_days_is_waited_for(browser, window, own):
-    served, watched = window("own.py:rig", n_max=4), Watched(browser)
+def test_a_record_that_takes_days_is_waited_for(browser, command, own):
+    served, watched = command("own.py:rig", n_max=4), Watched(browser)
     watched.page.goto(served.link)
     watched.phase("record")
     served.kill()
     theta = watched.page.inner_text("#view-record .values")
-    again = window("own.py:rig", n_max=4)
+    again = command("own.py:rig", n_max=4)
     watched.page.goto(again.link)
     watched.phase("record")
     assert watched.page.inner_text("#view-record .values") == theta
 
 
-def test_a_plant_that_breaks_down_is_tried_again(browser, window, own):
-    served, watched = window("own.py:pump", n_max=4), Watched(browser)
+def test_a_plant_that_breaks_down_is_tried_again(browser, command, own):
+    served, watched = command("own.py:pump", n_max=4), Watched(browser)
     watched.open(served.link)
     watched.page.keyboard.press("ArrowLeft")
     watched.phase("failed")
     assert "the pump does not answer" in watched.page.inner_text("#view-failed")
     watched.shot("failed")
-    assert state_of(served).history.answered == 2
+    assert served.state.history.answered == 2
     (own / "mended").touch()
     watched.page.click("button:has-text('Try again')")
     watched.question()
-    assert len(state_of(served).finished) == 3
+    assert len(served.state.finished) == 3

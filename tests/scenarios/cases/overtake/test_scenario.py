@@ -85,12 +85,12 @@ def check_run(theta: np.ndarray) -> None:
         assert e.duration == pytest.approx(T_s * np.ceil(15 / T_s - 1e-9), abs=1e-9)
 
 
-@pytest.mark.parametrize("i", range(20))
+@pytest.mark.parametrize("i", range(6))
 def test_anywhere_in_the_box_a_run_ends_with_a_reason_and_exact_in_time(i):
     check_run(theta_number(i))
 
 
-@pytest.mark.parametrize("corner", range(0, 32, 5))
+@pytest.mark.parametrize("corner", [0, 13, 18, 31])
 def test_in_the_corners_of_the_box_too(corner):
     check_run(overtake.space.decode(np.array([corner >> k & 1 for k in range(5)], dtype=float)))
 

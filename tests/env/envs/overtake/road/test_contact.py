@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_env.envs.overtake.road.contact import CONTACT, first_contact
@@ -26,6 +26,7 @@ def apart(motion, times):
     return np.min([separation(own, other) for other in others], axis=0)
 
 
+@settings(max_examples=40)
 @given(
     y=st.floats(-4, 4), yaw=st.floats(-0.8, 0.8), v=st.floats(11, 19.5),
     steering=st.floats(-0.78, 0.78), x_o=st.floats(-6, 14), speed=st.floats(0, 12),

@@ -11,9 +11,9 @@ from prefcal_env.preferences.answer import Strength
 from prefcal_env.study import export_csv
 from prefcal_scenarios.app.session import Choice, Given, Interview, Phase
 from prefcal_scenarios.app.web.api import Pace
-from prefcal_scenarios.scenario import load
 from support.interviews import begin, proceed
-from support.windows import TOY, make_room
+from support.windows import make_room
+from toy_study import toy_scenario
 
 LEFT, RIGHT = Choice.LEFT, Choice.RIGHT
 
@@ -201,7 +201,7 @@ def test_history_and_status_are_shown(room):
 
 def failing_room(static, error):
     """A room whose experiment has failed."""
-    toy = load(f"{TOY}:toy")
+    toy = toy_scenario()
 
     def run(theta, seed=0):
         raise error

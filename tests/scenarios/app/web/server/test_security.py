@@ -9,6 +9,12 @@ from prefcal_scenarios.app.web.server.security import LARGEST_BODY, LARGEST_RECO
 from support.windows import COOKIE, HOST, ORIGIN, PORT, TOKEN
 
 
+@pytest.fixture
+def room(shared_room):
+    """Nothing that is refused may change anything: one room will do."""
+    return shared_room
+
+
 def answer(room, **changes):
     return {
         "question": room.question(), "choice": "left", "comment": "", "blind": False, **changes
