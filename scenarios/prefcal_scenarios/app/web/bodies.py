@@ -63,7 +63,7 @@ def whole(name: str, value: Any) -> int:
 
 
 def numbered(name: str, value: Any) -> int:
-    """Return `value`, the number of an answer: not 0, and below 0 for a follow-up question."""
+    """Return `value`, the number of an answer: not 0, and below 0 for a follow-up comparison."""
     if type(value) is not int or not 0 < abs(value) <= LARGEST_NUMBER:
         raise MalformedError(f"{name} must be a whole number other than 0.")
     return value

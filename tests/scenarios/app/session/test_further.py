@@ -77,7 +77,7 @@ def test_it_is_saved_resumed_undone_and_retracted(toy, tmp_path):
     assert interview.now().state.history.follow_ups[0].retracted
     with pytest.raises(StaleError, match="retracted already"):
         interview.retract(-1)
-    with pytest.raises(StaleError, match="no further answer 2"):
+    with pytest.raises(StaleError, match="no answer to a follow-up comparison 2"):
         interview.retract(-2)
     interview.study.close()
     resumed = reopened(toy, path)

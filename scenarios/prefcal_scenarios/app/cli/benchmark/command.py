@@ -95,8 +95,8 @@ _Timeout = Annotated[
     float | None,
     typer.Option(
         metavar="SECONDS",
-        help="Most seconds that one cell may take on this machine; a longer one is ended and "
-        "counts as failed. inf: no limit.",
+        help="Time limit for one cell on this machine; a longer one is ended and counts as "
+        "failed. inf: no limit.",
         show_default="3600, an hour",
     ),
 ]
