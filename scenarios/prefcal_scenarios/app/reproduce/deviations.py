@@ -1,4 +1,4 @@
-"""All deviations from the paper, as data; docs/deviations.md shows exactly these rows."""
+"""List all deviations from the paper, as data; docs/deviations.md shows exactly these rows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

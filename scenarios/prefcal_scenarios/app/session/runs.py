@@ -1,4 +1,4 @@
-"""Experiments of an interview: what has to run, a rig's record, a run that failed; and the end."""
+"""Run the experiments of an interview, handle failed and stopped runs, and end the study."""
 
 from collections.abc import Callable
 

@@ -193,7 +193,7 @@ def test_a_file_that_compares_an_experiment_before_its_own_question_is_refused(t
     study: StudyFile = interview.study
     [shown] = study.append(Shown(new, old, True))
     verdict = interview.now().state.history.comparisons[-1].answer
-    with pytest.raises(StudyError, match="is not on show"):
+    with pytest.raises(StudyError, match="is not open"):
         study.append(Answered(shown, old, new, verdict))
 
 
