@@ -112,7 +112,7 @@ class Options:
             min=1,
             metavar="N",
             help="Maximum number of comparisons per experiment (glisp only). If experiments are "
-            "expensive, 3 or more save some of them. You can change it when you resume.",
+            "expensive, 3 or more comparisons save some. You can change it when you resume.",
             show_default="1",
         ),
         Kept(
@@ -148,7 +148,7 @@ class Options:
         float | None,
         Option(
             metavar="NUMBER",
-            help="The synthetic calibrator calls costs that are this close a tie.",
+            help="Largest difference of two costs that the synthetic calibrator calls a tie.",
             show_default="the scenario's",
         ),
         Kept(label="tie band", least=0),
@@ -236,7 +236,7 @@ class Options:
         str,
         Option(
             metavar="ADDRESS",
-            help="Address to serve the page on. 0.0.0.0 lets other machines on the network in.",
+            help="Address to serve the page on. 0.0.0.0 makes it reachable from other machines.",
         ),
     ] = "127.0.0.1"
     port: Annotated[

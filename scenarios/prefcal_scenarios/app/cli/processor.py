@@ -63,7 +63,7 @@ def measure(
 ) -> None:
     """Time the overtaking controller on this machine, and write its processor file.
 
-    Close other programs first, so that the times are those of the controller alone.
+    Close other programs first, so that only the controller is timed.
     """
     # Imported here to keep --help fast.
     from rich.console import Console

@@ -112,7 +112,7 @@ def _check_due(flow: Flow, index: int) -> None:
     if flow.phase is Phase.RECORD and pending is not None and pending.index == index:
         return
     if index not in flow.state.finished or flow.phase not in (Phase.RECORD, Phase.QUESTION):
-        raise StaleError(f"experiment {index + 1} is not waited for (any more)")
+        raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was changed")
 
 
 def _dialed(flow: Flow, given: Given) -> Float[np.ndarray, " n"] | None:

@@ -150,7 +150,7 @@ def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:
     """Return the pending sample. Raises StaleError unless its index and the phase match."""
     pending = flow.pending
     if pending is None or pending.index != index or flow.phase not in phases:
-        raise StaleError(f"experiment {index + 1} is not waited for (any more)")
+        raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was changed")
     return pending
 
 
