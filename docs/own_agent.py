@@ -39,7 +39,7 @@ class StepSearch(PreferenceBased):
 
     @property
     def state(self):
-        """All that has to be saved."""
+        """Return the state to save."""
         self._session.settle()
         return self._session.state("StepSearch", VERSION, self._seed)
 
