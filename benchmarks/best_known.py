@@ -4,13 +4,13 @@
 
 Writes `benchmarks/reactor_index.csv`: for every prediction horizon the smallest index of all, and
 the smallest one of a run that does not undershoot the accepted band. `prefcal bench` measures gaps
-from the second of these; why there are two is told in docs/reactor_index.md. With `--runs` every
-experiment is kept, and the same line goes on where it was stopped.
+from the second one; docs/reactor_index.md explains why there are two. With `--runs` every
+experiment is kept, and the same command resumes.
 
 The index has a crease: where a run that overshot the target ends on it by chance, the final error
 vanishes, and a grid steps over it. So each line of the grid is also searched where the final error
-changes its sign. After the grid, Nelder-Mead for each N_p from its best or that of a neighbor.
-Nothing is random; some 6,000 experiments, seven minutes of one core.
+changes its sign. After the grid, Nelder-Mead starts for each N_p from its best or a neighbor's.
+Nothing is random. It runs about 6,000 experiments in seven minutes on one core.
 """
 
 import argparse
@@ -31,12 +31,12 @@ TABLE = Path(__file__).parent / "reactor_index.csv"
 PERIODS = (0.25, 0.27, 0.3, 0.35, 0.42, 0.52, 0.7, 1.0, 1.4)
 """Lines of the grid, T_s in h: closer where the index is low."""
 SHORT, LONG = tuple(range(4, 14)), (14, 17, 20, 25, 30, 35, 40)
-"""N_p of the grid: all where the index changes much with it. Nelder-Mead visits the others too."""
+"""N_p of the grid: every one where the index changes a lot. Nelder-Mead visits the others, too."""
 
 
 @dataclass(frozen=True, order=True)
 class Run:
-    """What is kept of an experiment: index first, so that the smallest is the best."""
+    """Results of an experiment; the index is first, so that the smallest one is the best."""
 
     index: float
     T_s: float
@@ -49,12 +49,12 @@ class Run:
 
     @property
     def calm(self) -> bool:
-        """Whether C_A stays above the lower end of the accepted band."""
+        """Return whether C_A stays above the lower end of the accepted band."""
         return self.undershoot <= BAND
 
 
 class Search:
-    """Runs experiments, each θ once, and keeps them all."""
+    """Search that runs each θ once and keeps all runs."""
 
     def __init__(self, kept: Path | None) -> None:
         self.scenario, self.kept = load("cstr"), kept
@@ -67,9 +67,9 @@ class Search:
         self.runs[run.T_s, run.N_p, run.log_Q] = run
 
     def __call__(self, T_s: float, N_p: int, log_Q: float) -> Run:
-        """The run of the θ nearest to these values."""
+        """Return the run of the θ nearest to these values."""
         low, high = np.array([(k.low, k.high) for k in self.scenario.space.knobs]).T
-        # Seven digits: what anybody could dial in, and the same in the file.
+        # Seven digits can be dialed in, and read the same in the file.
         theta = np.round(np.clip([T_s, N_p, log_Q], low, high), 7)
         key = (float(theta[0]), int(theta[1]), float(theta[2]))
         if key not in self.runs:
@@ -86,12 +86,12 @@ class Search:
         return self.runs[key]
 
     def best(self, N_p: int | None = None, calm: bool = False) -> Run:
-        """The run with the smallest index."""
+        """Return the run with the smallest index."""
         return min(r for r in self.runs.values() if N_p in (None, r.N_p) and (r.calm or not calm))
 
 
 def line(search: Search, T_s: float, N_p: int, coarse: int) -> None:
-    """One line of the grid, and what lies on it where the final error changes its sign."""
+    """Search a line of the grid, and the points on it where the final error changes its sign."""
     points = [search(T_s, N_p, q) for q in np.linspace(-5, 3, coarse + 1)]
     for a, b in pairwise(points):
         if a.index < 1000 and b.index < 1000 and a.final_error * b.final_error < 0:
@@ -99,7 +99,7 @@ def line(search: Search, T_s: float, N_p: int, coarse: int) -> None:
 
 
 def cross(search: Search, T_s: float, N_p: int, between: tuple[float, float]) -> Run:
-    """Where the final error vanishes between two values of log Q, to 1e-3."""
+    """Return the run between two values of log Q at which the final error vanishes, to 1e-3."""
     found = brentq(
         lambda q: search(T_s, N_p, q).final_error, *between, xtol=1e-3, maxiter=12, disp=False
     )
@@ -107,7 +107,7 @@ def cross(search: Search, T_s: float, N_p: int, between: tuple[float, float]) ->
 
 
 def refine(search: Search, start: Run, N_p: int, calm: bool, budget: int = 16) -> None:
-    """Nelder-Mead over (T_s, log Q); a run that is not calm is out of bounds if `calm`."""
+    """Refine (T_s, log Q) by Nelder-Mead; with `calm`, runs that are not calm are excluded."""
 
     def index(z: np.ndarray) -> float:
         run = search(z[0], N_p, z[1])
@@ -121,13 +121,13 @@ def refine(search: Search, start: Run, N_p: int, calm: bool, budget: int = 16) -
 
 
 def start(search: Search, N_p: int, calm: bool) -> Run:
-    """The best run of this N_p or of its neighbors."""
+    """Return the best run of this N_p or of its neighbors."""
     near = [r for r in search.runs.values() if abs(r.N_p - N_p) <= 1 and (r.calm or not calm)]
     return min(near)
 
 
 def search_box(search: Search, coarse: int, say: Callable[[str], None]) -> None:
-    """The grid with its creases, then Nelder-Mead for every horizon."""
+    """Search the grid with its creases, then refine by Nelder-Mead for every horizon."""
     for N_p in (*SHORT, *LONG):
         for T_s in PERIODS if N_p in SHORT else PERIODS[::3]:
             line(search, T_s, N_p, coarse)
@@ -144,7 +144,7 @@ def search_box(search: Search, coarse: int, say: Callable[[str], None]) -> None:
 
 
 def write(search: Search, path: Path) -> None:
-    """One row for each N_p and kind: all runs, and the calm ones."""
+    """Write a row for each N_p and kind: all runs, and the calm ones."""
     with path.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["runs", *(f.name for f in fields(Run))])

@@ -1,12 +1,12 @@
-"""Replay studies with a sure hand: is "best so far" true, and is anything better left behind?
+"""Replay studies without wrong answers: is "best so far" true, and is anything better lost?
 
     python benchmarks/best_so_far.py                               # as in docs/best_so_far.md
     python benchmarks/best_so_far.py --problems camel --seeds 2    # a look
 
-The calibrator never errs, so three counts must be 0: questions in which the experiment called the
-best so far had lost to another one before; studies that return another experiment than the best of
-all that were shown; experiments that differ from an earlier one by less than 0.2 % of every range.
-(The last is counted where knobs have a resolution, on the reactor.) Exits with 1 if one is not.
+The calibrator makes no mistakes, so three counts must be 0: questions in which the best so far had
+already lost to another experiment; studies that return another experiment than the best of all
+shown; and experiments that differ from an earlier one by less than 0.2 % of every range (counted
+only if knobs have a resolution, as on the reactor). Exits with 1 if a count is not 0.
 """
 
 import argparse
@@ -31,7 +31,7 @@ Kpis = tuple[Mapping[str, float], Mapping[str, float] | None] | None
 
 
 class Replay(NamedTuple):
-    """What one study showed."""
+    """Result of one study."""
 
     untrue: int
     left_behind: bool
@@ -41,7 +41,7 @@ class Replay(NamedTuple):
 
 
 def reactor() -> tuple[KnobSpace, Callable[[np.ndarray], Known], int]:
-    """The reactor as `prefcal calibrate cstr --calibrator synthetic` runs it."""
+    """Return the reactor as `prefcal calibrate cstr --calibrator synthetic` runs it."""
     scenario = load("cstr")
     assert scenario.cost is not None
     cost = scenario.cost
@@ -54,7 +54,7 @@ def reactor() -> tuple[KnobSpace, Callable[[np.ndarray], Known], int]:
 
 
 def problem(name: str) -> tuple[KnobSpace, Callable[[np.ndarray], Known], int]:
-    """Space, what is known of a θ, and the number of initial experiments."""
+    """Return the space, a function with the cost and KPIs of a θ, and the initial experiments."""
     if name == "cstr":
         return reactor()
     function = FUNCTIONS[name]
@@ -62,7 +62,7 @@ def problem(name: str) -> tuple[KnobSpace, Callable[[np.ndarray], Known], int]:
 
 
 def replay(name: str, seed: int, n_max: int) -> Replay:
-    """One study of somebody who never errs."""
+    """Run one study with a calibrator that makes no mistakes."""
     space, run, n_init = problem(name)
     agent = GLISp(space, n_init=n_init, n_max=n_max, seed=seed)
     known: list[Known] = []
@@ -96,7 +96,7 @@ def _pair(
 
 
 def _close(space: KnobSpace, thetas: np.ndarray) -> int:
-    """Experiments next to an earlier one; none where knobs have no resolution."""
+    """Count experiments next to an earlier one; none if knobs have no resolution."""
     if any(knob.resolution == 0 for knob in space):
         return 0
     z = np.array([space.encode(theta) for theta in thetas])
@@ -109,7 +109,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--problems", nargs="+", default=["cstr", *FOUR])
-    parser.add_argument("--seeds", type=int, help="default: 14 of the reactor, 20 of a function")
+    parser.add_argument("--seeds", type=int, help="default: 14 for the reactor, 20 for a function")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--n-max", type=int, default=50, help="experiments of a study")
     args = parser.parse_args()

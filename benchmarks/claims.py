@@ -1,11 +1,11 @@
-"""Compute the cheap figures of README and docs anew, and compare them with what is written.
+"""Recompute the cheap figures of README and docs, and compare them with the pages.
 
     python benchmarks/claims.py            # about ten seconds; exits with 1 if a figure differs
-    python benchmarks/claims.py --list     # every claim, its page, nothing computed
+    python benchmarks/claims.py --list     # every claim and its page, without computing
 
 A claim is a page, the exact words in it with its figures in ‹ ›, and a function that computes them.
-A figure is right if it is the computed one, rounded to the digits that are written. Figures of
-campaigns are not here: the page beside them names their command.
+A figure is right if it is the computed one, rounded to the written digits. Figures of campaigns are
+not included: their pages name the commands.
 """
 
 import argparse
@@ -52,12 +52,12 @@ Numbers = Sequence[float]
 
 @dataclass(frozen=True)
 class Claim:
-    """Figures that a page states.
+    """Claim of a page with figures.
 
     Args:
         page: Path in the repository.
-        text: Words of the page, the figures in ‹ ›; line breaks do not matter.
-        compute: Gives the figures, in the order of the text.
+        text: Text of the page with the figures in ‹ ›; line breaks do not matter.
+        compute: Function that returns the figures, in the order of the text.
     """
 
     page: str
@@ -66,12 +66,12 @@ class Claim:
 
     @property
     def words(self) -> str:
-        """What stands in the page."""
+        """Return the text as the page has it."""
         return FIGURE.sub(r"\1", self.text)
 
     @property
     def figures(self) -> list[str]:
-        """What is claimed."""
+        """Return the claimed figures."""
         return FIGURE.findall(self.text)
 
     def written(self, root: Path = ROOT) -> bool:
@@ -79,7 +79,7 @@ class Claim:
         return flowing(self.words) in flowing((root / self.page).read_text("utf-8"))
 
     def wrong(self) -> Iterator[str]:
-        """Yield a sentence for each figure that is not what comes out."""
+        """Yield a sentence for each figure that differs from the computed one."""
         found = list(self.compute())
         if len(found) != len(self.figures):
             yield f"{self.page}: {self.words!r} has {len(self.figures)} figures, got {len(found)}"
@@ -90,7 +90,7 @@ class Claim:
 
 
 def flowing(text: str) -> str:
-    """Return `text` with every run of white space as one blank."""
+    """Return `text` with every sequence of white space as one blank."""
     return " ".join(text.split())
 
 
@@ -101,7 +101,7 @@ def rounded(value: float, figure: str) -> Decimal:
     return Decimal(repr(float(value))).quantize(Decimal(figure), ROUND_HALF_UP)
 
 
-# What several claims share is run once.
+# Runs that several claims share are cached.
 
 
 @cache
@@ -127,7 +127,7 @@ def both_optima() -> Numbers:
 
 
 def parts_of_the_index() -> Numbers:
-    """t_f, moves and final error of both optima, row by row; undershoot of the hole."""
+    """Return t_f, moves and final error of both optima by row, and the undershoot of the hole."""
     rows, scenario = rows_of(TABLE), load("cstr")
     runs = [scenario.run(theta(lowest(rows[kind]))) for kind in ("calm", "all")]
     found = [e.kpis["settling_time"] / 48 for e in runs]
@@ -143,13 +143,13 @@ def with_rates(factor: float) -> Numbers:
 
 
 def growth(T: float, C_A: float) -> float:
-    """Largest growth rate of the model at a state, 1/h."""
+    """Return the largest growth rate of the model at a state, 1/h."""
     A = CSTR().jacobians(np.array([T, C_A]), np.array([298.0]), FEED).A
     return float(np.linalg.eigvals(A).real.max())
 
 
 def growths() -> Numbers:
-    """Along the run of the automated θ with the state, in steady states, hot."""
+    """Return growth rates along the run of the automated θ, in steady states, and when hot."""
     x = react(AUTOMATED).x
     along = [growth(*each) for each in x]
     k = int(np.argmax(along))
@@ -167,7 +167,7 @@ def steady_states() -> Numbers:
 
 
 def heating() -> Numbers:
-    """Steady states with either sign of the heat of reaction."""
+    """Return the steady states with either sign of the heat of reaction."""
     return [float(n) for cell in cases.heat(NOTHING).columns[1].cells for n in str(cell).split(",")]
 
 
@@ -180,7 +180,7 @@ NOTHING = argparse.Namespace()
 
 
 def sizes() -> Numbers:
-    """Fewest and most variables and rows of the car's problems."""
+    """Return the smallest and largest numbers of variables and rows of the car's problems."""
     found = [
         StepSize.of(Bicycle(), car.mpc_settings(np.array([0.085, share, N_p, 0, 0]), phase))
         for share in (0.1, 0.31, 0.65, 1.0)
@@ -192,7 +192,7 @@ def sizes() -> Numbers:
 
 
 def circle() -> Numbers:
-    """The three drives, if each is better than the next; their numbers."""
+    """Return the numbers of the three drives, if each is better than the next."""
     judge = overtake.calibrators["synthetic"]()
     draws = {i: np.random.default_rng([0, i]).random(5) for i in (3, 15, 12)}
     a, b, c = (overtake.run(overtake.space.decode(z)) for z in draws.values())
@@ -209,7 +209,7 @@ def peaks(change: control.Change) -> Numbers:
 
 
 def at_optimum(limit: str) -> Numbers:
-    """Peak, lateral distance, lateral acceleration and steering at the paper's θ."""
+    """Return peak, lateral distance, lateral acceleration and steering at the paper's θ."""
     kpis = control.drive(CAR, fixed=car.STEERING_LIMITS[limit]).kpis
     names = "path_peak", "lateral_distance", "lateral_acceleration", "steering"
     return [float(kpis[name]) for name in names]
@@ -225,7 +225,7 @@ def offset_table() -> Numbers:
 
 
 def z_weaker() -> float:
-    """How much weaker z is far from samples where it is small, in [0, 1] against [-1, 1]."""
+    """Return how much weaker z is in [0, 1] than in [-1, 1], where it is small."""
     from prefcal_agents.acquisition.exploration import exploration
 
     d = np.full((1, 40), 0.01)
@@ -233,7 +233,7 @@ def z_weaker() -> float:
 
 
 def unlimited(theta: tuple[float, ...]) -> Numbers:
-    """Index without a limit on the first input and move."""
+    """Return the index without a limit on the first input and move."""
     with mock.patch.object(Limits, "rows", control.first_unlimited):
         return indices(theta)
 
@@ -252,15 +252,15 @@ CLAIMS: tuple[Claim, ...] = (
     Claim("docs/reactor_index.md", "| index | ‹0.6907› | ‹0.4151› |", both_optima),
     Claim("docs/reactor_index.md",
           "| of which t_f / 48 h | ‹0.469› | ‹0.385› | | of which moves | ‹0.162› | ‹0.030› | "
-          "| of which final error | ‹0.060› | ‹0.000› | | C_A goes below the target by | nothing "
-          "| ‹0.49› kgmol/m³ |", parts_of_the_index),
+          "| of which final error | ‹0.060› | ‹0.000› | | undershoot of C_A below the target "
+          "| none | ‹0.49› kgmol/m³ |", parts_of_the_index),
     Claim("docs/benchmarks.md", "the best index of the broad basin, ‹0.6907›",
           lambda: both_optima()[:1]),
     Claim("docs/mpc.md",
-          "with up to ‹0.85› per hour (at T = ‹344› K, C_A = ‹5.4›), in the steady states in "
-          "between with up to ‹0.52›, and where the tank is hot with much of A left, as after a "
-          "disturbance, with far more: ‹3.2› per hour at T = 365 K, C_A = 5. At 365 K along the "
-          "run itself, where C_A is down to ‹2.8›, it decays", growths),
+          "grow by up to ‹0.85› per hour (at T = ‹344› K, C_A = ‹5.4›), and in the steady states "
+          "in between by up to ‹0.52›. In a hot tank with much of A left, for example after a "
+          "disturbance, they grow far faster: ‹3.2› per hour at T = 365 K, C_A = 5. At 365 K along "
+          "the run itself, where C_A has fallen to ‹2.8›, they decay", growths),
     Claim("docs/mpc.md",
           "| k_0 5 % higher | ‹1.819› | ‹2.000› | | US/V 5 % higher | ‹2.126› | ‹2.000› | "
           "| US/V 5 % lower | ‹1.892› | ‹2.000› |", offset_table),
@@ -283,8 +283,8 @@ CLAIMS: tuple[Claim, ...] = (
           lambda: [1e3 * worst_t_comp(SERVER_CORE)]),
     Claim("docs/overtaking.md", "takes ‹268› times as long",
           lambda: [worst_t_comp(PAPER_PROCESSOR) / worst_t_comp(SERVER_CORE)]),
-    Claim("docs/overtaking.md", "(numbers ‹3›, ‹15› and ‹12› of the seeded sample) go round in a "
-          "circle", circle),
+    Claim("docs/overtaking.md", "(numbers ‹3›, ‹15› and ‹12› of the seeded sample) form a circle",
+          circle),
     Claim(DEVIATIONS, "C_A = ‹8.538›, ‹5.590› and ‹2.332›; as printed only ‹9.497›", heating),
     Claim(DEVIATIONS, "two θ ‹0.6996› and ‹0.8217›; from T_c0 = 298 K ‹0.6970› and ‹0.8036›",
           starts),
@@ -311,11 +311,11 @@ CLAIMS: tuple[Claim, ...] = (
 
 
 def main() -> int:
-    """Check every claim; the exit code."""
+    """Check every claim; return the exit code."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--list", action="store_true", help="only what is claimed, and where")
+    parser.add_argument("--list", action="store_true", help="only list the claims and their pages")
     console = Console(soft_wrap=True, highlight=False, markup=False)
     if parser.parse_args().list:
         table = Table("page", "claim")

@@ -1,11 +1,11 @@
-"""Fits the model of a step's computation time on this machine, and shows how well it fits.
+"""Fit the model of a step's computation time on this machine, and show how well it fits.
 
     OMP_NUM_THREADS=1 python benchmarks/computation.py [--rounds 15]
 
 The measurement is that of `prefcal processor measure`: every step of closed-loop runs of the car,
-over horizons small and large, is timed `rounds` times and its shortest time kept. Prints the four
-coefficients, measured and modelled times by problem size, and how much slower a processor must be
-for the paper's worst t_comp at the paper's optimum.
+with small and large horizons, is timed `rounds` times, and its shortest time counts. Prints the
+four coefficients, measured and modeled times by problem size, and how much slower a processor must
+be for the paper's worst t_comp at the paper's optimum.
 """
 
 import argparse

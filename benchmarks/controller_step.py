@@ -1,9 +1,10 @@
-"""What a controller step costs beside the bare QP solve called from Python, in one run.
+"""Compare the time of a controller step with that of the bare QP solve called from Python.
 
     python benchmarks/controller_step.py [--rounds 200] [--backend piqp]
 
-Every round takes the steps of one closed-loop experiment twice: whole (linearise, build, solve,
-check) and the bare solver on the same QPs (set up, solve). The ratio of each pair is what counts.
+Every round takes the steps of one closed-loop experiment twice: complete (linearize, build, solve,
+check), and with the bare solver on the same QPs (set up, solve). The result is the ratio of each
+pair.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""How good the best so far is after each experiment of a study, for the other scripts."""
+"""Compute how good the best so far is after each experiment of a study, for other scripts."""
 
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -10,10 +10,10 @@ from prefcal_env.preferences.loop import Comparison
 def best_after_each(
     agent: Any, steps: Iterable[Comparison], cost: Callable[[Experiment], float]
 ) -> list[float]:
-    """Cost of the agent's best after each experiment, (n_max,); `steps` drive the agent.
+    """Return the cost of the agent's best after each experiment, (n_max,); `steps` drive the agent.
 
-    Some studies ask more questions than they run experiments. Such an answer may change who is
-    the best, so it changes the last entry and adds none.
+    Some studies ask more questions than they run experiments. The answer to a follow-up comparison
+    can change which experiment is the best, so it changes the last entry and adds none.
     """
     costs: dict[tuple[float, ...], float] = {}
     course: list[float] = []

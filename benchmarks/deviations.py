@@ -1,14 +1,14 @@
-"""What each deviation from the paper changes: the figures of docs/deviations.md.
+"""Measure the effect of each deviation from the paper: the figures of docs/deviations.md.
 
     python benchmarks/deviations.py                        # all parts: half an hour on one core
     python benchmarks/deviations.py --parts box --seeds 4  # a look at one
 
-Every part does the same thing twice, our way and the paper's (or the way that the paper may mean),
-on the same θ or the same seeds, and prints one table. Variations live in `deviating/` only.
+Every part does the same thing twice, in our way and in the paper's (or the way that the paper may
+mean), on the same θ or the same seeds, and prints one table. All variations are in `deviating/`.
 
 box         GLISp.paper in [0, 1] and in [-1, 1], studies in pairs
 hypercube   a plain Latin hypercube as the start, and the best of five (maximin)
-search      how much of the acquisition the search for the next θ leaves to be found
+search      how far the next θ is from the minimum of the acquisition
 candidates  ε of cross-validation from 0.1 to 10, and from 0.01 to 100
 resolution  knobs with a step, and knobs of any value
 glis        α and δ of GLIS, ours and those of its author

@@ -1,13 +1,14 @@
-"""Make the pictures of the README and of docs/, each by the command that its page names.
+"""Draw the pictures of the README and of docs/, each with the command that its page names.
 
     python benchmarks/figures.py                     # all that need no campaign: two minutes
     python benchmarks/figures.py --only reactor window
     python benchmarks/figures.py --campaigns FOLDER  # those of the benchmark, from its results
-    python benchmarks/figures.py --check             # draw all elsewhere, compare the stories: CI
+    python benchmarks/figures.py --check             # for CI: draw into another folder, and compare
 
-Seeds are those of the commands, so a picture changes only with prefcal. `docs/figures/made.json`
-keeps what the pages say of them (counts, indices); `--check` fails if that is no longer so, or if
-a page shows a figure that nothing here makes. `--list` prints every figure and what makes it.
+The seeds are those of the commands, so a picture changes only with prefcal. The file
+`docs/figures/made.json` keeps what the pages state about them (counts, indices). `--check` fails if
+that has changed, or if a page shows a figure that nothing here draws. `--list` prints every figure
+and the command that draws it.
 """
 
 import argparse
@@ -47,18 +48,18 @@ CAMPAIGNS = {
     "benchmark_duels.png": ("duels", "duels.png", "docs/benchmarks.md"),
     "benchmark_questions.png": ("questions", "questions.png", "docs/research/questions.md"),
 }
-"""Folder of the campaign and file in it that each figure is, and the page that has its command."""
+"""Campaign folder and file of each figure, and the page with its command."""
 OWN_COMMAND = {"sensitivity.png": "python benchmarks/sensitivity.py --seeds 10 --jobs 2"}
 """Figures of many studies that have a command of their own."""
 
 REACTOR = ("best_trajectory.png", "best_so_far.png", "tried.png", "surrogate.png",
            "final_performance.png")  # fmt: skip
 ANSWERED = 7
-"""Questions that are answered before the query window is pictured."""
+"""Number of questions to answer before the screenshot of the query window."""
 
 
 def prefcal(*words: str) -> str:
-    """Run the command; its standard output."""
+    """Run the command; return its standard output."""
     code = "from prefcal_scenarios.app.cli import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", code, *words], check=True, text=True, stdout=subprocess.PIPE,
@@ -68,7 +69,7 @@ def prefcal(*words: str) -> str:
 
 
 def study(scenario: str, folder: Path) -> Mapping[str, Any]:
-    """Calibrate `scenario` unattended with the default seed, as in the README; what came out.
+    """Calibrate `scenario` unattended with the default seed, as in the README; return the result.
 
     The result is that of `--json`, with "initial" experiments, the "number" of the best one, and
     every θ by experiment, with its cost. The report is in `folder`.
@@ -89,12 +90,12 @@ def study(scenario: str, folder: Path) -> Mapping[str, Any]:
 
 
 def _column(row: Mapping[str, str], name: str) -> str:
-    """The value under `name`, with or without its unit."""
+    """Return the value under `name`, with or without its unit."""
     return next(v for k, v in row.items() if k == name or k.startswith(f"{name} ["))
 
 
 def reactor(folder: Path) -> tuple[Pictures, Story]:
-    """The README's second command: its report's figures, and before and after."""
+    """Draw the README's second command: its report's figures, and before and after."""
     found = study("cstr", folder)
     scenario, tried = load("cstr"), found["tried"]
     pictures = {name: (folder / name).read_bytes() for name in REACTOR}
@@ -114,14 +115,14 @@ def reactor(folder: Path) -> tuple[Pictures, Story]:
 
 
 def overtaking(folder: Path) -> tuple[Pictures, Story]:
-    """The README's overtaking: the best run beside the first one."""
+    """Draw the README's overtaking: the best run beside the first one."""
     found = study("overtake", folder)
     story = {"experiments": found["experiments"], "comparisons": found["questions"]}
     return {"overtaking.png": (folder / "comparison.png").read_bytes()}, story
 
 
 def reactor_index(folder: Path) -> tuple[Pictures, Story]:
-    """The hole of the reactor's index, from the table of best_known.py."""
+    """Draw the hole of the reactor's index, from the table of best_known.py."""
     scenario, rows = load("cstr"), rows_of(TABLE)
     assert scenario.cost is not None
     story = {
@@ -132,7 +133,7 @@ def reactor_index(folder: Path) -> tuple[Pictures, Story]:
 
 
 def window(folder: Path) -> tuple[Pictures, Story]:
-    """The query window, answered as the synthetic calibrator of the same study does."""
+    """Take a screenshot of the query window, answered as by the synthetic calibrator."""
     sys.path.insert(0, str(ROOT / "tests"))
     from prefcal_scenarios.app.session.order import challenger_left
     from support.browser import Watched, chromium, serve
@@ -168,11 +169,11 @@ PICTURED = {
     }}),
     "environment_overtake_tuning.png": ("OvertakeTuning-v0", {}),
 }  # fmt: skip
-"""What docs/environments.md shows, and with which settings."""
+"""Environments in docs/environments.md, with their settings."""
 
 
 def environments(folder: Path) -> tuple[Pictures, Story]:
-    """What the environments draw: tuning the paper's θ, and a plant under its controller."""
+    """Draw the environments: tuning with the paper's θ, and a plant under its controller."""
     pictures, story = {}, {}
     for file, (name, settings) in PICTURED.items():
         scenario = load(name.removesuffix("-v0").removesuffix("Tuning").lower())
@@ -192,7 +193,7 @@ def environments(folder: Path) -> tuple[Pictures, Story]:
 
 
 def drive(loop: Any, controller: Any, until: float) -> float:
-    """Let `controller` drive until a time or the end; the time."""
+    """Let `controller` drive until a time or the end; return the time."""
     while loop.end is None and loop.measurement().t < until:
         loop.apply(controller.move(loop.measurement()).u)
     return float(loop.measurement().t)
@@ -206,11 +207,11 @@ MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
     "index": (reactor_index, ("reactor_index.png",)),
     "window": (window, ("query_window.png",)),
 }
-"""What makes which figures."""
+"""Functions that draw the figures, by name."""
 
 
 def drawn(draw: Callable[[], Figure]) -> bytes:
-    """A figure as PNG, in the look of all."""
+    """Draw a figure as PNG, in the common style."""
     with style():
         buffer = BytesIO()
         save(draw(), buffer)
@@ -218,16 +219,16 @@ def drawn(draw: Callable[[], Figure]) -> bytes:
 
 
 def made_by() -> dict[str, str]:
-    """Every figure, and the command that makes it."""
+    """Return every figure and the command that makes it."""
     here = "python benchmarks/figures.py"
     makers = {f: f"{here} --only {name}" for name, (_, files) in MAKERS.items() for f in files}
-    campaigns = {f: f"{here} --campaigns FOLDER, made as {page} says"
+    campaigns = {f: f"{here} --campaigns FOLDER, as described in {page}"
                  for f, (_, _, page) in CAMPAIGNS.items()}  # fmt: skip
     return makers | campaigns | OWN_COMMAND
 
 
 def shown() -> dict[str, list[str]]:
-    """Every figure that a page shows, and the pages."""
+    """Return every figure that a page shows, and the pages."""
     found: dict[str, list[str]] = {}
     for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))):
         for name in re.findall(r"\]\((?:[\w./]*/)?figures/([\w.-]+)\)", page.read_text("utf-8")):
@@ -236,11 +237,11 @@ def shown() -> dict[str, list[str]]:
 
 
 def complaints() -> Iterator[str]:
-    """What does not fit together between pages, files and makers."""
+    """Yield the mismatches between pages, files and functions."""
     makers, files = made_by(), {path.name for path in FIGURES.glob("*.png")}
     for name, pages in shown().items():
         if name not in makers:
-            yield f"{', '.join(pages)} shows {name}, which nothing makes"
+            yield f"{', '.join(pages)} shows {name}, which nothing draws"
         if name not in files:
             yield f"{', '.join(pages)} shows {name}, which is not in docs/figures"
     for name in sorted(files - set(shown())):
@@ -248,7 +249,7 @@ def complaints() -> Iterator[str]:
 
 
 def differences(name: str, now: Story, before: Story) -> Iterator[str]:
-    """Where the story of a picture has changed: counts at all, indices by more than 0.02."""
+    """Yield what has changed in the stated results: any count, or an index by more than 0.02."""
     for what, value in now.items():
         kept = before.get(what)
         if kept is None or abs(value - kept) > (0 if isinstance(value, int) else 0.02):
@@ -256,7 +257,7 @@ def differences(name: str, now: Story, before: Story) -> Iterator[str]:
 
 
 def make(names: list[str], folder: Path, say: Callable[[str], None]) -> dict[str, Story]:
-    """Make the figures of `names` into `folder`; what each tells."""
+    """Draw the figures of `names` into `folder`; return the results to state for each."""
     stories = {}
     for name in names:
         maker, files = MAKERS[name]
@@ -270,7 +271,7 @@ def make(names: list[str], folder: Path, say: Callable[[str], None]) -> dict[str
 
 
 def check(names: list[str], say: Callable[[str], None]) -> int:
-    """Make everything elsewhere and hold it against what is in docs; the exit code."""
+    """Draw everything into another folder and compare it with docs; return the exit code."""
     kept = json.loads((FIGURES / MADE).read_text("utf-8"))
     with tempfile.TemporaryDirectory() as folder:
         stories = make(names, Path(folder), say)
@@ -280,12 +281,12 @@ def check(names: list[str], say: Callable[[str], None]) -> int:
     for words in wrong:
         say(f"[red]{words}[/]")
     if wrong:
-        say("Make them anew: python benchmarks/figures.py")
+        say("To draw them again: python benchmarks/figures.py")
     return 1 if wrong else 0
 
 
 def from_campaigns(results: Path, say: Callable[[str], None]) -> None:
-    """Take the figures of campaigns out of their folders."""
+    """Copy the figures of campaigns from their folders."""
     for name, (campaign, file, page) in CAMPAIGNS.items():
         source = results / campaign / file
         if source.exists():
@@ -300,7 +301,9 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--only", nargs="+", choices=list(MAKERS), default=list(MAKERS))
-    parser.add_argument("--check", action="store_true", help="change nothing; 1 if anything is off")
+    parser.add_argument(
+        "--check", action="store_true", help="change nothing; exit with 1 if anything differs"
+    )
     parser.add_argument("--list", action="store_true", help="every figure and its command")
     parser.add_argument("--campaigns", type=Path, help="folder with results, duels, questions")
     options = parser.parse_args()

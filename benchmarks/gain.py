@@ -1,4 +1,4 @@
-"""Picture of what a calibration gains: the runs it starts from against the one it returns."""
+"""Draw what a calibration gains: the initial runs and the returned one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,19 +16,19 @@ from prefcal_scenarios.scenario import Scenario, panels_of
 
 PALE = "#c3cad1"
 TOLD = ("settling_time", "final_concentration", "mean_square_move", "index")
-"""KPIs of the reactor that are told in numbers."""
+"""KPIs of the reactor to show as numbers."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """A finished study of a scenario with a cost.
+    """Finished study of a scenario with a cost.
 
     Args:
-        scenario: What was calibrated.
-        initial: The experiments that came before anything was learned, in order.
-        best: The experiment that was returned.
-        number: Its number, from 1.
-        costs: Of every experiment, in order, shape (N,).
+        scenario: Calibrated scenario.
+        initial: Experiments before anything was learned, in order.
+        best: Returned experiment.
+        number: Number of the returned experiment, from 1.
+        costs: Cost of every experiment, in order, shape (N,).
     """
 
     scenario: Scenario
@@ -39,7 +39,7 @@ class Calibration:
 
 
 def gain(study: Calibration) -> Figure:
-    """Curves of the initial experiments and of the best to the left, every index to the right."""
+    """Draw the initial experiments and the best one on the left, and every index on the right."""
     figure = canvas(3.9)
     left, right = figure.subfigures(1, 2, width_ratios=[1.5, 1])
     above, below = left.subplots(2, 1, sharex=True)
@@ -101,7 +101,7 @@ def _costs(axes: Axes, study: Calibration) -> None:
 
 
 def _table(axes: Axes, study: Calibration) -> None:
-    """The KPIs that differ most to the eye: before, after."""
+    """Write the KPIs that differ most visibly: before and after."""
     axes.set_axis_off()
     axes.set_xlim(0, 1)
     axes.set_ylim(0, 1)

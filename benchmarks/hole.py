@@ -1,4 +1,4 @@
-"""Picture of the hole in the reactor's performance index: two runs, and the index against N_p."""
+"""Draw the hole in the reactor's performance index: two runs, and the index against N_p."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ Row = Mapping[str, float]
 
 
 def rows_of(path: Path) -> dict[str, list[Row]]:
-    """The table of `best_known.py`: rows by N_p, of "calm" and of "all" runs."""
+    """Return the table of `best_known.py`: rows by N_p, for "calm" and for "all" runs."""
     found: dict[str, list[Row]] = {"calm": [], "all": []}
     with path.open() as file:
         for row in csv.DictReader(file):
@@ -29,17 +29,17 @@ def rows_of(path: Path) -> dict[str, list[Row]]:
 
 
 def lowest(rows: Sequence[Row]) -> Row:
-    """The row with the smallest index."""
+    """Return the row with the smallest index."""
     return min(rows, key=lambda row: row["index"])
 
 
 def theta(row: Row) -> np.ndarray:
-    """θ of a row, physical, shape (3,)."""
+    """Return the physical θ of a row, shape (3,)."""
     return np.array([row["T_s"], row["N_p"], row["log_Q"]])
 
 
 def hole(scenario: Scenario, table: Path) -> Figure:
-    """Concentration and coolant of both optima above, the smallest index for each N_p below."""
+    """Draw both optima at the top, and the smallest index for each N_p below."""
     rows = rows_of(table)
     pair = [lowest(rows["calm"]), lowest(rows["all"])]
     runs = [scenario.run(theta(row)) for row in pair]

@@ -1,13 +1,13 @@
-"""How much marks help: test functions with an unsafe third of the box, marks told or kept back.
+"""Measure how much marks help: test functions with an unsafe third of the box, with and without.
 
-    python benchmarks/marks.py                          # 15 problems, 20 seeds, some 40 minutes
+    python benchmarks/marks.py                          # 15 problems, 20 seeds, about 40 minutes
     python benchmarks/marks.py --seeds 5 --functions camel hartman3
     python benchmarks/marks.py --scenarios              # automatic marks: 4 scenes, half an hour
 
 Prints a Markdown table. The synthetic calibrator prefers a safe experiment to an unsafe one and
-compares two of a kind by the function; with marks it also says which side was unsafe. With
---scenarios nobody marks anything: what differs is whether the agent learns from the marks of
-interrupted runs.
+compares two of the same kind by the function; with marks it also says which side was unsafe. With
+--scenarios the calibrator marks nothing: the only difference is whether the agent learns from the
+marks of interrupted runs.
 """
 
 import argparse
@@ -38,12 +38,13 @@ REGIONS: Mapping[str, Level] = {
     "ball": lambda z, best: -np.linalg.norm(z - (0.6 * best + 0.2), axis=1),
     "stripes": lambda z, best: np.cos(4 * np.pi * (z[:, 0] - best[0] + 0.02)),
 }
-"""Unsafe is where the level, of points (m, n) and the minimiser, is highest; it holds him."""
+"""Level functions of points (m, n) and the minimizer. Points with the highest levels are unsafe,
+and the unconstrained minimizer is among them."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """A test function, part of whose box is unsafe: where `level` exceeds `ceiling`."""
+    """Test function with an unsafe part of the box, where `level` exceeds `ceiling`."""
 
     function: TestFunction
     level: Level
@@ -68,18 +69,18 @@ class Problem:
         return cls(function, level, ceiling, float(problem.safe_values(leaders).min()))
 
     def unsafe(self, z: np.ndarray) -> np.ndarray:
-        """Whether the rows of `z`, unit cube, shape (m, n), are unsafe, (m,)."""
+        """Return whether the rows of `z`, unit cube, shape (m, n), are unsafe, (m,)."""
         best = self.function.space.encode(np.array(self.function.minimizers[0]))
         return np.asarray(self.level(z, best) > self.ceiling)
 
     def safe_values(self, z: np.ndarray) -> np.ndarray:
-        """Values at the rows of `z`, infinite where unsafe, (m,)."""
+        """Return the values at the rows of `z`, infinite where unsafe, (m,)."""
         pairs = zip(z, self.unsafe(z), strict=True)
         return np.array([np.inf if u else self.function(self.function.space.decode(p))
                          for p, u in pairs])  # fmt: skip
 
     def answer(self, query: Query, marks: bool) -> Answer:
-        """The synthetic calibrator's."""
+        """Return the synthetic calibrator's answer."""
         new, old = query.challenger.theta, query.incumbent and query.incumbent.theta
         space = self.function.space
         bad = [t is not None and bool(self.unsafe(space.encode(t)[None])) for t in (new, old)]
@@ -90,7 +91,7 @@ class Problem:
 
 
 def study(problem: Problem, seed: int, marks: bool) -> tuple[int, float]:
-    """Unsafe experiments and the gap of the θ returned; infinite where that is unsafe."""
+    """Return the number of unsafe experiments and the gap of the result, infinite if unsafe."""
     agent = GLISp(problem.function.space, n_max=50, seed=seed)
     while not agent.done:
         query = agent.ask()
@@ -101,7 +102,7 @@ def study(problem: Problem, seed: int, marks: bool) -> tuple[int, float]:
 
 
 def row(name: str, kept: np.ndarray, told: np.ndarray) -> str:
-    """A line of the table; both arrays hold counts and gaps of each seed, (seeds, 2)."""
+    """Return a line of the table; both arrays hold counts and gaps of each seed, (seeds, 2)."""
     counts, gaps = (kept[:, 0], told[:, 0]), (kept[:, 1], told[:, 1])
     ratio = np.log10(np.maximum(gaps[1], 1e-9) / np.maximum(gaps[0], 1e-9))
     duel = f"{np.sum(ratio < 0)} to {np.sum(ratio > 0)}"
@@ -110,16 +111,16 @@ def row(name: str, kept: np.ndarray, told: np.ndarray) -> str:
 
 
 Found = tuple[int, np.ndarray, Experiment]
-"""What is kept of one calibration: how many unsafe ones, every θ, the experiment of the best."""
+"""Result of one calibration: number of unsafe experiments, every θ, and the best experiment."""
 HEATING = 8.5
-"""Heating rate of the reactor [K/h] above which the alarmed one is stopped: in 30 % of the box; the
-best θ known stays below, at 8.26."""
+"""Heating rate of the reactor [K/h] above which an alarm stops the run, as in 30 % of the box; the
+best known θ stays below, at 8.26."""
 BRAKING = OvertakeOptions(traffic=(Obstacle(deceleration=4.0, brakes_at=2.5),))
 """The car ahead brakes with 4 m/s² after 2.5 s: a third of the box runs into it."""
 
 
 def alarmed(theta: np.ndarray, seed: int = 0) -> Experiment:
-    """A run of the reactor that an alarm ends where it heats up faster than `HEATING`."""
+    """Run the reactor with an alarm that ends the run if it heats up faster than `HEATING`."""
     e = load("cstr").run(theta, seed=seed)
     fast = np.flatnonzero(np.diff(e.x[:, 0]) > HEATING * np.diff(e.t))
     if not len(fast):
@@ -134,7 +135,7 @@ def alarmed(theta: np.ndarray, seed: int = 0) -> Experiment:
 
 @cache
 def scenes() -> Mapping[str, Scenario]:
-    """The scenarios by name, and two of them where a third of the box is unsafe."""
+    """Return the scenarios by name, and variants of two with an unsafe third of the box."""
     from prefcal_scenarios.cases.overtake import overtake_variants
 
     return {
@@ -146,7 +147,7 @@ def scenes() -> Mapping[str, Scenario]:
 
 
 def unasked(scene: Scenario, seed: int, marks: bool) -> Found:
-    """One calibration; without marks, the agent takes no notice of them."""
+    """Run one calibration; without `marks`, the agent ignores them."""
     off = {} if marks else {"unsafe_weight": 0.0}
     agent = GLISp(scene.space, n_max=50, seed=seed, settings=GLISpSettings(**off))
     judge: Any = scene.calibrators["synthetic"](seed)
@@ -156,7 +157,7 @@ def unasked(scene: Scenario, seed: int, marks: bool) -> Found:
 
 
 def compared(scene: Scenario, found: list[tuple[Found, Found]]) -> str:
-    """The rest of a line: unsafe ones, index, and which of the two results is preferred."""
+    """Return the rest of a line: unsafe counts, indices, and which results are preferred."""
     judge: Any = scene.calibrators["synthetic"](0)
     verdicts = [judge.prefer(told[2], kept[2]) for kept, told in found]
     wins, ties = (verdicts.count(v) for v in (Preference.CHALLENGER, Preference.TIE))
@@ -184,7 +185,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--functions", nargs="+", choices=sorted(FUNCTIONS), default=DEFAULT)
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=0, help="with the next one: the first seed")
+    parser.add_argument("--first", type=int, default=0, help="first seed, with --scenarios")
     parser.add_argument("--scenarios", nargs="*", help=f"any of {', '.join(scenes())}")
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.seeds)

@@ -1,12 +1,12 @@
-"""People err: what wrong answers cost a GLISp that reckons with them, and one that does not.
+"""Measure what wrong answers cost, for a GLISp that expects mistakes and one that does not.
 
     python benchmarks/noise.py [--problems camel hartman3] [--seeds 10] [--first 0] [--rates 0.1 0]
     python benchmarks/noise.py --questions 2 --slips
 
-Each study has 50 experiments, 10 of them initial, and up to `--questions` comparisons each; a
-share of the answers is wrong, and the same pair would be answered the same again unless they are
-`--slips`. Median gaps of the returned θ, how many times that of the calibrator who never errs, and
-in brackets the best θ that was visited.
+Each study has 50 experiments, 10 of them initial, and up to `--questions` comparisons each. A share
+of the answers is wrong; the same pair always gets the same answer, unless mistakes are `--slips`.
+Prints median gaps of the returned θ, their ratio to those of a calibrator without mistakes, and in
+brackets the gap of the best θ visited.
 """
 
 import argparse
@@ -29,7 +29,7 @@ CALIBRATORS = ("perfect", *NOISES)
 
 
 class Gaps(NamedTuple):
-    """Of the θ that was returned, and of the best one visited."""
+    """Gaps of the returned θ and of the best θ visited."""
 
     returned: float
     visited: float
@@ -37,20 +37,20 @@ class Gaps(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Slipping:
-    """Says the opposite of `judge` now and then, whatever he said of the pair before."""
+    """Calibrator that randomly reverses answers of `judge`, independently for each question."""
 
     judge: Judge
     share: float
     rng: np.random.Generator
 
     def prefer(self, challenger: Outcome, incumbent: Outcome) -> Preference:
-        """Say which is better, or not."""
+        """Return which one is better, or the opposite."""
         verdict = self.judge.prefer(challenger, incumbent)
         return Preference(-verdict) if self.rng.random() < self.share else verdict
 
 
 def judge_of(name: str, calibrator: str, seed: int, *, slips: bool) -> Judge:
-    """Who answers."""
+    """Return the calibrator that answers."""
     where = problem(name)
     if not slips or calibrator == "perfect":
         return where.calibrators[calibrator](seed)
@@ -59,7 +59,7 @@ def judge_of(name: str, calibrator: str, seed: int, *, slips: bool) -> Judge:
 
 
 def run(name: str, judge: Judge, seed: int, settings: GLISpSettings) -> Gaps:
-    """One study."""
+    """Run one study."""
     where = problem(name)
     agent = GLISp(where.space, n_init=N_INIT, n_max=N_MAX, seed=seed, settings=settings)
     tried: list[Outcome] = []
@@ -75,7 +75,7 @@ def run(name: str, judge: Judge, seed: int, settings: GLISpSettings) -> Gaps:
 
 
 def cells(found: dict[str, list[Gaps]]) -> Iterator[str]:
-    """Medians of one row, and how many times the first."""
+    """Return the medians of one row, and their ratios to the first."""
     first = None
     for gaps in found.values():
         returned, visited = np.median(np.array(gaps), axis=0)

@@ -1,9 +1,9 @@
-"""What the estimator of docs/mpc.md is worth: plants that differ from the model, and noise.
+"""Measure what the estimator of docs/mpc.md is worth: plants that differ from the model, and noise.
 
-    python benchmarks/offset_free.py     # some seconds
+    python benchmarks/offset_free.py     # a few seconds
 
-The reactor at the paper's θ by preferences, with settling switched off: an experiment that stops
-when it has settled shows the moment, not the offset that stays. The car on a free road, its
+The reactor runs at the paper's θ by preferences with settling switched off: an experiment that
+stops once it has settled would not show the remaining offset. The car runs on a free road with its
 steering off by 1°. Prints Markdown.
 """
 
@@ -38,14 +38,14 @@ PLANTS: Mapping[str, CSTRParams] = {
 
 
 def final_concentration(params: CSTRParams, controller: Controller) -> float:
-    """C_A after 48 h of a plant that the controller's model does not match, kgmol/m³."""
+    """Return C_A after 48 h of a plant that differs from the controller's model, kgmol/m³."""
     plant = CSTR(params)
     task = replace(cstr_task(plant), settled=never)
     return float(rollout(PlantEnv(plant, task), controller, THETA).x[-1, 1])
 
 
 def offsets() -> dict[str, tuple[float, float]]:
-    """Final C_A of each plant, without and with the estimator."""
+    """Return the final C_A of each plant, without and with the estimator."""
     return {
         name: (
             final_concentration(params, reactor.controller(THETA)),
@@ -56,7 +56,7 @@ def offsets() -> dict[str, tuple[float, float]]:
 
 
 def noise_left(steps: int = 150, seed: int = 0) -> tuple[float, float]:
-    """RMS error of the estimated T and C_A, as a share of the measured ones'."""
+    """Return the RMS error of the estimated T and C_A, as a share of the measurement's."""
     rng, plant = np.random.default_rng(seed), CSTR()
     controller = reactor.controller(THETA, reactor.ESTIMATOR)
     assert isinstance(controller, EstimatingMPC)
@@ -75,7 +75,7 @@ def noise_left(steps: int = 150, seed: int = 0) -> tuple[float, float]:
 
 
 def off_center(estimating: bool) -> float:
-    """|y_f| at the end of a free road with a steering that is off by 1° [m]."""
+    """Return |y_f| at the end of a free road with the steering off by 1° [m]."""
     bicycle, bias = Bicycle(), np.array([0.0, np.pi / 180])
     plant = FunctionPlant(
         lambda x, u, d: bicycle.f(x, u + bias, d), states=bicycle.states, inputs=bicycle.inputs

@@ -1,4 +1,4 @@
-"""What KPIs beside θ are worth: the CSTR calibrated with useful, useless and misleading ones.
+"""Measure what KPIs besides θ are worth: the CSTR with useful, useless and misleading ones.
 
     python benchmarks/outcomes.py                         # all, 20 seeds, 50 experiments
     python benchmarks/outcomes.py --kinds none all --n-init 6 --n-max 25 --jobs 2
@@ -27,7 +27,7 @@ from prefcal_env.preferences.loop import calibrate
 from prefcal_scenarios import load, outcome
 
 AFTER = (15, 20, 25, 50)
-"""Numbers of experiments that the table has a column for."""
+"""Numbers of experiments, one for each column of the table."""
 _RANDOM, _LOST = 8, 0.4
 
 Kpis = Callable[[Experiment, np.random.Generator], Mapping[str, float]]
@@ -65,7 +65,7 @@ KINDS: Mapping[str, Kpis | None] = {
 
 
 class Study(NamedTuple):
-    """One calibration to run."""
+    """Calibration to run."""
 
     n_init: int
     kind: str
@@ -75,7 +75,7 @@ class Study(NamedTuple):
 
 
 def best_costs(study: Study) -> list[float]:
-    """True index of the best so far after each experiment, (n_max,)."""
+    """Return the true index of the best so far after each experiment, (n_max,)."""
     scenario, kpis = load("cstr"), KINDS[study.kind]
     assert scenario.cost is not None
     knobs = [replace(k, step=0) if not k.integer else k for k in scenario.space]
@@ -93,14 +93,14 @@ def best_costs(study: Study) -> list[float]:
 
 
 def run(studies: Sequence[Study], jobs: int) -> Iterator[list[float]]:
-    """The results in the order of `studies`, with a progress bar."""
+    """Return the results in the order of `studies`, with a progress bar."""
     with ProcessPoolExecutor(jobs) as pool:
         results = pool.map(best_costs, studies)
         yield from track(results, "calibrating", total=len(studies), console=Console(stderr=True))
 
 
 def table(rows: Sequence[tuple[int, str]], costs: np.ndarray) -> str:
-    """Markdown: median [quartiles] of the seeds; `costs` is (rows, seeds, n_max)."""
+    """Return Markdown: median [quartiles] over the seeds; `costs` is (rows, seeds, n_max)."""
     after = [n for n in AFTER if n <= costs.shape[2]]
     lines = ["| n_init | KPIs | " + " | ".join(f"after {n}" for n in after) + " |"]
     lines += ["| --- " * (2 + len(after)) + "|"]

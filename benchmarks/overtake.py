@@ -1,14 +1,14 @@
-"""The overtaking: random tunings, and calibrations by preferences against the paper's optimum.
+"""Compare random tunings and calibrations of the overtaking with the paper's optimum.
 
     OMP_NUM_THREADS=1 python benchmarks/overtake.py [--samples 500] [--seeds 20] [--jobs 1]
     ... --samples 0 --agents GLISp RandomSearch LatinHypercube
-    ... --steering "per step"            # 0.0873 rad a step in place of 0.0873 rad/s
+    ... --steering "per step"            # 0.0873 rad per step instead of 0.0873 rad/s
     ... --optimum --steering "per second" "per step"
 
 Part one runs a seeded sample of θ in the box and reports how they ended: interrupted runs,
 unsolved QPs, criterion (i), seconds of an experiment. Part two calibrates with each agent, 50
-experiments for each seed, and reports how the synthetic calibrator finds the returned θ beside the
-paper's, by which criterion, and whether it violates criterion (i) or safety. Prints Markdown.
+experiments for each seed, and reports whether the synthetic calibrator prefers the returned θ to
+the paper's, by which criterion, and whether it violates criterion (i) or safety. Prints Markdown.
 """
 
 import argparse
@@ -49,7 +49,7 @@ VERDICTS = {Preference.CHALLENGER: "better", Preference.TIE: "a tie", Preference
 
 
 class Run(NamedTuple):
-    """What is kept of one random θ."""
+    """Result of one random θ."""
 
     end: str
     kpis: dict[str, float]
@@ -58,7 +58,7 @@ class Run(NamedTuple):
 
 
 class Result(NamedTuple):
-    """What is kept of one calibration."""
+    """Result of one calibration."""
 
     seed: int
     theta: list[float]
@@ -72,12 +72,12 @@ class Result(NamedTuple):
 
 @cache
 def limited(steering: str) -> Scenario:
-    """The scenario with this limit of the steering."""
+    """Return the scenario with this limit of the steering."""
     return load(joined_source("overtake", {"steering_limit": steering}))
 
 
 def sample(i: int, steering: str) -> Run:
-    """θ number i of the sample, run once."""
+    """Run θ number i of the sample once."""
     theta = overtake.space.decode(np.random.default_rng([0, i]).random(len(overtake.space)))
     start = time.perf_counter()
     e = limited(steering).run(theta)
@@ -91,7 +91,7 @@ def sample(i: int, steering: str) -> Run:
 
 
 def exact_in_time(e: Experiment) -> bool:
-    """Whether every sampling instant is k T_s to 1e-9 s and the run ended where it should."""
+    """Return whether every sampling instant is k T_s to 1e-9 s and the run ended on time."""
     T_s, n = e.theta[0], len(e.t_control)
     instants = np.abs(e.t_control - T_s * np.arange(n)).max() < 1e-9
     last = e.end.interrupted or abs(e.t[-1] - T_s * np.ceil(HORIZON / T_s - 1e-9)) < 1e-9
@@ -99,7 +99,7 @@ def exact_in_time(e: Experiment) -> bool:
 
 
 def study(job: tuple[int, str, str, int], steering: str) -> Result:
-    """One calibration: seed, agent, calibrator, experiments."""
+    """Run one calibration: seed, agent, calibrator, experiments."""
     seed, name, judge, n_max = job
     scenario = limited(steering)
     start = time.perf_counter()
@@ -116,12 +116,12 @@ def study(job: tuple[int, str, str, int], steering: str) -> Result:
 
 
 def cell(text: str) -> str:
-    """Text for a cell of a Markdown table."""
+    """Return the text for a cell of a Markdown table."""
     return text.replace("|", r"\|")
 
 
 def violated(e: Experiment, calibrator: Any) -> list[str]:
-    """What criterion (i) and safety have to object."""
+    """Return which of criterion (i) and safety is violated."""
     objections = {
         "real time": calibrator.first[0].key(e) > 0,
         "interrupted": e.end.interrupted,
@@ -133,7 +133,7 @@ def violated(e: Experiment, calibrator: Any) -> list[str]:
 
 
 def spread(function: Any, jobs: Sequence[Any], label: str, processes: int) -> Iterator[Any]:
-    """The results in the order of `jobs`, with a progress bar."""
+    """Return the results in the order of `jobs`, with a progress bar."""
     console = Console(stderr=True)
     if processes == 1:
         yield from track(map(function, jobs), label, total=len(jobs), console=console)
@@ -194,7 +194,7 @@ def tell_studies(results: list[Result], name: str, judge: str, console: Console)
 
 
 def row(*cells: str) -> str:
-    """A row of a Markdown table."""
+    """Return a row of a Markdown table."""
     return "| " + " | ".join(cells) + " |"
 
 
@@ -212,14 +212,14 @@ def main() -> None:
         "--steering", nargs="+", default=["per second"], choices=STEERING_LIMITS,
         help="what 0.0873 rad limits",
     )  # fmt: skip
-    parser.add_argument("--optimum", action="store_true", help="the paper's optimum, nothing else")
+    parser.add_argument("--optimum", action="store_true", help="only the paper's optimum")
     args = parser.parse_args()
     for steering in args.steering:
         tell(steering, args, Console())
 
 
 def tell(steering: str, args: argparse.Namespace, console: Console) -> None:
-    """Everything that was asked for, with one limit of the steering."""
+    """Run everything requested, with one limit of the steering."""
     if args.samples or args.optimum:
         tell_paper(steering, console)
     if args.samples and not args.optimum:

@@ -1,12 +1,12 @@
-"""How long GLISp takes for one proposal: 50, 400 and 1,000 samples, without and with KPIs.
+"""Time one proposal of GLISp: 50, 400 and 1,000 samples, without and with KPIs.
 
     python benchmarks/proposal_time.py                  # a few minutes
     python benchmarks/proposal_time.py --samples 50 --functions hartman3
 
 Prints a Markdown table: processor time in milliseconds, median and worst of the proposals after
-so many samples, and as a multiple of a fixed piece of linear algebra timed in between (machines
-differ). A study of so many samples is not run through: its samples are random, and each was
-compared with the best before it.
+that number of samples, and as a multiple of a fixed piece of linear algebra timed in between, since
+machines differ. No complete study is run: the samples are random, and each is compared with the
+best before it.
 """
 
 import argparse
@@ -22,12 +22,12 @@ from prefcal_agents.protocol.agent import one_thread
 from prefcal_env import Answer
 from prefcal_scenarios.cases.functions import FUNCTIONS
 
-REPEATS = 12  # validations and doubts come once in ten
+REPEATS = 12  # validations and noise tests come once in ten
 KPIS = 8
 
 
 def agent_after(name: str, count: int, *, kpis: bool, seed: int) -> GLISp:
-    """An agent that was told the outcome of `count` random samples."""
+    """Return an agent that has learned from `count` random samples."""
     function, rng = FUNCTIONS[name], np.random.default_rng(seed)
     space = function.space
     weights = rng.standard_normal((KPIS, len(space)))
@@ -48,7 +48,7 @@ def agent_after(name: str, count: int, *, kpis: bool, seed: int) -> GLISp:
 
 
 def yardstick() -> float:
-    """Processor time of a fixed piece of linear algebra, in ms."""
+    """Return the processor time of a fixed piece of linear algebra, in ms."""
     a = np.eye(300) + 1 / (1 + np.arange(300)[:, None] + np.arange(300))
     start = time.process_time()
     for _ in range(10):
@@ -57,7 +57,7 @@ def yardstick() -> float:
 
 
 def times(name: str, count: int, *, kpis: bool) -> tuple[list[float], list[float]]:
-    """ms of each proposal, and of the yardstick beside it."""
+    """Return the ms of each proposal, and of the yardstick timed with it."""
     agent, found, beside = agent_after(name, count, kpis=kpis, seed=0), [], []
     for _ in range(REPEATS):
         beside.append(yardstick())
@@ -69,7 +69,7 @@ def times(name: str, count: int, *, kpis: bool) -> tuple[list[float], list[float
 
 
 def table(rows: Sequence[tuple[str, int, bool]]) -> str:
-    """Markdown of all `rows`: function, samples, whether KPIs are told."""
+    """Return Markdown of all `rows`: function, samples, whether KPIs are used."""
     lines = ["| function | samples | KPIs | median ms | worst ms | times the yardstick |"]
     lines += ["| --- " * 6 + "|"]
     for name, count, kpis in track(rows, "timing", console=Console(stderr=True)):

@@ -1,15 +1,15 @@
 """Prove that rebuilding the code changes no study: digests of fixed studies, bit for bit.
 
     python benchmarks/same_studies.py > before.json            # about a minute
-    python benchmarks/same_studies.py --against before.json    # exit code 1 names what differs
+    python benchmarks/same_studies.py --against before.json    # names what differs; exits with 1
     python benchmarks/same_studies.py --only camel --show      # the lines behind the digests
 
 benchmarks/same_studies.json holds the digests of the present code; `--against` without a file
 compares with it. Another processor, numpy or scipy may round differently: if that is so, compute
 the digests of the revision before your change on the same machine, and compare with those.
 
-A digest covers every query (θ of both sides, exactly), every answer and the best θ. The studies
-that only one feature can change are kept apart, so that a deliberate change names itself.
+A digest covers every query (θ of both sides, exactly), every answer and the best θ. Studies that
+only one feature can change are separate, so that the names show what a deliberate change affects.
 """
 
 import os
@@ -55,7 +55,7 @@ Change = Callable[[Any], Any]
 
 
 def camel(x: np.ndarray) -> float:
-    """Six-hump camel."""
+    """Compute the six-hump camel function."""
     a, b = x
     return float((4 - 2.1 * a**2 + a**4 / 3) * a**2 + a * b + (4 * b**2 - 4) * b**2)
 
@@ -67,7 +67,7 @@ _P = 1e-4 * np.array(
 
 
 def hartman3(x: np.ndarray) -> float:
-    """Hartman, 3 knobs."""
+    """Compute the Hartman function of 3 knobs."""
     return float(-np.array([1.0, 1.2, 3.0, 3.2]) @ np.exp(-np.sum(_A * (x - _P) ** 2, axis=1)))
 
 
@@ -123,7 +123,7 @@ def by(cost: Callable[[np.ndarray], float], *, tie: float = 0.0) -> Reply:
 
 
 def erring(reply: Reply, rate: float, seed: int) -> Reply:
-    """Turn some of the answers around, as a calibrator with this error rate would."""
+    """Reverse some of the answers, as a calibrator with this error rate would."""
     rng = np.random.default_rng(seed)
 
     def wrong(query: Query) -> Any:
@@ -186,7 +186,7 @@ def scored(cost: Callable[[np.ndarray], float]) -> Reply:
 
 
 def undone(agent: Any) -> Any:
-    """Take the last answer back."""
+    """Undo the last answer."""
     agent.undo()
     return agent
 
@@ -198,7 +198,7 @@ def retracted(index: int, agent: Any) -> Any:
 
 
 def further_retracted(agent: Any) -> Any:
-    """Forget what the first further answer taught."""
+    """Forget what the first answer to a follow-up comparison taught."""
     agent.retract(0, further=True)
     return agent
 
@@ -333,7 +333,7 @@ def exported(folder: Path, study: str, knobs: int) -> Lines:
 
 
 def in_file(*steps: str | Callable[[Path], None]) -> Lines:
-    """Take the steps on the study own.prefcal, each a command's words or a function of it."""
+    """Apply the steps to the study own.prefcal: words of a command, or functions of it."""
     with tempfile.TemporaryDirectory() as name:
         folder, best = Path(name), None
         (folder / "own.py").write_text(OWN, encoding="utf-8")
@@ -348,7 +348,7 @@ def in_file(*steps: str | Callable[[Path], None]) -> Lines:
 
 
 def interfere(folder: Path) -> None:
-    """Take back, retract and mark, as a person does on the page."""
+    """Undo, retract and mark, as a person does on the page."""
     from prefcal_env.study import StudyFile
     from prefcal_scenarios import load
     from prefcal_scenarios.app.session import Interview, Phase

@@ -1,4 +1,4 @@
-"""How much the exploration δ of GLISp matters: a scenario calibrated with several δ and seeds.
+"""Measure how much the exploration δ of GLISp matters, with several δ and seeds.
 
     python benchmarks/sensitivity.py                    # δ from 0 to 16 on the CSTR, 10 seeds
     python benchmarks/sensitivity.py --seeds 3 --jobs 2
@@ -39,7 +39,7 @@ SHADES = ("#9fb3c8", "#5b9bd5", BEST, "#e8a06a", OTHERS[0], *OTHERS[1:])
 
 
 class Study(NamedTuple):
-    """One calibration to run."""
+    """Calibration to run."""
 
     scenario: str
     delta: float
@@ -48,17 +48,17 @@ class Study(NamedTuple):
 
 
 def best_costs(study: Study) -> list[float]:
-    """True index of the best so far after each experiment, (n_max,)."""
+    """Return the true index of the best so far after each experiment, (n_max,)."""
     scenario = load(study.scenario)
     if scenario.cost is None:
-        raise SystemExit(f"scenario {study.scenario!r} has no index to judge by")
+        raise SystemExit(f"scenario {study.scenario!r} has no index to compare by")
     agent = GLISp(scenario.space, n_max=study.n_max, seed=study.seed, delta=study.delta)
     judge = scenario.calibrators["synthetic"](study.seed)
     return best_after_each(agent, calibrate(agent, scenario.run, judge), scenario.cost)
 
 
 def run(studies: Sequence[Study], jobs: int) -> Iterator[list[float]]:
-    """The results in the order of `studies`, with a progress bar."""
+    """Return the results in the order of `studies`, with a progress bar."""
     console = Console(stderr=True)
     with ProcessPoolExecutor(jobs) as pool:
         results = pool.map(best_costs, studies)
@@ -66,7 +66,7 @@ def run(studies: Sequence[Study], jobs: int) -> Iterator[list[float]]:
 
 
 def table(deltas: Sequence[float], final: np.ndarray) -> str:
-    """Markdown: quartiles of the final index, one row a δ; `final` is (δ, seeds)."""
+    """Return Markdown: quartiles of the final index, one row per δ; `final` is (δ, seeds)."""
     lines = [
         "| δ | lower quartile | median | upper quartile | worst |",
         "| --- | --- | --- | --- | --- |",
@@ -78,7 +78,7 @@ def table(deltas: Sequence[float], final: np.ndarray) -> str:
 
 
 def draw(deltas: Sequence[float], costs: np.ndarray, path: Path) -> None:
-    """Final index by δ to the left, median best so far to the right; (δ, seeds, n_max)."""
+    """Draw the final index by δ on the left, the median best so far on the right."""
     with style():
         figure = canvas(3.4)
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=[1, 1.25])
@@ -120,7 +120,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10, help="number of seeds")
     parser.add_argument("--n-max", type=int, default=50, help="experiments of a study")
     parser.add_argument("--jobs", type=int, default=1, help="processes at a time")
-    parser.add_argument("--out", type=Path, default=FIGURE, help="the figure")
+    parser.add_argument("--out", type=Path, default=FIGURE, help="file of the figure")
     args = parser.parse_args()
     studies = [
         Study(args.scenario, d, s, args.n_max) for d in args.deltas for s in range(args.seeds)

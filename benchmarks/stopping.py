@@ -1,10 +1,11 @@
-"""What stopping advice is worth: improvements foretold for ten experiments, and what happened.
+"""Compare stopping advice with reality: improvements predicted and observed in ten experiments.
 
     python benchmarks/stopping.py [--functions camel branin] [--seeds 10]
 
-GLISp is asked for its advice after 15, 20 ... 40 of 50 experiments. Two people compare: one sees
-every difference, the other calls two experiments as good whose costs differ by less than 2 % of
-the range of the first ten. The advice's numbers were chosen on the functions of CHOSEN_ON.
+GLISp gives its advice after 15, 20 ... 40 of 50 experiments. Two synthetic people compare: one sees
+every difference, the other treats two experiments as equal if their costs differ by less than 2 %
+of the range of the first ten. The parameters of the advice were chosen on the functions of
+CHOSEN_ON.
 """
 
 import argparse
@@ -20,12 +21,12 @@ CHOSEN_ON = ("camel", "hartman3", "ackley2", "rosenbrock4", "styblinski3", "levy
 HELD_OUT = ("branin", "hartman6", "ackley5", "adjiman", "terraces3", "levy8")
 N_INIT, N_MAX, AHEAD = 10, 50, 10
 ASKED = (15, 20, 25, 30, 35, 40)
-BANDS = {"sees all": 0.0, "2 % is as good": 0.02}
+BANDS = {"sees every difference": 0.0, "2 % counts as equal": 0.02}
 
 
 @dataclass(frozen=True)
 class Case:
-    """One piece of advice, the improvements that followed, and the gain by the range at first."""
+    """Advice at one point, the improvements that followed, and the gain relative to the range."""
 
     advice: Advice
     happened: int
@@ -33,7 +34,7 @@ class Case:
 
 
 def study(f: TestFunction, seed: int, band: float) -> list[Case]:
-    """The advice given in one study, and what came of it."""
+    """Return the advice given in one study, with the improvements that followed."""
     agent = GLISp(f.space, n_init=N_INIT, n_max=N_MAX, seed=seed)
     costs, best, won, advice = [], [], [], {}
     while not agent.done:
@@ -60,7 +61,7 @@ def rows(cases: list[Case], of, edges: tuple[float, ...]) -> None:
     for low, high in pairwise(edges):
         some = [c for c in cases if low <= of(c.advice) < high]
         if some:
-            foretold, happened, none, inside, gain = (
+            predicted, observed, none, inside, gain = (
                 np.mean([g(c) for c in some])
                 for g in (
                     lambda c: c.advice.expected,
@@ -71,7 +72,7 @@ def rows(cases: list[Case], of, edges: tuple[float, ...]) -> None:
                 )
             )
             said = np.mean([c.advice.none for c in some])
-            print(f"| {low:g} to {high:g} | {len(some)} | {foretold:.2f} | {happened:.2f} | "
+            print(f"| {low:g} to {high:g} | {len(some)} | {predicted:.2f} | {observed:.2f} | "
                   f"{said:.2f} | {none:.2f} | {inside:.2f} | {gain:.2f} |", flush=True)  # fmt: skip
 
 
@@ -85,7 +86,7 @@ def main() -> None:
         for person, band in BANDS.items():
             every = [(FUNCTIONS[name], seed) for name in names for seed in range(options.seeds)]
             cases = [case for f, seed in every for case in study(f, seed, band)]
-            head = "cases | foretold | happened | none, said | none | in 80 % | gain > 1 %"
+            head = "cases | predicted | observed | none, predicted | none | in 80 % | gain > 1 %"
             print(f"\n{group}, {person}\n\n| expected | {head} |\n|" + " --- |" * 8)
             rows(cases, lambda a: a.expected, (0, 0.25, 0.5, 1, 2, 3, 4, 10))
             rows(cases, lambda a: 0.0, (0, 1))

@@ -1,11 +1,11 @@
-"""What "much better" is worth: GLISp with and without strengths, in paired runs.
+"""Measure what "much better" is worth: GLISp with and without strengths, in paired runs.
 
     python benchmarks/strength.py [--problems camel cstr] [--seeds 16] [--first 0] [--factor 3]
 
-Two people who never err say "much better" where the latent costs differ by more than a threshold:
-"start" by the median of the differences among the ten experiments of the start, "recent" by the
-median of the differences of his last fifteen comparisons. Each run has a twin of the same seed
-in which neither says so.
+Two synthetic people, who make no mistakes, say "much better" if the latent costs differ by more
+than a threshold: for "start", the median difference among the ten initial experiments; for
+"recent", the median difference of their last fifteen comparisons. Each run has a twin with the same
+seed in which they never say so.
 """
 
 import argparse
@@ -25,14 +25,14 @@ from prefcal_scenarios.bench.problems import PROBLEMS, Problem, problem
 
 N_INIT, N_MAX = 10, 50
 RECENT = 15
-"""Comparisons that a person has in mind."""
+"""Number of comparisons that a person remembers."""
 CLOSEST = 1e-9
-"""Gaps below count as this: what is left is rounding."""
+"""Gaps below count as this, since smaller ones are rounding."""
 
 
 @dataclass
 class Person:
-    """Says "much better" above `threshold`, or None for never, as a function of the past."""
+    """Person who says "much better" above `threshold`, a function of the past (None: never)."""
 
     threshold: Callable[[list[float]], float | None]
     differences: list[float] = field(default_factory=list)
@@ -45,7 +45,7 @@ class Person:
 
 
 def by_the_start(of: Problem, seed: int) -> Person:
-    """His threshold stays what the experiments of the start taught him."""
+    """Return a person whose threshold comes from the initial experiments."""
     start = [of.space.decode(z) for z in latin_hypercube(of.space, N_INIT, seed)]
     costs = [of.outcome(theta).cost for theta in start]
     threshold = float(np.median([abs(a - b) for a, b in combinations(costs, 2)]))
@@ -53,7 +53,7 @@ def by_the_start(of: Problem, seed: int) -> Person:
 
 
 def by_the_recent(of: Problem, seed: int) -> Person:
-    """His threshold follows what he sees."""
+    """Return a person who adapts their threshold to recent comparisons."""
     return Person(lambda past: float(np.median(past[-RECENT:])) if len(past) > 2 else None)
 
 
@@ -62,7 +62,7 @@ PEOPLE = {"plain": lambda of, seed: Person(lambda past: None),
 
 
 def run(of: Problem, person: Person, seed: int, factor: float) -> tuple[float, int]:
-    """Gap of θ that won, and how often it was "much better"."""
+    """Return the gap of the winner, and the number of "much better" answers."""
     agent = GLISp(of.space, n_init=N_INIT, n_max=N_MAX, seed=seed)
     best, much = None, 0
     while not agent.done:
@@ -78,7 +78,7 @@ def run(of: Problem, person: Person, seed: int, factor: float) -> tuple[float, i
 
 
 def against(gaps: np.ndarray, plain: np.ndarray) -> str:
-    """Mean log10 ratio with its standard error, and wins to losses."""
+    """Return the mean log10 ratio with its standard error, and wins to losses."""
     ratio = np.log10(np.maximum(gaps, CLOSEST) / np.maximum(plain, CLOSEST))
     error = ratio.std(ddof=1) / np.sqrt(len(ratio))
     wins, losses = int(np.sum(ratio < -0.01)), int(np.sum(ratio > 0.01))

@@ -1,17 +1,17 @@
-"""Count the files of ours that one proposal and its answer enter, and how often they take turns.
+"""Count our files that one proposal and its answer enter, and how often they alternate.
 
     python benchmarks/trace_proposal.py              # GLISp on a test function, and an interview
     python benchmarks/trace_proposal.py --files      # every file too, with its number of calls
 
 Two counts, both of calls of Python functions in our three packages, returns not counted:
 
-    crossings       consecutive calls that are in different files: the walk that a reader takes
-    between files   calls whose caller is code of ours in another file; calls that come through
-                    other libraries (scipy calls an objective, say) are not among them
+    crossings       consecutive calls in different files: the path that a reader follows
+    between files   calls whose caller is our code in another file, without calls that come through
+                    other libraries (for example, scipy calling an objective)
 
 Both depend on the study: other seeds and functions give up to a quarter more or less, so compare
-two revisions with the same command. From experiment 20 on GLISp proposes in two ways by turns,
-hence two rows each. To trace another revision, put its checkout first in PYTHONPATH.
+two revisions with the same command. From experiment 20 on GLISp alternates between two kinds of
+proposals, hence two rows each. To trace another revision, put its checkout first in PYTHONPATH.
 """
 
 import os
@@ -44,13 +44,13 @@ TRACED = (30, 31)  # experiments, from 1
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """What one piece of work entered.
+    """Trace of one piece of work.
 
     Args:
         calls: Number of calls by file.
         functions: Number of different functions.
-        crossings: Consecutive calls in different files.
-        between: Calls from code of ours in another file.
+        crossings: Number of consecutive calls in different files.
+        between: Number of calls from our code in another file.
     """
 
     calls: Counter[str]
@@ -61,7 +61,7 @@ class Trace:
 
 @cache
 def own(path: str) -> str | None:
-    """Return the short name of a file of ours; None for all others."""
+    """Return the short name of one of our files; None for all others."""
     for package in PACKAGES:
         if path.startswith(f"{package}{os.sep}"):
             return str(Path(path).relative_to(package.parent))

@@ -1,8 +1,8 @@
-"""Drive random θ through varied traffic: every run must end with a reason, exact in time.
+"""Drive random θ through varied traffic: every run must end with a reason and on time.
 
     OMP_NUM_THREADS=1 python benchmarks/traffic.py [--samples 500] [--jobs 1]
 
-Prints for each traffic how the runs ended, as docs/overtaking.md has it.
+Prints how the runs ended for each kind of traffic, as in docs/overtaking.md.
 """
 
 import argparse
@@ -40,7 +40,7 @@ def drive(name: str, i: int) -> Experiment:
 
 
 def complaints(e: Experiment) -> Iterator[str]:
-    """What is wrong with an experiment."""
+    """Yield what is wrong with an experiment."""
     T_s = float(e.theta[0])
     n = len(e.t_control)
     if not np.allclose(e.t_control, np.arange(n) * T_s, rtol=0, atol=1e-9):
@@ -60,7 +60,7 @@ def complaints(e: Experiment) -> Iterator[str]:
 
 
 def ending(e: Experiment) -> str:
-    """Why it is over."""
+    """Return why the run ended."""
     if not e.end.interrupted:
         return "time is up"
     if e.kpis["collision"]:
@@ -69,7 +69,7 @@ def ending(e: Experiment) -> str:
 
 
 def judged(name: str, i: int) -> tuple[str, list[str]]:
-    """How run `i` ended, and what is wrong with it."""
+    """Return how run `i` ended, and what is wrong with it."""
     e = drive(name, i)
     return ending(e), list(complaints(e))
 

@@ -1,4 +1,4 @@
-"""Which deviation of GLISp from the paper pays: paired studies on many functions.
+"""Measure which deviation of GLISp from the paper helps: paired studies on many functions.
 
     python benchmarks/variants.py                          # all variants, all functions, 10 seeds
     python benchmarks/variants.py --variants 'default,no process' --functions held-out --seeds 20
@@ -27,18 +27,18 @@ DEVELOPED_ON = ("camel", "rosenbrock2", "hartman3", "styblinski3", "levy4", "ack
 
 
 def dixon_price(x: np.ndarray) -> float:
-    """A valley curved twice, minimum 0."""
+    """Compute a valley curved twice, minimum 0."""
     i = np.arange(2, len(x) + 1)
     return float((x[0] - 1) ** 2 + i @ (2 * x[1:] ** 2 - x[:-1]) ** 2)
 
 
 def griewank(x: np.ndarray) -> float:
-    """A bowl with shallow waves, minimum 0 at 0."""
+    """Compute a bowl with shallow waves, minimum 0 at 0."""
     return float(1 + x @ x / 4000 - np.prod(np.cos(x / np.sqrt(np.arange(1, len(x) + 1)))))
 
 
 def zakharov(x: np.ndarray) -> float:
-    """A plate that bends up steeply along one direction, minimum 0 at 0."""
+    """Compute a plate that bends up steeply along one direction, minimum 0 at 0."""
     s = 0.5 * np.arange(1, len(x) + 1) @ x
     return float(x @ x + s**2 + s**4)
 
@@ -47,12 +47,12 @@ _TURN = np.linalg.qr(np.random.default_rng(7).standard_normal((6, 6)))[0]
 
 
 def ellipsoid(x: np.ndarray) -> float:
-    """A bowl 100 times steeper along one of its (turned) axes than along another, minimum 0."""
+    """Return a bowl 100 times steeper along one (turned) axis than along another, minimum 0."""
     return float(10 ** np.linspace(0, 2, 6) @ (_TURN @ (x - 0.37)) ** 2)
 
 
 def michalewicz(x: np.ndarray) -> float:
-    """Steep ridges along every knob; a sum of one function a knob."""
+    """Compute steep ridges along every knob; a sum of one function per knob."""
     i = np.arange(1, len(x) + 1)
     return float(-np.sum(np.sin(x) * np.sin(i * x**2 / np.pi) ** 20))
 
@@ -73,7 +73,7 @@ GROUPS = {
 
 
 def gap(settings: GLISpSettings, function: TestFunction, seed: int, n_init: int) -> float:
-    """What remains to the optimum after 50 experiments."""
+    """Return the gap to the optimum after 50 experiments."""
     agent, space = partial(GLISp, settings=settings), function.space
     found = minimize_by_preference(
         function.prefer, space, agent=agent, n_init=n_init, n_max=50, seed=seed
@@ -82,7 +82,7 @@ def gap(settings: GLISpSettings, function: TestFunction, seed: int, n_init: int)
 
 
 def main() -> None:
-    """Print one line a function and variant, and the mean over all."""
+    """Print one line per function and variant, and the mean over all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--variants", default=",".join(VARIANTS))
     parser.add_argument("--functions", default="all", help="all, developed-on, held-out, or names")
@@ -106,7 +106,7 @@ def main() -> None:
 
 
 def _summary(against: np.ndarray) -> str:
-    """Mean log10 ratio to `default` with its standard error, wins and losses."""
+    """Return the mean log10 ratio to `default` with its standard error, wins and losses."""
     error = np.std(against) / np.sqrt(len(against))
     won, lost = np.sum(against < -1e-9), np.sum(against > 1e-9)
     return f"{np.mean(against):+.2f} ± {error:.2f}  {won}:{lost}"

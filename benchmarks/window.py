@@ -1,7 +1,7 @@
-"""The query window as a person feels it: waiting, page weight, memory.
+"""Measure the query window as a person experiences it: waiting, page weight, memory.
 
 Starts `prefcal calibrate cstr` and a headless browser on this machine, answers by keyboard, and
-prints medians. The browser runs before the command does; all else is what a person waits for.
+prints medians. The browser starts before the command; everything else is time that a person waits.
 
     python benchmarks/window.py [--studies 5] [--answers 30] [--scenario cstr]
 """
@@ -38,14 +38,14 @@ KEYS = ("ArrowLeft", "ArrowRight", "ArrowRight", "ArrowLeft", "ArrowDown")
 
 
 def memory(served: Served) -> float:
-    """Resident memory of the command [MB]."""
+    """Return the resident memory of the command [MB]."""
     status = Path(f"/proc/{served.process.pid}/status").read_text()
     line = next(line for line in status.splitlines() if line.startswith("VmRSS"))
     return int(line.split()[1]) / 1024
 
 
 def first_question(browser, scenario: str) -> tuple[float, float]:
-    """Seconds from the command to its link, and to curves on the page."""
+    """Return the seconds from the command to its link, and to curves on the page."""
     with tempfile.TemporaryDirectory() as folder:
         watched = Watched(browser)
         began = time.perf_counter()
@@ -60,7 +60,7 @@ def first_question(browser, scenario: str) -> tuple[float, float]:
 
 
 def answering(browser, scenario: str, answers: int) -> tuple[list[float], dict[str, float]]:
-    """Seconds from each key to the next question drawn; page weight and memory of the whole."""
+    """Return the seconds from each key to the next question drawn, page weight, and memory."""
     with tempfile.TemporaryDirectory() as folder:
         served, watched = serve(Path(folder), scenario), Watched(browser)
         sizes: dict[str, int] = {}

@@ -56,7 +56,7 @@ def experiment(theta):
 
 
 def prefer(a, b):
-    """-1 if a is better, 1 if b is: first of all no overshoot above 2 %, then the quicker one."""
+    """Return -1 if a is better, 1 if b is: no overshoot above 2 % first, then the faster one."""
     overshoot, late = [], []
     for e in (experiment(a), experiment(b)):
         error = np.abs(e.x[:, 0] - 1) > 0.02

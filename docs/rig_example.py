@@ -32,7 +32,7 @@ oven = Scenario(
 
 
 def logged(theta):
-    """Stands for you, the oven and its logger: the CSV of one run."""
+    """Return the CSV of one run, in place of you, the oven and its logger."""
     K_p, K_i = theta
     T, total, lines = 25.0, 0.0, [rig.template().strip()]
     for t in np.arange(0.0, 60.0, 0.25):
@@ -46,7 +46,7 @@ def logged(theta):
 
 
 def ask(a, b):
-    """Stands for your eyes: less time outside the band is better."""
+    """Compare two runs in place of you: less time outside the band is better."""
     outside = [int(np.sum(np.abs(e.x[:, 0] - 200.0) > 2.0)) for e in (a, b)]
     return int(np.sign(outside[0] - outside[1]))
 

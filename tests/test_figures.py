@@ -32,7 +32,7 @@ def test_a_page_whose_figures_are_made_is_not_complained_of(figures, clone):
 def test_a_figure_that_nothing_makes_is_named_with_its_page(figures, clone):
     (clone / "docs" / "more.md").write_text("![by hand](figures/by_hand.png)")
     assert list(figures.complaints()) == [
-        "docs/more.md shows by_hand.png, which nothing makes",
+        "docs/more.md shows by_hand.png, which nothing draws",
         "docs/more.md shows by_hand.png, which is not in docs/figures",
     ]
 

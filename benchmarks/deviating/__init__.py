@@ -1,1 +1,1 @@
-"""The parts of deviations.py: every deviation from the paper, both ways."""
+"""Run every deviation from the paper both ways: the parts of deviations.py."""

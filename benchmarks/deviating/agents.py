@@ -1,4 +1,4 @@
-"""What the agent does otherwise than the paper's: studies in pairs."""
+"""Compare our agent with the paper's: paired studies."""
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
@@ -41,31 +41,31 @@ Patch = Callable[[], Any]
 
 @contextmanager
 def z_of(function: Callable[[np.ndarray], np.ndarray]) -> Iterator[None]:
-    """The exploration function replaced: it takes the d of the unit cube, shape (m, N)."""
+    """Replace the exploration function by one of d in the unit cube, shape (m, N)."""
     with mock.patch.object(acquisition, "exploration", function):
         yield
 
 
 def z_printed(d: np.ndarray) -> np.ndarray:
-    """Eq. IDW-distance in [-1, 1]^n, where every squared distance is four times as large."""
+    """Return eq. IDW-distance in [-1, 1]^n, where squared distances are four times as large."""
     return EXPLORATION(4 * d)
 
 
 def z_authors(d: np.ndarray) -> np.ndarray:
-    """Theirs in [-1, 1]^n, with w the inverse of the squared distance."""
+    """Return the authors' z in [-1, 1]^n, with w the inverse of the squared distance."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.arctan(1 / np.sum(1 / (4 * d), axis=1)))
 
 
 def maximin(space: KnobSpace, count: int, seed: int) -> np.ndarray:
-    """The best of five Latin hypercubes, by the smallest distance of two points."""
+    """Return the best of five Latin hypercubes, by the smallest distance of two points."""
     sampler = qmc.LatinHypercube(len(space), rng=np.random.default_rng([seed, 0]))
     plans = [np.asarray(sampler.random(count)) for _ in range(5)]
     return space.scaled(max(plans, key=smallest_distance))
 
 
 def smallest_distance(points: np.ndarray) -> float:
-    """Between any two rows, shape (N, n), in the unit cube."""
+    """Return the smallest distance between two rows, shape (N, n), in the unit cube."""
     d = squared_distances(points, points)
     return float(np.sqrt(d[np.triu_indices(len(points), 1)].min()))
 
@@ -92,7 +92,7 @@ VARIANTS: dict[str, tuple[Settings, Patch]] = {
 
 
 def problem(name: str, *, stepless: bool) -> tuple[KnobSpace, Callable[[np.ndarray], float], float]:
-    """Space, latent cost of a physical θ, and its best known value."""
+    """Return the space, the latent cost of a physical θ, and its best known value."""
     if name == "cstr":
         knobs = [replace(k, step=0) if stepless and not k.integer else k for k in SPACE]
         return KnobSpace(knobs), reactor_index, REACTOR
@@ -111,7 +111,7 @@ def _index(theta: tuple[float, ...]) -> float:
 
 @cache
 def gap(name: str, variant: str, seed: int) -> float:
-    """What remains to the optimum after 50 experiments, 10 of them initial."""
+    """Return the gap to the optimum after 50 experiments, 10 of them initial."""
     space, cost, best = problem(name, stepless=variant == "knobs of any value")
     settings, patch = VARIANTS[variant]
     make: Any = GLIS if isinstance(settings, GLISSettings) else GLISp
@@ -133,7 +133,7 @@ def pairs(
     title: str, variants: Sequence[str], args: argparse.Namespace, *,
     ours: str = "ours", problems: Sequence[str] = (*PROBLEMS, "cstr"),
 ) -> Table:  # fmt: skip
-    """Gaps of the same problem and seed, each variant against ours."""
+    """Tabulate the gaps of each variant and ours, for the same problem and seed."""
     jobs = [(p, v, s) for p in problems for v in (ours, *variants) for s in seeds(args)]
     found = {job: gap(*job) for job in bar(jobs, title)}
     shown = table(title, "problem", *(c for v in variants for c in (v, "won:lost")))
@@ -157,7 +157,7 @@ def pairs(
 
 
 def summary(ratios: Sequence[float]) -> tuple[str, str]:
-    """Mean log10 ratio to ours with its standard error; wins and losses of the variant."""
+    """Return the mean log10 ratio to ours with its standard error, wins and losses."""
     error = np.std(ratios) / np.sqrt(len(ratios))
     won, lost = sum(r < -1e-9 for r in ratios), sum(r > 1e-9 for r in ratios)
     return f"{np.mean(ratios):+.2f} ± {error:.2f}", f"{won}:{lost}"
@@ -191,7 +191,7 @@ def glis(args: argparse.Namespace) -> Table:
 
 
 def search(args: argparse.Namespace) -> Table:
-    """How far a(θ) of each proposal is above the lowest of a broader search, in units of ΔĴ."""
+    """Measure how far a(θ) of each proposal is above the minimum of a broader search, in ΔĴ."""
     shown = table(
         "Acquisition above the lowest known [ΔĴ]", "function", "median", "95 %", "worst",
         "proposals",

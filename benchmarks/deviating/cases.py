@@ -1,4 +1,4 @@
-"""What the case studies settle where the paper is silent: reactor, car, calibrator."""
+"""Vary what the paper leaves open in the case studies: reactor, car, calibrator."""
 
 import argparse
 from dataclasses import replace
@@ -60,7 +60,7 @@ def logarithm(args: argparse.Namespace) -> Table:
 
 
 def heat(args: argparse.Namespace) -> Table:
-    """Zeros of the right side at T_c = 298 K with either sign of H."""
+    """Tabulate the zeros of the right side at T_c = 298 K with either sign of H."""
     shown = table("Sign of the heat of reaction, T_c = 298 K", "sign", "steady states C_A")
     ours = CSTR().steady_states_at_input(298.0)
     shown.add_row("+ (heats)", ", ".join(f"{C_A:.3f}" for C_A in ours[:, 1]))
@@ -75,7 +75,7 @@ def heat(args: argparse.Namespace) -> Table:
 
 
 def start(args: argparse.Namespace) -> Table:
-    """From C_A = 8.56, and from the uppermost steady state at the table's T_c0 = 298 K."""
+    """Compare starts: C_A = 8.56, and the uppermost steady state at the table's T_c0 = 298 K."""
     shown = table("Start of the reactor", "paper's θ", "C_A = 8.56", "T_c0 = 298 K")
     there = CSTR().steady_states_at_input(298.0)
     x0 = there[int(np.argmax(there[:, 1]))]
@@ -90,7 +90,7 @@ def start(args: argparse.Namespace) -> Table:
 
 
 class CatchingUp(Supervisor):
-    """A reference of x_f that left the start with the car: ground that is lost is made up for."""
+    """Controller whose reference of x_f starts with the car, so that lost distance is made up."""
 
     def __init__(self, *args: Any) -> None:
         super().__init__(*args)
@@ -112,7 +112,7 @@ class CatchingUp(Supervisor):
 
 
 def scene(args: argparse.Namespace) -> Table:
-    """Two readings of the scene beside ours."""
+    """Compare two other readings of the scene with ours."""
     shown = table("Readings of the scene", "what", "ours", "changed")
     front = mock.patch("prefcal_env.envs.overtake.road.rules.gap", lambda x_f, x_o: x_o - x_f)
     behind = mock.patch(
@@ -135,7 +135,7 @@ def scene(args: argparse.Namespace) -> Table:
 
 
 def with_thresholds(factor: float) -> Lexicographic:
-    """The car's calibrator, every just noticeable difference times `factor`."""
+    """Return the car's calibrator with every just noticeable difference times `factor`."""
     judge = overtake.calibrators["synthetic"]()
     assert isinstance(judge, Lexicographic)
     scaled = [replace(c, just_noticeable=factor * c.just_noticeable) for c in judge.criteria]
@@ -143,9 +143,9 @@ def with_thresholds(factor: float) -> Lexicographic:
 
 
 def thresholds(args: argparse.Namespace) -> Table:
-    """Verdicts on random θ, and studies, with other just noticeable differences."""
+    """Compare verdicts on random θ, and studies, with other just noticeable differences."""
     shown = table(
-        "Just noticeable differences", "factor", "ties among random pairs", "verdicts turned round",
+        "Just noticeable differences", "factor", "ties among random pairs", "verdicts reversed",
         "random θ better than the paper's", "studies better, tie, worse than the paper's",
         "ties in a study, median",
     )  # fmt: skip
@@ -170,9 +170,9 @@ def thresholds(args: argparse.Namespace) -> Table:
 def studies(
     judge: Lexicographic, papers: Experiment, args: argparse.Namespace, factor: float
 ) -> tuple[str, float]:
-    """Calibrate the car with each seed; how the returned θ is found beside the paper's, and ties.
+    """Calibrate the car with each seed; return verdicts against the paper's θ, and ties.
 
-    The verdict at the end is that of our own thresholds, whatever the study was judged by.
+    The final verdict uses our own thresholds, regardless of those in the study.
     """
     verdicts, ties = [], []
     for seed in bar(list(seeds(args)), f"studies, times {factor:g}"):
@@ -186,7 +186,7 @@ def studies(
 
 
 def ends(args: argparse.Namespace) -> Table:
-    """How random runs end: what the rules for interrupted runs and unsolved QPs can change."""
+    """Count how random runs end, to see what rules for interruptions and unsolved QPs change."""
     shown = table("Random θ", "what", "reactor", "car")
     react_runs = [react(t) for t in bar(random_theta(SPACE, args), "reactor")]
     car_runs = [drive(t) for t in bar(random_cars(args), "car")]

@@ -1,4 +1,4 @@
-"""What all parts share: progress, tables, seeds, the paper's θ."""
+"""Provide what all parts share: progress, tables, seeds, the paper's θ."""
 
 import argparse
 from collections.abc import Iterator, Sequence
@@ -11,12 +11,12 @@ from rich.table import Table
 
 AUTOMATED, PREFERRED = (0.25, 26.0, -0.91), (0.31, 26.0, -1.79)
 CAR = (0.085, 0.31, 16.0, 0.261, 0.918)
-"""The θ that the paper found."""
+"""θ found in the paper."""
 ERRORS = Console(stderr=True)
 
 
 def bar(jobs: Sequence[Any], label: str) -> Iterator[Any]:
-    """`jobs` one after the other, with a progress bar."""
+    """Yield `jobs` one after the other, with a progress bar."""
     yield from track(jobs, label, console=ERRORS)
 
 
@@ -37,6 +37,6 @@ def quantile(values: np.ndarray) -> list[float]:
 
 
 def lowest(grid: np.ndarray, values: Sequence[float]) -> str:
-    """Where a function is smallest on a grid, and its value there."""
+    """Return where a function is smallest on a grid, and its value there."""
     k = int(np.argmin(values))
     return f"{values[k]:.4f} at {grid[k]:.2f}"

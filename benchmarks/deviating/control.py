@@ -1,4 +1,4 @@
-"""What the MPC does otherwise than eq. MPC and eq. MPC_constraints: the same θ both ways."""
+"""Compare our MPC with eq. MPC and eq. MPC_constraints as printed: the same θ both ways."""
 
 import argparse
 from collections.abc import Callable, Sequence
@@ -39,9 +39,9 @@ def same(settings: MPCSettings) -> MPCSettings:
 
 
 def up_to_last_but_one(settings: MPCSettings) -> MPCSettings:
-    """Weigh y_0 ... y_Np-1: without a D that is a horizon one step shorter, and the same inputs.
+    """Weigh y_0 ... y_Np-1: without D this is a horizon one step shorter with the same inputs.
 
-    The soft limits of the car's last step go, too.
+    The soft limits of the car's last step are dropped, too.
     """
     N_p = settings.N_p - 1
     return replace(settings, N_p=N_p, N_u=min(settings.N_u, N_p))
@@ -53,7 +53,7 @@ def one_more(settings: MPCSettings) -> MPCSettings:
 
 
 def react(theta: Sequence[float], change: Change = same, base: float = 10.0) -> Experiment:
-    """One experiment of the reactor."""
+    """Run one experiment of the reactor."""
     T_s, N_p, log_Q = theta
     at = np.array([T_s, N_p, log_Q * np.log10(base)])
     driver: Controller = LinearMPC(CSTR(), change(cstr_tuning.mpc_settings(at)))
@@ -68,7 +68,7 @@ def drive(
     theta: Sequence[float], change: Change = same, fixed: car_tuning.Fixed = car_tuning.PAPER,
     base: float = 10.0,
 ) -> Experiment:  # fmt: skip
-    """One overtaking."""
+    """Run one overtaking."""
     at = np.array(theta, dtype=float)
     at[3:] *= np.log10(base)
     tuned = {p: change(car_tuning.mpc_settings(at, p, fixed)) for p in Phase}
@@ -77,14 +77,14 @@ def drive(
 
 
 def random_theta(space: KnobSpace, args: argparse.Namespace) -> list[list[float]]:
-    """Seeded θ of the box, physical."""
+    """Return seeded physical θ of the box."""
     n = len(space)
     draws = [np.random.default_rng([args.first, i]).random(n) for i in range(args.samples)]
     return [space.decode(z).tolist() for z in draws]
 
 
 def horizons(title: str, change: Change, args: argparse.Namespace) -> Table:
-    """The same θ under the printed horizons, both case studies."""
+    """Compare the same θ with the printed horizons, in both case studies."""
     shown = table(title, "what", "ours", "changed")
     for name, theta in (("automated", AUTOMATED), ("preferences", PREFERRED)):
         shown.add_row(f"index, paper's θ ({name})", *two(index(theta), index(theta, change), ".4f"))
@@ -107,7 +107,7 @@ def random_cars(args: argparse.Namespace) -> list[list[float]]:
 
 
 def tell_drives(shown: Table, ours: Experiment, changed: Experiment) -> None:
-    """Add what the paper's θ does on the road."""
+    """Add the results of the paper's θ for the car."""
     for kpi, words, digits in (
         ("path_peak", "largest y_f [m], paper's θ", ".3f"),
         ("lateral_distance", "lateral distance [m], paper's θ", ".3f"),
@@ -117,7 +117,7 @@ def tell_drives(shown: Table, ours: Experiment, changed: Experiment) -> None:
 
 
 def tell_verdicts(shown: Table, runs: Sequence[tuple[Experiment, Experiment]]) -> None:
-    """Add how the calibrator finds the changed run beside ours of the same θ."""
+    """Add the calibrator's verdicts on the changed run against ours of the same θ."""
     judge = overtake.calibrators["synthetic"]()
     found = [judge.prefer(changed, ours) for ours, changed in runs]
     counts = [sum(v is p for v in found) for p in (Preference.CHALLENGER, Preference.TIE)]
@@ -149,7 +149,7 @@ LIMITED = Limits.rows
 
 
 def first_unlimited(limits: Limits, of_inputs: Any, *others: Any) -> Any:
-    """As printed, k = 1 ... N_p: what is applied at once has no limit but the plant's own."""
+    """Limit k = 1 ... N_p, as printed: only the plant limits the input that is applied."""
     G, low, high = of_inputs
     n_u = len(limits.u_min)
     low, high = low.copy(), high.copy()
@@ -179,7 +179,7 @@ def first(args: argparse.Namespace) -> Table:
 
 
 def slack(args: argparse.Namespace) -> Table:
-    """Q_ε of the car."""
+    """Compare values of Q_ε of the car."""
     shown = table("Q_ε of the car", "what", "10", "1e5")
     stiff = replace(car_tuning.PAPER, Q_eps=1e5)
     tell_drives(shown, drive(CAR), drive(CAR, fixed=stiff))

@@ -1,4 +1,4 @@
-"""Questions and answers: what passes between an agent and whoever compares experiments.
+"""Define questions and answers, which an agent and a person or program exchange.
 
 Source: the preference function is eq. pref_fun, its vector of answers eq. pref-vector.
 """

@@ -1,4 +1,4 @@
-"""The study file: everything that happened in a study, appended and never changed.
+"""Store everything that happens in a study as events, appended and never changed.
 
 `StudyFile` is one SQLite file; its `State` follows from its events. docs/study_file.md describes
 the format.

@@ -1,4 +1,4 @@
-"""A study as one JSON text, and back: for other programs, other machines and safekeeping."""
+"""Convert a study to one JSON text and back, for other programs, other machines and backups."""
 
 from contextlib import closing
 from pathlib import Path
@@ -18,7 +18,7 @@ from .trouble import told
 from .verify import verify
 
 FORMAT = 2
-"""Number of the format of the text."""
+"""Format number of the text."""
 
 
 class _Row(msgspec.Struct, forbid_unknown_fields=True):
@@ -51,11 +51,11 @@ def export_json(study: StudyFile) -> str:
 
 
 def import_json(text: str, path: Path | str) -> Path:
-    """Make a study file at `path` from what `export_json` gave. Only data: nothing is executed.
+    """Create a study file at `path` from the text of `export_json`. Nothing in it is executed.
 
     Raises:
-        StudyError: there is a file at `path`, the text is no export, or what it holds is no sound
-            study. No file is left then.
+        StudyError: If there is a file at `path`, the text is not an export, or the study in it is
+            damaged. No file is left then.
     """
     rows = _rows(text)
     target = vacant(path)
@@ -69,7 +69,7 @@ def import_json(text: str, path: Path | str) -> Path:
                 connection.execute("COMMIT")
             findings = verify(part)
             if findings:
-                raise StudyError(f"the export is not sound, nothing was imported: {findings[0]}")
+                raise StudyError(f"the export is damaged, nothing was imported: {findings[0]}")
             publish(part, target)
         finally:
             part.unlink(missing_ok=True)
@@ -86,7 +86,7 @@ def _rows(text: str) -> list[tuple[Any, ...]]:
             )
         events = msgspec.json.decode(text, type=_Export).events
     except UNREADABLE as error:
-        raise StudyError(f"this is no exported study: {error}") from error
+        raise StudyError(f"this is not an exported study: {error}") from error
     return [_row(number, event) for number, event in enumerate(events, start=1)]
 
 
@@ -94,6 +94,6 @@ def _row(number: int, row: _Row) -> tuple[Any, ...]:
     """Return the row of the table for event `number` of an export."""
     if row.seq != number:
         raise StudyError(f"event {number} of the export has the number {row.seq}")
-    # Compressed again, so that nothing but an experiment is stored.
+    # Decompress and compress again, to make sure that only an experiment is stored.
     packed = None if row.payload is None else pack(unpack(row.payload))
     return number, row.at, to_text(row.event), packed

@@ -1,4 +1,4 @@
-"""Experiments as bytes: a header in JSON, then the arrays, little-endian. Nothing is pickled."""
+"""Encode experiments as bytes: a JSON header, then little-endian arrays. Nothing is pickled."""
 
 import struct
 import zlib
@@ -16,7 +16,7 @@ from prefcal_env.plain import UNREADABLE, canonical, to_plain
 
 MAGIC = b"prefcal1"
 _MOST = 1 << 30
-"""Most bytes of one experiment that are read: a file from elsewhere may try to fill the memory."""
+"""Maximum size of an experiment in bytes: a file from elsewhere may try to fill the memory."""
 LONGEST_HEADER = 1 << 16
 """Number of bytes that hold the whole header of most experiments."""
 _FLOATS = ("theta", "t", "x", "u", "t_control", "u_control", "y_ref", "solve_time")
@@ -26,7 +26,7 @@ Size = Annotated[int, msgspec.Meta(ge=0, le=_MOST)]
 
 
 class _Channel(msgspec.Struct, frozen=True, array_like=True):
-    """The words of a channel; its limits, target and band are in an array."""
+    """Texts of a channel; its limits, target and band are in an array."""
 
     name: str
     unit: str
@@ -34,7 +34,7 @@ class _Channel(msgspec.Struct, frozen=True, array_like=True):
 
 
 class _Header(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
-    """Everything about an experiment but its arrays.
+    """Everything about an experiment except its arrays.
 
     Args:
         shapes: Shape of each array by name.
@@ -64,7 +64,7 @@ class _Header(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fi
 
 
 class _Beginning(msgspec.Struct, frozen=True):
-    """The part of a header that is read without the rest."""
+    """Part of a header that is read without the rest."""
 
     end: End
 
@@ -77,10 +77,10 @@ def encode(experiment: Experiment) -> bytes:
 
 
 def decode(content: bytes) -> Experiment:
-    """Read what `encode` gave.
+    """Return the experiment in bytes that `encode` returned.
 
     Raises:
-        StudyError: anything else.
+        StudyError: If they are anything else.
     """
     try:
         if content[:8] != MAGIC:
@@ -106,12 +106,12 @@ def end_of(beginning: bytes) -> End | None:
 
 
 def pack(content: bytes) -> bytes:
-    """Compress."""
+    """Compress bytes."""
     return zlib.compress(content, 6)
 
 
 def unpack(content: bytes) -> bytes:
-    """Decompress, up to a bound. Raises StudyError if that is exceeded, or at other bytes."""
+    """Decompress bytes up to a limit. Raises StudyError above it, or for invalid bytes."""
     stream = zlib.decompressobj()
     try:
         plain = stream.decompress(content, _MOST)
@@ -159,7 +159,7 @@ def _words(channels: Sequence[Channel]) -> tuple[_Channel, ...]:
 
 
 def _numbers(channel: Channel) -> list[float]:
-    """Return limits, target and band; they may be infinite, which JSON has no number for."""
+    """Return limits, target and band; JSON cannot store them, since they may be infinite."""
     optional = (np.nan if v is None else v for v in (channel.target, channel.band))
     return [channel.low, channel.high, *optional]
 
@@ -173,7 +173,7 @@ def _outputs(
         return None, None
     states = [_state_like(y[:, j], experiment.x) for j in range(y.shape[1])]
     known = tuple(state for state in states if state is not None)
-    if len(known) == len(states):  # as with most plants: they need no room
+    if len(known) == len(states):  # as for most plants, so their outputs take no space
         return known, None
     arrays.append(_bytes(y))
     return None, (y.shape[0], y.shape[1])
@@ -184,7 +184,7 @@ def _state_like(curve: np.ndarray, x: np.ndarray) -> int | None:
 
 
 class _Reader:
-    """Takes arrays off a buffer, one after the other."""
+    """Reader that takes arrays from a buffer, one after the other."""
 
     def __init__(self, buffer: memoryview) -> None:
         self._buffer, self._at = buffer, 0

@@ -1,4 +1,4 @@
-"""Files and connections: how a study comes to be on the disk, and stays there."""
+"""Connect to study files, and put them safely on the disk."""
 
 import os
 import secrets
@@ -11,7 +11,7 @@ from .trouble import told
 
 
 def connect(path: Path | str) -> sqlite3.Connection:
-    """Connect to an SQLite file, making it where there is none; full synchronisation."""
+    """Connect to an SQLite file with full synchronization; create it if there is none."""
     connection = sqlite3.connect(path, timeout=5.0, isolation_level=None, check_same_thread=False)
     connection.execute("PRAGMA trusted_schema = OFF")
     connection.execute("PRAGMA synchronous = FULL")
@@ -19,10 +19,10 @@ def connect(path: Path | str) -> sqlite3.Connection:
 
 
 def existing(path: Path | str) -> Path:
-    """The path of a file that is there.
+    """Return the path of an existing study file.
 
     Raises:
-        StudyError: it is not, or nobody can tell.
+        StudyError: If it does not exist, or that cannot be checked.
     """
     with told(path, "open"):
         _check_name(path)
@@ -32,10 +32,10 @@ def existing(path: Path | str) -> Path:
 
 
 def vacant(path: Path | str) -> Path:
-    """The path of a file that is not there yet.
+    """Return the path of a file that does not exist yet.
 
     Raises:
-        StudyError: it is, or nobody can tell.
+        StudyError: If it exists, or that cannot be checked.
     """
     with told(path, "begin", "Nothing was recorded"):
         _check_name(path)
@@ -54,16 +54,16 @@ def _check_name(path: Path | str) -> None:
 
 
 def beside(target: Path) -> Path:
-    """A name next to `target` for a file that is not whole yet, never used before.
+    """Return a new name next to `target` for a file that is not complete yet.
 
-    Not by process id: in a container it is the same every time, and what a kill left behind would
-    be in the way for ever.
+    The name is random. A process id is the same every time in a container, so a file that a
+    killed process left behind would block it forever.
     """
     return target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
 
 
 def publish(source: Path, target: Path) -> None:
-    """Give `source` the name `target`, never in place of a file that is there."""
+    """Give `source` the name `target`, never replacing an existing file."""
     try:
         os.link(source, target)
     except FileExistsError:
@@ -72,11 +72,11 @@ def publish(source: Path, target: Path) -> None:
         if target.exists():
             raise
         os.rename(source, target)
-    _synchronise(target.parent)
+    _synchronize(target.parent)
 
 
-def _synchronise(folder: Path) -> None:
-    """Put a new name on the disk: without this, a power failure could take the file with it."""
+def _synchronize(folder: Path) -> None:
+    """Write a new name to the disk; without this, a power failure could lose the file."""
     if os.name != "posix":  # elsewhere a folder cannot be opened
         return
     handle = os.open(folder, os.O_RDONLY)

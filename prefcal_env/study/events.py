@@ -1,6 +1,6 @@
-"""The events of a study as frozen data, to and from JSON.
+"""Define the events of a study as frozen data, and convert them to and from JSON.
 
-A new event needs its class here, and its rule in `fold.step`.
+A new event needs a class here and a rule in `fold.step`.
 """
 
 from collections.abc import Mapping
@@ -14,10 +14,10 @@ from prefcal_env.plain import UNREADABLE, canonical, to_plain
 from prefcal_env.preferences.answer import Answer
 
 Int64 = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
-"""What a study file, and SQLite, can hold as a whole number."""
+"""Whole number that a study file and SQLite can store."""
 
 MARKS = ("unsafe", "good enough")
-"""The marks of an experiment; setting one removes the other."""
+"""Marks of an experiment; setting one removes the other."""
 
 
 class Event(
@@ -63,10 +63,10 @@ class Dialed(Event, frozen=True):
 
 
 class Replaced(Event, frozen=True):
-    """Replace the record of sample `index`, the wrong one; a Finished with the right one follows.
+    """Replace the wrong record of sample `index`; a Finished with the right one follows.
 
-    Answers that compared the wrong one teach nothing from now on. `outcome` is that of the right
-    record, an empty one if nothing is known, and `unsafe` whether its run was interrupted so.
+    Answers about the wrong record no longer teach anything. `outcome` holds the KPIs of the right
+    record, empty if unknown, and `unsafe` tells whether its run was interrupted as unsafe.
     """
 
     index: Int64
@@ -82,9 +82,9 @@ class Failed(Event, frozen=True):
 
 
 class Shown(Event, frozen=True):
-    """Put a question on show; its id is the number of this event.
+    """Show a question; its id is the number of this event.
 
-    `repeats` is the id of the earlier question that it asks again.
+    `repeats` is the id of the earlier question that is asked again.
     """
 
     challenger: Int64
@@ -96,8 +96,7 @@ class Shown(Event, frozen=True):
 class Answered(Event, frozen=True):
     """Close the open question; `question` and `incumbent` are None for the first experiment.
 
-    If a score was given instead of a preference, no question was on show: `question` alone is
-    None.
+    If a score was given instead of a preference, no question was shown: only `question` is None.
     """
 
     question: Int64 | None
@@ -119,14 +118,14 @@ class Marked(Event, frozen=True):
 class Retracted(Event, frozen=True):
     """Ignore closed query number `answer` from now on; all samples stay.
 
-    A negative number -k is the k-th answer to a further question, about two earlier experiments.
+    A negative number -k is the k-th answer to a follow-up comparison, of two earlier experiments.
     """
 
     answer: Int64
 
 
 class Undone(Event, frozen=True):
-    """Take the last answer back: its query is open again, samples after it are dropped."""
+    """Undo the last answer: its query is open again, and later samples are dropped."""
 
 
 class Noted(Event, frozen=True):
@@ -142,7 +141,7 @@ class Extended(Event, frozen=True):
 
 
 class Ended(Event, frozen=True):
-    """End the study: all is compared, the best is good enough, or the person stopped."""
+    """End the study: all is compared, the best is good enough, or the person finished it."""
 
     reason: str
 
@@ -154,10 +153,10 @@ class Reopened(Event, frozen=True):
 class Respaced(Event, frozen=True):
     """Change the knobs or their ranges; all samples so far stay.
 
-    `space` is plain data: "knobs" and "within" as `spaces.space_of` reads them, and
-    "scenario_knobs", those that the scenario had. `added` has the value of each new knob in the
-    experiments before. `agent` has the values of the agent's configuration that depend on the
-    space, as they are from now on. A sample that has not run yet is dropped.
+    `space` is plain data: "knobs" and "within" as read by `spaces.space_of`, and "scenario_knobs",
+    the knobs of the scenario. `added` has the value of each new knob in earlier experiments.
+    `agent` has the new values of the agent's configuration that depend on the space. A sample that
+    has not run yet is dropped.
     """
 
     space: Mapping[str, Any]
@@ -168,7 +167,7 @@ class Respaced(Event, frozen=True):
 class Adjusted(Event, frozen=True):
     """Change settings of the agent; those not in `settings` stay.
 
-    The agent decides which settings may change during a study, and what follows from it.
+    The agent decides which settings can change during a study, and what the change does.
     """
 
     settings: Mapping[str, Any]
@@ -176,7 +175,7 @@ class Adjusted(Event, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """An event with its number, from 1, and when it was recorded, as the clock said."""
+    """Event with its number, from 1, and the time of its recording."""
 
     seq: int
     at: str
@@ -187,7 +186,7 @@ if TYPE_CHECKING:
     AnyEvent = Event
 else:
     AnyEvent = Union[tuple(Event.__subclasses__())]  # noqa: UP007
-"""The type of every event above, told apart by its "kind" when it is read."""
+"""Union of all event types above; the "kind" tells which one to read."""
 _DECODER: msgspec.json.Decoder[Event] = msgspec.json.Decoder(AnyEvent)
 
 
@@ -195,7 +194,7 @@ def to_text(event: Event) -> str:
     """Return the JSON text of an event; equal events give equal text.
 
     Raises:
-        StudyError: it holds something that `from_text` could not read back.
+        StudyError: If it holds something that `from_text` could not read back.
     """
     try:
         text = canonical(to_plain(event))
@@ -206,10 +205,10 @@ def to_text(event: Event) -> str:
 
 
 def from_text(text: str) -> Event:
-    """Read what `to_text` gave, and refuse anything else.
+    """Return the event in a text that `to_text` returned.
 
     Raises:
-        StudyError: not JSON, an unknown kind, or a field that does not fit; it names the field.
+        StudyError: If the text is not JSON, or a kind or field is invalid, which the error names.
     """
     try:
         return _DECODER.decode(text)

@@ -1,4 +1,4 @@
-"""A study file: one SQLite database to which events are appended durably and never changed."""
+"""Store a study in an SQLite file, to which events are appended durably and never changed."""
 
 import sqlite3
 import threading
@@ -23,11 +23,11 @@ from .trouble import told
 
 Entry = Event | tuple[Finished, Experiment]
 Clock = Callable[[], str]
-_DAMAGED = "It is damaged: nothing was changed; take a copy from before, or an export"
+_DAMAGED = "It is damaged: nothing was changed; use an earlier copy or an export"
 
 
 class StudyFile:
-    """An open study, made by `create` or `open`. Methods may be called from any thread.
+    """Open study, made by `create` or `open`. Methods can be called from any thread.
 
     An event is on the disk when `append` returns. If another process writes to the same file, the
     next `append` here is refused, so nothing is recorded twice.
@@ -47,10 +47,10 @@ class StudyFile:
         Args:
             path: New file in an existing folder.
             configuration: Nested plain data, with an integer `n_max`.
-            clock: Returns the time of an event as text.
+            clock: Function that returns the time of an event as text.
 
         Raises:
-            StudyError: there is a file already, or it cannot be written.
+            StudyError: If there is a file already, or it cannot be written.
         """
         created = Created(configuration)
         if str(path) == ":memory:":
@@ -58,7 +58,7 @@ class StudyFile:
             file._begin(created)
             return file
         target = vacant(path)
-        # Written beside it and then linked, so a file of this name is always a whole study.
+        # Write a temporary file and link it, so that a file of this name is always complete.
         part = beside(target)
         with told(target, "begin", "Nothing was recorded"):
             try:
@@ -74,7 +74,7 @@ class StudyFile:
         """Open the study at `path`.
 
         Raises:
-            StudyError: there is none, or it is damaged, something else, or of another format.
+            StudyError: If there is none, or it is damaged, not a study, or of another format.
         """
         with told(existing(path), "open"):
             connection = connect(path)
@@ -105,7 +105,7 @@ class StudyFile:
         self._last = last
 
     def _take(self, recorded: Recorded) -> None:
-        """Fold one event into the state."""
+        """Apply one event to the state."""
         seq, at, event = recorded.seq, recorded.at, recorded.event
         if self._state is None:
             self._state = begin(seq, at, event)
@@ -117,7 +117,7 @@ class StudyFile:
 
     @property
     def state(self) -> State:
-        """State of the study after all events."""
+        """Return the state of the study after all events."""
         assert self._state is not None
         return self._state
 
@@ -139,7 +139,7 @@ class StudyFile:
             found = self._connection.execute("SELECT payload FROM event WHERE seq = ?", (seq,))
             row = found.fetchone()
         if row is None or row[0] is None:
-            raise StudyError(f"event {seq} of {self.path} brought no experiment")
+            raise StudyError(f"event {seq} of {self.path} has no experiment")
         try:
             return decode(unpack(bytes(row[0])))
         except StudyError as error:
@@ -149,7 +149,7 @@ class StudyFile:
         """Return how the experiment of event `seq` ended, without reading its trajectory.
 
         Raises:
-            StudyError: the event has none, or it cannot be read.
+            StudyError: If the event has none, or it cannot be read.
         """
         with self._lock, told(self.path, "read"):
             query = "SELECT substr(payload, 1, ?) FROM event WHERE seq = ?"
@@ -177,9 +177,9 @@ class StudyFile:
             Their numbers.
 
         Raises:
-            StudyError: an event is impossible now, the disk is full, the file may not be
-                written, or another process has written to it. Nothing is recorded then, and the
-                study can still be used.
+            StudyError: If an event is impossible in the present state, the disk is full, the file
+                is read-only, or another process has written to it. Nothing is recorded then, and
+                the study can still be used.
         """
         pairs = [e if isinstance(e, tuple) else (e, None) for e in entries]
         with self._lock:
@@ -206,7 +206,7 @@ class StudyFile:
             if last != before:
                 raise StudyError(
                     f"another process has written to {self.path}: nothing was recorded here. "
-                    "Close one of the two, and open the study again"
+                    "Close one of the two and open the study again"
                 )
             self._insert(pairs, times)
             connection.execute("COMMIT")
@@ -229,25 +229,25 @@ class StudyFile:
             self._state = begin(1, times[0], pairs[0][0])
 
     def _check_experiment(self, seq: int, event: Event, experiment: Experiment | None) -> None:
-        """Check that each Finished, and no other event, brings an experiment or names one.
+        """Check that each Finished, and no other event, has an experiment or refers to one.
 
         Raises:
-            StudyError: it does not, or the event that it names brought none.
+            StudyError: If that is not so, or the event it refers to has none.
         """
         source = event.same_as if isinstance(event, Finished) else None
         if isinstance(event, Finished) != ((experiment is None) != (source is None)):
             raise StudyError(
-                f"event {seq} is impossible: a Finished brings an experiment or names the event "
-                "that brought it, and no other event does"
+                f"event {seq} is impossible: a Finished event, and no other, has an experiment or "
+                "names the event that has it"
             )
         if source is None:
             return
         brought = "SELECT 1 FROM event WHERE seq = ? AND payload IS NOT NULL"
         if self._connection.execute(brought, (source,)).fetchone() is None:
-            raise StudyError(f"event {seq} is impossible: event {source} brought no experiment")
+            raise StudyError(f"event {seq} is impossible: event {source} has no experiment")
 
     def close(self) -> None:
-        """Close the file, which then needs no write-ahead log beside it."""
+        """Close the file and remove its write-ahead log."""
         with self._lock:
             self._connection.close()
 

@@ -1,4 +1,4 @@
-"""The state of a study, computed from its events one by one. Pure."""
+"""Compute the state of a study from its events, one by one, without side effects."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -41,17 +41,17 @@ class State:
     """State of a study after its events. Indices count samples from 0.
 
     Args:
-        configuration: As it was created.
-        created: When.
-        n_max: Experiments wanted in all.
-        history: Samples as they were run, and answers.
-        proposed: Index to the θ that was proposed, where another one was run.
-        finished: Index to the event whose payload is its experiment.
-        failures: Index to the error of a run that raised, while there is no experiment.
-        marks: Index to the marks that the experiment bears.
-        notes: When and what.
-        open: Id and event of the question on show.
-        ended: Why it is over; None while it goes on.
+        configuration: Configuration of the study, with all later changes.
+        created: Time at which the study was started.
+        n_max: Total number of planned experiments.
+        history: Samples as they ran, and answers.
+        proposed: Proposed θ by index, for samples that ran with another θ.
+        finished: Number of the event that has the experiment, by index.
+        failures: Error of a run without an experiment, by index.
+        marks: Marks of the experiment, by index.
+        notes: Time and text of each remark.
+        open: Id and event of the open question.
+        ended: Why the study is over; None while it is not.
     """
 
     configuration: Mapping[str, Any]
@@ -68,7 +68,7 @@ class State:
 
     @property
     def answers(self) -> tuple[Comparison, ...]:
-        """All answers about two experiments, repeated questions too, in the order given."""
+        """Return all answers about two experiments in order, including repeated questions."""
         history = self.history
         every = (*history.comparisons[1:], *history.follow_ups, *history.repeats)
         return tuple(sorted(every, key=lambda c: c.seq))
@@ -78,7 +78,7 @@ def begin(seq: int, at: str, event: Event) -> State:
     """Return the state after the first event.
 
     Raises:
-        StudyError: it is no Created with an integer `n_max`.
+        StudyError: If it is not a Created with an integer `n_max`.
     """
     n_max = event.configuration.get("n_max") if isinstance(event, Created) else None
     if not isinstance(event, Created) or type(n_max) is not int or n_max < 1:
@@ -90,7 +90,7 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
     """Return the state after one more event.
 
     Raises:
-        StudyError: the event is impossible in `state`; it names the number of the event.
+        StudyError: If the event is impossible in `state`; the error names its number.
     """
     match event:
         case Suggested():
@@ -98,7 +98,7 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
         case Finished(index):
             _sample(state, seq, index)
             earlier = event.same_as is None or 0 < event.same_as < seq
-            _require(earlier, seq, f"event {event.same_as} is no earlier one")
+            _require(earlier, seq, f"event {event.same_as} is not an earlier one")
             failures = {i: e for i, e in state.failures.items() if i != index}
             source = seq if event.same_as is None else event.same_as
             return replace(state, finished={**state.finished, index: source}, failures=failures)
@@ -117,7 +117,7 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
         case Marked(index, mark, on):
             _sample(state, seq, index)
             _require(mark in MARKS, seq, f"a mark must be one of {MARKS}, got {mark!r}")
-            # One mark excludes the other: the last one holds.
+            # The marks exclude each other: the last one counts.
             now = frozenset({mark}) if on else state.marks.get(index, frozenset()) - {mark}
             return replace(state, marks={**state.marks, index: now})
         case Retracted(answer):
@@ -128,7 +128,9 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
             return replace(state, notes=(*state.notes, (at, text)))
         case Extended(n_max):
             answered = state.history.answered
-            _require(n_max >= answered, seq, f"n_max {n_max} is below what is answered")
+            _require(
+                n_max >= answered, seq, f"n_max {n_max} is below the {answered} that are answered"
+            )
             return replace(state, n_max=n_max)
         case Ended(reason):
             return replace(state, ended=reason, open=None)
@@ -157,7 +159,7 @@ def _suggested(state: State, seq: int, event: Suggested) -> State:
     is_due = event.index == due and history.pending is None
     _require(is_due, seq, f"sample {event.index} is not due")
     _require(len(event.z) == len(event.theta) > 0, seq, "z and theta differ in length")
-    # No question is on show then, unless a change of the agent's settings has made it obsolete.
+    # No question is open here, except one that changed settings have made obsolete.
     history = history.with_pending(Sample(event.z, event.theta))
     return replace(state, history=history, open=None)
 
@@ -167,7 +169,7 @@ def _dialed(state: State, seq: int, event: Dialed) -> State:
     if was is None or event.index != due:
         raise StudyError(f"event {seq} is impossible: sample {event.index} is not open")
     _require(len(event.z) == len(event.theta) == len(was.z), seq, "z and theta differ in length")
-    proposed = {due: was.theta, **state.proposed}  # dialed twice: what was proposed stays
+    proposed = {due: was.theta, **state.proposed}  # dialed twice: keep the proposed θ
     history = state.history.with_pending(Sample(event.z, event.theta))
     return replace(state, history=history, proposed=proposed)
 
@@ -206,7 +208,7 @@ def _answered(state: State, seq: int, at: str, event: Answered) -> State:
     else:
         _require(
             pair == (event.challenger, event.incumbent), seq,
-            f"question {event.question} is not on show",
+            f"question {event.question} is not open",
         )  # fmt: skip
     answer = Comparison(
         event.challenger, event.incumbent, event.answer, seq=seq, at=at, question=event.question,
@@ -233,7 +235,7 @@ def _retracted(state: State, seq: int, answer: int) -> State:
 
 def _undone(state: State, seq: int) -> State:
     kept = state.history.answered
-    _require(kept > 0, seq, "there is no answer to take back")
+    _require(kept > 0, seq, "there is no answer to undo")
     return replace(
         state,
         history=state.history.undone(),

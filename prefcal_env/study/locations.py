@@ -1,4 +1,4 @@
-"""Where studies lie: a path as it is said, or a name in the user's data folder."""
+"""Locate studies: by path, or by name in the user's data folder."""
 
 import re
 from pathlib import Path
@@ -13,36 +13,36 @@ SUFFIX = ".prefcal"
 
 
 def data_folder() -> Path:
-    """The folder of named studies; it may not be there yet."""
+    """Return the folder of named studies, which may not exist yet."""
     return user_data_path("prefcal", appauthor=False) / "studies"
 
 
 def study_path(name_or_path: str) -> Path:
-    """The file of a study: a path if it holds a separator or a suffix, else a name.
+    """Return the file of a study: a path if it has a separator or a suffix, else by name.
 
     Raises:
-        StudyError: a name with other characters than letters, digits, "-" and "_".
+        StudyError: If the name has characters other than letters, digits, "-" and "_".
     """
     if "/" in name_or_path or "\\" in name_or_path or Path(name_or_path).suffix:
         return Path(name_or_path)
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,100}", name_or_path):
         raise StudyError(
-            f"a study's name holds letters, digits, - and _ (a path holds a / or a suffix), "
-            f"got {name_or_path!r}"
+            f"a study's name must consist of letters, digits, - and _ (a path has a / or a "
+            f"suffix), got {name_or_path!r}"
         )
     return data_folder() / f"{name_or_path}{SUFFIX}"
 
 
 def studies_in_data_folder() -> list[Path]:
-    """The files of all named studies, by name."""
+    """Return the files of all named studies, by name."""
     return sorted(data_folder().glob(f"*{SUFFIX}"))
 
 
 def make_data_folder(path: Path) -> None:
-    """Make the folder of named studies if `path` is to lie in it; others have to be there.
+    """Create the folder of named studies if `path` is in it; other folders must exist.
 
     Raises:
-        StudyError: it cannot be made.
+        StudyError: If it cannot be created.
     """
     if path.parent == data_folder():
         with told(path, "begin", "Nothing was recorded"):

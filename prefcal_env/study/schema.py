@@ -1,4 +1,4 @@
-"""The tables of a study file and the number of their format."""
+"""Define the tables of a study file and the number of their format."""
 
 import sqlite3
 from contextlib import closing
@@ -35,7 +35,7 @@ def check(connection: sqlite3.Connection, path: str) -> None:
     """Check that a file is a study of the format that this version reads.
 
     Raises:
-        StudyError: the file is another program's, or has another format.
+        StudyError: If the file belongs to another program, or has another format.
     """
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()

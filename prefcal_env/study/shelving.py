@@ -1,4 +1,4 @@
-"""Remove and rename study files, never while another process works on them."""
+"""Remove and rename study files, but never while another process uses them."""
 
 import os
 import sqlite3
@@ -12,14 +12,14 @@ from .connection import existing, publish, vacant
 from .trouble import told
 
 _PATIENCE = 0.5
-"""Seconds to wait for another process to let go of the file."""
+"""Seconds to wait for another process to release the file."""
 
 
 def remove_study(path: Path | str) -> None:
     """Remove the study file at `path`, readable or damaged.
 
     Raises:
-        StudyError: there is none, another process has it open, or it cannot be removed.
+        StudyError: If there is none, another process has it open, or it cannot be removed.
     """
     file = existing(path)
     with told(file, "remove", "Nothing was removed"), _alone(file):
@@ -28,10 +28,10 @@ def remove_study(path: Path | str) -> None:
 
 
 def rename_study(old: Path | str, new: Path | str) -> None:
-    """Give the study file at `old` the path `new`, which must be free.
+    """Move the study file at `old` to the path `new`, which must not exist.
 
     Raises:
-        StudyError: there is no such study, `new` exists, or another process has it open.
+        StudyError: If there is no such study, `new` exists, or another process has it open.
     """
     source, target = existing(old), vacant(new)
     with told(source, "rename", "Nothing was changed"), _alone(source):
@@ -42,10 +42,10 @@ def rename_study(old: Path | str, new: Path | str) -> None:
 
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
-    """Hold the file so that no other process has it open, nor can open it."""
+    """Lock the file: no other process has it open or can open it inside the block."""
     with closing(sqlite3.connect(path, timeout=_PATIENCE, isolation_level=None)) as connection:
         try:
-            # In this mode the first access takes the whole file, or fails if anybody has it.
+            # In this mode, the first access locks the whole file, or fails if it is in use.
             connection.execute("PRAGMA locking_mode = EXCLUSIVE")
             connection.execute("BEGIN EXCLUSIVE")
             connection.execute("COMMIT")
@@ -64,6 +64,6 @@ def _alone(path: Path) -> Iterator[None]:
 
 
 def _remove_logs(path: Path) -> None:
-    """Remove what SQLite may have left beside a file that is gone."""
+    """Remove what SQLite may have left beside a removed file."""
     for suffix in ("-wal", "-shm"):
         path.with_name(path.name + suffix).unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""The knobs of a study, as its configuration holds them."""
+"""Convert the knobs of a study to and from its configuration."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -41,7 +41,7 @@ def space_of(configuration: Mapping[str, Any]) -> KnobSpace:
         configuration: Plain data with "knobs", and perhaps "within"; other keys are ignored.
 
     Raises:
-        StudyError: the knobs cannot be read.
+        StudyError: If the knobs cannot be read.
     """
     try:
         stored = msgspec.convert(dict(configuration), _Stored)

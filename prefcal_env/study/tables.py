@@ -1,4 +1,4 @@
-"""A study as CSV: comparisons, experiments, and a table of each trajectory."""
+"""Export a study as CSV: comparisons, experiments, and a table of each trajectory."""
 
 import csv
 import io
@@ -18,8 +18,8 @@ from .trouble import told
 def export_csv(study: StudyFile, folder: Path | str) -> Path:
     """Write comparisons.csv, experiments.csv and trajectories/experiment-001.csv ... to `folder`.
 
-    Full precision; units in the headings. The folder may exist. Raises StudyError if it cannot
-    be written.
+    Numbers have full precision, headings have units, and the folder may exist. Raises StudyError
+    if it cannot be written.
     """
     target, state = Path(folder), study.state
     with told(target, "write", what="the folder"):
@@ -81,7 +81,7 @@ def _experiments(state: State, experiments: dict[int, Experiment]) -> Iterable[l
         automatic = "unsafe" if index in counted else ""
         marks = "; ".join(sorted(state.marks.get(index, ())))
         values = [e.kpis.get(k, "") for k in kpis]
-        # Not the experiment's own: knobs may have been added since.
+        # Not the experiment's own θ: knobs may have been added since.
         theta = history.samples[index].theta
         score = scores.get(index)
         ended = [e.end.value, marks, automatic, "" if score is None else score]
@@ -89,7 +89,7 @@ def _experiments(state: State, experiments: dict[int, Experiment]) -> Iterable[l
 
 
 def _units(state: State, what: str) -> list[tuple[str, str]]:
-    """Name and unit of each knob or KPI that the configuration lists; it may come from anybody."""
+    """Return name and unit of each knob or KPI in the configuration, which is not trusted."""
     try:
         return [(str(k["name"]), str(k["unit"])) for k in state.configuration.get(what, ())]
     except (TypeError, KeyError, IndexError) as error:
@@ -113,5 +113,5 @@ def _with_unit(name: str, unit: str) -> str:
 
 
 def _safe(text: str) -> str:
-    """A spreadsheet would take these for formulas, and a study may come from anybody."""
+    """Escape text that a spreadsheet would run as a formula: a study may not be trusted."""
     return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text

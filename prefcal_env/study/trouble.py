@@ -1,4 +1,4 @@
-"""What SQLite complains of, in words for people."""
+"""Translate errors of SQLite and the file system into messages for people."""
 
 import sqlite3
 from collections.abc import Iterator
@@ -8,14 +8,14 @@ from pathlib import Path
 from prefcal_env.errors import StudyError
 
 _WORDS = {
-    sqlite3.SQLITE_FULL: "the disk is full: make room, then try again",
-    sqlite3.SQLITE_READONLY: "it may not be written: allow it, or copy it to where you may write",
-    sqlite3.SQLITE_BUSY: "another process is writing to it: wait, or stop that one",
-    sqlite3.SQLITE_LOCKED: "another process is writing to it: wait, or stop that one",
-    sqlite3.SQLITE_IOERR: "the disk does not answer, or is full",
-    sqlite3.SQLITE_CORRUPT: "it is damaged: take a copy from before, or an export",
-    sqlite3.SQLITE_NOTADB: "it is no study file",
-    sqlite3.SQLITE_CANTOPEN: "it cannot be opened: see that you may write in its folder",
+    sqlite3.SQLITE_FULL: "the disk is full: free some space and try again",
+    sqlite3.SQLITE_READONLY: "it is read-only: make it writable, or copy it to another folder",
+    sqlite3.SQLITE_BUSY: "another process is writing to it: wait, or stop that process",
+    sqlite3.SQLITE_LOCKED: "another process is writing to it: wait, or stop that process",
+    sqlite3.SQLITE_IOERR: "the disk does not respond, or is full",
+    sqlite3.SQLITE_CORRUPT: "it is damaged: use an earlier copy or an export",
+    sqlite3.SQLITE_NOTADB: "it is not a study file",
+    sqlite3.SQLITE_CANTOPEN: "it cannot be opened: check that you can write to its folder",
 }
 
 
@@ -26,13 +26,13 @@ def told(
     """Turn errors of SQLite inside into a StudyError that names the file and what to do.
 
     Args:
-        path: The file.
-        doing: "open", "write to" ...
-        consequence: What has become of what was to be done.
-        what: The file is, before its path.
+        path: Path of the file.
+        doing: Verb for the message, such as "open" or "write to".
+        consequence: Sentence that ends the message, such as "Nothing was recorded".
+        what: Noun for the message, before the path.
 
     Raises:
-        StudyError: in place of any sqlite3.Error or OSError.
+        StudyError: In place of any sqlite3.Error or OSError.
     """
     try:
         yield

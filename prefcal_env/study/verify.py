@@ -17,14 +17,14 @@ from .trouble import told
 
 
 def verify(path: Path | str) -> tuple[str, ...]:
-    """Return what is wrong with the study file at `path`, in words; nothing if it is sound.
+    """Return descriptions of all damage in the study file at `path`; empty if there is none.
 
-    Checks the file itself (SQLite's integrity check), its tables, every experiment, and that all
-    events follow from each other: a missing, swapped or impossible event is found. A value that
-    was edited to another possible one is not: compare with an export kept elsewhere.
+    This checks the file itself (SQLite's integrity check), its tables and every experiment, and
+    replays all events, so it finds a missing, swapped or impossible event. It cannot find a value
+    that was edited to another valid one: compare with an export kept elsewhere.
 
     Raises:
-        StudyError: there is no such file, it is no study, or cannot be read at all.
+        StudyError: If there is no such file, it is not a study, or it cannot be read at all.
     """
     with told(existing(path), "read"), closing(sqlite3.connect(path, timeout=5.0)) as connection:
         schema.check(connection, str(path))
@@ -33,7 +33,7 @@ def verify(path: Path | str) -> tuple[str, ...]:
             found = connection.execute("PRAGMA integrity_check").fetchall()
             damage = [f"the file is damaged: {words}" for (words,) in found if words != "ok"]
             changed = schema.differences(connection)
-            damage += [f"{name!r} is not what prefcal has created" for name in changed]
+            damage += [f"{name!r} is not as prefcal created it" for name in changed]
             query = "SELECT seq, at, body, payload FROM event ORDER BY seq"
             rows = connection.execute(query).fetchall()
         except sqlite3.DatabaseError as error:
@@ -51,7 +51,7 @@ def _payload_findings(rows: Sequence[tuple[Any, ...]]) -> Iterator[str]:
 
 
 def _event_findings(rows: Sequence[tuple[Any, ...]]) -> Iterator[str]:
-    """Replay the events up to the first one that cannot be: what follows it depends on it."""
+    """Replay the events up to the first impossible one, since later ones depend on it."""
     state: State | None = None
     experiments: set[int] = set()
     questions: set[int] = set()
@@ -76,15 +76,15 @@ def _event_findings(rows: Sequence[tuple[Any, ...]]) -> Iterator[str]:
 
 
 def _check_ids(event: Event, has_payload: bool, experiments: set[int], questions: set[int]) -> None:
-    """Check the events that `event` refers to by their numbers.
+    """Check the events that `event` refers to by number.
 
     Raises:
-        StudyError: an experiment or a question is not among the earlier events.
+        StudyError: If an experiment or a question is not among the earlier events.
     """
     brings = isinstance(event, Finished) and event.same_as is None
     if brings != has_payload:
-        raise StudyError("a finished event, and no other, brings an experiment or names another's")
+        raise StudyError("a finished event, and no other, has an experiment or names another's")
     if isinstance(event, Finished) and not brings and event.same_as not in experiments:
-        raise StudyError(f"event {event.same_as} brought no experiment")
+        raise StudyError(f"event {event.same_as} has no experiment")
     if isinstance(event, Shown) and event.repeats not in {None, *questions}:
         raise StudyError(f"event {event.repeats} showed no question")

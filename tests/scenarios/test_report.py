@@ -141,7 +141,7 @@ def test_the_csv_has_one_row_for_each_question_with_units(folder):
     assert len(rows) == len(record.asked) == 7
     assert float(rows[0]["challenger T_s [h]"]) == record.thetas[1][0]
     assert rows[0]["incumbent experiment"] == "1"
-    assert rows[0]["verdict"] in {"newer better", "as good", "older better", "can't tell"}
+    assert rows[0]["verdict"] in {"newer better", "about the same", "older better", "can't tell"}
     assert rows[0]["incumbent ended"] == "time is up"
 
 

@@ -1,1 +1,1 @@
-"""The application: sessions, report, query window, terminal and command line."""
+"""Run the application: sessions, report, query window, terminal and command line."""

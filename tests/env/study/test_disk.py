@@ -129,8 +129,8 @@ for attempt in (
 @pytest.mark.parametrize(
     ("folder_mode", "opened"),
     [
-        (0o755, "may not be written"),  # and its write-ahead log has no place
-        (0o777, "may not be written.*Nothing was recorded"),  # the file alone is root's
+        (0o755, "is read-only"),  # and its write-ahead log has no place
+        (0o777, "is read-only.*Nothing was recorded"),  # the file alone is root's
         (0o700, "Permission denied"),
     ],
     ids=["folder", "file", "nothing"],

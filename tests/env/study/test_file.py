@@ -186,7 +186,7 @@ def test_a_file_that_may_not_be_written_is_told(tmp_path):
     connection = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
     file = StudyFile(connection, str(path), clock())
     file._load()
-    with pytest.raises(StudyError, match=r"may not be written.*Nothing was recorded"):
+    with pytest.raises(StudyError, match=r"is read-only.*Nothing was recorded"):
         file.append(Noted("never"))
     file.close()
     assert path.read_bytes() == before

@@ -93,7 +93,7 @@ HUGE = 10**400
          "NaN"],
 )  # fmt: skip
 def test_a_forged_export_is_refused_and_leaves_no_file(tmp_path, events):
-    with pytest.raises(StudyError, match=r"no exported study|not sound, nothing was imported"):
+    with pytest.raises(StudyError, match=r"not an exported study|damaged, nothing was imported"):
         import_json(forged(*events), tmp_path / "b.prefcal")
     assert list(tmp_path.iterdir()) == []
 
@@ -101,7 +101,7 @@ def test_a_forged_export_is_refused_and_leaves_no_file(tmp_path, events):
 def test_half_a_character_in_an_export_is_refused(tmp_path):
     with small_study(":memory:") as file:
         text = export_json(file).replace('"at": "', '"at": "\\ud800', 1)
-    with pytest.raises(StudyError, match="no exported study"):
+    with pytest.raises(StudyError, match="not an exported study"):
         import_json(text, tmp_path / "b.prefcal")
     assert list(tmp_path.iterdir()) == []
 

@@ -74,7 +74,7 @@ def test_changed_tables_are_found(tmp_path, statement, name):
     connection = sqlite3.connect(path)
     connection.execute(statement)
     connection.close()
-    assert verify(path) == (f"{name!r} is not what prefcal has created",)
+    assert verify(path) == (f"{name!r} is not as prefcal created it",)
 
 
 def test_a_page_that_went_bad_is_found(tmp_path):
@@ -124,7 +124,7 @@ def test_a_changed_export_is_refused_and_leaves_no_file(tmp_path, old, new):
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", "null", "{" * 2000])
 def test_other_text_is_no_export(tmp_path, text):
-    with pytest.raises(StudyError, match="no exported study"):
+    with pytest.raises(StudyError, match="not an exported study"):
         import_json(text, tmp_path / "b.prefcal")
 
 

@@ -1,4 +1,4 @@
-"""The command line `prefcal`. Agents, plants and plots are imported when needed, to start fast."""
+"""Run the command line `prefcal`; agents, plants and plots are imported only when needed."""
 
 import os
 import re

@@ -29,16 +29,16 @@ EPILOG = """\
   Start from your present tuning: the first experiment runs it.
 
 [cyan]prefcal calibrate cstr --from mine --study second[/cyan]
-  Another person or a similar plant: try the best θ of the study mine early.
+  For another person or a similar plant: try the best θ of the study mine early.
 
 [cyan]prefcal calibrate cstr --agent glisp-paper[/cyan]
-  The algorithm as published, without what this project adds.
+  The algorithm as published, without the additions of this project.
 
 [cyan]prefcal calibrate cstr --agent glis[/cyan]
   What optimization finds when it sees the scenario's score.
 
 [cyan]prefcal calibrate cstr --agent glis --cost mine_index.py:cost[/cyan]
-  Unattended, scored by what your answers have taught (`prefcal studies index`).
+  Unattended, scored by the cost learned from your answers (`prefcal studies index`).
 
 [cyan]prefcal calibrate overtake --config traffic.json[/cyan]
   The overtaking on another road, in other traffic (see docs/overtaking.md).
@@ -58,10 +58,10 @@ EPILOG = """\
 def calibrate(**typed: Any) -> None:
     """Tune SCENARIO by comparing experiments, and write a report.
 
-    prefcal proposes θ, runs the experiment, shows it next to the best so far, and
-    learns from your answer, on a local page, or from a synthetic calibrator's.
-    Every answer is saved before the next question. Ctrl-C stops and writes a
-    report of the comparisons so far; the same --study resumes.
+    prefcal proposes θ, runs the experiment, shows it next to the best so far on a
+    local page, and learns from your answer. A synthetic calibrator can answer
+    instead. Every answer is saved before the next question. Ctrl-C stops and
+    writes a report of the comparisons so far; the same --study resumes.
     """
     # Imported here to keep --help fast.
     from .calibrate_run import run

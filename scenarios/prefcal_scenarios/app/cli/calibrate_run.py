@@ -223,7 +223,7 @@ def _tell_in_passing(work: CalibrateRun) -> Path:
     record = work.reporter.write()
     if not work.options.json:
         work.reporter.tell(record)
-    work.say("The study is over. This ends when you close its page, or with Ctrl-C.")
+    work.say("The study is finished. The command ends when you close its page, or with Ctrl-C.")
     return work.reporter.claim.folder
 
 
@@ -272,7 +272,7 @@ def _unattended(work: CalibrateRun) -> int:
     if failure is not None:
         raise failure
     if ctrl_c.pressed and not record.stopped:
-        work.say("Interrupted when the study was over: the report is complete.")
+        work.say("Interrupted after the study was finished: the report is complete.")
     return INTERRUPTED if ctrl_c.pressed else 0
 
 

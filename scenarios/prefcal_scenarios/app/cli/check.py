@@ -29,7 +29,7 @@ EPILOG = """\
 
 [bold]What you see[/bold]
 
-✓ is in order, ✗ is wrong and says what was expected, · is for your information.
+✓ passed, ✗ failed (with what was expected), · for your information.
 An error in your own code is shown with its last line there. Look at the picture
 too: only you know whether the curves are those of your plant.
 """
@@ -59,13 +59,15 @@ class CheckOptions:
     seed: Annotated[int, typer.Option(min=0, help="Seed of the run.")] = 0
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.png", help="The picture.", show_default="./check-NAME.png"),
+        typer.Option(
+            metavar="FILE.png", help="File of the picture.", show_default="./check-NAME.png"
+        ),
     ] = None
     run_timeout: Annotated[
         float,
         typer.Option(
             metavar="SECONDS",
-            help="Most seconds that one run of your own scenario may take. inf: no limit.",
+            help="Time limit for one run of your own scenario. inf: no limit.",
             show_default="3600, an hour",
         ),
     ] = 3600.0

@@ -141,7 +141,7 @@ class Checkup:
     def _panels(self) -> Iterator[Finding]:
         e = self._ran()
         if not self.scenario.panels:
-            yield Finding("panels", None, "none given: every state, input and further output")
+            yield Finding("panels", None, "none given: all states, inputs and other outputs")
         for panel in self.scenario.panels:
             what = f"panel {panel.name!r}"
             try:
@@ -168,7 +168,7 @@ class Checkup:
         spare = sorted(set(e.kpis) - {kpi.name for kpi in self.scenario.kpis})
         if spare:
             yield Finding(
-                "further KPIs", None, f"returned, but not shown anywhere: {', '.join(spare)}"
+                "other KPIs", None, f"returned, but not shown anywhere: {', '.join(spare)}"
             )
 
     def _cost(self) -> Iterator[Finding]:

@@ -76,7 +76,7 @@ class Options:
         int,
         Option(
             metavar="N",
-            help="Seed of the agent, of the calibrator and of the order of the two sides.",
+            help="Seed of the agent, the calibrator and the order of the two sides.",
             show_default="0",
         ),
         Kept(label="seed", always=True, least=0),
@@ -111,8 +111,8 @@ class Options:
         Option(
             min=1,
             metavar="N",
-            help="Most comparisons per experiment (glisp only). If experiments are expensive and "
-            "comparing is cheap, 3 or more save experiments. You can change it when you resume.",
+            help="Maximum number of comparisons per experiment (glisp only). If experiments are "
+            "expensive, 3 or more comparisons save some. You can change it when you resume.",
             show_default="1",
         ),
         Kept(
@@ -139,8 +139,8 @@ class Options:
         Option(
             "--from",
             metavar="STUDY",
-            help="An earlier study, of another person or a similar plant: its best θ is one "
-            "of the first experiments. A name or the path of a file.",
+            help="An earlier study, for example by another person or of a similar plant: its best "
+            "θ is one of the first experiments. A name or the path of a file.",
         ),
         Kept(label="earlier study"),
     ] = None
@@ -148,7 +148,7 @@ class Options:
         float | None,
         Option(
             metavar="NUMBER",
-            help="The synthetic calibrator calls costs that are this close a tie.",
+            help="Largest difference of two costs that the synthetic calibrator calls a tie.",
             show_default="the scenario's",
         ),
         Kept(label="tie band", least=0),
@@ -167,7 +167,7 @@ class Options:
         Option(
             "--no-outcomes",
             metavar="",
-            help="glisp learns from θ only, not from the KPIs of the experiments.",
+            help="Let glisp learn from θ only, not from the KPIs of the experiments.",
         ),
         Kept(
             label="learns from KPIs",
@@ -201,8 +201,8 @@ class Options:
         str | None,
         Option(
             metavar="FILE.json",
-            help="Judge computation times on this processor (`prefcal processor` makes the file). "
-            "The study keeps a copy.",
+            help="Evaluate computation times on this processor (`prefcal processor` writes the "
+            "file). The study keeps a copy.",
             show_default="the scenario's",
         ),
         Kept(),
@@ -211,7 +211,7 @@ class Options:
         Path | None,
         Option(
             metavar="FOLDER",
-            help="Folder of the report; may exist, but not with the report of another study.",
+            help="Folder of the report; must not hold the report of another study.",
             show_default="./prefcal-STUDY; unattended: ./prefcal-SCENARIO-SEED",
         ),
     ] = None
@@ -219,8 +219,8 @@ class Options:
         float,
         Option(
             metavar="SECONDS",
-            help="Most seconds that one run of your own scenario may take; a longer one is ended "
-            "and counts as failed. inf: no limit.",
+            help="Time limit for one run of your own scenario; a longer run is ended and counts "
+            "as failed. inf: no limit.",
             show_default="3600, an hour",
         ),
     ] = 3600.0
@@ -236,7 +236,7 @@ class Options:
         str,
         Option(
             metavar="ADDRESS",
-            help="Address to serve the page on. 0.0.0.0 lets other machines on the network in.",
+            help="Address to serve the page on. 0.0.0.0 makes it reachable from other machines.",
         ),
     ] = "127.0.0.1"
     port: Annotated[
@@ -334,7 +334,7 @@ def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
     from prefcal_scenarios.own.source import split_source
 
     if kept.get("cost") is not None and given.get("cost") is None:
-        # A study from somebody else must not decide which program runs here.
+        # A study from another person must not decide which program runs here.
         raise SettingsError(
             f"the study is scored by a program: if you trust it, add "
             f"--cost {shlex.quote(str(kept['cost']))}"

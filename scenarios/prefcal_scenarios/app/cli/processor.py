@@ -54,14 +54,16 @@ _Out = Annotated[Path, typer.Option(metavar="FILE.json", help="The file to write
 def measure(
     rounds: Annotated[
         int,
-        typer.Option(min=1, metavar="N", help="How often each step is timed; the shortest counts."),
+        typer.Option(
+            min=1, metavar="N", help="Number of times each step is timed; the shortest counts."
+        ),
     ] = 15,
     name: _Name = None,
     out: _Out = Path("processor.json"),
 ) -> None:
     """Time the overtaking controller on this machine, and write its processor file.
 
-    Close other programs first, so that the times are those of the controller alone.
+    Close other programs first, so that only the controller is timed.
     """
     # Imported here to keep --help fast.
     from rich.console import Console
@@ -115,7 +117,7 @@ def _conclude(steps: "Sequence[TimedStep]", name: str, out: Path) -> None:
     console.print(f"Processor {name!r} from {len(steps)} steps: {out}", markup=False)
     console.print(f"90 % of the steps took {low:.2f} to {high:.2f} times the modeled time.")
     console.print(
-        f"The paper's θ takes up to {1e3 * worst:.3g} ms a step, T_s is "
+        f"The paper's θ takes up to {1e3 * worst:.3g} ms per step, and T_s is "
         f"{1e3 * theta[0]:.0f} ms: {verdict}."
     )
     console.print(f"Use it: prefcal calibrate overtake --processor {out}", markup=False)

@@ -52,7 +52,7 @@ def isolation(
             when needed.
 
     Raises:
-        SettingsError: the limit is not above 0.
+        SettingsError: If the limit is not above 0.
     """
     if not limit > 0:
         raise SettingsError(f"--run-timeout must be above 0 s, got {limit:g}")

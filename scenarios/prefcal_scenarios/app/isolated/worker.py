@@ -87,7 +87,7 @@ class Worker:
         """Run θ, physical, shape (n,), in `space`, or in the scenario's space if None.
 
         Raises:
-            RunError: there is no experiment; the message says why.
+            RunError: If there is no experiment; the message says why.
         """
         with self._running:
             if not self.busy_with(theta):
@@ -161,7 +161,7 @@ class Worker:
         took = in_time(max(round(self._clock() - self._begun), 1))
         if why == "stopped":
             return f"you stopped the run after {took}"
-        return f"the run was given up after {took}: nobody waited for it any more"
+        return f"the run was ended after {took}: its result was no longer needed"
 
     def _renew(self) -> str:
         """End the process, start the next one, and return the user's line the old one was in."""

@@ -1,1 +1,1 @@
-"""How things are worded and styled, the same on the page, in the report and in the terminal."""
+"""Word and style things in the same way on the page, in the report and in the terminal."""

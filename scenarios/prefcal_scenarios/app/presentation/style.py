@@ -1,4 +1,4 @@
-"""One look for all figures: colors that color-blind people can tell apart, and a light grid.
+"""Style all figures alike: colors that color-blind people can tell apart, and a light grid.
 
 Blue marks the best experiment, orange what it is compared with, gray the first experiment.
 """

@@ -57,7 +57,7 @@ def measured(kpi: KPI, experiment: Experiment) -> str:
 
 
 INTERRUPTED = "unsafe: run interrupted"
-"""Text for an experiment that counts as unsafe although nobody marked it."""
+"""Text for an experiment that counts as unsafe although no person marked it."""
 
 
 def earlier_text(taken: Mapping[str, Any]) -> str:
@@ -88,7 +88,7 @@ def with_unit(text: str, unit: str) -> str:
 
 
 def printable(text: object) -> str:
-    """Return `text` without control characters, since a study may come from somebody else."""
+    """Return `text` without control characters, since a study may come from another person."""
     return "".join(c if c.isprintable() else " " for c in str(text))
 
 

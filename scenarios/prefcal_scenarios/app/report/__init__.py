@@ -1,4 +1,4 @@
-"""The report of a study: figures, tables, the tuned controller, all in one folder."""
+"""Write the report of a study, with figures, tables and the tuned controller, to one folder."""
 
 from .record import Record as Record
 from .record import Trial as Trial

@@ -1,4 +1,4 @@
-"""Figure: KPIs of every experiment and of the best so far, and the answers."""
+"""Draw the KPIs of every experiment and of the best so far, and the answers."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,7 +14,7 @@ from prefcal_scenarios.scenario import KPI
 from .record import VERDICTS, Record
 
 _ROWS = 4
-"""Largest number of KPIs to draw: the most important ones that differ."""
+"""Maximum number of KPIs to draw: the most important ones that differ."""
 _INNER = (0.05, 0.9)
 """Quantiles of the experiments that are always within the scale."""
 

@@ -31,7 +31,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class Minded:
-    """What the answers say about the KPIs, for people.
+    """Description of what the answers say about the KPIs.
 
     Args:
         named: Titles of the KPIs that clearly stand out; see `Importance`.
@@ -51,7 +51,7 @@ class Minded:
     def of(
         cls, index: LearnedCost | None, importance: Importance | None, scenario: Scenario
     ) -> "Minded | None":
-        """Return it with the titles of `scenario`; None if the answers say nothing about KPIs."""
+        """Return the description with the scenario's titles; None if the answers say nothing."""
         if index is None or importance is None:
             return None
         known = titles(scenario)
@@ -74,7 +74,7 @@ class Minded:
             return f"{who} to care most about: {listed}."
         if self.explained:
             return (
-                "Nothing stands out yet: several KPIs count, or the answers do not tell them apart."
+                "Nothing stands out yet: several KPIs matter, or the answers do not separate them."
             )
         return "Nothing stands out yet: no KPI explains the answers clearly better than chance."
 
@@ -92,7 +92,7 @@ class Minded:
         right = f"{self.predicted} of {self.answers} answers that it had not learned from"
         if self.explained:
             return f"A weighted sum of the KPIs predicted {right}."
-        return f"A weighted sum of the KPIs predicted {right}: not clearly better than a coin."
+        return f"A weighted sum of the KPIs predicted {right}: not clearly better than chance."
 
     def drawn(self, width: int) -> Iterator[tuple[str, Bar]]:
         """Yield each bar as text of at most `width` characters, for a terminal."""

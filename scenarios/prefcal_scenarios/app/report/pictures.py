@@ -1,4 +1,4 @@
-"""The figures of a report: their names, captions, and texts for people who cannot see them."""
+"""List and draw the figures of a report, with captions and texts for people who cannot see them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -142,8 +142,8 @@ PICTURES: tuple[Picture, ...] = (
     Picture(
         "best_trajectory.png",
         "Best trajectory",
-        "The best run against the first one and against reference θ. Shaded: the accepted "
-        "band around the target. Dashed: limits. A dot ends a run, a cross a stopped one.",
+        "The best run beside the first one and the reference θ. Shaded: the accepted band around "
+        "the target. Dashed: limits. A dot ends a run, a cross an interrupted one.",
         _best_alt,
         best_against,
         lambda record: bool(record.scenario.panels) and bool(curves_of(record)),
@@ -176,8 +176,8 @@ PICTURES: tuple[Picture, ...] = (
     Picture(
         "surrogate.png",
         "What was learned",
-        "The cost that the agent has learned, cut through the best θ: from the verdicts alone, "
-        "unless it was told the score. It has no unit: only its order has a meaning.",
+        "The cost that the agent has learned, cut through the best θ. The agent learns from the "
+        "answers alone, unless it gets scores. The cost has no unit: only its order has a meaning.",
         _slices_alt,
         slices,
         lambda record: record.surrogate is not None,

@@ -1,4 +1,4 @@
-"""Figure: the index of every experiment, and the best so far."""
+"""Draw the index of every experiment, and the best so far."""
 
 import numpy as np
 from jaxtyping import Float, Int

@@ -1,4 +1,4 @@
-"""What a report is made of: a study's comparisons, and what follows from them."""
+"""Hold the content of a report: a study's comparisons, and what follows from them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -22,18 +22,18 @@ Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 
 
 def above(cost: Float[np.ndarray, " m"], lowest: float) -> Float[np.ndarray, " m"]:
-    """Square root of how far `cost` lies above `lowest`, 0 or more."""
+    """Return the square root of the difference of `cost` to `lowest`, 0 or more."""
     return np.asarray(np.sqrt(np.maximum(cost - lowest, 0.0)))
 
 
 VERDICTS: Mapping[Preference | None, str] = {
     Preference.CHALLENGER: "newer better",
-    Preference.TIE: "as good",
+    Preference.TIE: "about the same",
     Preference.INCUMBENT: "older better",
     None: "can't tell",
 }
-"""How a verdict reads, in the order in which people see the counts. The challenger is the newer one
-of the two; the older one need not be the best so far (further questions)."""
+"""Text of each verdict, in the order of the counts. The challenger is the newer experiment; the
+older one need not be the best so far, since follow-up comparisons can be about other runs."""
 _MUCH: Mapping[Preference | None, str] = {
     Preference.CHALLENGER: "newer much better",
     Preference.INCUMBENT: "older much better",
@@ -41,7 +41,7 @@ _MUCH: Mapping[Preference | None, str] = {
 
 
 def verdict_text(answer: Answer) -> str:
-    """How an answer reads, with its strength."""
+    """Return the text of an answer, with its strength."""
     if answer.much_better:
         return _MUCH[answer.preference]
     return VERDICTS[answer.preference]
@@ -49,7 +49,7 @@ def verdict_text(answer: Answer) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """Experiment number `index` (from 0) and its cost; None where the scenario has no cost."""
+    """Experiment number `index`, from 0, and its cost; None if the scenario has no cost."""
 
     index: int
     experiment: Experiment
@@ -57,35 +57,34 @@ class Trial:
 
     @property
     def number(self) -> int:
-        """Number as people count, from 1."""
+        """Return the number as people count, from 1."""
         return self.index + 1
 
 
 @dataclass(frozen=True)
 class Record:
-    """A study, complete or not, ready to be shown.
+    """Study, complete or not, ready to be shown.
 
     Args:
-        scenario: What was calibrated.
-        source: The name that loads the scenario again.
-        comparisons: In the order of the answers.
+        scenario: Calibrated scenario.
+        source: Name that loads the scenario again.
+        comparisons: Comparisons in the order of the answers.
         references: Experiments of the scenario's reference θ, by name.
-        settings: What the study was started with, name to value, for people.
-        agent_settings: All settings of the agent, name to value, as they are.
+        settings: Settings that the study was started with, by name, for people.
+        agent_settings: All settings of the agent, by name.
         n_init: Number of experiments before anything was learned.
-        n_max: Number of experiments that were planned.
-        command: One command line that repeats the study.
-        surrogate: What the agent has learned; None if it learns nothing.
-        minded: What the calibrator seems to care about; None where nothing can be said.
-        good_enough: Whether it was ended early because the best is good enough.
-        answered: The comparisons whose answers stand, further ones too, in the order given; None:
-            all of `comparisons` but the first experiment's.
-        held: Index of the best experiment after each of `comparisons`; None: the winner along the
+        n_max: Number of planned experiments.
+        command: Command line that repeats the study.
+        surrogate: Learned cost; None if the agent learns nothing.
+        minded: What the calibrator seems to care about; None if nothing can be said.
+        good_enough: Whether the study ended early because the best is good enough.
+        answered: Comparisons whose answers stand, in order, including follow-up comparisons; None
+            for all of `comparisons` but the first experiment's.
+        held: Index of the best experiment after each of `comparisons`; None to derive it from the
             answers.
         waiting: Experiments that ran and are not compared yet, by index.
-        judged: Whether the answers follow the scenario's cost; if not, nobody has chosen that, and
-            it is not shown.
-        outlook: Whether to go on; None if not known.
+        judged: Whether the answers follow the scenario's cost; otherwise, the cost is not shown.
+        outlook: Whether to continue; None if unknown.
     """
 
     scenario: Scenario
@@ -108,7 +107,7 @@ class Record:
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:
-        """Every experiment once, in the order tried."""
+        """Return every experiment once, in the order tried."""
         experiments: dict[int, Experiment] = dict(self.waiting)
         for c in self.comparisons:
             if c.query.incumbent is not None and c.incumbent is not None:
@@ -118,58 +117,58 @@ class Record:
 
     @cached_property
     def thetas(self) -> Float[np.ndarray, "N n"]:
-        """θ of every trial, physical, shape (N, n)."""
+        """Return the θ of every trial, physical, shape (N, n)."""
         return np.array([t.experiment.theta for t in self.trials]).reshape(
             -1, len(self.scenario.space)
         )
 
     @property
     def asked(self) -> tuple[Comparison, ...]:
-        """The comparisons whose answers stand, in the order given."""
+        """Return the comparisons whose answers stand, in the order given."""
         if self.answered is not None:
             return self.answered
         return tuple(c for c in self.comparisons if c.incumbent is not None)
 
     @property
     def questions(self) -> int:
-        """How many questions the calibrator answered."""
+        """Return the number of questions that the calibrator answered."""
         return 0 if self.scored else len(self.asked)
 
     @property
     def by_a_person(self) -> bool:
-        """Whether a person compared."""
+        """Return whether a person compared."""
         return self.settings.get("calibrator") == "human"
 
     @property
     def shows_cost(self) -> bool:
-        """Whether the cost is shown: there is one, and the answers follow it."""
+        """Return whether to show the cost: there is one, and the answers follow it."""
         return self.scenario.cost is not None and self.judged
 
     @property
     def scored(self) -> bool:
-        """Whether the agent was told scores, and nobody compared anything."""
+        """Return whether the agent learned from scores, without comparisons."""
         return any(c.answer.value is not None for c in self.comparisons)
 
     @property
     def stopped(self) -> bool:
-        """Whether the study ended before its planned number of experiments."""
+        """Return whether the study ended before its planned number of experiments."""
         return len(self.comparisons) < self.n_max
 
     @cached_property
     def best(self) -> Trial | None:
-        """The best experiment; None before any."""
+        """Return the best experiment; None before the first."""
         return self.incumbents[-1] if self.comparisons else None
 
     @cached_property
     def incumbents(self) -> tuple[Trial, ...]:
-        """The best trial after each comparison."""
+        """Return the best trial after each comparison."""
         by_index = {t.index: t for t in self.trials}
         if self.held is not None:
             return tuple(by_index[index] for index in self.held)
         winner, winners = 0, []
         for c in self.comparisons:
-            # Along the answers that stand: a retracted one is an abstention here, and whoever
-            # had won by it may be the incumbent of later questions.
+            # Follow the answers that stand: a retracted one is an abstention here, although its
+            # winner may be the incumbent of later questions.
             if c.incumbent is None or c.answer.preference is Preference.CHALLENGER:
                 winner = c.query.challenger.index
             winners.append(by_index[winner])
@@ -177,25 +176,25 @@ class Record:
 
     @cached_property
     def reference_costs(self) -> dict[str, float]:
-        """Cost of each reference, where the scenario has one."""
+        """Return the cost of each reference; empty if the scenario has no cost."""
         costs = {name: self.cost(e) for name, e in self.references.items()}
         return {name: cost for name, cost in costs.items() if cost is not None}
 
     @property
     def kpis(self) -> tuple[KPI, ...]:
-        """The scenario's KPIs, without the index itself: if at all, it is shown as the cost."""
+        """Return the scenario's KPIs without the index itself, which is shown as the cost."""
         return self.scenario.shown_kpis
 
     def cost(self, experiment: Experiment) -> float | None:
-        """Latent cost of an experiment; None where the scenario has none.
+        """Return the latent cost of an experiment; None if the scenario has none.
 
-        Infinite for a run without a record: nobody's cost can be asked of that.
+        It is infinite for a run without a record.
         """
         if self.scenario.cost is None:
             return None
         return float(self.scenario.cost(experiment)) if len(experiment.t) else inf
 
     def verdict_counts(self) -> dict[str, int]:
-        """How often each verdict was given, in words."""
+        """Return the number of answers for each verdict, by its text."""
         given = [c.answer.preference for c in self.asked]
         return {words: given.count(verdict) for verdict, words in VERDICTS.items()}

@@ -1,4 +1,4 @@
-"""Figure: slices of the learned surrogate through the best θ."""
+"""Draw slices of the learned cost through the best θ."""
 
 from dataclasses import dataclass
 

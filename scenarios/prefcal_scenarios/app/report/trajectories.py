@@ -1,4 +1,4 @@
-"""Figures of closed-loop runs: overlaid, and side by side."""
+"""Draw closed-loop runs, overlaid or side by side."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

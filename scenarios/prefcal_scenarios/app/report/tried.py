@@ -1,4 +1,4 @@
-"""Figure: every θ tried, as parallel coordinates."""
+"""Draw every θ tried, as parallel coordinates."""
 
 from dataclasses import dataclass
 from typing import Literal

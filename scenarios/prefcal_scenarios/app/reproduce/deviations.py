@@ -1,4 +1,4 @@
-"""All deviations from the paper, as data; docs/deviations.md shows exactly these rows."""
+"""List all deviations from the paper, as data; docs/deviations.md shows exactly these rows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,13 +27,13 @@ class Deviation:
 REACTOR: tuple[Deviation, ...] = (
     Deviation(
         "eq. cstr_system_eqn: the reaction takes heat away (-H r/(ρ C_p), H = 5960)",
-        "It gives heat off (+)",
-        "The text calls it exothermic, and starts from a steady state with C_A = 8.56",
+        "It gives off heat (+)",
+        "The text calls it exothermic and starts from a steady state with C_A = 8.56",
         "Steady states at T_c = 298 K: C_A = 8.538, 5.590 and 2.332; as printed only 9.497",
         "heat",
     ),
     Deviation(
-        "Start: C_A = 8.56 (IV-A), T_c0 = 298 K (tab:CSTR_para); they do not quite fit",
+        "Start: C_A = 8.56 (IV-A), T_c0 = 298 K (tab:CSTR_para), which do not quite match",
         "The steady state with C_A = 8.56, at T_c = 297.6 K",
         "The text states the concentration",
         "Index of the paper's two θ 0.6996 and 0.8217; from T_c0 = 298 K 0.6970 and 0.8036",
@@ -52,14 +52,15 @@ REACTOR: tuple[Deviation, ...] = (
         "In the ±3 % band, and C_A, T and T_c change by less than 0.004 kgmol/m³, 0.04 K and "
         "0.04 K an hour",
         "A run that never leaves its start must not count as settled",
-        "Rates times 0.1 to 1.5 leave the lowest index at log Q = -1.25 to -1.05; times 2 it moves "
-        "to -2.75. Index of the automated θ 0.6996, with twice the rates 0.7462",
+        "With rates times 0.1 to 1.5, the lowest index stays at log Q = -1.25 to -1.05; times 2 it "
+        "moves to -2.75. Index of the automated θ 0.6996, with twice the rates 0.7462",
         "settling",
     ),
     Deviation(
         "Interrupted when unsafe; no limit, and no index for it (IV-A)",
         "Unsafe above 400 K; the index is 1000 plus the share of 48 h not survived",
-        "Worse than any completed run, and of two the longer is better, as section III ends",
+        "It is worse than any completed run, and of two interrupted runs the longer is better, as "
+        "at the end of section III",
         "No run of 200 random θ is interrupted; the hottest has 382.9 K",
         "ends",
     ),
@@ -68,7 +69,7 @@ CONTROLLER: tuple[Deviation, ...] = (
     Deviation(
         "eq. MPC weighs y_0 to y_Np-1",
         "y_1 to y_Np",
-        "y_0 is measured already: no input of the plan changes it (without D)",
+        "y_0 is already measured: no input of the plan changes it (without D)",
         "Index of the paper's two θ 0.6996 and 0.8217, as printed 0.7009 and 0.8230; the car's "
         "peak 3.129 m, as printed 3.128 m. Of 200 random drives the printed ones are 44 times "
         "better, 130 times a tie, 26 times worse",
@@ -78,7 +79,7 @@ CONTROLLER: tuple[Deviation, ...] = (
         "eq. MPC_constraints holds the inputs from u_Nu on: N_u + 1 free moves, while its minimum "
         "is over N_u",
         "N_u free moves, then held",
-        "The minimum says so, and the toolbox that the authors used counts so",
+        "The minimum implies it, and the toolbox that the authors used counts in this way",
         "Index of the paper's two θ 0.6996 and 0.8217, with one more 0.6999 and 0.8213; the "
         "car's peak 3.129 m and 3.119 m. Of 200 random drives those with one more are 48 times "
         "better, 108 times a tie, 44 times worse",
@@ -89,22 +90,22 @@ CONTROLLER: tuple[Deviation, ...] = (
         "For k = 0 to N_p - 1",
         "As printed, the input that is applied has no limit",
         "Without it 92 of 200 random θ move T_c by more than 10 K in a step, up to 16.4 K; index "
-        "of the preferences θ 0.8217, without it 0.8848. Cars swing out less (median peak 3.68 m, "
-        "without it 3.08 m) by steering harder (3.9 and 4.5 m/s²)",
+        "of the preferences θ 0.8217, without it 0.8848. Without it, cars swing out less (median "
+        "peak 3.08 m instead of 3.68 m) by steering harder (4.5 instead of 3.9 m/s²)",
         "first",
     ),
     Deviation(
         "Q_u + Q_Δu may be singular (eq. MPC)",
-        "1e-10 of the largest weight is added to Q_Δu then",
-        "The minimizer is unique",
+        "In that case, 1e-10 of the largest weight is added to Q_Δu",
+        "The minimizer is then unique",
         "Nothing in the paper's cases: Q_Δu is 1e-5 or more there",
     ),
     Deviation(
-        "Nothing on limits that change, or on a QP that is not solved",
+        "Nothing about limits that change, or about a QP that is not solved",
         "A limit that the last input violates is the nearest reachable value; an unsolved step "
         "holds the last input",
         "The QP stays feasible, and the toolbox that the authors used holds the input, too",
-        "Nothing at 200 random θ of either case: v may move freely, and no QP is left unsolved",
+        "Nothing at 200 random θ of either case: v can move freely, and no QP stays unsolved",
         "ends",
     ),
 )
@@ -113,53 +114,54 @@ CAR: tuple[Deviation, ...] = (
         "±π/4 and 0.0873 rad/s, for the yaw angle θ (IV-B)",
         "±π/4 for θ (soft) and for δ_s (hard); 0.0873 rad/s of δ_s: per second as printed by "
         "default, per step a setting",
-        "A yaw rate is no input",
-        "Both in docs/overtaking.md",
+        "A yaw rate is not an input",
+        "Both are in docs/overtaking.md",
     ),
     Deviation(
         "Q_ε of eq. MPC has no value",
         "10",
-        "With a toolbox's 1e5 the one slack makes the car swerve",
+        "With a toolbox's 1e5 the single slack makes the car swerve",
         "At the paper's θ a peak of 3.129 m, with 1e5 6.205 m, where the run ends off the road. Of "
         "200 random drives those with 1e5 are 188 times worse, 12 times better",
         "slack",
     ),
     Deviation(
-        "The obstacle is within 10 m (IV-B), between which points is not said",
-        "Between the bodies: own front end to the obstacle's rear end, and the other way round",
-        "That is the distance that is left",
-        "Between front ends 4.5 m less are left: the paper's θ runs into the obstacle. Of 200 "
+        "The obstacle is within 10 m (IV-B), without saying between which points",
+        "Between the bodies: own front end to the obstacle's rear end, and vice versa",
+        "That is the free distance",
+        "Between front ends it is 4.5 m less: the paper's θ runs into the obstacle. Of 200 "
         "random drives 181 are worse, 19 better",
         "scene",
     ),
     Deviation(
         "Speed references of 50 and 60 km/h, while x_f is what Q_y weighs (IV-B)",
         "The reference of x_f runs ahead of the present position at the reference speed",
-        "Tracking a speed is asked for, not catching up",
+        "The paper asks for tracking a speed, not for catching up",
         "With a reference that catches up, peak 3.132 m at the paper's θ (3.129 m with ours); of "
         "200 random drives 113 are better, 87 worse, and 41 come closer than 2.9 m (45 with ours)",
         "scene",
     ),
     Deviation(
         "(i): worst t_comp on an i7-8550U, measured",
-        "Modeled from iterations and problem size, on a processor that is given",
-        "A clock on a busy machine would decide by luck; the same study gives the same answers",
-        "0.081 s at the paper's θ by construction; docs/overtaking.md has how well the model fits. "
-        "Any other computer: prefcal calibrate overtake --processor FILE",
+        "Modeled from iterations and problem size, for a given processor",
+        "Measured on a busy machine, it would depend on luck; the same study must give the same "
+        "answers",
+        "0.081 s at the paper's θ by construction; docs/overtaking.md shows how well the model "
+        "fits. For another computer: prefcal calibrate overtake --processor FILE",
     ),
     Deviation(
-        "(ii) to (vi) are words: close to, reasonable, not aggressive (IV-B)",
-        "Criteria in an order, each with a just noticeable difference",
+        "(ii) to (vi) are given in words: close to, reasonable, not aggressive (IV-B)",
+        "Ordered criteria, each with a just noticeable difference",
         "A synthetic calibrator needs numbers",
-        "With the steering limited per step, all halved: 1.4 % of the verdicts on random pairs "
-        "turn round, and 9 of 12 studies end better than the paper's θ (7 with ours). All doubled: "
+        "With the steering limited per step, all halved: 1.4 % of the verdicts on random pairs are "
+        "reversed, and 9 of 12 studies end better than the paper's θ (7 with ours). All doubled: "
         "2.8 %, and 1 of 12",
         "thresholds",
     ),
 )
 AGENT: tuple[Deviation, ...] = (
     Deviation(
-        "Nothing on the box in which eq. rbf and eq. IDW-distance measure distances",
+        "Nothing about the box in which eq. rbf and eq. IDW-distance measure distances",
         "[0, 1] for each knob; the authors' code has [-1, 1]",
         "No box is better on all problems; with three knobs and more, as in the case studies, "
         "ours is",
@@ -181,7 +183,7 @@ AGENT: tuple[Deviation, ...] = (
     Deviation(
         "K-fold cross-validation of ε, without candidates",
         "Nine values from 0.1 to 10",
-        "A decade to either side of the initial 1; no difference was found to a wider choice",
+        "A decade to either side of the initial 1; a wider choice made no difference",
         "GLISp.paper on 12 functions × 6 seeds, gaps with 17 values from 0.01 to 100 against "
         "ours: mean log10 ratio -0.07 ± 0.11, 32 won and 40 lost. Reactor: median index 0.695, "
         "with those 0.699",
@@ -207,13 +209,13 @@ AGENT: tuple[Deviation, ...] = (
     Deviation(
         "GLISp with the settings of section IV",
         "GLISp.paper has them; GLISp, the default, learns from KPIs, scales knobs, and more",
-        "It comes nearer to the optimum for the same number of answers",
+        "It comes closer to the optimum with the same number of answers",
         "docs/benchmarks.md, rows GLISp and GLISp.paper",
     ),
     Deviation(
         "GLIS as published, with α = 0.8 and δ = 0.5 (IV-A)",
-        "α = 0.4, δ = 0.2, ε chosen at every step, scores far above the median count as less",
-        "The published ones waste experiments far from the best",
+        "α = 0.4, δ = 0.2, ε chosen at every step, scores far above the median count less",
+        "The published values waste experiments far from the best",
         "4 functions × 4 seeds, gaps with the published α and δ against ours: mean log10 ratio "
         "+0.45 ± 0.12, 1 won and 15 lost; on the reactor 3 won and 1 lost (one of "
         "our four ends at 1.06)",
@@ -221,8 +223,8 @@ AGENT: tuple[Deviation, ...] = (
     ),
     Deviation(
         'Future work: a classifier of runs that are "very bad" (conclusion)',
-        "A Gaussian process of the mark unsafe; unsafe runs are marked by themselves",
-        "It says how sure it is, and few marks suffice",
+        "A Gaussian process of the mark unsafe; interrupted runs are marked automatically",
+        "It quantifies its uncertainty, and few marks suffice",
         "docs/research/marks.md",
     ),
 )
@@ -233,7 +235,7 @@ DEVIATIONS: tuple[Deviation, ...] = (*REACTOR, *CONTROLLER, *CAR, *AGENT)
 def deviations_as_markdown(rows: Sequence[Deviation] = DEVIATIONS) -> str:
     """Return `rows` as a Markdown table, without a line break at the end."""
     lines = [
-        "| the paper | prefcal | why | what it changes | `--parts` |",
+        "| paper | prefcal | reason | effect | `--parts` |",
         "| --- | --- | --- | --- | --- |",
     ]
     for row in rows:

@@ -1,4 +1,4 @@
-"""Values printed in the paper: parameters, settings, and the results of section IV."""
+"""List the values printed in the paper: parameters, settings, and the results of section IV."""
 
 from types import MappingProxyType
 

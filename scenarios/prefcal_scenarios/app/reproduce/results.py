@@ -1,4 +1,4 @@
-"""Results at the calibrated θ: as printed, simulated here, and calibrated here."""
+"""Compare results at the calibrated θ: as printed, simulated here, and calibrated here."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

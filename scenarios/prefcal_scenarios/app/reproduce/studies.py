@@ -1,4 +1,4 @@
-"""The studies of section IV: reactor and car by preferences, and the reactor by its index."""
+"""Run the studies of section IV: reactor and car by preferences, and the reactor by its index."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ Theta = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A study of the paper; without a calibrator, the agent is told the performance index."""
+    """A study of the paper; without a calibrator, the agent gets the performance index."""
 
     name: str
     scenario: str

@@ -1,7 +1,7 @@
-"""The interview: an agent's questions and a person's answers, free of any front end.
+"""Run the interview, an agent's questions and a person's answers, without a front end.
 
-Page, terminal and unattended run drive the same `Interview`; whatever it acknowledges stands in
-the study file already.
+The page, the terminal and unattended runs drive the same `Interview`. Whatever it acknowledges is
+already in the study file.
 """
 
 from prefcal_scenarios.app.summary.consistency import Consistency as Consistency

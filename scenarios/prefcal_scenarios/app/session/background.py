@@ -1,4 +1,4 @@
-"""The thread that runs an interview's experiments while a person looks at the last one."""
+"""Run an interview's experiments in a thread while a person looks at the last one."""
 
 import threading
 from contextlib import suppress
@@ -11,15 +11,15 @@ from .interview import Interview
 from .view import Phase
 
 _DRAWN = 0.15
-"""Seconds in which a new question is sent and drawn, before this machine looks further ahead."""
+"""Seconds left for sending and drawing a new question before prefetching starts."""
 
 
 class Background:
-    """Runs `interview.work` in one thread of its own: a plant is never run twice at once."""
+    """Thread that runs `interview.work`; a plant never runs twice at the same time."""
 
     def __init__(self, interview: Interview) -> None:
         self._interview = interview
-        # A daemon: an experiment that takes an hour must not keep a closed program alive.
+        # A daemon, since an hour-long experiment must not keep a closed program alive.
         self._thread = threading.Thread(target=self._loop, name="experiments", daemon=True)
 
     def __enter__(self) -> Self:
@@ -36,7 +36,7 @@ class Background:
         self._thread.join(timeout=1.0 + GRACE)
 
     def _loop(self) -> None:
-        # What cannot be compiled fails again as the first experiment runs, which shows it.
+        # An error of the compiler occurs again in the first experiment, which shows it.
         with suppress(Exception):
             self._interview.prepare()
         seen = None

@@ -1,4 +1,4 @@
-"""The experiments of a study by index, as questions show them."""
+"""Read the experiments of a study by index, as questions show them."""
 
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
@@ -20,15 +20,15 @@ from prefcal_scenarios.scenario import Scenario
 from .view import Question, Side
 
 _KEPT = 32
-"""Experiments that stay at hand: those of the last questions. A trajectory may take a megabyte."""
+"""Number of recent experiments to keep in memory; a trajectory can take a megabyte."""
 
 
 @dataclass(slots=True)
 class ExperimentStore:
-    """Reads experiments out of the study file when they are shown.
+    """Store that reads experiments from the study file when they are shown.
 
-    The last few stay at hand, and whatever somebody else holds is never read twice. Of all others
-    only what takes no room is kept: what the agent may learn of them, and how they ended.
+    It keeps the most recent ones, and any that other code still holds. Of all others it keeps only
+    what takes little memory: their KPIs and how they ended.
     """
 
     scenario: Scenario
@@ -39,7 +39,7 @@ class ExperimentStore:
     _ends: dict[int, End] = field(default_factory=dict)
 
     def experiment(self, index: int) -> Experiment:
-        """Experiment number `index`, from 0. Raises StudyError if there is none."""
+        """Return experiment number `index`, from 0. Raises StudyError if there is none."""
         seq = self._event(index)
         experiment = self._held.get(seq)
         if experiment is None:
@@ -51,14 +51,14 @@ class ExperimentStore:
         return experiment
 
     def end(self, index: int) -> End:
-        """How experiment number `index`, from 0, ended. Raises StudyError if there is none."""
+        """Return how experiment `index`, from 0, ended. Raises StudyError if there is none."""
         seq = self._event(index)
         if seq not in self._ends:
             self._ends[seq] = self.study.end(seq)
         return self._ends[seq]
 
     def outcomes(self, challenger: int, incumbent: int | None) -> tuple[Outcome, Outcome | None]:
-        """What the agent may learn of two experiments beside their θ."""
+        """Return what the agent can learn from two experiments besides their θ."""
         rival = None if incumbent is None else self._outcome(incumbent)
         return self._outcome(challenger), rival
 
@@ -82,7 +82,7 @@ class ExperimentStore:
         return self._outcomes[seq]
 
     def failed(self, index: int) -> Experiment:
-        """An experiment without a record, for sample `index`, whose run failed."""
+        """Return an experiment without a record, for sample `index`, whose run failed."""
         theta = np.array(self.study.state.history.samples[index].theta)
         if isinstance(self.scenario.run, Rig):
             return self.scenario.run.failed(theta)
@@ -98,7 +98,7 @@ class ExperimentStore:
         )  # fmt: skip
 
     def question(self, id_: int, number: int, shown: Shown) -> Question:
-        """The question that `shown` put on show, with the marks of now."""
+        """Return the question of the event `shown`, with the current marks."""
         pair, left = (shown.challenger, shown.incumbent), shown.challenger_left
         marks = self.study.state.marks
         new, old = (
@@ -109,7 +109,7 @@ class ExperimentStore:
         return Question(id_, number, *sides, shown.repeats)
 
     def asked(self, closed: Comparison) -> Question:
-        """A closed question, as it was shown."""
+        """Return an answered question as it was shown."""
         if closed.incumbent is None or closed.question is None:
             raise StudyError("the first experiment was not compared with anything")
         left = closed.challenger_left is not False
@@ -118,11 +118,11 @@ class ExperimentStore:
         return replace(question, further=closed.after is not None)
 
     def comparison(self, index: int) -> Compared:
-        """Comparison query number `index`, from 0; a retracted answer is an abstention."""
+        """Return comparison number `index`, from 0; a retracted answer becomes an abstention."""
         return self.compared(self.study.state.history.comparisons[index])
 
     def compared(self, closed: Comparison) -> Compared:
-        """What was compared, and the answer; a retracted one is an abstention."""
+        """Return the experiments and the answer; a retracted answer becomes an abstention."""
         state, index, rival = self.study.state, closed.challenger, closed.incumbent
         return Compared(
             Query(_suggestion(state, index), None if rival is None else _suggestion(state, rival)),

@@ -1,4 +1,4 @@
-"""The flow of an interview: from an answer to the next question, as far as it goes at once."""
+"""Advance an interview from an answer to the next question."""
 
 from dataclasses import dataclass, field, replace
 
@@ -33,7 +33,7 @@ from .view import Phase, Question, Side
 
 @dataclass(slots=True)
 class Flow:
-    """The mutable part of an interview. Whoever calls it holds the interview's lock."""
+    """Mutable part of an interview; callers must hold the interview's lock."""
 
     study: StudyFile
     album: ExperimentStore
@@ -43,36 +43,36 @@ class Flow:
     question: Question | None = None
     problem: Exception | None = None
     checked: bool = False
-    """Whether an experiment of this process has been found to fit its scenario."""
+    """Whether an experiment of this process was checked against its scenario."""
     preparing: Compiling | None = None
     version: int = 0
     answered_at: int = 0
-    """Version since which no answer was given or taken back."""
+    """Version at which an answer was last given or undone."""
     stopped: int | None = None
-    """Sample whose run a person has stopped before it began."""
+    """Sample whose run the person stopped before it began."""
     draft: str = ""
-    """The comment of the answer that was taken back last, until another one is given."""
+    """Comment of the answer that was undone last, until another answer is given."""
 
     @property
     def state(self) -> State:
-        """What the study file says."""
+        """Return the state of the study file."""
         return self.study.state
 
     @property
     def seed(self) -> int:
-        """Of the study."""
+        """Return the seed of the study."""
         return int(self.state.configuration["seed"])
 
     @property
     def best(self) -> int | None:
-        """Index of the best experiment so far, as the agent believes; None before the first."""
+        """Return the index of the agent's best experiment so far; None before the first."""
         if not self.state.history.comparisons or self.agent.by_value:
             return self.state.history.incumbent
         return self.agent.best_index
 
     @property
     def pending(self) -> Suggested | None:
-        """The sample that has no answer yet, once it is proposed."""
+        """Return the sample that has no answer yet; None until it is proposed."""
         sample, index = self.state.history.pending, self.state.history.answered
         return None if sample is None else Suggested(index, sample.z, sample.theta)
 
@@ -82,18 +82,17 @@ class Flow:
         self.version += 1
 
     def resume(self) -> None:
-        """Take the interview up where the study file stands; an open question stays open."""
+        """Resume from the state of the study file; an open question stays open."""
         if self.state.ended or self.is_overtaken():
             self.proceed()
         else:
             self.refresh()
 
     def is_overtaken(self) -> bool:
-        """Return whether the agent asks something else than the question on show, if any.
+        """Return whether the agent would now ask another question than the one shown, if any.
 
-        A retraction, a changed setting or a newer algorithm may have changed that, and a crash
-        leaves the old question on show: an answer to it would be about another pair than the one
-        that the agent asks about.
+        A retraction, a changed setting or a newer algorithm can change the agent's question, and
+        after a crash the old one is still shown: an answer to it would be about the wrong pair.
         """
         if self.state.open is None:
             return True
@@ -106,11 +105,11 @@ class Flow:
         return shown.incumbent != self.best
 
     def proceed(self) -> None:
-        """Go on until something has to be run, or answered, or all is over.
+        """Continue until an experiment must run, a question must be answered, or the study ends.
 
-        What led here is durable, so whatever fails from here on, a full disk or an experiment
-        that no file can hold, is a problem to be shown and tried again, no error of whoever
-        answered: he would be left with a question that is closed already.
+        The answer that led here is already saved. So an error from here on, such as a full disk,
+        is shown as a problem that can be retried. It is not raised to the person who answered,
+        whose question is already closed.
         """
         self.ahead.forget()
         try:
@@ -142,7 +141,7 @@ class Flow:
         return self._proceed()
 
     def _suggest(self, query: Query) -> None:
-        """Store the sample, and its experiment if that is known already, in one step."""
+        """Store the sample, and its experiment if it is already known, in one step."""
         index, theta = query.challenger.index, query.challenger.theta
         if len(self.state.history.samples) > index:
             return
@@ -161,7 +160,7 @@ class Flow:
         if isinstance(self.album.scenario.run, Rig):
             self.move(Phase.RECORD)
         else:
-            # Also where its run failed before: whoever starts again has mended the plant.
+            # Also if its run failed before: the person may have fixed the plant since.
             self.move(Phase.RUNNING)
 
     def _show(self, query: Query) -> None:
@@ -177,7 +176,7 @@ class Flow:
         self._put(self.study.append(shown)[0], shown)
 
     def refresh(self) -> None:
-        """Show the open question with the marks of now."""
+        """Show the open question with the current marks."""
         assert self.state.open is not None
         self.ahead.forget()
         self._put(*self.state.open)
@@ -198,22 +197,22 @@ class Flow:
         self.question = question
 
     def _with_role(self, side: Side, further: bool) -> Side:
-        """`side`, and whether it is the best so far by the record, or new."""
+        """Return `side` with its role: "best so far", "new" or none."""
         role = "new" if side.challenger and not further else ""
         return replace(side, role="best so far" if side.index == self.best else role)
 
     def tell(self, answer: Answer) -> None:
-        """Teach the agent `answer`, which is durable already, and go on if that is quick."""
+        """Teach the agent `answer`, which is already saved; proceed if the next step is known."""
         twin = self.ahead.take(answer)
         if twin is None:
             self.agent.tell(self.agent.ask(), answer)
-            # The proposal takes its time: `work` computes it.
+            # A proposal takes time, so `work` computes it.
             return self.move(Phase.RUNNING)
         self.agent = twin
         return self.proceed()
 
     def ran(self, sample: Suggested, result: Experiment | Exception) -> None:
-        """Take the result of running `sample`, if it is still the one that is waited for."""
+        """Take the result of running `sample`, if it is still the pending one."""
         self.stopped = None
         if isinstance(result, Experiment):
             self.ahead.keep(np.array(sample.theta), result)
@@ -232,5 +231,5 @@ class Flow:
 
 
 def pair_of(query: Query) -> tuple[int, int | None]:
-    """Indices of the challenger and of the incumbent."""
+    """Return the indices of the challenger and the incumbent."""
     return query.challenger.index, None if query.incumbent is None else query.incumbent.index

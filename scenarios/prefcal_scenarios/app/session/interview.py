@@ -1,4 +1,4 @@
-"""The interview: an agent, a study file, and the question that is open between them."""
+"""Run an interview: an agent, a study file, and the open question."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -35,23 +35,23 @@ Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 
 
 class Interview:
-    """Asks, takes answers, and lets the agent learn from them.
+    """Interview that asks questions, takes answers, and lets the agent learn from them.
 
-    Every step is durable in the study file before the next one begins: an answer before the
-    question that follows it, an experiment before it is shown. All methods may be called from
-    any thread. Experiments are run by `work`, which a `Background` calls while a person looks.
+    Every step is saved in the study file before the next one begins: an answer before the next
+    question, an experiment before it is shown. All methods can be called from any thread.
+    Experiments are run by `work`, which a `Background` calls while the person compares.
 
-    Whatever a person does late, on a page that another tab has overtaken, raises StaleError
-    and records nothing; where the file cannot be written, StudyError, and nothing has changed.
+    An action on an outdated page, for example in a second tab, raises StaleError and records
+    nothing. If the file cannot be written, an action raises StudyError and changes nothing.
 
     Args:
-        scenario: What is calibrated.
-        study: An open study file of the same knobs; its state is taken up where it stands.
-        ahead: Whether `work` also runs what each likely answer would lead to.
-        asks: Whether it goes on, which writes to the study file; else it is only looked at.
+        scenario: Scenario to calibrate.
+        study: Open study file with the same knobs; the interview resumes from its state.
+        ahead: Whether `work` also runs the experiments that likely answers would lead to.
+        asks: Whether to continue the study, which writes to its file; False only reads it.
 
     Raises:
-        StudyError: the study is of other knobs, or cannot be written.
+        StudyError: If the study has other knobs, or cannot be written.
     """
 
     def __init__(
@@ -69,10 +69,10 @@ class Interview:
         if asks:
             self._flow.resume()
 
-    # What a front end sees.
+    # What front ends show.
 
     def now(self) -> Now:
-        """One consistent view."""
+        """Return a consistent view of the current state."""
         with self._changed:
             flow, worker = self._flow, runs.worker_of(self._flow)
             return Now(
@@ -90,77 +90,77 @@ class Interview:
             return self.now()
 
     def experiment(self, index: int) -> Experiment:
-        """Experiment `index`, from 0. Raises StudyError if there is none."""
+        """Return experiment `index`, from 0. Raises StudyError if there is none."""
         with self._changed:
             return self._flow.album.experiment(index)
 
     def end(self, index: int) -> End:
-        """How experiment `index`, from 0, ended. Raises StudyError if there is none."""
+        """Return how experiment `index`, from 0, ended. Raises StudyError if there is none."""
         with self._changed:
             return self._flow.album.end(index)
 
     def asked(self, answer: int) -> Question:
-        """Closed question number `answer`, as it was shown. Raises StaleError if there is none."""
+        """Return answered question `answer` as it was shown. Raises StaleError if there is none."""
         with self._changed:
             return self._flow.album.asked(steps.closed(self._flow, answer))
 
     def closed(self, answer: int) -> Comparison:
-        """Answer number `answer`, from 1; -1, -2 ... are further ones.
+        """Return answer number `answer`, from 1; -1, -2, ... are follow-up comparisons.
 
         Raises:
-            StaleError: there is none.
+            StaleError: If there is none.
         """
         with self._changed:
             return steps.closed(self._flow, answer)
 
     def comparisons(self, start: int = 0) -> tuple[Compared, ...]:
-        """Every closed query from number `start` on, the first experiment's among them."""
+        """Return every closed query from number `start` on, including the first experiment's."""
         with self._changed:
             count = self._flow.state.history.answered
             return tuple(self._flow.album.comparison(i) for i in range(start, count))
 
     def answered(self) -> tuple[Compared, ...]:
-        """The comparisons whose answers stand, further ones too, in the order given."""
+        """Return the comparisons whose answers stand, in order, follow-up comparisons included."""
         with self._changed:
             flow = self._flow
             return tuple(flow.album.compared(closed) for closed in answered(flow.state))
 
     @property
     def counts(self) -> Counts:
-        """How many experiments and comparisons there are."""
+        """Return the numbers of experiments and comparisons."""
         return Counts.of(self.study.state)
 
     @property
     def n_max(self) -> int:
-        """Experiments until the end: as asked for, or all θ of a space that holds fewer."""
+        """Return the planned number of experiments; fewer if the space holds fewer θ."""
         return self._flow.agent.n_max
 
     @property
     def questions(self) -> int | None:
-        """Most comparisons for each experiment; None if the agent asks one and no more."""
+        """Return the maximum number of comparisons per experiment; None if it is fixed at 1."""
         with self._changed:
             agent = self._flow.agent
         return agent.settings.questions_per_experiment if isinstance(agent, GLISp) else None
 
     @property
     def surrogate(self) -> Surrogate | None:
-        """Learned latent cost of m physical θ, lower is better; None if nothing is learned."""
+        """Return the learned cost of m physical θ, lower is better; None if nothing is learned."""
         with self._changed:
             closed = self._flow.state.history.comparisons
             learned = any(c.answer.preference is not None and not c.retracted for c in closed)
-            # A twin: what is learned must not change while it is looked at.
+            # A copy, since the surrogate must not change while it is shown.
             return getattr(self._flow.agent.copy(), "surrogate", None) if learned else None
 
     @property
     def advice(self) -> Advice | None:
-        """What another ten experiments would be expected to gain; None while not known."""
+        """Return what ten more experiments are expected to gain; None while that is unknown."""
         with self._changed:
             twin = self._flow.agent.copy()
         return getattr(twin, "advice", None)
 
     @property
     def outlook(self) -> Outlook | None:
-        """Whether to go on, and which knobs are at the end of their range; None if unknown."""
+        """Return whether to continue, and the knobs at the end of their range; None if unknown."""
         now, advice = self.now(), self.advice
         best = None if now.incumbent is None else self.experiment(now.incumbent).theta
         found = outlook(advice, best, self.scenario.space, self.study.path, now.state)
@@ -170,24 +170,24 @@ class Interview:
 
     @property
     def index(self) -> LearnedCost | None:
-        """What the answers say that a person minds; None while they say nothing of it."""
+        """Return the cost learned from answers and KPIs; None while they say nothing about it."""
         with self._changed:
             history = known_outcomes(self.study.state, self._flow.album)
         return index_of(history, self._flow.seed)
 
     @property
     def importance(self) -> Importance | None:
-        """Which KPIs stand out in the answers; None while they say nothing of it."""
+        """Return which KPIs matter in the answers; None while they say nothing about it."""
         with self._changed:
             history = known_outcomes(self.study.state, self._flow.album)
         return importance_of(history, self.scenario)
 
     @property
     def consistency(self) -> Consistency:
-        """Repeated questions and cycles."""
+        """Return how consistent the answers are."""
         return Consistency.of(self.study.state)
 
-    # What a person does.
+    # What the person does.
 
     def answer(
         self,
@@ -198,13 +198,13 @@ class Interview:
         comment: str = "",
         blind: bool = False,
     ) -> Now:
-        """Close the open question, whose id is `question`, by side.
+        """Answer the open question by side.
 
         Args:
-            question: Its id.
-            choice: The verdict.
-            strength: By how much the chosen side is better; of the other verdicts always 1.
-            comment: A remark on it.
+            question: Id of the question.
+            choice: Verdict.
+            strength: How much better the chosen side is; ignored for other verdicts.
+            comment: Comment on the answer.
             blind: Whether θ and the roles of the sides were hidden.
         """
         with self._change() as flow:
@@ -213,7 +213,7 @@ class Interview:
             return self.now()
 
     def give(self, question: int, answer: Answer) -> Now:
-        """Close the open question by an answer about challenger and incumbent."""
+        """Answer the open question in terms of challenger and incumbent."""
         with self._change() as flow:
             steps.close(flow, steps.open_question(flow, question), answer, "", False)
             return self.now()
@@ -225,7 +225,7 @@ class Interview:
             return self.now()
 
     def undo(self, version: int) -> Now:
-        """Take the last answer back; `version` is what the person saw, who may be late."""
+        """Undo the last answer; `version` is the one that the person saw."""
         with self._change() as flow:
             steps.undo(flow, version)
             return self.now()
@@ -243,17 +243,17 @@ class Interview:
             return self.now()
 
     def pace(self, questions: int) -> Now:
-        """Ask at most so many comparisons for each experiment from now on, 1 or more.
+        """Change the maximum number of comparisons per experiment, 1 or more.
 
         Raises:
-            SettingsError: the agent asks one and no more.
+            SettingsError: If the agent cannot ask more than one.
         """
         with self._change() as flow:
             steps.pace(flow, questions)
             return self.now()
 
     def note(self, text: str) -> Now:
-        """Keep a remark on the study."""
+        """Save a remark on the study."""
         with self._change() as flow:
             flow.study.append(Noted(text))
             flow.version += 1
@@ -265,10 +265,10 @@ class Interview:
             return records.preview(self._flow, given)
 
     def record(self, given: Given) -> Now:
-        """Save a rig's record of the pending sample, or the right one of an earlier experiment.
+        """Save a rig's record of the pending sample, or replace an earlier experiment's.
 
         Raises:
-            RecordError: it is refused.
+            RecordError: If the record is refused.
         """
         with self._change() as flow:
             records.record(flow, given)
@@ -281,29 +281,29 @@ class Interview:
             return self.now()
 
     def stop_run(self, index: int) -> Now:
-        """Stop the run of the pending sample, which then has failed.
+        """Stop the run of the pending sample, which then counts as failed.
 
         Raises:
-            ScenarioError: it runs inside prefcal, as those of built-in scenarios do.
+            ScenarioError: If it runs inside prefcal's own process, as built-in scenarios do.
         """
         with self._change() as flow:
             runs.stop(flow, index)
             return self.now()
 
     def retry(self, index: int = 0) -> Now:
-        """Try again what has failed, in phase FAILED: a run, or writing the study file."""
+        """Retry what failed, in phase FAILED: a run, or writing the study file."""
         with self._change() as flow:
             runs.retry(flow)
             return self.now()
 
     def finish(self) -> Now:
-        """End the study, since the person says so."""
+        """End the study at the person's request."""
         with self._change() as flow:
             runs.finish(flow)
             return self.now()
 
     def go_on(self, more: int = 0) -> Now:
-        """Reopen an ended study, with `more` further experiments."""
+        """Reopen an ended study, with `more` additional experiments."""
         with self._change() as flow:
             runs.go_on(flow, more)
             return self.now()
@@ -311,9 +311,9 @@ class Interview:
     # Work in the background.
 
     def prepare(self, told: Callable[[Compiling], None] = lambda part: None) -> None:
-        """Compile what the scenario needs and no earlier run has left; `told` hears of each part.
+        """Compile what is not compiled yet; `told` is called with each part.
 
-        Without it the first experiment compiles as it runs, and nobody sees how far it is.
+        Otherwise, the first experiment compiles while it runs, without showing progress.
         """
 
         def tell(part: Compiling | None) -> None:
@@ -332,7 +332,7 @@ class Interview:
     def work(self) -> bool:
         """Do the next piece of work; False if there is none. The long part holds no lock."""
         with self._change() as flow:
-            # Whoever has closed the window may stand at the plant by now: it is not started again.
+            # Never start a plant after closing: a person may already stand at it.
             attempt = None if self._closing else runs.due(flow, ahead=self._runs_ahead)
             self._idle_at = flow.version if attempt is None else None
         if attempt is None:
@@ -342,13 +342,13 @@ class Interview:
             with self._change():
                 finish()
         except Exception as error:
-            # The thread must live on: what went wrong is shown, and can be tried again.
+            # Keep the thread alive: the problem is shown and can be retried.
             with self._change() as flow:
                 flow.move(Phase.FAILED, error)
         return True
 
     def wait_for_work(self, timeout: float = 0.5) -> bool:
-        """Wait until something may be due; False once the interview is closed."""
+        """Wait until there may be work; return False once the interview is closed."""
         with self._changed:
             self._changed.wait_for(
                 lambda: self._closing or self._flow.version != self._idle_at, timeout
@@ -356,13 +356,13 @@ class Interview:
             return not self._closing
 
     def raise_problem(self) -> None:
-        """In phase FAILED, raise what went wrong."""
+        """Raise the problem if the phase is FAILED."""
         with self._changed:
             if self._flow.phase is Phase.FAILED and self._flow.problem is not None:
                 raise self._flow.problem
 
     def close(self) -> None:
-        """Take no more work, and give up the run of an own scenario; the study file stays open."""
+        """Take no more work and end a run of the user's scenario; the study file stays open."""
         with self._changed:
             self._closing = True
             worker = runs.worker_of(self._flow)

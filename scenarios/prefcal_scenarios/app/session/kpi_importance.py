@@ -1,4 +1,4 @@
-"""What the answers of a study, with the KPIs of its experiments, can be asked about the person."""
+"""Find what the answers of a study, with the KPIs of its experiments, say about the person."""
 
 from dataclasses import replace
 
@@ -15,22 +15,22 @@ from .memory import agent_state
 
 
 def known_outcomes(state: State, album: ExperimentStore) -> History:
-    """The answers, with the KPIs of every experiment, whatever the agent was told.
+    """Return the answers with the KPIs of every experiment, even if the agent did not get them.
 
-    So a study from before KPIs were recorded, or of an agent that does not learn from them, says
-    as much as any other.
+    So studies from before KPIs were recorded, and agents that do not learn from KPIs, can be
+    analyzed like any other.
     """
     history = agent_state(state).history
     return replace(history, comparisons=tuple(_known(c, album) for c in history.comparisons))
 
 
 def index_of(history: History, seed: int) -> LearnedCost | None:
-    """The index that explains the answers in `history` best."""
+    """Return the weighted sum of KPIs that explains the answers in `history` best."""
     return LearnedCost.of(history, seed, make_backend("piqp"))
 
 
 def importance_of(history: History, scenario: Scenario) -> Importance | None:
-    """Which of the scenario's KPIs stand out in the answers of `history`."""
+    """Return which of the scenario's KPIs matter in the answers of `history`."""
     return Importance.of(history, seen(scenario))
 
 

@@ -1,4 +1,4 @@
-"""Between a study file and an agent: the configuration, and waking the agent up from a state."""
+"""Translate between a study file and an agent, and restore the agent from a state."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,7 +14,7 @@ from prefcal_scenarios.scenario import Scenario, with_ranges
 
 
 def constraint_names(space: KnobSpace) -> list[str]:
-    """What a study remembers of the constraints: they are code, which the scenario brings."""
+    """Return the names of the constraints, which the study stores; the code is the scenario's."""
     return [constraint.name for constraint in space.constraints]
 
 
@@ -24,14 +24,14 @@ def agent_as_dict(agent: Agent) -> dict[str, Any]:
 
 
 QUESTIONS = "questions_per_experiment"
-"""Name of the agent's setting."""
+"""Name of the agent's setting for comparisons per experiment."""
 
 
 def questions_of(configuration: Mapping[str, Any]) -> int:
-    """Return the most comparisons per experiment that the agent of a study asks.
+    """Return the maximum number of comparisons per experiment of a study's agent.
 
     Raises:
-        StudyError: it is no whole number.
+        StudyError: If it is not a whole number.
     """
     settings = configuration["agent"].get("settings")
     most = settings.get(QUESTIONS, 1) if isinstance(settings, Mapping) else 1
@@ -41,10 +41,10 @@ def questions_of(configuration: Mapping[str, Any]) -> int:
 
 
 def check_space(configuration: Mapping[str, Any], space: KnobSpace) -> None:
-    """Refuse a study of other knobs or constraints than the scenario has today.
+    """Check that a study has the scenario's present knobs and constraints.
 
     Raises:
-        StudyError: they differ.
+        StudyError: If they differ.
     """
     _check_constraints(configuration, space)
     then, now = configuration["knobs"], knobs_as_dicts(space)
@@ -54,8 +54,8 @@ def check_space(configuration: Mapping[str, Any], space: KnobSpace) -> None:
     changed = [knob["name"] for knob in then if knob not in now]
     changed += [knob["name"] for knob in now if knob not in then]
     raise StudyError(
-        f"the study was made with other knobs than the scenario has now: {sorted(set(changed))} "
-        "differ in name, range, unit or scale (`prefcal studies respace` takes them over)"
+        f"the scenario's knobs have changed since the study was started: {sorted(set(changed))} "
+        "differ in name, range, unit or scale (`prefcal studies respace` updates the study)"
     )
 
 
@@ -64,16 +64,16 @@ def _check_constraints(configuration: Mapping[str, Any], space: KnobSpace) -> No
     then, now = configuration.get("constraints", []), constraint_names(space)
     if not isinstance(then, list) or {str(name) for name in then} != set(now):
         raise StudyError(
-            f"the study was made with the constraints {then} on the knobs, the scenario has {now} "
-            "now: a study keeps those that it was begun with"
+            f"the scenario's constraints have changed since the study was started: expected "
+            f"{then}, got {now}"
         )
 
 
 def as_studied(scenario: Scenario, state: State) -> Scenario:
-    """`scenario` with the space of the study, where that was changed since it was begun.
+    """Return `scenario` with the space of the study, if that was changed after the start.
 
     Raises:
-        StudyError: the scenario has other knobs now than when the study's were changed.
+        StudyError: If the scenario's knobs have changed since the study's were changed.
     """
     configuration = state.configuration
     if "respaced" not in configuration:
@@ -85,35 +85,35 @@ def as_studied(scenario: Scenario, state: State) -> Scenario:
 
 
 def with_constraints(space: KnobSpace, scenario: KnobSpace) -> KnobSpace:
-    """`space` with the constraints of the scenario's: they are code, which no study holds."""
+    """Return `space` with the scenario's constraints, whose code is not in the study."""
     return KnobSpace(
         space.knobs, scenario.constraints, within=dict(zip(space.names, space.within, strict=True))
     )
 
 
 def agent_of(state: State, space: KnobSpace) -> Agent:
-    """The agent of a study, with the identical next query.
+    """Return the agent of a study, restored with the identical next query.
 
     Raises:
-        StudyError: a study of other knobs.
-        SettingsError: an agent that this version does not know.
+        StudyError: If the study has other knobs.
+        SettingsError: If this version does not know the agent.
     """
     check_space(state.configuration, space)
     return restore(space, agent_state(state))
 
 
 def agent_state(state: State) -> AgentState:
-    """Return the state of the agent of a study. Raises SettingsError if it is none."""
+    """Return the state of a study's agent. Raises SettingsError if it is invalid."""
     configured = AgentState.of(state.configuration["agent"], state.history)
     return replace(configured, n_max=state.n_max)
 
 
 def earlier_of(state: State) -> Earlier:
-    """Return the best that a study has found, for another one to start from.
+    """Return the best of a study, for another study to start from.
 
     Raises:
-        SettingsError: it has no answered experiment.
-        StudyError: its knobs cannot be read.
+        SettingsError: If it has no answered experiment.
+        StudyError: If its knobs cannot be read.
     """
     best = state.history.incumbent
     if best is None:

@@ -1,4 +1,4 @@
-"""Running ahead: what each likely answer would lead to, ready before it is given."""
+"""Prefetch what each likely answer would lead to."""
 
 from collections import OrderedDict
 from dataclasses import dataclass, field
@@ -21,16 +21,16 @@ LIKELY: tuple[tuple[Preference | None, Strength], ...] = (
     (Preference.INCUMBENT, Strength.MUCH_BETTER),
     (Preference.CHALLENGER, Strength.MUCH_BETTER),
 )
-"""Answers, the likely ones first."""
+"""Possible answers, the most likely first."""
 _KEPT = 36
-"""Experiments in memory: those of a few questions, so that an undo finds them too."""
+"""Number of experiments in memory: a few questions' worth, so that an undo finds them, too."""
 
 
 @dataclass(slots=True)
 class Prefetch:
-    """Twins of the agent that were told an answer already, and experiments run on suspicion.
+    """Copies of the agent that already learned a likely answer, and experiments run in advance.
 
-    Nothing here is saved: it can be lost at any time, and changes no result.
+    Nothing here is saved: it can be lost at any time without changing a result.
     """
 
     _twins: dict[Answer, Agent] = field(default_factory=dict)
@@ -38,10 +38,10 @@ class Prefetch:
     _experiments: OrderedDict[bytes, Experiment] = field(default_factory=OrderedDict)
     _failures: dict[bytes, RunError] = field(default_factory=dict)
     next: Float[np.ndarray, " n"] | None = None
-    """θ that a twin proposes and that is to be run, physical, shape (n,)."""
+    """θ that a copy proposes and that should run next, physical, shape (n,)."""
 
     def missing(self, asked: Question) -> Answer | None:
-        """The next answer to `asked`, complete, that nothing is known about; None if all are."""
+        """Return the next likely answer to `asked` that was not tried yet; None if all were."""
         for preference, strength in LIKELY:
             answer = asked.completed(Answer(preference, strength, asked.marks))
             if answer not in self._tried:
@@ -50,41 +50,41 @@ class Prefetch:
         return None
 
     def keep_twin(self, answer: Answer, twin: Agent) -> None:
-        """Have `twin` at hand for `answer`."""
+        """Keep `twin` for `answer`."""
         self._twins[answer] = twin
 
     def take(self, answer: Answer) -> Agent | None:
-        """The twin that was told `answer`; all are forgotten, since the question is closed."""
+        """Return the copy that learned `answer`, and drop all, since the question is closed."""
         twin = self._twins.get(answer)
         self.forget()
         return twin
 
     def forget(self) -> None:
-        """Drop the twins: the question has changed."""
+        """Drop all copies, since the question has changed."""
         self._twins.clear()
         self._tried.clear()
         self.next = None
 
     def keep(self, theta: Float[np.ndarray, " n"], experiment: Experiment) -> None:
-        """Have the experiment of θ at hand: as it was asked for, whatever θ its plant reports."""
+        """Keep the experiment of the requested θ; the plant may report a rounded one."""
         self._experiments[_key(theta)] = experiment
         while len(self._experiments) > _KEPT:
             self._experiments.popitem(last=False)
 
     def keep_failure(self, theta: Float[np.ndarray, " n"], error: RunError) -> None:
-        """Have it at hand that θ crashed or took too long: nobody has to wait for that twice."""
+        """Keep the error of a θ that crashed or took too long, to avoid waiting for it twice."""
         self._failures[_key(theta)] = error
 
     def is_known(self, theta: Float[np.ndarray, " n"]) -> bool:
-        """Whether θ was run, and gave an experiment or not."""
+        """Return whether θ has run, with or without an experiment."""
         return _key(theta) in self._experiments or _key(theta) in self._failures
 
     def take_failure(self, theta: Float[np.ndarray, " n"]) -> RunError | None:
-        """Return why θ gave no experiment, once: who tries again means it."""
+        """Return the error of θ and forget it, so that a retry runs θ again."""
         return self._failures.pop(_key(theta), None)
 
     def experiment(self, theta: Float[np.ndarray, " n"]) -> Experiment | None:
-        """The experiment of θ, if it was run."""
+        """Return the experiment of θ; None if it has not run."""
         return self._experiments.get(_key(theta))
 
 

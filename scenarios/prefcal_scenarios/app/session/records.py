@@ -1,4 +1,4 @@
-"""Records of a rig: looked at before they are saved, replaced when they were the wrong ones."""
+"""Preview, save and replace the records of a rig."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,14 +22,14 @@ from .view import Phase
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """A record as the person brings it.
+    """Record as the person provides it.
 
     Args:
-        index: Of the experiment that it is of, from 0.
-        content: Bytes of the CSV.
+        index: Index of the experiment, from 0.
+        content: Content of the CSV file.
         unsafe: Whether the run became unsafe and was stopped.
-        theta: What was really set, physical, one number a knob; None: what was proposed.
-        again: Whether it may hold the same curves as another experiment's.
+        theta: Physical θ that was really set, one number per knob; None for the proposed one.
+        again: Whether to accept the same curves as another experiment's.
     """
 
     index: int
@@ -41,12 +41,12 @@ class Given:
 
 @dataclass(frozen=True, slots=True)
 class Preview:
-    """What would be saved.
+    """Preview of what would be saved.
 
     Args:
-        experiment: As it was read.
-        same: Index of another experiment with the very same curves; None if there is none.
-        retracts: How many answers would teach nothing any more.
+        experiment: Experiment as read from the record.
+        same: Index of another experiment with identical curves; None if there is none.
+        retracts: Number of answers that would no longer teach anything.
     """
 
     experiment: Experiment
@@ -58,8 +58,8 @@ def preview(flow: Flow, given: Given) -> Preview:
     """Read a record, and save nothing.
 
     Raises:
-        StaleError: it is not waited for, nor can it replace one.
-        RecordError: it is refused, or what was set is.
+        StaleError: If the record is not awaited and cannot replace one.
+        RecordError: If the record or the θ that was set is refused.
     """
     _check_due(flow, given.index)
     rig = flow.album.scenario.run
@@ -73,12 +73,13 @@ def preview(flow: Flow, given: Given) -> Preview:
 
 
 def record(flow: Flow, given: Given) -> None:
-    """Save the record of the pending sample, or the right one of an earlier experiment.
+    """Save the record of the pending sample, or replace an earlier experiment's.
 
     Raises:
-        StaleError: as `preview`.
-        RecordError: as `preview`, or it holds the curves of another experiment and is not said to.
-        StudyError: it cannot be written.
+        StaleError: As in `preview`.
+        RecordError: As in `preview`, or if the curves equal another experiment's and `again` is
+            not set.
+        StudyError: If the study file cannot be written.
     """
     seen, index = preview(flow, given), given.index
     if seen.same is not None and not given.again:
@@ -98,7 +99,7 @@ def record(flow: Flow, given: Given) -> None:
     if events:
         flow.agent = agent_of(flow.state, flow.album.scenario.space)
     if not replaces or flow.phase is Phase.QUESTION:
-        flow.proceed()  # a question about the wrong curves is put anew, under another id
+        flow.proceed()  # a question about the wrong curves is asked again, under another id
     else:
         flow.version += 1
 
@@ -107,15 +108,15 @@ def _check_due(flow: Flow, index: int) -> None:
     """Refuse a record that is neither waited for nor can replace one."""
     pending = flow.pending
     if not isinstance(flow.album.scenario.run, Rig):
-        raise StaleError("the plant is simulated: nobody has to bring a record")
+        raise StaleError("the plant is simulated and takes no record")
     if flow.phase is Phase.RECORD and pending is not None and pending.index == index:
         return
     if index not in flow.state.finished or flow.phase not in (Phase.RECORD, Phase.QUESTION):
-        raise StaleError(f"experiment {index + 1} is not waited for (any more)")
+        raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was changed")
 
 
 def _dialed(flow: Flow, given: Given) -> Float[np.ndarray, " n"] | None:
-    """θ that was really set, shape (n,); None where it is what the sample has."""
+    """Return the θ that was really set, shape (n,); None if it equals the sample's."""
     if given.theta is None:
         return None
     index, space = given.index, flow.album.scenario.space
@@ -141,7 +142,7 @@ def _new(
 
 
 def _same(flow: Flow, index: int, experiment: Experiment) -> int | None:
-    """Another experiment with the same curves. A copy that was only saved anew is found, too."""
+    """Return another experiment with the same curves, even if its file was saved again."""
     for other in sorted(flow.state.finished):
         known = flow.album.experiment(other)
         if other != index and len(known.t) and all(
@@ -155,7 +156,7 @@ def _same(flow: Flow, index: int, experiment: Experiment) -> int | None:
 
 
 def _about(flow: Flow, index: int) -> list[int]:
-    """Numbers of the events of the answers that compared experiment `index`, and still teach."""
+    """Return the event numbers of the standing answers about experiment `index`."""
     answers = flow.state.history.counting
     return [
         c.seq

@@ -1,4 +1,4 @@
-"""Experiments of an interview: what has to run, a rig's record, a run that failed; and the end."""
+"""Run the experiments of an interview, handle failed and stopped runs, and end the study."""
 
 from collections.abc import Callable
 
@@ -17,16 +17,16 @@ from .memory import agent_of
 from .view import GOOD_ENOUGH, Phase
 
 UNBIDDEN = ("late", "died")
-"""Why a run gave no experiment, where neither a person nor the code has said so."""
+"""Reasons for a run without an experiment that neither the person nor their code gave."""
 _COURTESY = 2.0
-"""Seconds that a run on suspicion may still take while another one is waited for: it may be as
-good as done, and a fresh process takes a second."""
+"""Seconds that a prefetched run may continue while another one is waited for: it may be almost
+done, and a fresh process takes a second."""
 Attempt = Callable[[], Callable[[], None]]
-"""What is long, to be called without the lock; it gives what is to be done with the lock."""
+"""Long-running function, called without the lock; it returns a function to call with the lock."""
 
 
 def due(flow: Flow, *, ahead: bool) -> Attempt | None:
-    """The next piece of work; None if there is none."""
+    """Return the next piece of work; None if there is none."""
     if flow.phase is Phase.RUNNING:
         pending = flow.pending
         if pending is None or pending.index in flow.state.finished:
@@ -41,7 +41,7 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
 
 
 def _known(flow: Flow, sample: Suggested) -> Experiment | RunError | None:
-    """What is known already of running `sample`."""
+    """Return the result of running `sample` if it is already known."""
     if flow.stopped == sample.index:
         flow.stopped = None
         return RunError("you stopped the run before it began", "stopped")
@@ -50,9 +50,9 @@ def _known(flow: Flow, sample: Suggested) -> Experiment | RunError | None:
 
 
 def _go_on_running(flow: Flow) -> None:
-    """Proceed, unless somebody has done so (undone, retracted, finished) before the lock was had.
+    """Proceed, unless an undo, a retraction or the end did so before the lock was acquired.
 
-    Twice, the question that is on show already would be put on show again, under another id.
+    Proceeding twice would show the same question again under another id.
     """
     if flow.phase is Phase.RUNNING:
         flow.proceed()
@@ -63,15 +63,15 @@ def _running(
 ) -> Callable[[], None]:
     result = known or attempt(flow, np.array(sample.theta))
     if isinstance(result, RunError) and result.why == "given up":
-        return lambda: None  # that is no failure; if it is waited for again, it is run again
+        return lambda: None  # not a failure: it runs again when it is needed again
     return lambda: flow.ran(sample, result)
 
 
 def attempt(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment | Exception:
-    """Run θ. Whatever the user's plant raises is a result too, and so is what it should not give.
+    """Run θ and return its experiment, or the error that the user's code raised.
 
-    The first experiment that was not interrupted also shows whether the scenario fits it.
-    SystemExit as well: a plant that calls exit() would end the thread, and all would wait for ever.
+    Until one experiment passed without interruption, each is checked against the scenario.
+    SystemExit is caught, too: a plant that calls exit() would end the thread without notice.
     """
     scenario = flow.album.scenario
     try:
@@ -88,10 +88,10 @@ def attempt(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment | Exceptio
 
 
 def _looking_ahead(flow: Flow) -> Attempt | None:
-    """Tell a twin the next likely answer; then run what it proposes.
+    """Tell a copy of the agent the next likely answer, then run the θ that it proposes.
 
-    What goes wrong here has cost nothing, and perhaps is never asked for: the question stays open.
-    If that answer is given, it is computed again, and told if it fails again.
+    Errors are ignored here, since that answer may never be given. If it is, the same work is done
+    again, and an error is shown.
     """
     asked = flow.question
     assert asked is not None
@@ -123,7 +123,7 @@ def _looking_ahead(flow: Flow) -> Attempt | None:
 
 
 def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
-    """Run θ before anybody waits for it."""
+    """Run θ before it is needed."""
     flow.ahead.next = None
     reserve(flow, theta)
 
@@ -142,45 +142,45 @@ def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
 
 
 def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
-    """Whether θ was run: in the study (before an undo, or a night), or on suspicion."""
+    """Return whether θ has run: in the study, for example before an undo, or as a prefetch."""
     return flow.study.find_experiment(theta) is not None or flow.ahead.is_known(theta)
 
 
 def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:
-    """The pending sample. Raises StaleError unless it is `index`, and waited for in a phase."""
+    """Return the pending sample. Raises StaleError unless its index and the phase match."""
     pending = flow.pending
     if pending is None or pending.index != index or flow.phase not in phases:
-        raise StaleError(f"experiment {index + 1} is not waited for (any more)")
+        raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was changed")
     return pending
 
 
 def worker_of(flow: Flow) -> Worker | None:
-    """The process in which experiments run; None if they run in this one."""
+    """Return the process that runs the experiments; None if they run in this one."""
     run = flow.album.scenario.run
     return run.worker if isinstance(run, IsolatedRun) else None
 
 
 def reserve(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
-    """Say what is run next before the lock is given up: from then on it can be stopped."""
+    """Announce the next θ to run while the lock is held; from then on it can be stopped."""
     worker = worker_of(flow)
     if worker is not None:
         worker.reserve(theta)
 
 
 def stop(flow: Flow, index: int) -> None:
-    """Stop the run of the pending sample, which then has failed."""
+    """Stop the run of the pending sample, which then counts as failed."""
     theta = np.array(awaited(flow, index, Phase.RUNNING).theta)
     worker = worker_of(flow)
     if worker is None:
         raise ScenarioError("experiments of a built-in scenario run in seconds: wait for this one")
     if worker.busy_with(theta):
         return worker.stop("stopped")
-    flow.stopped = index  # an earlier one is still in its way
+    flow.stopped = index  # an earlier run is still in progress
     return worker.stop("given up")
 
 
 def make_way(flow: Flow) -> None:
-    """If something is waited for, give up the run that nobody waits for, soon."""
+    """Stop a prefetched run soon if another run is waited for."""
     worker = worker_of(flow)
     if worker is None or flow.phase is not Phase.RUNNING:
         return
@@ -193,7 +193,7 @@ def fail(flow: Flow, index: int, reason: str) -> None:
     """Count the run of the pending sample as failed."""
     awaited(flow, index, Phase.RECORD, Phase.FAILED)
     if index in flow.state.finished:
-        # What failed is the step after it, on a full disk say: its experiment must not be replaced.
+        # A later step failed, for example on a full disk: this experiment must not be replaced.
         raise StaleError(f"experiment {index + 1} is saved, it has not failed: try again")
     noted = [Noted(f"experiment {index + 1} failed: {reason}")] if reason else []
     flow.study.append(*noted, (Finished(index), flow.album.failed(index)))
@@ -201,14 +201,14 @@ def fail(flow: Flow, index: int, reason: str) -> None:
 
 
 def retry(flow: Flow) -> None:
-    """Try again what has failed."""
+    """Retry what failed."""
     if flow.phase is not Phase.FAILED:
-        raise StaleError("nothing has failed that could be tried again")
+        raise StaleError("nothing has failed, so there is nothing to try again")
     flow.move(Phase.RUNNING)
 
 
 def finish(flow: Flow) -> None:
-    """End the study, since the person says so."""
+    """End the study at the person's request."""
     if flow.phase is Phase.OVER:
         raise StaleError("the study has ended already")
     best, marks = flow.best, flow.state.marks
@@ -218,7 +218,7 @@ def finish(flow: Flow) -> None:
 
 
 def go_on(flow: Flow, more: int) -> None:
-    """Reopen the study, with `more` further experiments."""
+    """Reopen the study, with `more` additional experiments."""
     state = flow.state
     if flow.phase is not Phase.OVER:
         raise StaleError("the study has not ended")

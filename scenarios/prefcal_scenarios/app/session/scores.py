@@ -1,4 +1,4 @@
-"""What stands in for a question where the agent is told scores: the scenario's cost compares."""
+"""Compare experiments by the scenario's cost, for agents that learn from scores."""
 
 import numpy as np
 
@@ -9,10 +9,10 @@ from .experiments import ExperimentStore
 
 
 def judged(state: State, album: ExperimentStore, index: int) -> tuple[int | None, Answer]:
-    """The best so far, and how experiment `index` compares with it, with its score.
+    """Return the best so far, and how experiment `index` compares with it, with its score.
 
-    The preference is for whoever reads the record: the agent learns the score alone. An
-    experiment without a record has no score, and an abstention in place of a preference.
+    The preference is for readers of the record: the agent learns from the score alone. An
+    experiment without a record has no score and abstains.
     """
     best = state.history.incumbent
     value = _score(album, index)
@@ -28,6 +28,6 @@ def judged(state: State, album: ExperimentStore, index: int) -> tuple[int | None
 
 def _score(album: ExperimentStore, index: int) -> float | None:
     experiment, cost = album.experiment(index), album.scenario.cost
-    assert cost is not None, "refused before the study was begun"
+    assert cost is not None, "refused before the study was started"
     value = float(cost(experiment)) if len(experiment.t) else np.nan
     return value if np.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""What an answer, a mark, an undo and a retraction do to the flow. Each is durable first."""
+"""Apply answers, marks, undo and retractions to the flow; each is saved before it takes effect."""
 
 from prefcal_agents import GLISp
 from prefcal_env.errors import PreferenceError, SettingsError, StaleError, StudyError
@@ -13,18 +13,18 @@ from .view import GOOD_ENOUGH, MARKS, Phase, Question
 
 
 def open_question(flow: Flow, question: int) -> Question:
-    """The open question. Raises StaleError unless its id is `question`."""
+    """Return the open question. Raises StaleError unless its id is `question`."""
     asked = flow.question
     if asked is None or asked.id != question:
         raise StaleError(
-            f"question {question} is no longer open: it was answered or taken back already, "
+            f"question {question} is no longer open: it was already answered or undone, "
             "and nothing was recorded twice"
         )
     return asked
 
 
 def close(flow: Flow, asked: Question, given: Answer, comment: str, blind: bool) -> None:
-    """Record the answer, teach it, and go on."""
+    """Record the answer, teach it to the agent, and proceed."""
     new, old = asked.challenger.index, asked.incumbent.index
     given = asked.completed(given)
     flow.study.append(Answered(asked.id, new, old, given, comment, blind))
@@ -36,11 +36,11 @@ def close(flow: Flow, asked: Question, given: Answer, comment: str, blind: bool)
 
 
 def mark(flow: Flow, asked: Question, side: str, mark: str, on: bool) -> None:
-    """Mark the experiment on `side`, or take the mark away; one mark replaces the other.
+    """Set or clear a mark of the experiment on `side`; one mark replaces the other.
 
     Raises:
-        StudyError: there is no such side or mark.
-        PreferenceError: a run that was interrupted as unsafe is to be good enough.
+        StudyError: If there is no such side or mark.
+        PreferenceError: If a run that was interrupted as unsafe is marked as good enough.
     """
     if side not in ("left", "right") or mark not in MARKS:
         raise StudyError(f"a mark is one of {MARKS} on left or right, got {mark!r} on {side!r}")
@@ -55,7 +55,7 @@ def mark(flow: Flow, asked: Question, side: str, mark: str, on: bool) -> None:
 
 
 def can_undo(flow: Flow) -> bool:
-    """Whether there is an answer to take back: one to a repeated question taught nothing."""
+    """Return whether there is an answer to undo; a repeated question can always be skipped."""
     if flow.question is not None and flow.question.repeats is not None:
         return True
     state, repeats = flow.state, flow.state.history.repeats
@@ -64,11 +64,11 @@ def can_undo(flow: Flow) -> bool:
 
 
 def undo(flow: Flow, version: int) -> None:
-    """Take the last answer back; a repeated question that is open is only put away."""
+    """Undo the last answer, or skip a repeated question that is open."""
     if not can_undo(flow):
         raise StaleError("there is no answer to undo")
     if version < flow.answered_at:
-        raise StaleError("an answer was given or taken back since you looked")
+        raise StaleError("an answer was given or undone since you looked")
     if flow.question is None or flow.question.repeats is None:
         comment = flow.state.history.latest[-1].comment
         flow.study.append(Undone())
@@ -79,15 +79,15 @@ def undo(flow: Flow, version: int) -> None:
 
 
 def closed(flow: Flow, answer: int) -> Comparison:
-    """The compared answer of this number, from 1; -1, -2 ... are further ones.
+    """Return answer number `answer`, from 1; -1, -2, ... are follow-up comparisons.
 
     Raises:
-        StaleError: there is none.
+        StaleError: If there is none.
     """
     history = flow.state.history
     answers = history.comparisons if answer >= 0 else (None, *history.follow_ups)
     if not 1 <= abs(answer) < len(answers):
-        what = "answer" if answer >= 0 else "further answer"
+        what = "answer" if answer >= 0 else "answer to a follow-up comparison"
         raise StaleError(f"there is no {what} {abs(answer)}: {max(len(answers) - 1, 0)} are given")
     found = answers[abs(answer)]
     assert found is not None
@@ -95,11 +95,11 @@ def closed(flow: Flow, answer: int) -> Comparison:
 
 
 def retract(flow: Flow, answer: int) -> None:
-    """Forget what an answer taught; every sample stays, the open one too."""
+    """Forget what an answer taught; all samples stay, including the open one."""
     if closed(flow, answer).retracted:
         raise StaleError(f"answer {answer} is retracted already")
     if flow.phase is Phase.RUNNING and flow.pending is None:
-        # The open sample was due before: it must not come to depend on this.
+        # Propose the open sample first: it must not depend on this retraction.
         flow.proceed()
     flow.study.append(Retracted(answer))
     if answer > 0:
@@ -116,10 +116,10 @@ def pace(flow: Flow, questions: int) -> None:
     """Ask at most `questions` comparisons per experiment from now on."""
     agent = flow.agent
     if not isinstance(agent, GLISp):
-        raise SettingsError("only the agent glisp asks more questions per experiment")
+        raise SettingsError("only the agent glisp can ask more than one comparison per experiment")
     if flow.phase is Phase.FAILED:
-        # What is written and what the agent has in mind may differ until that is done.
-        raise StaleError("something has failed: try that again first")
+        # Until the retry, the study file and the agent may differ.
+        raise StaleError("the last step failed: try it again first")
     changed = agent.with_questions(questions)
     if questions == agent.settings.questions_per_experiment:
         return
@@ -130,7 +130,7 @@ def pace(flow: Flow, questions: int) -> None:
     elif flow.is_overtaken():
         flow.proceed()
     else:
-        flow.refresh()  # what was foreseen for this question is no longer what follows
+        flow.refresh()  # discards what was prefetched for this question
 
 
 def repeat(flow: Flow) -> None:

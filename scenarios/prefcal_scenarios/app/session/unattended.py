@@ -1,4 +1,4 @@
-"""An interview without a person: a synthetic calibrator answers every question."""
+"""Run an interview without a person: a synthetic calibrator answers every question."""
 
 from collections.abc import Callable, Iterator
 
@@ -15,7 +15,7 @@ from .runs import UNBIDDEN
 from .view import Phase, Question
 
 _MOST_LOST = 3
-"""Runs in a row that may crash or take too long: then nothing is to be hoped for."""
+"""Number of runs in a row that crash or take too long after which the study is given up."""
 
 
 def unattended(
@@ -24,17 +24,21 @@ def unattended(
     running: Callable[[Float[np.ndarray, " n"]], None] = lambda theta: None,
     failed: Callable[[str], None] = lambda words: None,
 ) -> Iterator[Comparison]:
-    """Answer until the interview is over, yielding every comparison after it is durable.
+    """Answer until the interview is over, yielding every comparison once it is saved.
 
-    `calibrator` is None where the agent is told scores.
+    Comparisons that the study already held are not yielded again.
 
-    Comparisons that the study held before are not yielded again. `running` hears of each θ,
-    physical, shape (n,), before it is run, `failed` of each run of an own scenario that crashed or
-    took too long: it counts as a failed experiment, and the study goes on.
+    Args:
+        interview: Interview to drive.
+        calibrator: Calibrator that answers; None if the agent learns from scores.
+        running: Function called with each θ, physical, shape (n,), before it runs.
+        failed: Function called with a message for each run that crashed or took too long, which
+            counts as a failed experiment.
 
     Raises:
-        Exception: whatever the scenario's run raised, or several crashed or were late in a row.
-        StudyError: the study file cannot be written.
+        Exception: If the scenario's run raised it, or several runs in a row crashed or took too
+            long.
+        StudyError: If the study file cannot be written.
     """
     known, lost = interview.now().state.history.answered, 0
     while (now := interview.now()).phase is not Phase.OVER:
@@ -59,7 +63,7 @@ def unattended(
 
 
 def _given(calibrator: Calibrator[Experiment], question: Question) -> Answer:
-    """The calibrator's answer; a run without any result loses without it being asked."""
+    """Return the calibrator's answer; a run without any result loses without asking."""
     new, old = question.challenger.experiment, question.incumbent.experiment
     nothing = [not len(e.t) and not e.kpis for e in (new, old)]
     if not any(nothing):
@@ -70,9 +74,9 @@ def _given(calibrator: Calibrator[Experiment], question: Question) -> Answer:
 
 
 def _lost(interview: Interview, before: int, failed: Callable[[str], None]) -> bool:
-    """Count a run that crashed or took too long as failed; whether there was one.
+    """Count a run that crashed or took too long as failed; return whether there was one.
 
-    `before` is how many there were in a row. Any other problem is raised.
+    `before` is the number of such runs in a row so far. Any other problem is raised.
     """
     now = interview.now()
     if now.phase is not Phase.FAILED:

@@ -1,4 +1,4 @@
-"""What a front end sees at one moment of an interview. Frozen."""
+"""Define what a front end sees of an interview at one moment, as frozen data."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -11,29 +11,29 @@ from prefcal_env.study import State, Suggested
 
 UNSAFE, GOOD_ENOUGH = "unsafe", "good enough"
 MARKS = (UNSAFE, GOOD_ENOUGH)
-"""What a person may say of one experiment, apart from any verdict."""
+"""Marks that a person can give an experiment, apart from any verdict."""
 
 _CHALLENGER = {UNSAFE: Mark.CHALLENGER_UNSAFE, GOOD_ENOUGH: Mark.CHALLENGER_GOOD_ENOUGH}
 _INCUMBENT = {UNSAFE: Mark.INCUMBENT_UNSAFE, GOOD_ENOUGH: Mark.INCUMBENT_GOOD_ENOUGH}
 
 
 class Phase(Enum):
-    """What the interview is waiting for."""
+    """State of an interview: what it waits for."""
 
     RUNNING = "running"
     """A proposal is being computed or an experiment is being run."""
     RECORD = "record"
-    """The person has to run the experiment himself, and hand its record in."""
+    """The person must run the experiment and provide its record."""
     FAILED = "failed"
-    """The run raised, or the study file could not be written: try again, or count it as failed."""
+    """The run raised an error, or the study file could not be written."""
     QUESTION = "question"
-    """An answer."""
+    """The person must answer the open question."""
     OVER = "over"
-    """Nothing: all is compared, an experiment is good enough, or the person has stopped."""
+    """The study has ended: all is compared, one is good enough, or the person finished it."""
 
 
 class Choice(Enum):
-    """A verdict by side, as the person sees it."""
+    """Verdict by side, as the person sees it."""
 
     LEFT = "left"
     RIGHT = "right"
@@ -43,10 +43,10 @@ class Choice(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """One of the two experiments of a question; `index` counts from 0, people from 1.
+    """One of the two experiments of a question; `index` counts from 0, people count from 1.
 
-    The `role` is said beside the number: "new", "best so far", or nothing. In a question that asks
-    an earlier one again, or that was closed, nobody is said to be the best.
+    The `role` is shown next to the number: "new", "best so far" or nothing. A repeated or answered
+    question shows no roles.
     """
 
     index: int
@@ -57,22 +57,22 @@ class Side:
 
     @property
     def counts_as_unsafe(self) -> bool:
-        """Whether its answer marks it as unsafe because of how its run ended, unsaid."""
+        """Return whether it counts as unsafe because of how its run ended."""
         return counts_as_unsafe(self.experiment)
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Two experiments, and which of them stands where.
+    """Question about two experiments.
 
     Args:
-        id: Of the event that put it on show; an answer has to name it.
-        number: Of the comparison, from 1.
-        left: The experiment on the left.
-        right: The other one.
-        repeats: Id of the earlier question that it asks again; None for a new one.
-        outcomes: KPIs of challenger and incumbent, for the agent; None where it learns nothing.
-        further: Whether both experiments had been compared with others before.
+        id: Id of the event that showed the question; an answer must name it.
+        number: Number of the comparison, from 1.
+        left: Experiment on the left.
+        right: Experiment on the right.
+        repeats: Id of the earlier question that is asked again; None for a new question.
+        outcomes: KPIs of challenger and incumbent, for the agent; None for a repeated question.
+        further: Whether this is a follow-up comparison, of two experiments that were seen before.
     """
 
     id: int
@@ -85,16 +85,16 @@ class Question:
 
     @property
     def challenger(self) -> Side:
-        """The side that the agent proposed."""
+        """Return the side that the agent proposed."""
         return self.left if self.left.challenger else self.right
 
     @property
     def incumbent(self) -> Side:
-        """The side that was there before: the best so far, or in a further question the earlier."""
+        """Return the other side: the best so far, or the rival in a follow-up comparison."""
         return self.right if self.left.challenger else self.left
 
     def preference(self, choice: Choice) -> Preference | None:
-        """What `choice` means, as in eq. pref_fun; None for an abstention."""
+        """Return the preference of eq. pref_fun that `choice` means; None for an abstention."""
         if choice is Choice.CANNOT_TELL:
             return None
         if choice is Choice.SAME:
@@ -104,41 +104,41 @@ class Question:
         return Preference.CHALLENGER if won else Preference.INCUMBENT
 
     def answer(self, choice: Choice, strength: float = Strength.BETTER) -> Answer:
-        """What `choice` means, with the marks that both sides bear now."""
+        """Return the answer that `choice` means, with the current marks of both sides."""
         return Answer(self.preference(choice), strength, self.marks)
 
     def completed(self, given: Answer) -> Answer:
-        """`given` with all that comes with it unasked: what is recorded and told."""
+        """Return `given` with the KPIs and automatic marks of both sides, for record and agent."""
         new, old = self.challenger.experiment, self.incumbent.experiment
         return completed(given, new, old, self.outcomes)
 
     def choice(self, preference: Preference | None) -> Choice:
-        """The reverse of `preference`."""
+        """Return the choice that means `preference`."""
         return next(c for c in Choice if self.preference(c) is preference)
 
     @property
     def marks(self) -> tuple[Mark, ...]:
-        """The marks that both sides bear now, in the words of an `Answer`."""
+        """Return the current marks of both sides, as an `Answer` names them."""
         sides = ((self.challenger, _CHALLENGER), (self.incumbent, _INCUMBENT))
         return tuple(words[m] for side, words in sides for m in MARKS if m in side.marks)
 
 
 @dataclass(frozen=True, slots=True)
 class Now:
-    """One consistent view of an interview.
+    """Consistent view of an interview.
 
     Args:
-        version: Grows with every change.
-        phase: What is waited for.
-        question: The open question, in phase QUESTION.
-        problem: What went wrong, in phase FAILED.
-        pending: The sample that is run, awaited or failed; None while it is being proposed.
+        version: Number that grows with every change.
+        phase: What the interview waits for.
+        question: Open question, in phase QUESTION.
+        problem: Description of the problem, in phase FAILED.
+        pending: Sample that is running, awaited or failed; None while it is being proposed.
         incumbent: Index of the best experiment so far; None before the first.
-        can_undo: Whether there is an answer to take back.
-        state: What the study file says.
-        draft: The comment of the answer that was just taken back.
-        preparing: What is compiled before the first experiment can run; None once all is there.
-        run_limit: Most seconds of a run, which can be stopped; None where runs cannot be stopped.
+        can_undo: Whether there is an answer to undo.
+        state: State of the study file.
+        draft: Comment of the answer that was just undone.
+        preparing: Part that is being compiled before the first experiment; None when done.
+        run_limit: Time limit of a run in seconds; None if runs cannot be stopped.
     """
 
     version: int

@@ -1,1 +1,1 @@
-"""What a study says as a whole: counts, consistency, outlook, and which KPIs matter."""
+"""Summarize a study: counts, consistency, and outlook."""

@@ -1,4 +1,4 @@
-"""How consistent a person's answers are: repeated questions, and cycles."""
+"""Measure how consistent a person's answers are: repeated questions, and cycles."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,13 +15,14 @@ from prefcal_env.study import State
 
 @dataclass(frozen=True, slots=True)
 class Consistency:
-    """What the answers say of each other.
+    """Consistency of the answers of a study.
 
     Args:
-        repeated: Questions that were asked again.
-        agreed: Of these, how many got the same answer.
-        cycles: Experiments, by index, each better than the next and the last better than (or
-            as good as) the first; one for each group of experiments that contradict each other.
+        repeated: Number of questions that were asked again.
+        agreed: Number of those with the same answer both times.
+        cycles: Cycles of experiments, by index: each is better than the next, and the last is
+            better than or as good as the first. There is one for each group of experiments whose
+            answers contradict each other.
     """
 
     repeated: int
@@ -30,7 +31,7 @@ class Consistency:
 
     @classmethod
     def of(cls, state: State) -> "Consistency":
-        """Of a study. Abstentions and retracted answers say nothing."""
+        """Return the consistency of a study, without abstentions and retracted answers."""
         history = state.history
         by_question = {c.question: c for c in history.counting}
         pairs = [(c, o) for c in history.repeats if (o := by_question.get(c.repeats)) is not None]
@@ -39,7 +40,7 @@ class Consistency:
 
 
 def _cycles(answers: Iterable[Comparison]) -> tuple[tuple[int, ...], ...]:
-    """One shortest cycle through a strict verdict, of each strongly connected group."""
+    """Return a shortest cycle through a strict verdict for each strongly connected group."""
     better = set()  # (a, b): a is better than b
     as_good = set()
     for c in answers:
@@ -72,7 +73,7 @@ def _groups(edges: Int[np.ndarray, "m 2"]) -> list[int]:
 
 
 def _path(edges: Int[np.ndarray, "m 2"], start: int, end: int) -> tuple[int, ...]:
-    """Nodes from `start` to `end`, both included."""
+    """Return the nodes of a shortest path from `start` to `end`, both included."""
     _, before = shortest_path(
         _graph(edges), unweighted=True, indices=start, return_predecessors=True
     )

@@ -1,4 +1,4 @@
-"""How much of a study is done: the one place where experiments and comparisons are counted."""
+"""Count the experiments and comparisons of a study; nothing else counts them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,13 +10,14 @@ from prefcal_env.study import State
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """What every front end, the report and the JSON say of a study.
+    """Counts of a study that every front end, the report and the JSON show.
 
     Args:
-        experiments: Number of experiments that ran, the one of the open question among them.
-        comparisons: Number of answers about two experiments that stand, further ones among them.
-        verdicts: How many of these gave each preference; they add up to `comparisons`.
-        retracted: Number of answers that were taken out again; they are in no other number.
+        experiments: Number of experiments that ran, including that of the open question.
+        comparisons: Number of standing answers about two experiments, including follow-up
+            comparisons.
+        verdicts: Number of comparisons by preference; they add up to `comparisons`.
+        retracted: Number of retracted answers; no other number includes them.
     """
 
     experiments: int
@@ -26,7 +27,7 @@ class Counts:
 
     @classmethod
     def of(cls, state: State) -> "Counts":
-        """Of a study. A question that was asked again is no new comparison."""
+        """Return the counts of a study. A repeated question is not a new comparison."""
         given = [c.answer.preference for c in answered(state)]
         verdicts: list[Preference | None] = [*Preference, None]
         return cls(
@@ -38,7 +39,7 @@ class Counts:
 
 
 def answered(state: State) -> tuple[Comparison, ...]:
-    """The answers about two experiments that stand, in the order given."""
+    """Return the standing answers about two experiments, in the order given."""
     return tuple(
         c
         for c in state.answers

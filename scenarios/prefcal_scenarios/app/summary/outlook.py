@@ -1,4 +1,4 @@
-"""Whether to go on: who else is unbeaten, and which knobs are at the end of their range."""
+"""Advise whether to continue: unbeaten experiments, and knobs at the end of their range."""
 
 import shlex
 from collections.abc import Sequence
@@ -17,20 +17,20 @@ from prefcal_env.study.locations import data_folder
 from prefcal_scenarios.scenario import is_built_in
 
 _AT_END = 0.01
-"""Share of what is searched of a knob, in its scale, that counts as its end."""
+"""Share of a knob's searched range, in its scale, that counts as its end."""
 _WIDER = 0.25
-"""Share of a range by which it is widened in the command."""
+"""Share of a range by which the command widens it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
-    """What to do next, for people.
+    """Advice on what to do next.
 
     Args:
-        advice: Whether to go on, one sentence.
-        ends: Which knobs are at the end of their range, one sentence; empty for none.
-        command: The command that widens those ranges; empty without a study file.
-        unbeaten: Which other experiments never lost, one sentence; empty for none.
+        advice: Sentence on whether to continue.
+        ends: Sentence on the knobs at the end of their range; empty if there are none.
+        command: Command that widens those ranges; empty without a study file.
+        unbeaten: Sentence on other experiments that never lost; empty if there are none.
     """
 
     advice: str
@@ -40,45 +40,45 @@ class Outlook:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What is said, apart from the command."""
+        """Return all sentences, without the command."""
         return tuple(part for part in (self.unbeaten, self.advice, self.ends) if part)
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """All of it, the command last."""
+        """Return all sentences, then the command."""
         return (*self.sentences, self.command) if self.command else self.sentences
 
     @property
     def text(self) -> str:
-        """All of it in one line."""
+        """Return everything on one line."""
         return " ".join(self.lines)
 
 
 def others_unbeaten(indices: Sequence[int]) -> str:
-    """Return a sentence on the experiments that never lost beside the best, which is the first.
+    """Return a sentence on the experiments besides the best, the first index, that never lost.
 
-    Nobody can say which of them is better: that was asked, and they could not be told apart.
+    The answers do not say which of them is better: they were compared without a verdict.
     """
     if len(indices) < 2:
         return ""
     best, *others = (str(index + 1) for index in indices)
     *most, last = others
     named = f"experiments {', '.join(most)} and {last} were" if most else f"experiment {last} was"
-    return f"Beside experiment {best}, {named} never beaten: no answer says which one is better."
+    return f"Besides experiment {best}, {named} never beaten: no answer says which one is better."
 
 
 def outlook(
     advice: Advice | None, best: Float[np.ndarray, " n"] | None, space: KnobSpace, place: str,
     state: State,
 ) -> Outlook | None:  # fmt: skip
-    """The outlook of a study; None while too little is known.
+    """Return the outlook of a study; None while too little is known.
 
     Args:
-        advice: What another ten experiments would bring.
-        best: The best θ, physical, shape (n,).
-        space: The knobs, and what is searched of them.
-        place: Path of the study file; ":memory:" has none.
-        state: What the study file says.
+        advice: Estimate of what ten more experiments would gain.
+        best: Best θ, physical, shape (n,).
+        space: Knobs with their searched ranges.
+        place: Path of the study file; ":memory:" if there is none.
+        state: State of the study.
     """
     if advice is None or best is None:
         return None
@@ -101,9 +101,9 @@ def outlook(
 
 
 def at_end(space: KnobSpace, theta: Float[np.ndarray, " n"]) -> list[tuple[Knob, bool]]:
-    """The knobs of θ at an end of what is searched, and whether it is the upper end.
+    """Return the knobs of θ at an end of their searched range, and whether it is the upper end.
 
-    Frozen ones are where they were put.
+    Frozen knobs are left out.
     """
     found = []
     for knob, (low, high), value in zip(space, space.within, theta.tolist(), strict=True):
@@ -127,7 +127,7 @@ def _command(ends: list[tuple[Knob, bool]], space: KnobSpace, place: str, scenar
 
 
 def _beyond(knob: Knob, other: float, end: float) -> float:
-    """A value beyond `end`, seen from the `other` end; positive numbers stay positive."""
+    """Return a value beyond `end`, seen from the `other` end; positive numbers stay positive."""
     if knob.scale == "log10":
         return float(f"{end * (end / other) ** _WIDER:.3g}")
     beyond = end + _WIDER * (end - other)
@@ -139,6 +139,6 @@ def _beyond(knob: Knob, other: float, end: float) -> float:
 
 
 def study_name(place: str) -> str:
-    """How a command calls the study file at `place`."""
+    """Return the name of the study file at `place` for the command line."""
     path = Path(place)
     return path.stem if path.parent == data_folder() else place

@@ -67,7 +67,7 @@ class _Conversation:
                 self._wait(now)
             elif not self._one(now):
                 return
-        self._say(f"The study is over: {now.state.ended}.")
+        self._say(f"The study is finished: {now.state.ended}.")
 
     def _wait(self, now: Now) -> None:
         with self.console.status(_waiting(now)) as status, self.pressed() as pressed:
@@ -146,7 +146,7 @@ class _Conversation:
             if self.keys() == "f":
                 self.interview.finish()
         elif key in ("h", "w") and self.blind:
-            self._say("That would show which experiment is which: end blind first (b).")
+            self._say("That would show which experiment is which: end blind mode first (b).")
         elif key == "h":
             show_history(self.interview, self.console)
         elif key == "w":
@@ -191,7 +191,7 @@ class _Conversation:
         if said.startswith("replace "):
             number, _, said = said.removeprefix("replace ").strip().partition(" ")
             if not number.isdecimal() or not said:
-                self._say("Say which record and the right file: replace 2 run-2.csv")
+                self._say("Name the record and the right file, for example: replace 2 run-2.csv")
                 return
             index, theta = int(number) - 1, None
         unsafe = said.startswith("unsafe ")

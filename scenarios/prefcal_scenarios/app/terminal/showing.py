@@ -28,13 +28,15 @@ _MOST, _FEW = 6, 3
 KEYS = (
     ("← or l", "left is better"), ("→ or r", "right is better"),
     ("shift ← or L", "left is much better"), ("shift → or R", "right is much better"),
-    ("↓ or =", "about the same"), ("s", "can't tell"), ("z", "undo"),
-    ("q / e", "mark left / right unsafe or very bad"),
-    ("a / d", "mark left / right good enough"), ("c", "comment on the next answer"),
-    ("b", "blind: hide θ and which one is new"), ("h", "history"), ("w", "where are we"),
-    ("t", "all KPIs of both sides, those that differ most first"),
-    ("p", "ask an earlier question again"), ("f f", "finish the study"),
-    ("x", "stop for now; everything is saved"), ("?", "what this is about, and these keys"),
+    ("↓ or =", "about the same"), ("s", "can't tell"),
+    ("z", "undo the last answer"),
+    ("q / e", "mark left / right as unsafe or very bad"),
+    ("a / d", "mark left / right as good enough"), ("c", "comment on the next answer"),
+    ("b", "blind: hide θ and which experiment is the best so far"),
+    ("h", "history"), ("w", "where are we"),
+    ("t", "all KPIs of both sides, largest difference first"),
+    ("p", "ask me an earlier question again"), ("f f", "finish the study"),
+    ("x", "stop for now; everything is saved"), ("?", "the task, and these keys"),
 )  # fmt: skip
 
 
@@ -73,7 +75,7 @@ def _headline(interview: Interview, question: Question) -> str:
     if question.repeats is not None:
         head = "An earlier question again (Esc or z skips it)"
     elif question.further:
-        head = "A further comparison of two experiments that you have seen"
+        head = "A follow-up comparison of two experiments that you have seen"
     return f"{head}: which experiment is better?"
 
 
@@ -195,7 +197,7 @@ def show_next(interview: Interview, now: Now, console: Console) -> None:
     rig, sample = interview.scenario.run, now.pending
     assert isinstance(rig, Rig)
     assert sample is not None
-    console.rule(f"Experiment {sample.index + 1}: run your plant with")
+    console.rule(f"Experiment {sample.index + 1}: run your plant with these values")
     for knob, value in zip(interview.scenario.space, np.array(sample.theta), strict=True):
         line = f"  {knob.name} = {with_unit(repr(float(value)), knob.unit)}"
         console.print(line, style="bold", markup=False, highlight=False)
@@ -203,5 +205,5 @@ def show_next(interview: Interview, now: Now, console: Console) -> None:
         console.print(rig.instructions, markup=False)
     columns = ", ".join(rig.columns.headings)
     console.print(
-        f"Its record: a CSV file with the columns {columns}", markup=False, soft_wrap=True
+        f"The record: a CSV file with the columns {columns}", markup=False, soft_wrap=True
     )

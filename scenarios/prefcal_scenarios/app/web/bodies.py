@@ -25,7 +25,7 @@ def read_json(body: bytes, fields: Mapping[str, Check]) -> dict[str, Any]:
     """Return the JSON object in `body`, which must have exactly these fields.
 
     Raises:
-        MalformedError: not a JSON object in UTF-8, other fields, or a value that a check refuses.
+        MalformedError: If it is not JSON in UTF-8, has other fields, or fails a check.
     """
     try:
         found = json.loads(
@@ -44,7 +44,7 @@ def read_query(query: bytes, fields: Mapping[str, Check]) -> dict[str, Any]:
     """Return the checked parameters after the "?" of an address; each is optional.
 
     Raises:
-        MalformedError: other or repeated parameters, or a value that a check refuses.
+        MalformedError: If there are other or repeated parameters, or a value fails a check.
     """
     try:
         # Strict parsing refuses an empty query, which is allowed here.
@@ -63,7 +63,7 @@ def whole(name: str, value: Any) -> int:
 
 
 def numbered(name: str, value: Any) -> int:
-    """Return `value`, the number of an answer: not 0, and below 0 for a follow-up question."""
+    """Return `value`, the number of an answer: not 0, and below 0 for a follow-up comparison."""
     if type(value) is not int or not 0 < abs(value) <= LARGEST_NUMBER:
         raise MalformedError(f"{name} must be a whole number other than 0.")
     return value

@@ -58,7 +58,7 @@ def test_a_calibrator_with_a_cost_in_mind_takes_a_tie_band_and_noise(prefcal):
     words = ["calibrate", TOY, *QUICK[2:], "--calibrator", "latent", "--json"]
     code, out, _ = prefcal(*words, "--tie-band", "1e9", "--answer-noise", "0.5")
     assert code == 0
-    assert json.loads(out)["verdicts"]["as good"] == 4
+    assert json.loads(out)["verdicts"]["about the same"] == 4
     assert prefcal(*words, "--answer-noise", "0")[0] == 0
 
 

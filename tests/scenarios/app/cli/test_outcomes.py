@@ -102,7 +102,8 @@ def test_a_study_from_before_goes_on_without_outcomes(prefcal, tmp_path, agent):
     assert thetas_of(path) == thetas_of(fresh)
     page = (tmp_path / "there" / "report.html").read_text("utf-8")
     assert ("--no-outcomes" in page) == (agent == "glisp")
-    assert "What counts" in page  # its experiments are there, and say what the answers follow
+    # Its experiments are there, and show what the answers follow.
+    assert "What matters to the calibrator" in page
 
 
 @pytest.mark.parametrize(
@@ -187,7 +188,7 @@ def test_an_index_of_no_answers_is_told(prefcal):
 def test_the_report_draws_what_counts(prefcal, answered, tmp_path):
     assert prefcal("report", answered, "--scenario", TOY, "--out", "there")[0] == 0
     page = (tmp_path / "there" / "report.html").read_text("utf-8")
-    assert "What counts" in page
+    assert "What matters to the calibrator" in page
     assert "Nothing stands out yet" in page
     assert "answers that it had not learned from" in page
     assert 'class="bar" aria-hidden="true"><span style="width:' in page

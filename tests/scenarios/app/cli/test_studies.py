@@ -214,13 +214,13 @@ def test_the_terminal_answers_from_a_pipe_and_the_study_goes_on(prefcal, monkeyp
     monkeypatch.setattr("sys.stdin", io.StringIO("=\n"))
     code, out, err = prefcal(*words[:3], "--study", "piped")
     assert "Comparison 3 of 3" in out
-    assert "The study is over: all compared." in out
+    assert "The study is finished: all compared." in out
     assert "Repeat it" not in out  # a person gives other answers
     verdicts = [
         q["verdict"]
         for q in json.loads(prefcal("studies", "show", "piped", "--json")[1])["questions"]
     ]
-    assert verdicts[-1] == "as good"
+    assert verdicts[-1] == "about the same"
 
 
 def test_a_rig_cannot_be_calibrated_unattended(prefcal, tmp_path):

@@ -91,7 +91,7 @@ def test_a_run_that_is_in_the_way_ends_a_little_later(wild):
     worker = wild.run.worker
     worker.reserve(THETA)
     worker.stop("given up", within=0.1)
-    with pytest.raises(RunError, match="nobody waited") as raised:
+    with pytest.raises(RunError, match="no longer needed") as raised:
         wild.run(THETA, seed=SPINS)
     assert raised.value.why == "given up"
 

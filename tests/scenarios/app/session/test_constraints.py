@@ -51,7 +51,7 @@ def test_a_resumed_study_asks_the_same_and_stays_inside(tmp_path):
 def test_a_study_keeps_the_constraints_that_it_was_begun_with(tmp_path, now):
     path = tmp_path / "mine.prefcal"
     begin(constrained("short"), path).study.close()
-    with pytest.raises(StudyError, match=r"\['short'\] on the knobs, the scenario has \["):
+    with pytest.raises(StudyError, match=r"expected \['short'\], got \["):
         begin(constrained(*now), path)
 
 

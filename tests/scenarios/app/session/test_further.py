@@ -75,7 +75,7 @@ def test_it_is_saved_resumed_undone_and_retracted(toy, tmp_path):
     assert interview.now().state.history.follow_ups[0].retracted
     with pytest.raises(StaleError, match="retracted already"):
         interview.retract(-1)
-    with pytest.raises(StaleError, match="no further answer 2"):
+    with pytest.raises(StaleError, match="no answer to a follow-up comparison 2"):
         interview.retract(-2)
     interview.study.close()
     resumed = reopened(toy, path)
@@ -190,7 +190,7 @@ def test_a_file_that_compares_an_experiment_before_its_own_question_is_refused(t
     study: StudyFile = interview.study
     [shown] = study.append(Shown(new, old, True))
     verdict = interview.now().state.history.comparisons[-1].answer
-    with pytest.raises(StudyError, match="is not on show"):
+    with pytest.raises(StudyError, match="is not open"):
         study.append(Answered(shown, old, new, verdict))
 
 

@@ -203,7 +203,7 @@ def test_a_retraction_changes_the_incumbent_of_the_open_question(interview):
 def test_there_is_no_such_answer_to_retract(interview, number):
     answer(interview)
     proceed(interview)
-    with pytest.raises(StaleError, match=r"there is no (further )?answer"):
+    with pytest.raises(StaleError, match=r"there is no answer"):
         interview.retract(number)
 
 
@@ -391,7 +391,7 @@ def test_a_study_of_other_knobs_is_refused(toy, tmp_path):
     path = tmp_path / "mine.prefcal"
     begin(toy, path=path).study.close()
     other = replace(toy, space=type(toy.space)(toy.space.knobs[:2]), references={})
-    with pytest.raises(StudyError, match="other knobs"):
+    with pytest.raises(StudyError, match="knobs have changed"):
         Interview(other, StudyFile.open(path, clock=clock()))
 
 

@@ -152,7 +152,7 @@ def test_while_something_has_failed_it_has_to_wait(toy):
 
     interview = begin(replace(toy, run=broken), agent=THREE)
     assert proceed(interview).phase is Phase.FAILED
-    with pytest.raises(StaleError, match="try that again first"):
+    with pytest.raises(StaleError, match="try it again first"):
         interview.pace(1)
 
 

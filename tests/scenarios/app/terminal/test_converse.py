@@ -57,7 +57,7 @@ def test_a_whole_study_by_keys(interview):
     out = talk(interview, "lr=s")
     assert interview.now().phase is Phase.OVER
     assert "Comparison 1 of 4: which experiment is better?" in out
-    assert "The study is over: all compared." in out
+    assert "The study is finished: all compared." in out
     given = [c.answer.preference for c in interview.now().state.history.comparisons[1:]]
     assert given[2:] == [0, None]
 
@@ -223,7 +223,7 @@ def test_one_press_does_not_finish_a_study_and_two_do(interview):
 
 
 def test_a_study_is_finished_by_two_presses(interview):
-    assert "The study is over: stopped." in talk(interview, "ff")
+    assert "The study is finished: stopped." in talk(interview, "ff")
 
 
 def test_a_comment_of_somebody_else_does_not_steer_the_terminal(interview):

@@ -37,7 +37,7 @@ in any order. The exit code is 1 if a run failed, and 130 after Ctrl-C.
 _Quick = Annotated[
     bool,
     typer.Option(
-        "--quick", metavar="", help="Run a small suite; the options below change it, too."
+        "--quick", metavar="", help="Run a small suite, which the options below can change."
     ),
 ]
 _Agents = Annotated[
@@ -45,7 +45,7 @@ _Agents = Annotated[
     typer.Option(
         metavar="NAMES",
         help="Agents, separated by commas: names or own.py:Agent. All are compared with the first. "
-        "A wrong name lists them all.",
+        "An unknown name lists all of them.",
         show_default="all that are installed",
     ),
 ]
@@ -54,7 +54,7 @@ _Problems = Annotated[
     typer.Option(
         metavar="NAMES",
         help="Problems, separated by commas: test functions, cstr, cstr-guidelines and overtake. "
-        "A wrong name lists them all.",
+        "An unknown name lists all of them.",
         show_default="all",
     ),
 ]
@@ -62,8 +62,8 @@ _Calibrators = Annotated[
     str | None,
     typer.Option(
         metavar="NAMES",
-        help="Who answers: perfect (by the cost), lexicographic (by criteria in their order), "
-        "noisy10 or noisy20 (that percentage of the answers is wrong).",
+        help="Who answers: perfect (by the cost), lexicographic (by ordered criteria), noisy10 or "
+        "noisy20 (that percentage of the answers is wrong).",
         show_default="all",
     ),
 ]
@@ -95,8 +95,8 @@ _Timeout = Annotated[
     float | None,
     typer.Option(
         metavar="SECONDS",
-        help="Most seconds that one cell may take on this machine; a longer one is ended and "
-        "counts as failed. inf: no limit.",
+        help="Time limit for one cell on this machine; a longer one is ended and counts as "
+        "failed. inf: no limit.",
         show_default="3600, an hour",
     ),
 ]

@@ -21,7 +21,7 @@ _Scenario = Annotated[
     str | None,
     typer.Option(
         metavar="FILE.py:NAME",
-        help="Where your own scenario is. A study file alone never makes prefcal run a program.",
+        help="Your own scenario. A study file alone never makes prefcal run a program.",
         show_default="the built-in one that the study names",
     ),
 ]
@@ -250,7 +250,7 @@ def report(
         str | None,
         typer.Option(
             metavar="FILE.py:NAME",
-            help="The cost that the study was started with, if any: it is a program, too.",
+            help="The cost that the study was started with, if any.",
             show_default="the scenario's score",
         ),
     ] = None,
@@ -258,7 +258,7 @@ def report(
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder of the report; may exist, but not with the report of another study.",
+            help="Folder of the report; must not hold the report of another study.",
             show_default="./prefcal-STUDY",
         ),
     ] = None,

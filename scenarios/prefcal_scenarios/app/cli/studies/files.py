@@ -136,7 +136,7 @@ def trusted_source(name: str, state: State, source: str | None) -> str:
     """
     named: str = state.configuration["scenario"]
     if source is None and not is_built_in(named):
-        # A study from somebody else must not decide which program runs here.
+        # A study from another person must not decide which program runs here.
         raise StudyError(
             f"study {name!r} calibrates {named!r}, which is a program: "
             f"if you trust it, add --scenario {named}"

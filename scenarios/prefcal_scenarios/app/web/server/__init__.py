@@ -1,1 +1,1 @@
-"""The server of the query window: binding, security, static files."""
+"""Serve the query window: binding, security, static files."""

@@ -10,7 +10,7 @@ def bind(host: str, port: int) -> socket.socket:
     """Return a socket that listens on `host` and `port`; port 0 takes a free one.
 
     Raises:
-        SettingsError: the port is taken or invalid, or the host is not this machine.
+        SettingsError: If the port is taken or invalid, or the host is not this machine.
     """
     if not 0 <= port <= 65535:
         raise SettingsError(f"port must be in [0, 65535] (0: any free port), got {port}")

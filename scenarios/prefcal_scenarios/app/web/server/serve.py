@@ -37,7 +37,7 @@ class Window:
         clock: Monotonic clock, in seconds.
 
     Raises:
-        SettingsError: the port is taken or invalid, or the host is not this machine.
+        SettingsError: If the port is taken or invalid, or the host is not this machine.
     """
 
     def __init__(

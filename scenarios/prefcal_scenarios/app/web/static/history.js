@@ -85,14 +85,15 @@ async function lookAgain(number) {
   }
   const { question, verdict, comment, time_unit: unit } = asked;
   const words = WORDS[asked.much ? `much ${verdict}` : verdict] ?? verdict;
+  const heading = `${named(number).replace(/^./, (first) => first.toUpperCase())}: ${words}`;
   const close = el("button", { type: "button", on: { click: () => fill(place) } }, "Close");
-  fill(place, el("div", { class: "card-head" }, el("h3", {}, `Comparison ${number}: ${words}`),
+  fill(place, el("div", { class: "card-head" }, el("h3", {}, heading),
     comment ? el("span", { class: "faint" }, `“${comment}”`) : null, close),
   el("div", { class: "pair small" }, ["left", "right"].map((name) => side(name, question[name], verdict === name && (asked.much ? "much preferred" : "preferred")))));
   draw(place.querySelector(".pair"), question, unit);
   place.scrollIntoView({ block: "nearest" });
   place.focus({ preventScroll: true });
-  return say(`Comparison ${number}: ${words}`);
+  return say(heading);
 }
 
 // Draw the question's figures with the same axes, titles and cursor.

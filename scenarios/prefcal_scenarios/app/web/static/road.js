@@ -97,7 +97,7 @@ export class Player {
   #roads = [];
   #time = 0;
   #before = null; // time of the last frame while playing
-  #fresh = true; // nobody has chosen a time yet, so it plays from the start
+  #fresh = true; // no time was chosen yet, so it plays from the start
 
   constructor(controls, told = () => {}) {
     this.#controls = controls;

@@ -50,7 +50,7 @@ def asked_view(
     """Return answered question number `answer` as it was shown, on the current axes of the study.
 
     Raises:
-        StaleError: there is no such question.
+        StaleError: If there is no such question.
     """
     question = interview.asked(answer)
     closed = interview.closed(answer)

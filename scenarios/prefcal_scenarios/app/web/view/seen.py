@@ -25,7 +25,7 @@ _KEPT = 8
 """Number of experiments whose curves are kept for the page: those of the last questions."""
 
 _AT_ONCE = 200
-"""Experiments read per look, so that nobody waits for thousands to load from disk."""
+"""Number of experiments read per look, to avoid waiting while thousands load from disk."""
 
 Range = tuple[float, float]
 _NOTHING: Range = (np.inf, -np.inf)
