@@ -1,7 +1,7 @@
 """A space of knobs: the one place where the unit cube meets physical units."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -38,6 +38,10 @@ class KnobSpace:
     knobs: tuple[Knob, ...]
     constraints: tuple[AnyConstraint, ...]
     within: tuple[tuple[float, float], ...]
+    corners: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]] = field(
+        init=False, repr=False, compare=False
+    )
+    """Lower and upper corner of the searched box in the unit cube, each of shape (n,)."""
 
     def __init__(
         self,
@@ -57,6 +61,10 @@ class KnobSpace:
             raise KnobError(f"knob names must differ, got {sorted(duplicates)} more than once")
         object.__setattr__(self, "constraints", checked(constraints, self.names))
         object.__setattr__(self, "within", _parts(self.knobs, within or {}))
+        corners = tuple(self.encode(np.array(each)) for each in zip(*self.within, strict=True))
+        for corner in corners:
+            corner.flags.writeable = False
+        object.__setattr__(self, "corners", corners)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -72,12 +80,6 @@ class KnobSpace:
     def integers(self) -> Bool[np.ndarray, " n"]:
         """Which knobs are integers, shape (n,)."""
         return np.array([knob.integer for knob in self.knobs], dtype=np.bool_)
-
-    @property
-    def corners(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Lower and upper corner of the searched box in the unit cube, each of shape (n,)."""
-        lower, upper = zip(*self.within, strict=True)
-        return self.encode(np.array(lower)), self.encode(np.array(upper))
 
     def narrowed(self, within: Mapping[str, tuple[float, float]]) -> "KnobSpace":
         """Return this space with a smaller searched range; other knobs keep theirs.

@@ -4,6 +4,7 @@ from prefcal_env.errors import SettingsError
 
 from .problem import QP as QP
 from .problem import Backend as Backend
+from .problem import Box as Box
 from .problem import Solution as Solution
 from .problem import Status as Status
 from .problem import Tolerances as Tolerances

@@ -1,11 +1,13 @@
 """DAQP, a dual active-set solver: the second backend, and the only import of daqp (an extra)."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import MissingExtraError
 
-from .problem import QP, Solution, Status, Tolerances, failed, verified
+from .problem import QP, Box, Solution, Status, Tolerances, failed, verified
 
 try:
     import daqp
@@ -44,12 +46,8 @@ class DAQPBackend:
             return failed(qp, _STATUS.get(exit_flag, Status.FAILED), iterations)
         return verified(qp, np.asarray(z), np.asarray(info["lam"]), iterations)
 
-    def solve_box(
-        self,
-        P: Float[np.ndarray, "n n"],
-        q: Float[np.ndarray, " n"],
-        upper: Float[np.ndarray, " n"],
-    ) -> Float[np.ndarray, " n"] | None:
-        """Minimize over a box; see `Backend`."""
-        solution = self.solve(QP(P, q, np.eye(len(q)), np.zeros(len(q)), upper))
-        return solution.z if solution.solved else None
+    def solve_boxes(self, boxes: Sequence[Box]) -> list[Float[np.ndarray, " n"] | None]:
+        """Solve over boxes; see `Backend`."""
+        problems = [QP(b.P, b.q, np.eye(len(b.q)), np.zeros(len(b.q)), b.upper) for b in boxes]
+        solutions = [self.solve(problem) for problem in problems]
+        return [solution.z if solution.solved else None for solution in solutions]

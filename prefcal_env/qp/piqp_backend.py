@@ -6,6 +6,7 @@ view into memory that the next solve overwrites. Therefore `QP` refuses malforme
 adapter always sets up before it solves, and `verified` copies and checks the result.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import isfinite
 
@@ -15,7 +16,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import QPError
 
-from .problem import QP, Solution, Status, Tolerances, failed, verified
+from .problem import QP, Box, Solution, Status, Tolerances, failed, verified
 
 _STATUS = {
     piqp.PIQP_MAX_ITER_REACHED: Status.ITERATION_LIMIT,
@@ -58,22 +59,19 @@ class PIQPBackend:
         y = result.z_bu - result.z_bl if box else result.z_u - result.z_l
         return verified(qp, result.x, y, iterations)
 
-    def solve_box(
-        self,
-        P: Float[np.ndarray, "n n"],
-        q: Float[np.ndarray, " n"],
-        upper: Float[np.ndarray, " n"],
-    ) -> Float[np.ndarray, " n"] | None:
-        """Minimize over a box; see `Backend`."""
+    def solve_boxes(self, boxes: Sequence[Box]) -> list[Float[np.ndarray, " n"] | None]:
+        """Solve over boxes; see `Backend`."""
+        return [self._solve_box(box) for box in boxes]
+
+    def _solve_box(self, box: Box) -> Float[np.ndarray, " n"] | None:
+        P, q, upper = box.P, box.q, box.upper
         if not isfinite(P.sum() + q.sum() + upper.sum()):
             raise QPError("P, q and upper of a QP must be finite")
-        if len(q) == 1:  # PIQP takes no problem of one variable with bounds only
-            return np.asarray(np.clip(-q / P[0], 0.0, upper))
+        if len(q) <= 1:  # PIQP takes no problem of one variable with bounds only
+            return np.clip(-q / np.diag(P), 0.0, upper)
         solver = self._solver
         solver.setup(np.asfortranarray(P.T), q, x_l=np.zeros(len(q)), x_u=upper)
-        if solver.solve() != piqp.PIQP_SOLVED:
-            return None
-        return np.array(solver.result.x)
+        return np.array(solver.result.x) if solver.solve() == piqp.PIQP_SOLVED else None
 
     def _without_free_rows(self, qp: QP) -> Solution:
         """Solve without rows that have no bound, because PIQP prints a message about them."""

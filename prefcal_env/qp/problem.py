@@ -1,5 +1,6 @@
 """A dense quadratic program, its solution, and the protocol of a solver."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache
@@ -164,6 +165,21 @@ class Solution:
         return self.status is Status.SOLVED
 
 
+@dataclass(frozen=True, slots=True)
+class Box:
+    """The problem min ½ zᵀP z + qᵀz subject to 0 <= z <= upper, with a P that is known to be fine.
+
+    Args:
+        P: Symmetric positive definite matrix of the cost, shape (n, n).
+        q: Linear term of the cost, shape (n,).
+        upper: Upper bounds, 0 or more, shape (n,).
+    """
+
+    P: Float[np.ndarray, "n n"]
+    q: Float[np.ndarray, " n"]
+    upper: Float[np.ndarray, " n"]
+
+
 class Backend(Protocol):
     """A QP solver. It never raises for an unsolvable QP: read `Solution.status`."""
 
@@ -174,16 +190,11 @@ class Backend(Protocol):
     def solve(self, qp: QP) -> Solution:
         """Solve once, check the residuals, and return copies that later solves do not change."""
 
-    def solve_box(
-        self,
-        P: Float[np.ndarray, "n n"],
-        q: Float[np.ndarray, " n"],
-        upper: Float[np.ndarray, " n"],
-    ) -> Float[np.ndarray, " n"] | None:
-        """Return the minimizer of ½ zᵀP z + qᵀz over 0 <= z <= upper; None if it is not found.
+    def solve_boxes(self, boxes: Sequence[Box]) -> list[Float[np.ndarray, " n"] | None]:
+        """Solve many small problems over boxes; None for each one that is not solved.
 
-        For callers that know P to be positive definite and solve dozens of small problems at a
-        time: neither that nor the residuals are checked.
+        For callers that know P to be positive definite: neither that nor the residuals are
+        checked.
 
         Raises:
             QPError: If data is NaN or infinite.

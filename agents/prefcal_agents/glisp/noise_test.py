@@ -88,7 +88,7 @@ def rows_of(
 ) -> Constraints:
     """Return comparisons as signs of rows · β, with p KPIs (columns) that may explain them."""
     features = shape.basis(preferences.samples, preferences.samples)
-    constraints = Constraints.of(preferences, features, np.ones(len(preferences)))
+    constraints = Constraints.of(preferences, features, np.ones(len(preferences.b)))
     return constraints if columns is None else constraints.with_outcomes(preferences, columns)
 
 

@@ -258,7 +258,10 @@ class ModelSelection:
 
     def _best_scale(self, data: Dataset, shape: Shape) -> float:
         scales, validation = self._settings.outcome_scales, self._validation(data)
-        scores = [validation.reproduced(shape, data.columns(scale)) for scale in scales]
+        scores = [
+            validation.reproduced(shape, (shape.epsilon,), data.columns(scale))[0]
+            for scale in scales
+        ]
         winners = [s for s, score in zip(scales, scores, strict=True) if score == max(scores)]
         return winners[len(winners) // 2]
 

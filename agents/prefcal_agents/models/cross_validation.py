@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from prefcal_agents.history.lessons import Preferences
 from prefcal_env.qp import Backend
 
-from .preference_qp import Constraints, Learning, fit_without, margins
+from .preference_qp import Learning, fits_without
 from .rbf import Shape
 
 FOLDS = 3
@@ -29,14 +29,12 @@ class Validation:
         learning: How β is learned from the rest.
         backend: QP solver.
         slices: Which comparisons each of the K slices holds, shape (K, M).
-        margin: Margin of each comparison, shape (M,), see `margins`.
     """
 
     preferences: Preferences
     learning: Learning
     backend: Backend
     slices: Bool[np.ndarray, "K M"]
-    margin: Float[np.ndarray, " M"]
 
     @classmethod
     def deal(
@@ -48,22 +46,31 @@ class Validation:
     ) -> "Validation":
         """Deal at random, to `FOLDS` slices that differ by at most one comparison."""
         share = rng.permutation(len(preferences)) % FOLDS
-        margin = margins(preferences, learning.margin_power)
-        return cls(preferences, learning, backend, share == np.arange(FOLDS)[:, None], margin)
+        return cls(preferences, learning, backend, share == np.arange(FOLDS)[:, None])
 
-    def reproduced(self, shape: Shape, columns: Float[np.ndarray, "N p"] | None = None) -> int:
-        """Return how many left-out preferences are predicted right (eq. RBF-pref).
+    def reproduced(
+        self,
+        shape: Shape,
+        epsilons: Sequence[float],
+        columns: Float[np.ndarray, "N p"] | None = None,
+    ) -> list[int]:
+        """Return how many left-out preferences `shape` predicts right with each ε (eq. RBF-pref).
 
         `columns` are KPIs of the samples that may explain them too, shape (N, p).
         """
         known = self.preferences
-        phi = shape.basis(known.samples, known.samples)
-        constraints = Constraints.of(known, phi, self.margin)
-        if columns is not None:
-            constraints = constraints.with_outcomes(known, columns)
-            phi = np.hstack([phi, columns])
-        right = 0
-        betas = fit_without(constraints, self.slices, self.learning, self.backend)
+        bases = shape.bases(known.samples, known.samples, epsilons)
+        betas = fits_without(known, bases, self.slices, self.learning, self.backend, columns)
+        return [self._right(phi, each, columns) for phi, each in zip(bases, betas, strict=True)]
+
+    def _right(
+        self,
+        phi: Float[np.ndarray, "N N"],
+        betas: Sequence[Float[np.ndarray, " P"]],
+        columns: Float[np.ndarray, "N p"] | None,
+    ) -> int:
+        known, right = self.preferences, 0
+        phi = phi if columns is None else np.hstack([phi, columns])
         for left_out, beta in zip(self.slices, betas, strict=True):
             values = phi @ beta
             gap = values[known.first[left_out]] - values[known.second[left_out]]
@@ -72,22 +79,18 @@ class Validation:
             right += int(np.count_nonzero(agrees))
         return right
 
-    def choose(self, shapes: Sequence[Shape]) -> tuple[Shape, int]:
-        """Return the shape that reproduces most preferences, and how many that is.
-
-        Among equally good ones (a few dozen answers leave many) the middle one is taken.
-        """
-        scores = [self.reproduced(shape) for shape in shapes]
-        best = max(scores)
-        winners = [s for s, score in zip(shapes, scores, strict=True) if score == best]
-        return winners[len(winners) // 2], best
-
 
 def choose_epsilon(
     validation: Validation, shape: Shape, candidates: Sequence[float]
 ) -> tuple[Shape, int]:
-    """Return `shape` with the best ε of `candidates`, and how many preferences it reproduces."""
-    return validation.choose([replace(shape, epsilon=epsilon) for epsilon in candidates])
+    """Return `shape` with the best ε of `candidates`, and how many preferences it reproduces.
+
+    Among equally good ones (a few dozen answers leave many) the middle one is taken.
+    """
+    scores = validation.reproduced(shape, candidates)
+    best = max(scores)
+    winners = [e for e, score in zip(candidates, scores, strict=True) if score == best]
+    return replace(shape, epsilon=winners[len(winners) // 2]), best
 
 
 def nearest(candidates: Sequence[float], epsilon: float, reach: int) -> Sequence[float]:

@@ -5,13 +5,14 @@ in units of σ the margin is 1 and λ becomes λσ. The solution stays the same,
 near 1e-6.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from prefcal_agents.history.lessons import Preferences
-from prefcal_env.qp import Backend
+from prefcal_env.qp import Backend, Box
 
 _SHORTEST = 1e-12  # a shorter row (two samples that φ cannot tell apart) counts as this long
 _FAR = 0.3  # root mean square distance per knob from which on the margin is σ in full
@@ -131,40 +132,73 @@ def fit(constraints: Constraints, learning: Learning, backend: Backend) -> Float
     Source: eq. QP-pref.
     Deviation: none; see `margins` for what the margins may be.
     """
-    if len(constraints.rows) == 0:
-        return np.zeros(constraints.rows.shape[1])
-    ceiling = constraints.weights / (learning.lam * learning.sigma)
-    alpha = _dual(constraints.rows, constraints.margins, ceiling, backend)
-    return np.asarray(learning.sigma * (alpha @ constraints.rows))
+    return _fits([constraints], learning, backend)[0]
 
 
-def fit_without(
-    constraints: Constraints,
+def fits_without(
+    preferences: Preferences,
+    bases: Sequence[Float[np.ndarray, "N N"]],
     slices: Bool[np.ndarray, "K M"],
     learning: Learning,
     backend: Backend,
-) -> Float[np.ndarray, "K N"]:
-    """Return β of K fits, shape (K, N), each without the comparisons of one slice."""
-    return np.array([fit(constraints.without(left_out), learning, backend) for left_out in slices])
+    columns: Float[np.ndarray, "N p"] | None = None,
+) -> list[list[Float[np.ndarray, " P"]]]:
+    """Return β of many fits: for each of E bases, K fits without the comparisons of one slice.
+
+    `columns` are KPIs of the samples that may explain the answers too, shape (N, p).
+    """
+    margin, systems = margins(preferences, learning.margin_power), []
+    for phi in bases:
+        constraints = Constraints.of(preferences, phi, margin)
+        if columns is not None:
+            constraints = constraints.with_outcomes(preferences, columns)
+        systems += [constraints.without(left_out) for left_out in slices]
+    betas = _fits(systems, learning, backend)
+    return [betas[k : k + len(slices)] for k in range(0, len(betas), len(slices))]
 
 
-def _dual(
-    rows: Float[np.ndarray, "R N"],
-    margin: Float[np.ndarray, " R"],
-    ceiling: Float[np.ndarray, " R"],
-    backend: Backend,
-) -> Float[np.ndarray, " R"]:
-    """Return α of min ½|rowsᵀα|² - margin·α subject to 0 <= α <= ceiling, shape (R,)."""
-    # Rows of close samples are short and their multipliers huge; unit rows even that out.
-    length = np.maximum(np.sqrt(np.sum(rows * rows, axis=1)), _SHORTEST)
-    unit = rows / length[:, None]
-    gram = unit @ unit.T
-    scale = 1 / length.min()
-    z = backend.solve_box(
-        P=0.5 * (gram + gram.T) + _RIDGE * np.eye(len(gram)),
-        q=-margin / (length * scale),
-        upper=ceiling * length / scale,
-    )
-    if z is None:
-        return np.zeros(len(rows))
-    return np.asarray(np.clip(z * scale / length, 0.0, ceiling))
+def _fits(
+    systems: Sequence[Constraints], learning: Learning, backend: Backend
+) -> list[Float[np.ndarray, " N"]]:
+    duals = [_Dual.of(system, learning) for system in systems]
+    solutions = backend.solve_boxes([dual.box for dual in duals])
+    return [dual.beta(z, learning) for dual, z in zip(duals, solutions, strict=True)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Dual:
+    """The problem min ½|rowsᵀα|² - margins·α subject to 0 <= α <= ceiling.
+
+    Rows of close samples are short and their multipliers huge; unit rows even that out, so the
+    variables are z = α · length / scale.
+    """
+
+    rows: Float[np.ndarray, "R N"]
+    ceiling: Float[np.ndarray, " R"]
+    length: Float[np.ndarray, " R"]
+    scale: float
+    box: Box
+
+    @classmethod
+    def of(cls, system: Constraints, learning: Learning) -> "_Dual":
+        rows = system.rows
+        ceiling = system.weights / (learning.lam * learning.sigma)
+        length = np.maximum(np.sqrt(np.sum(rows * rows, axis=1)), _SHORTEST)
+        unit = rows / length[:, None]
+        gram = unit @ unit.T
+        scale = 1 / float(np.min(length, initial=np.inf))
+        box = Box(
+            P=0.5 * (gram + gram.T) + _RIDGE * np.eye(len(gram)),
+            q=-system.margins / (length * scale),
+            upper=ceiling * length / scale,
+        )
+        return cls(rows, ceiling, length, scale, box)
+
+    def beta(
+        self, z: Float[np.ndarray, " R"] | None, learning: Learning
+    ) -> Float[np.ndarray, " N"]:
+        """Return β at the solution `z`; zero if there is none."""
+        if z is None:
+            return np.zeros(self.rows.shape[1])
+        alpha = np.clip(z * self.scale / self.length, 0.0, self.ceiling)
+        return np.asarray(learning.sigma * (alpha @ self.rows))

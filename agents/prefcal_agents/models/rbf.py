@@ -4,7 +4,7 @@ All φ are smooth in u = (εd)², so value and slope are functions of u; the cha
 division by a distance.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -91,8 +91,17 @@ class Shape:
         self, a: Float[np.ndarray, "m n"], b: Float[np.ndarray, "N n"]
     ) -> Float[np.ndarray, "m N"]:
         """Return φ(εd) of eq. rbf between all rows of `a` and all of `b`, shape (m, N)."""
-        u = (self.epsilon * self.distances(a, b)) ** 2
-        return np.asarray(RADIAL_FUNCTIONS[self.rbf].value(u))
+        return self.bases(a, b, (self.epsilon,))[0]
+
+    def bases(
+        self,
+        a: Float[np.ndarray, "m n"],
+        b: Float[np.ndarray, "N n"],
+        epsilons: Sequence[float],
+    ) -> list[Float[np.ndarray, "m N"]]:
+        """Return φ(εd) as `basis` does, for each of `epsilons` instead of the own ε."""
+        d, value = self.distances(a, b), RADIAL_FUNCTIONS[self.rbf].value
+        return [np.asarray(value((epsilon * d) ** 2)) for epsilon in epsilons]
 
     def value_and_gradient(
         self,

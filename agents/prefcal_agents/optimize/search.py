@@ -142,30 +142,21 @@ def _apart(points: Float[np.ndarray, "m n"], count: int) -> list[int]:
 def _descend(
     objective: Objective, domain: Domain, z: Float[np.ndarray, " n"], iterations: int
 ) -> Float[np.ndarray, " n"]:
-    """Return the result of L-BFGS-B from `z` over the free coordinates, shape (n,)."""
-    free = ~domain.fixed
-    if not free.any():
+    """Return the result of L-BFGS-B from `z`, shape (n,); fixed coordinates stay."""
+    if domain.fixed.all():
         return z
     from scipy.optimize import minimize  # a third of a second to import
 
-    point = z.copy()
-    low, high = domain.corners
-
-    def value_and_slope(part: np.ndarray) -> tuple[float, np.ndarray]:
-        point[free] = part
-        value, slope = objective.value_and_gradient(point)
-        return value, slope[free]
-
+    low, high = (np.where(domain.fixed, z, corner) for corner in domain.corners)
     result = minimize(
-        value_and_slope,
-        z[free],
+        objective.value_and_gradient,
+        z,
         jac=True,
         method="L-BFGS-B",
-        bounds=list(zip(low[free], high[free], strict=True)),
+        bounds=list(zip(low, high, strict=True)),
         options={"maxiter": iterations},
     )
-    point[free] = np.clip(result.x, low[free], high[free])
-    return point
+    return np.asarray(np.clip(result.x, low, high))
 
 
 class Tried:

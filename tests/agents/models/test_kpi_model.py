@@ -179,8 +179,8 @@ def test_kpis_that_explain_the_answers_help_to_foretell_others():
     backend, rng = make_backend("piqp"), np.random.default_rng(1)
     dealt = Validation.deal(preferences, Learning(margin_power=1.0), backend, rng)
     shape = Shape(1.0, (1.0, 1.0))
-    assert dealt.reproduced(shape) < 32
-    assert dealt.reproduced(shape, 10 * wave[:, None]) > 36
+    assert dealt.reproduced(shape, (1.0,))[0] < 32
+    assert dealt.reproduced(shape, (1.0,), 10 * wave[:, None])[0] > 36
 
 
 def test_an_agent_with_outcomes_is_saved_and_restored_with_the_identical_next_query():

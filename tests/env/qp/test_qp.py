@@ -1,12 +1,14 @@
 """Both backends solve what can be solved, and say so where nothing can be."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_env.errors import QPError, SettingsError
-from prefcal_env.qp import BACKENDS, QP, Status, Tolerances, make_backend
+from prefcal_env.qp import BACKENDS, QP, Box, Status, Tolerances, make_backend
 
 INF = np.inf
 
@@ -153,3 +155,23 @@ def test_what_is_called_solved_is_optimal(seed, n, m):
     np.testing.assert_allclose(problem.P @ z + problem.q + G.T @ y, 0, atol=1e-5)
     assert np.all(G @ z <= problem.upper + 1e-6)
     assert np.all(G @ z >= problem.lower - 1e-6)
+
+
+@pytest.mark.parametrize("name", BACKENDS)
+def test_boxes_are_solved_like_the_same_problems_in_full(name):
+    backend, rng, boxes = make_backend(name), np.random.default_rng(2), []
+    for n in (1, 2, 7, 20):
+        root = rng.standard_normal((n, n))
+        boxes.append(Box(root @ root.T + np.eye(n), rng.standard_normal(n), rng.random(n)))
+    for box, z in zip(boxes, backend.solve_boxes(boxes), strict=True):
+        n = len(box.q)
+        full = backend.solve(QP(box.P, box.q, np.eye(n), np.zeros(n), box.upper))
+        assert z == pytest.approx(full.z, abs=1e-6)
+
+
+def test_a_box_without_a_solution_is_none_and_data_that_is_not_finite_is_refused():
+    hasty = make_backend("piqp", Tolerances(max_iterations=1))
+    box = Box(np.eye(2), np.array([-1.0, 2.0]), np.array([0.3, 5.0]))
+    assert hasty.solve_boxes([box]) == [None]
+    with pytest.raises(QPError, match="finite"):
+        make_backend("piqp").solve_boxes([replace(box, q=np.array([np.nan, 0.0]))])
