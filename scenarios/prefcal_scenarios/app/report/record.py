@@ -69,6 +69,7 @@ class Record:
         scenario: What was calibrated.
         source: The name that loads the scenario again.
         comparisons: In the order of the answers.
+        held: Index of the best experiment after each of `comparisons`: see `History.incumbents`.
         references: Experiments of the scenario's reference θ, by name.
         settings: What the study was started with, name to value, for people.
         agent_settings: All settings of the agent, name to value, as they are.
@@ -80,8 +81,6 @@ class Record:
         good_enough: Whether it was ended early because the best is good enough.
         answered: The comparisons whose answers stand, further ones too, in the order given; None:
             all of `comparisons` but the first experiment's.
-        held: Index of the best experiment after each of `comparisons`; None: the winner along the
-            answers.
         waiting: Experiments that ran and are not compared yet, by index.
         judged: Whether the answers follow the scenario's cost; if not, nobody has chosen that, and
             it is not shown.
@@ -91,6 +90,7 @@ class Record:
     scenario: Scenario
     source: str
     comparisons: tuple[Comparison, ...]
+    held: tuple[int, ...]
     references: Mapping[str, Experiment] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     agent_settings: Mapping[str, Any] = field(default_factory=dict)
@@ -101,7 +101,6 @@ class Record:
     minded: Minded | None = None
     good_enough: bool = False
     answered: tuple[Comparison, ...] | None = None
-    held: tuple[int, ...] | None = None
     waiting: Mapping[int, Experiment] = field(default_factory=dict)
     judged: bool = True
     outlook: Outlook | None = None
@@ -164,16 +163,7 @@ class Record:
     def incumbents(self) -> tuple[Trial, ...]:
         """The best trial after each comparison."""
         by_index = {t.index: t for t in self.trials}
-        if self.held is not None:
-            return tuple(by_index[index] for index in self.held)
-        winner, winners = 0, []
-        for c in self.comparisons:
-            # Along the answers that stand: a retracted one is an abstention here, and whoever
-            # had won by it may be the incumbent of later questions.
-            if c.incumbent is None or c.answer.preference is Preference.CHALLENGER:
-                winner = c.query.challenger.index
-            winners.append(by_index[winner])
-        return tuple(winners)
+        return tuple(by_index[index] for index in self.held)
 
     @cached_property
     def reference_costs(self) -> dict[str, float]:
