@@ -1,7 +1,7 @@
 """People err: what wrong answers cost a GLISp that reckons with them, and one that does not.
 
-    python benchmarks/noise.py [--problems camel hartman3] [--seeds 10] [--first 0] [--rates 0.1 0]
-    python benchmarks/noise.py --questions 2 --slips
+    python benchmarks/campaigns/noise.py [--problems camel hartman3] [--seeds 10] [--first 0]
+    python benchmarks/campaigns/noise.py --rates 0.1 0 --questions 2 --slips
 
 Each study has 50 experiments, 10 of them initial, and up to `--questions` comparisons each; a
 share of the answers is wrong, and the same pair would be answered the same again unless they are

@@ -1,8 +1,8 @@
 """The overtaking: random tunings, and calibrations by preferences against the paper's optimum.
 
-    OMP_NUM_THREADS=1 python benchmarks/overtake.py [--samples 500] [--seeds 20] [--jobs 1]
+    OMP_NUM_THREADS=1 python benchmarks/campaigns/overtake.py [--samples 500] [--seeds 20]
     ... --samples 0 --agents GLISp RandomSearch LatinHypercube
-    ... --steering "per step"            # 0.0873 rad a step in place of 0.0873 rad/s
+    ... --steering "per step"  # 0.0873 rad a step in place of 0.0873 rad/s
     ... --optimum --steering "per second" "per step"
 
 Part one runs a seeded sample of θ in the box and reports how they ended: interrupted runs,

@@ -1,7 +1,7 @@
 """What KPIs beside θ are worth: the CSTR calibrated with useful, useless and misleading ones.
 
-    python benchmarks/outcomes.py                         # all, 20 seeds, 50 experiments
-    python benchmarks/outcomes.py --kinds none all --n-init 6 --n-max 25 --jobs 2
+    python benchmarks/campaigns/outcomes.py  # all, 20 seeds, 50 experiments
+    python benchmarks/campaigns/outcomes.py --kinds none all --n-init 6 --n-max 25 --jobs 2
 
 Prints a Markdown table: median and quartiles of the true index of the best so far after some
 numbers of experiments. The answers come from the scenario's synthetic calibrator. With

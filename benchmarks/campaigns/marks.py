@@ -1,8 +1,8 @@
 """How much marks help: test functions with an unsafe third of the box, marks told or kept back.
 
-    python benchmarks/marks.py                          # 15 problems, 20 seeds, some 40 minutes
-    python benchmarks/marks.py --seeds 5 --functions camel hartman3
-    python benchmarks/marks.py --scenarios              # automatic marks: 4 scenes, half an hour
+    python benchmarks/campaigns/marks.py  # 15 problems, 20 seeds, some 40 minutes
+    python benchmarks/campaigns/marks.py --seeds 5 --functions camel hartman3
+    python benchmarks/campaigns/marks.py --scenarios  # automatic marks: 4 scenes, half an hour
 
 Prints a Markdown table. The synthetic calibrator prefers a safe experiment to an unsafe one and
 compares two of a kind by the function; with marks it also says which side was unsafe. With

@@ -1,6 +1,6 @@
 """What a controller step costs beside the bare QP solve called from Python, in one run.
 
-    python benchmarks/controller_step.py [--rounds 200] [--backend piqp]
+    python benchmarks/speed/controller_step.py [--rounds 200] [--backend piqp]
 
 Every round takes the steps of one closed-loop experiment twice: whole (linearise, build, solve,
 check) and the bare solver on the same QPs (set up, solve). The ratio of each pair is what counts.

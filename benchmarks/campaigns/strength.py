@@ -1,6 +1,6 @@
 """What "much better" is worth: GLISp with and without strengths, in paired runs.
 
-    python benchmarks/strength.py [--problems camel cstr] [--seeds 16] [--first 0] [--factor 3]
+    python benchmarks/campaigns/strength.py [--problems camel cstr] [--seeds 16] [--factor 3]
 
 Two people who never err say "much better" where the latent costs differ by more than a threshold:
 "start" by the median of the differences among the ten experiments of the start, "recent" by the

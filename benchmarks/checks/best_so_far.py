@@ -1,7 +1,7 @@
 """Replay studies with a sure hand: is "best so far" true, and is anything better left behind?
 
-    python benchmarks/best_so_far.py                               # as in docs/best_so_far.md
-    python benchmarks/best_so_far.py --problems camel --seeds 2    # a look
+    python benchmarks/checks/best_so_far.py                             # as in docs/best_so_far.md
+    python benchmarks/checks/best_so_far.py --problems camel --seeds 2  # a look
 
 The calibrator never errs, so three counts must be 0: questions in which the experiment called the
 best so far had lost to another one before; studies that return another experiment than the best of

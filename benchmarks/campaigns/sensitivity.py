@@ -1,7 +1,7 @@
 """How much the exploration δ of GLISp matters: a scenario calibrated with several δ and seeds.
 
-    python benchmarks/sensitivity.py                    # δ from 0 to 16 on the CSTR, 10 seeds
-    python benchmarks/sensitivity.py --seeds 3 --jobs 2
+    python benchmarks/campaigns/sensitivity.py  # δ from 0 to 16 on the CSTR, 10 seeds
+    python benchmarks/campaigns/sensitivity.py --seeds 3 --jobs 2
 
 Prints a Markdown table of the true index of the θ that each study returns, and draws the figure of
 docs/research/sensitivity.md. The answers come from the scenario's synthetic calibrator. With
@@ -34,7 +34,7 @@ from prefcal_scenarios.app.presentation.style import (
 )
 
 DELTAS = (0.0, 0.1, 0.3, 1.0, 3.0, 4.8, 16.0)
-FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "sensitivity.png"
+FIGURE = Path(__file__).parents[2] / "docs" / "figures" / "sensitivity.png"
 SHADES = ("#9fb3c8", "#5b9bd5", BEST, "#e8a06a", OTHERS[0], *OTHERS[1:])
 
 

@@ -1,6 +1,6 @@
 """What the estimator of docs/mpc.md is worth: plants that differ from the model, and noise.
 
-    python benchmarks/offset_free.py     # some seconds
+    python benchmarks/checks/offset_free.py  # some seconds
 
 The reactor at the paper's θ by preferences, with settling switched off: an experiment that stops
 when it has settled shows the moment, not the offset that stays. The car on a free road, its

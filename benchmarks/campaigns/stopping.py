@@ -1,6 +1,6 @@
 """What stopping advice is worth: improvements foretold for ten experiments, and what happened.
 
-    python benchmarks/stopping.py [--functions camel branin] [--seeds 10]
+    python benchmarks/campaigns/stopping.py [--functions camel branin] [--seeds 10]
 
 GLISp is asked for its advice after 15, 20 ... 40 of 50 experiments. Two people compare: one sees
 every difference, the other calls two experiments as good whose costs differ by less than 2 % of

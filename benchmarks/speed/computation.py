@@ -1,6 +1,6 @@
 """Fits the model of a step's computation time on this machine, and shows how well it fits.
 
-    OMP_NUM_THREADS=1 python benchmarks/computation.py [--rounds 15]
+    OMP_NUM_THREADS=1 python benchmarks/speed/computation.py [--rounds 15]
 
 The measurement is that of `prefcal processor measure`: every step of closed-loop runs of the car,
 over horizons small and large, is timed `rounds` times and its shortest time kept. Prints the four
