@@ -1,10 +1,17 @@
-"""How good the best so far is after each experiment of a study, for the other scripts."""
+"""What several campaigns need: the course of a study, and many studies in several processes."""
 
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
+from typing import Any, TypeVar
+
+from rich.console import Console
+from rich.progress import track
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.loop import Comparison
+
+T = TypeVar("T")
 
 
 def best_after_each(
@@ -24,3 +31,13 @@ def best_after_each(
             course.append(0.0)
         course[-1] = costs[tuple(agent.best.tolist())]
     return course
+
+
+def spread(
+    function: Callable[[Any], T], jobs: Sequence[Any], processes: int, label: str = "calibrating"
+) -> Iterator[T]:
+    """Yield the result of each job, in order, with a progress bar."""
+    console = Console(stderr=True)
+    with ProcessPoolExecutor(processes) if processes > 1 else nullcontext() as pool:
+        results = map(function, jobs) if pool is None else pool.map(function, jobs)
+        yield from track(results, label, total=len(jobs), console=console)

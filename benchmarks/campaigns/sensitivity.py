@@ -9,16 +9,14 @@ OPENBLAS_NUM_THREADS=1 in the environment it takes half the time.
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from course import best_after_each
+from course import best_after_each, spread
 from matplotlib.axes import Axes
 from rich.console import Console
-from rich.progress import track
 
 from prefcal_agents import GLISp
 from prefcal_env.preferences.loop import calibrate
@@ -55,14 +53,6 @@ def best_costs(study: Study) -> list[float]:
     agent = GLISp(scenario.space, n_max=study.n_max, seed=study.seed, delta=study.delta)
     judge = scenario.calibrators["synthetic"](study.seed)
     return best_after_each(agent, calibrate(agent, scenario.run, judge), scenario.cost)
-
-
-def run(studies: Sequence[Study], jobs: int) -> Iterator[list[float]]:
-    """The results in the order of `studies`, with a progress bar."""
-    console = Console(stderr=True)
-    with ProcessPoolExecutor(jobs) as pool:
-        results = pool.map(best_costs, studies)
-        yield from track(results, "calibrating", total=len(studies), console=console)
 
 
 def table(deltas: Sequence[float], final: np.ndarray) -> str:
@@ -125,7 +115,9 @@ def main() -> None:
     studies = [
         Study(args.scenario, d, s, args.n_max) for d in args.deltas for s in range(args.seeds)
     ]
-    costs = np.array(list(run(studies, args.jobs))).reshape(len(args.deltas), args.seeds, -1)
+    costs = np.array(list(spread(best_costs, studies, args.jobs))).reshape(
+        len(args.deltas), args.seeds, -1
+    )
     draw(args.deltas, costs, args.out)
     print(table(args.deltas, costs[:, :, -1]))
     Console(stderr=True).print(f"Figure: {args.out}")

@@ -1,6 +1,6 @@
 """The events of a study as frozen data, to and from JSON.
 
-A new event needs its class here, and its rule in `fold.step`.
+A new event needs its class here, and its rule in `fold.py`.
 """
 
 from collections.abc import Mapping

@@ -6,7 +6,6 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import uvicorn
@@ -18,11 +17,37 @@ from .app import make_app
 from .binding import bind
 from .connections import Connection
 from .hosts import Hosts, in_link, seen_from_outside, warning
-from .presence import Presence
 from .security import LARGEST_HEAD
 
 _GRACE = 1
 """Seconds to finish open requests when the window closes."""
+_HIDDEN = 70.0
+"""Seconds that a page in a hidden tab may be silent; browsers wake it once a minute."""
+
+
+class Presence:
+    """A record of when a page was last open.
+
+    Args:
+        clock: Monotonic clock, in seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._until: float | None = None
+
+    def seen(self, waits: bool) -> None:
+        """Note that a page asked for the current state, or that its wait ended.
+
+        Args:
+            waits: Whether the page waits for the next change. A page in a hidden tab does not; it
+                only asks from time to time.
+        """
+        self._until = self._clock() + (0.0 if waits else _HIDDEN)
+
+    def away(self) -> float | None:
+        """Return the seconds since a page was last open; None before the first page."""
+        return None if self._until is None else max(0.0, self._clock() - self._until)
 
 
 class Window:
@@ -95,12 +120,7 @@ class Window:
         self._app.state.assets.pack_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop serving. Pages that wait for a change get a response first."""
         self._server.should_exit = True
         self._app.state.watch.stop()
