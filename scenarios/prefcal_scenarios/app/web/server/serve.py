@@ -11,7 +11,10 @@ from typing import Any, Self
 import uvicorn
 
 from prefcal_scenarios.app.session import Interview
+from prefcal_scenarios.app.web.api import Api
 from prefcal_scenarios.app.web.reports import Reports
+from prefcal_scenarios.app.web.views import Views
+from prefcal_scenarios.app.web.watch import Watch
 
 from .app import make_app
 from .binding import bind
@@ -88,12 +91,13 @@ class Window:
         self.link_for_others = outside and f"http://{outside}:{self.port}/open/{self._token}"
         self.closed = threading.Event()
         self._reports = Reports()
+        self._watch = Watch(interview)
+        self._reports.changed = self._watch.wake
+        views = Views(interview, self._reports, again, command)
+        api = Api(interview, views, self._watch, self.closed, self._presence.seen)
         self._app = make_app(
-            interview, token=self._token, port=self.port, hosts=Hosts.of(address, self.port),
-            reports=self._reports, again=again, command=command, closed=self.closed,
-            seen=self._presence.seen,
-        )  # fmt: skip
-        self._reports.changed = self._app.state.watch.wake
+            api, token=self._token, port=self.port, hosts=Hosts.of(address, self.port)
+        )
         self._server = uvicorn.Server(_config(self._app))
         self._thread = threading.Thread(target=self._serve, name="window", daemon=True)
 
@@ -113,7 +117,7 @@ class Window:
     @property
     def waiting(self) -> int:
         """Return the number of pages that wait for a change."""
-        return int(self._app.state.watch.waiting)
+        return self._watch.waiting
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -123,7 +127,7 @@ class Window:
     def __exit__(self, *_: object) -> None:
         """Stop serving. Pages that wait for a change get a response first."""
         self._server.should_exit = True
-        self._app.state.watch.stop()
+        self._watch.stop()
         self._thread.join(timeout=_GRACE + 1)
         self._socket.close()
 
