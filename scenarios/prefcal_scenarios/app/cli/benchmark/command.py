@@ -1,12 +1,12 @@
 """`prefcal bench`: compare agents on problems."""
 
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
 from prefcal_scenarios.app.cli.parameters import given, takes
+
+from .options import BenchOptions
 
 EPILOG = """\
 [bold]Examples[/bold]
@@ -36,104 +36,6 @@ EPILOG = """\
 Results with the same digest are identical to the last bit, on any machine and
 in any order. The exit code is 1 if a run failed, and 130 after Ctrl-C.
 """
-
-
-@dataclass(frozen=True, slots=True)
-class BenchOptions:
-    """Options of `prefcal bench`, in the order of its help; None leaves it to the suite."""
-
-    quick: Annotated[
-        bool,
-        typer.Option(
-            "--quick", metavar="", help="Run a small suite; the options below change it, too."
-        ),
-    ] = False
-    agents: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAMES",
-            help="Agents, separated by commas: names or own.py:Agent. All are compared with the "
-            "first. A wrong name lists them all.",
-            show_default="all that are installed",
-        ),
-    ] = None
-    problems: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAMES",
-            help="Problems, separated by commas: test functions, cstr, cstr-guidelines and "
-            "overtake. A wrong name lists them all.",
-            show_default="all",
-        ),
-    ] = None
-    calibrators: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAMES",
-            help="Who answers: perfect (by the cost), lexicographic (by criteria in their order), "
-            "noisy10 or noisy20 (that percentage of the answers is wrong).",
-            show_default="all",
-        ),
-    ] = None
-    seeds: Annotated[
-        int | None,
-        typer.Option(
-            min=1, metavar="N", help="Number of seeds: 0, 1, ..., N-1.", show_default="20; quick: 3"
-        ),
-    ] = None
-    n_init: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="Number of experiments before learning starts.",
-            show_default="10, or half of --n-max if that is less",
-        ),
-    ] = None
-    n_max: Annotated[
-        int | None,
-        typer.Option(min=2, metavar="N", help="Number of experiments.", show_default="50"),
-    ] = None
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            min=1, metavar="N", help="Processes on this machine.", show_default="one per core"
-        ),
-    ] = None
-    cell_timeout: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS",
-            help="Most seconds that one cell may take on this machine; a longer one is ended and "
-            "counts as failed. inf: no limit.",
-            show_default="3600, an hour",
-        ),
-    ] = None
-    dask: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Run on this Dask scheduler instead (pip install 'prefcal\\[dask]').",
-        ),
-    ] = None
-    out: Annotated[
-        Path,
-        typer.Option(
-            metavar="FOLDER", help="Folder of the results; results already in it are not run again."
-        ),
-    ] = Path("prefcal-bench")
-    json: Annotated[
-        bool,
-        typer.Option(
-            "--json",
-            metavar="",
-            help="Print only JSON on standard output (messages go to standard error).",
-        ),
-    ] = False
-    csv: Annotated[
-        bool,
-        typer.Option("--csv", metavar="", help="Print only the table, as CSV, on standard output."),
-    ] = False
 
 
 @takes(BenchOptions)

@@ -18,8 +18,8 @@ from prefcal_scenarios.bench.engine import Workers
 from prefcal_scenarios.bench.executors import usable_cores
 from prefcal_scenarios.bench.results import as_csv, duel_table, print_table, table, write
 
-from .command import BenchOptions
 from .display import BenchDisplay
+from .options import BenchOptions
 
 _TIMEOUT = 3600.0
 """Default time limit of a cell in seconds; the slowest agents take minutes for 50 experiments."""
