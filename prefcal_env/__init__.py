@@ -34,6 +34,7 @@ from prefcal_env.preferences.answer import Strength as Strength
 from prefcal_env.preferences.answer import Suggestion as Suggestion
 from prefcal_env.preferences.kpis import Outcome as Outcome
 from prefcal_env.preferences.loop import Comparison as Comparison
+from prefcal_env.preferences.loop import ask_and_tell as ask_and_tell
 from prefcal_env.preferences.loop import calibrate as calibrate
 from prefcal_env.preferences.run_facts import completed as completed
 

@@ -19,7 +19,8 @@ CUBE = KnobSpace([Knob(f"z{k}", 0, 1, step=0) for k in range(3)])
 
 @pytest.fixture
 def script(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    for folder in ("checks", "campaigns"):
+        monkeypatch.syspath_prepend(ROOT / "benchmarks" / folder)
     return importlib.import_module
 
 

@@ -109,7 +109,7 @@ def test_no_document_names_a_host_to_load_from_or_a_path_of_a_machine():
 
 
 def test_every_figure_of_a_page_is_there_and_made_by_a_command_and_no_other_is_kept():
-    script = ROOT / "benchmarks" / "figures.py"
+    script = ROOT / "benchmarks" / "checks" / "figures.py"
     found = json.loads(run([sys.executable, str(script), "--list"], ROOT))
     assert found["wrong"] == []
     shown = {n for p in DOCUMENTS for n in re.findall(r"figures/([\w-]+\.png)", p.read_text())}

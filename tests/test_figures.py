@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.fixture
 def figures(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "checks")
     return importlib.import_module("figures")
 
 
@@ -60,7 +60,7 @@ def test_a_stale_story_ends_the_check_with_1(figures, clone, monkeypatch):
         maker = (lambda folder, story=story: ({"a.png": b"png"}, story), ("a.png",))
         monkeypatch.setattr(figures, "MAKERS", {"told": maker, "other": (None, ("tried.png",))})
         assert figures.check(["told"], said.append) == code
-    assert "python benchmarks/figures.py" in said[-1]
+    assert "python benchmarks/checks/figures.py" in said[-1]
 
 
 def test_figures_of_a_campaign_are_taken_from_its_folder(figures, clone, tmp_path):

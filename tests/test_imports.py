@@ -148,7 +148,9 @@ def test_no_import_goes_in_a_circle():
     assert list(TopologicalSorter(graph).static_order())  # or CycleError, which names the circle
 
 
-@pytest.mark.parametrize("folder", FOLDERS.values(), ids=FOLDERS)
+@pytest.mark.parametrize(
+    "folder", [*FOLDERS.values(), ROOT / "benchmarks"], ids=[*FOLDERS, "benchmarks"]
+)
 def test_folders_stay_small_enough_to_be_seen_at_once(folder):
     for place in (folder, *(path for path in folder.rglob("*") if path.is_dir())):
         modules = [path for path in place.glob("*.py") if path.stem != "__init__"]

@@ -42,6 +42,7 @@ def toy_record(
         scenario=scenario,
         source=f"{TOY_FILE}:{name}",
         comparisons=tuple(comparisons),
+        held=agent.state.history.incumbents(),
         references={k: scenario.run(np.array(v)) for k, v in scenario.references.items()},
         settings={"agent": "glisp", "seed": 1},
         n_init=4,

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -13,10 +14,10 @@ from prefcal_agents.support.checks import integer
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Agent, Answer, Preference
+from prefcal_env.preferences.loop import ask_and_tell
 
-Prefer = Callable[
-    [Float[np.ndarray, " n"], Float[np.ndarray, " n"]], Answer | Preference | int | None
-]
+Theta = Float[np.ndarray, " n"]
+Prefer = Callable[[Theta, Theta], Answer | Preference | int | None]
 
 
 @runtime_checkable
@@ -83,16 +84,12 @@ def minimize_by_preference(
         n_init = min(10, n_max // 2)
     warm: dict[str, Any] = {} if start is None else {"start": start}
     study = agent(space, n_init=n_init, n_max=n_max, seed=seed, **warm)
-    samples, answers = [], []
-    while not study.done:
-        query = study.ask()
-        if not query.further:
-            samples.append(query.challenger.theta)
-        if query.incumbent is None:
-            study.tell(query, None)
-            continue
-        answers.append(
-            Answer.of(prefer(query.challenger.theta.copy(), query.incumbent.theta.copy()))
-        )
-        study.tell(query, answers[-1])
-    return Minimum(np.array(study.best), np.array(samples), tuple(answers))
+    steps = list(ask_and_tell(study, lambda theta: theta, partial(_answer, prefer)))
+    samples = [step.challenger for step in steps if not step.query.further]
+    answers = tuple(step.answer for step in steps if step.answer is not None)
+    return Minimum(np.array(study.best), np.array(samples), answers)
+
+
+def _answer(prefer: Prefer, new: Theta, old: Theta | None) -> Answer | None:
+    """Ask `prefer`, which gets copies: it may write into them."""
+    return None if old is None else Answer.of(prefer(new.copy(), old.copy()))

@@ -69,7 +69,7 @@ class Constraint:
     def _called(self, values: Values) -> np.ndarray:
         try:
             return np.asarray(self.g(values), dtype=float)
-        except Exception as error:
+        except Exception as error:  # the user's own function can raise anything
             raise KnobError(
                 f"constraint {self.name!r} cannot be computed at {dict(values)}: "
                 f"{type(error).__name__}: {error}"

@@ -1,7 +1,8 @@
-"""The loop of a study: ask, run, compare, tell. You can stop it between any two comparisons."""
+"""The loop of a study: ask, run, answer, tell. You can stop it after any answer."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +13,62 @@ from .answer import Agent, Answer, Calibrator, Preference, Query
 from .run_facts import completed
 
 Run = Callable[[Float[np.ndarray, " n"]], Experiment]
+R = TypeVar("R")
+A = TypeVar("A")
+
+
+class AskTell(Protocol):
+    """What the loop needs of an agent, whatever it learns from."""
+
+    @property
+    def done(self) -> bool:
+        """Return whether it has no more questions."""
+
+    def ask(self) -> Query:
+        """Return the open query."""
+
+    def tell(self, query: Query, answer: Any) -> None:
+        """Close `query`."""
+
+
+class Step(NamedTuple, Generic[R, A]):
+    """One turn of the loop: a closed query, the results it is about, and the answer.
+
+    `incumbent` is None if nothing was compared: in the first query, and for an agent that
+    learns from scores.
+    """
+
+    query: Query
+    challenger: R
+    incumbent: R | None
+    answer: A
+
+
+def ask_and_tell(
+    agent: AskTell,
+    run: Callable[[Float[np.ndarray, " n"]], R],
+    answer: Callable[[R, R | None], A],
+) -> Iterator[Step[R, A]]:
+    """Drive any agent until it is done, yielding each step after the agent is told.
+
+    Args:
+        agent: Agent that proposes θ; it is changed.
+        run: Function that returns the result of a physical θ, shape (n,); called once for each
+            experiment.
+        answer: Function that returns what the agent is told about the results of challenger and
+            incumbent: an answer, or a score of the challenger.
+    """
+    results: dict[int, R] = {}
+    while not agent.done:
+        query = agent.ask()
+        for side in (query.challenger, query.incumbent):
+            if side is not None and side.index not in results:
+                results[side.index] = run(side.theta)
+        challenger = results[query.challenger.index]
+        incumbent = None if query.incumbent is None else results[query.incumbent.index]
+        told = answer(challenger, incumbent)
+        agent.tell(query, told)
+        yield Step(query, challenger, incumbent, told)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,20 +119,15 @@ def calibrate(
     Yields:
         The comparisons, `agent.n_max` of them, the first without an incumbent.
     """
-    experiments: dict[int, Experiment] = {}
-    while not agent.done:
-        query = agent.ask()
-        for side in (query.challenger, query.incumbent):
-            if side is not None and side.index not in experiments:
-                experiments[side.index] = run(side.theta)
-        challenger = experiments[query.challenger.index]
-        incumbent = None if query.incumbent is None else experiments[query.incumbent.index]
-        answer = Answer(None)
+
+    def answer(challenger: Experiment, incumbent: Experiment | None) -> Answer:
+        said = Answer(None)
         if incumbent is not None:
-            answer = Answer.of(calibrator.prefer(challenger, incumbent))
+            said = Answer.of(calibrator.prefer(challenger, incumbent))
         pair = None
-        if outcome is not None and answer.outcomes is None:
+        if outcome is not None and said.outcomes is None:
             pair = (outcome(challenger), None if incumbent is None else outcome(incumbent))
-        answer = completed(answer, challenger, incumbent, pair)
-        agent.tell(query, answer)
-        yield Comparison(query, answer, challenger, incumbent)
+        return completed(said, challenger, incumbent, pair)
+
+    for step in ask_and_tell(agent, run, answer):
+        yield Comparison(step.query, step.answer, step.challenger, step.incumbent)

@@ -157,7 +157,7 @@ def _computed(
     try:
         return {str(name): float(value) for name, value in computed(kpis, made).items()}
     except Exception as error:
-        # The user's own function failed: the cause may be the record or the function.
+        # The user's own function can raise anything; the record or the function is the cause.
         raise RecordError(
             "the scenario cannot compute the KPIs of this record "
             f"({type(error).__name__}: {error}): fix the record or the scenario"

@@ -1,6 +1,6 @@
 """Define the events of a study as frozen data, and convert them to and from JSON.
 
-A new event needs a class here and a rule in `fold.step`.
+A new event needs a class here and a rule in `fold.py`.
 """
 
 from collections.abc import Mapping

@@ -3,9 +3,8 @@
 import sqlite3
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -76,17 +75,15 @@ class StudyFile:
         Raises:
             StudyError: If there is none, or it is damaged, not a study, or of another format.
         """
-        with told(existing(path), "open"):
+        with told(existing(path), "open"), ExitStack() as undo:
             connection = connect(path)
-            try:
-                schema.check(connection, str(path))
-                connection.execute("PRAGMA journal_mode = WAL")
-                connection.execute("PRAGMA synchronous = FULL")
-                file = cls(connection, str(path), clock)
-                file._load()
-            except BaseException:
-                connection.close()
-                raise
+            undo.callback(connection.close)
+            schema.check(connection, str(path))
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = FULL")
+            file = cls(connection, str(path), clock)
+            file._load()
+            undo.pop_all()  # it stays open
         return file
 
     def _begin(self, created: Created) -> None:
@@ -210,7 +207,7 @@ class StudyFile:
                 )
             self._insert(pairs, times)
             connection.execute("COMMIT")
-        except BaseException:
+        except BaseException:  # Ctrl-C too: either all of it is recorded, or nothing
             self._last = before
             if connection.in_transaction:
                 connection.execute("ROLLBACK")
@@ -254,12 +251,7 @@ class StudyFile:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

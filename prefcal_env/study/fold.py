@@ -1,6 +1,6 @@
 """Compute the state of a study from its events, one by one, without side effects."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -92,57 +92,10 @@ def step(state: State, seq: int, at: str, event: Event) -> State:
     Raises:
         StudyError: If the event is impossible in `state`; the error names its number.
     """
-    match event:
-        case Suggested():
-            return _suggested(state, seq, event)
-        case Finished(index):
-            _sample(state, seq, index)
-            earlier = event.same_as is None or 0 < event.same_as < seq
-            _require(earlier, seq, f"event {event.same_as} is not an earlier one")
-            failures = {i: e for i, e in state.failures.items() if i != index}
-            source = seq if event.same_as is None else event.same_as
-            return replace(state, finished={**state.finished, index: source}, failures=failures)
-        case Dialed():
-            return _dialed(state, seq, event)
-        case Replaced():
-            return _replaced(state, seq, event)
-        case Failed(index, error):
-            _sample(state, seq, index)
-            return replace(state, failures={**state.failures, index: error})
-        case Shown(challenger, incumbent):
-            _shown(state, seq, challenger, incumbent)
-            return replace(state, open=(seq, event))
-        case Answered():
-            return _answered(state, seq, at, event)
-        case Marked(index, mark, on):
-            _sample(state, seq, index)
-            _require(mark in MARKS, seq, f"a mark must be one of {MARKS}, got {mark!r}")
-            # The marks exclude each other: the last one counts.
-            now = frozenset({mark}) if on else state.marks.get(index, frozenset()) - {mark}
-            return replace(state, marks={**state.marks, index: now})
-        case Retracted(answer):
-            return _retracted(state, seq, answer)
-        case Undone():
-            return _undone(state, seq)
-        case Noted(text):
-            return replace(state, notes=(*state.notes, (at, text)))
-        case Extended(n_max):
-            answered = state.history.answered
-            _require(
-                n_max >= answered, seq, f"n_max {n_max} is below the {answered} that are answered"
-            )
-            return replace(state, n_max=n_max)
-        case Ended(reason):
-            return replace(state, ended=reason, open=None)
-        case Reopened():
-            return replace(state, ended=None)
-        case Respaced():
-            return _respaced(state, seq, event)
-        case Adjusted(settings):
-            return _adjusted(state, seq, settings)
-        case Created():
-            raise StudyError(f"event {seq}: a study is created once")
-    raise StudyError(f"event {seq}: there is no rule for {type(event).__name__}")
+    rule = _RULES.get(type(event))
+    if rule is None:
+        raise StudyError(f"event {seq}: there is no rule for {type(event).__name__}")
+    return rule(state, seq, at, event)
 
 
 def _require(holds: bool, seq: int, otherwise: str) -> None:
@@ -154,7 +107,7 @@ def _sample(state: State, seq: int, index: int) -> None:
     _require(0 <= index < len(state.history.samples), seq, f"sample {index} was never proposed")
 
 
-def _suggested(state: State, seq: int, event: Suggested) -> State:
+def _suggested(state: State, seq: int, _at: str, event: Suggested) -> State:
     history, due = state.history, state.history.answered
     is_due = event.index == due and history.pending is None
     _require(is_due, seq, f"sample {event.index} is not due")
@@ -164,7 +117,21 @@ def _suggested(state: State, seq: int, event: Suggested) -> State:
     return replace(state, history=history, open=None)
 
 
-def _dialed(state: State, seq: int, event: Dialed) -> State:
+def _finished(state: State, seq: int, _at: str, event: Finished) -> State:
+    _sample(state, seq, event.index)
+    earlier = event.same_as is None or 0 < event.same_as < seq
+    _require(earlier, seq, f"event {event.same_as} is no earlier one")
+    failures = {i: e for i, e in state.failures.items() if i != event.index}
+    source = seq if event.same_as is None else event.same_as
+    return replace(state, finished={**state.finished, event.index: source}, failures=failures)
+
+
+def _failed(state: State, seq: int, _at: str, event: Failed) -> State:
+    _sample(state, seq, event.index)
+    return replace(state, failures={**state.failures, event.index: event.error})
+
+
+def _dialed(state: State, seq: int, _at: str, event: Dialed) -> State:
     due, was = state.history.answered, state.history.pending
     if was is None or event.index != due:
         raise StudyError(f"event {seq} is impossible: sample {event.index} is not open")
@@ -174,7 +141,7 @@ def _dialed(state: State, seq: int, event: Dialed) -> State:
     return replace(state, history=history, proposed=proposed)
 
 
-def _replaced(state: State, seq: int, event: Replaced) -> State:
+def _replaced(state: State, seq: int, _at: str, event: Replaced) -> State:
     _require(event.index in state.finished, seq, f"there is no experiment of sample {event.index}")
     _require(state.ended is None, seq, "the study is over")
     outcome = Outcome.from_dict(event.outcome) if event.outcome else None
@@ -185,10 +152,21 @@ def _replaced(state: State, seq: int, event: Replaced) -> State:
     )
 
 
-def _shown(state: State, seq: int, challenger: int, incumbent: int) -> None:
-    for index in (challenger, incumbent):
+def _shown(state: State, seq: int, _at: str, event: Shown) -> State:
+    for index in (event.challenger, event.incumbent):
         _require(index in state.finished, seq, f"there is no experiment of sample {index}")
-    _require(challenger != incumbent, seq, "an experiment is not compared with itself")
+    apart = event.challenger != event.incumbent
+    _require(apart, seq, "an experiment is not compared with itself")
+    return replace(state, open=(seq, event))
+
+
+def _marked(state: State, seq: int, _at: str, event: Marked) -> State:
+    index, mark = event.index, event.mark
+    _sample(state, seq, index)
+    _require(mark in MARKS, seq, f"a mark must be one of {MARKS}, got {mark!r}")
+    # One mark excludes the other: the last one holds.
+    now = frozenset({mark}) if event.on else state.marks.get(index, frozenset()) - {mark}
+    return replace(state, marks={**state.marks, index: now})
 
 
 def _answered(state: State, seq: int, at: str, event: Answered) -> State:
@@ -222,7 +200,8 @@ def _answered(state: State, seq: int, at: str, event: Answered) -> State:
     return replace(state, history=state.history.recorded(answer), open=None)
 
 
-def _retracted(state: State, seq: int, answer: int) -> State:
+def _retracted(state: State, seq: int, _at: str, event: Retracted) -> State:
+    answer = event.answer
     try:
         if answer < 0:
             history = state.history.retracted(-answer - 1, follow_up=True)
@@ -233,7 +212,7 @@ def _retracted(state: State, seq: int, answer: int) -> State:
     return replace(state, history=history)
 
 
-def _undone(state: State, seq: int) -> State:
+def _undone(state: State, seq: int, _at: str, _event: Undone) -> State:
     kept = state.history.answered
     _require(kept > 0, seq, "there is no answer to undo")
     return replace(
@@ -248,17 +227,39 @@ def _undone(state: State, seq: int) -> State:
     )
 
 
-def _adjusted(state: State, seq: int, settings: Mapping[str, Any]) -> State:
+def _noted(state: State, _seq: int, at: str, event: Noted) -> State:
+    return replace(state, notes=(*state.notes, (at, event.text)))
+
+
+def _extended(state: State, seq: int, _at: str, event: Extended) -> State:
+    answered = state.history.answered
+    _require(event.n_max >= answered, seq, f"n_max {event.n_max} is below what is answered")
+    return replace(state, n_max=event.n_max)
+
+
+def _ended(state: State, _seq: int, _at: str, event: Ended) -> State:
+    return replace(state, ended=event.reason, open=None)
+
+
+def _reopened(state: State, _seq: int, _at: str, _event: Reopened) -> State:
+    return replace(state, ended=None)
+
+
+def _created(_state: State, seq: int, _at: str, _event: Created) -> State:
+    raise StudyError(f"event {seq}: a study is created once")
+
+
+def _adjusted(state: State, seq: int, _at: str, event: Adjusted) -> State:
     agent: Any = state.configuration.get("agent")
     before = agent.get("settings") if isinstance(agent, Mapping) else None
     if not isinstance(before, Mapping):
         raise StudyError(f"event {seq} is impossible: the agent of the study has no settings")
-    changed = {**agent, "settings": {**before, **settings}}
+    changed = {**agent, "settings": {**before, **event.settings}}
     configuration = MappingProxyType({**state.configuration, "agent": changed})
     return replace(state, configuration=configuration)
 
 
-def _respaced(state: State, seq: int, event: Respaced) -> State:
+def _respaced(state: State, seq: int, _at: str, event: Respaced) -> State:
     due = state.history.answered
     kept = due + 1 if due in state.finished else due
     expected = {"knobs", "within", "scenario_knobs"}
@@ -289,3 +290,25 @@ def _respaced(state: State, seq: int, event: Respaced) -> State:
         marks={i: m for i, m in state.marks.items() if i < kept},
         proposed=proposed,
     )
+
+
+_RULES: Mapping[type[Event], Callable[[State, int, str, Any], State]] = {
+    Created: _created,
+    Suggested: _suggested,
+    Dialed: _dialed,
+    Finished: _finished,
+    Replaced: _replaced,
+    Failed: _failed,
+    Shown: _shown,
+    Answered: _answered,
+    Marked: _marked,
+    Retracted: _retracted,
+    Undone: _undone,
+    Noted: _noted,
+    Extended: _extended,
+    Ended: _ended,
+    Reopened: _reopened,
+    Respaced: _respaced,
+    Adjusted: _adjusted,
+}
+"""Rule of each event: state, number, time and event to the next state."""

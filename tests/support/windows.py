@@ -9,9 +9,11 @@ import httpx
 from starlette.applications import Starlette
 
 from prefcal_scenarios.app.session import Interview
-from prefcal_scenarios.app.web.api import Pace
+from prefcal_scenarios.app.web.api import Api, Pace
 from prefcal_scenarios.app.web.reports import Reports
 from prefcal_scenarios.app.web.server.app import make_app
+from prefcal_scenarios.app.web.views import Views
+from prefcal_scenarios.app.web.watch import Watch
 
 TOKEN, PORT = "the-token", 8765
 HOST = f"127.0.0.1:{PORT}"
@@ -57,6 +59,7 @@ class Room:
     app: Starlette
     reports: Reports
     closed: threading.Event
+    watch: Watch
     seen: list[str] = field(default_factory=list)
 
     def page(self, *, cookie: str = COOKIE, **headers: str) -> Page:
@@ -80,12 +83,15 @@ class Room:
         return question.id
 
 
-def make_room(interview: Interview, static: Path | None = None, **options) -> Room:
+def make_room(
+    interview: Interview, static: Path | None = None, *, pace: Pace | None = None
+) -> Room:
     """A room around `interview`, in which nobody is let wait."""
     reports, closed, seen = Reports(), threading.Event(), []
-    pace = options.pop("pace", Pace(poll=0.05, after_answer=0.0))
-    app = make_app(
-        interview, token=TOKEN, port=PORT, reports=reports, closed=closed, static=static,
-        seen=lambda waits: seen.append("poll"), pace=pace, **options,
-    )  # fmt: skip
-    return Room(interview, app, reports, closed, seen)
+    pace = pace or Pace(poll=0.05, after_answer=0.0)
+    watch = Watch(interview)
+    api = Api(
+        interview, Views(interview, reports), watch, closed, lambda waits: seen.append("poll"), pace
+    )
+    app = make_app(api, token=TOKEN, port=PORT, static=static)
+    return Room(interview, app, reports, closed, watch, seen)

@@ -12,7 +12,8 @@ from jaxtyping import Float
 
 from prefcal_agents.protocol.agent import one_thread
 from prefcal_env.errors import BenchmarkError, MissingExtraError, ProtocolError, SettingsError
-from prefcal_env.preferences.answer import Answer, Query, Suggestion
+from prefcal_env.preferences.answer import Answer, Preference, Query, Suggestion
+from prefcal_env.preferences.loop import ask_and_tell
 
 from .cell import Cell
 from .problems import Judge, Outcome, Problem, prefer, problem
@@ -67,19 +68,20 @@ def _run(cell: Cell, clock: Clock | None, key: str) -> Result:
         )
     judge = where.calibrators[cell.calibrator](cell.seed)
     agent = one.make(where.space, cell.n_init, cell.n_max, cell.seed)
-    study = _Study(agent, where, judge, cell.n_max, clock)
-    if one.kind == "value":
-        study.by_value()
-    else:
-        study.by_preference()
+    study = _Study(agent, where, judge if one.kind == "preference" else None, cell.n_max, clock)
+    study.run()
     return study.result(cell)
 
 
 class _Study:
-    """Study of one agent; outcomes are kept by θ, so that none is computed twice."""
+    """Study of one agent; outcomes are kept by θ, so that none is computed twice.
+
+    The loop asks and tells the study, which watches that the agent keeps the rules. Without a
+    judge the agent is told costs.
+    """
 
     def __init__(
-        self, agent: Any, where: Problem, judge: Judge, n_max: int, clock: Clock | None
+        self, agent: Any, where: Problem, judge: Judge | None, n_max: int, clock: Clock | None
     ) -> None:
         self._agent, self._where, self._judge = agent, where, judge
         self._n_max, self._clock = n_max, clock
@@ -90,30 +92,41 @@ class _Study:
         self._seconds: list[float] = []
         self._asked = 0
 
-    def by_preference(self) -> None:
-        """Answer questions until the agent is done."""
-        asked = 0
-        while not self._agent.done:
-            query = self._ask()
-            new, preference = self._tried(query.challenger), None
-            old = None if query.incumbent is None else self._tried(query.incumbent)
-            if old is not None:
-                asked += 1
-                preference = prefer(self._judge, new, old)
-            kpis = None if new.kpis is None else (new.kpis, None if old is None else old.kpis)
-            self._agent.tell(
-                query, preference if kpis is None else Answer(preference, outcomes=kpis)
-            )
-            self._note(asked)
+    def run(self) -> None:
+        """Answer until the agent is done, recording its state after each answer."""
+        questions = 0
+        for step in ask_and_tell(self, self._outcome, self._answer):
+            questions += step.incumbent is not None and self._judge is not None
+            row = len(self._thetas) - 1
+            self._questions[row:] = [questions]
+            if self._where.has_cost:
+                self._gaps[row:] = [self._where.gap(self._outcome(self._agent.best))]
 
-    def by_value(self) -> None:
-        """Pass values to the agent until it is done, without questions."""
-        while not self._agent.done:
-            query = self._ask()
-            self._agent.tell(query, self._tried(query.challenger).cost)
-            self._note(0)
+    def _answer(self, new: Outcome, old: Outcome | None) -> Answer | Preference | float | None:
+        """Return what the agent is told: a cost, a verdict, or a verdict with KPIs."""
+        if self._judge is None:
+            return new.cost
+        verdict = None if old is None else prefer(self._judge, new, old)
+        if new.kpis is None:
+            return verdict
+        return Answer(verdict, outcomes=(new.kpis, None if old is None else old.kpis))
 
-    def _ask(self) -> Query:
+    @property
+    def done(self) -> bool:
+        """Return whether the agent is done."""
+        return bool(self._agent.done)
+
+    def tell(self, query: Query, answer: Answer | Preference | float | None) -> None:
+        """Pass the answer on."""
+        self._agent.tell(query, answer)
+
+    def ask(self) -> Query:
+        """Return the agent's query, timed and checked.
+
+        Raises:
+            ProtocolError: If the agent breaks a rule.
+            KnobError: If a θ does not fit the space.
+        """
         start = self._clock() if self._clock else 0.0
         query: Query = self._agent.ask()
         if self._clock:
@@ -128,27 +141,22 @@ class _Study:
             self._thetas.append(self._where.space.check(theta))
         elif not 0 <= new < len(self._thetas):
             raise ProtocolError(f"experiment {len(self._thetas)} must come next, not {new}")
+        for side in (query.challenger, query.incumbent):
+            if side is not None:
+                self._check(side)
         return query
 
-    def _tried(self, suggestion: Suggestion) -> Outcome:
+    def _check(self, suggestion: Suggestion) -> None:
         if not 0 <= suggestion.index < len(self._thetas):
             raise ProtocolError(f"experiment {suggestion.index} has not been asked for yet")
         if not np.array_equal(suggestion.theta, self._thetas[suggestion.index]):
             raise ProtocolError(f"experiment {suggestion.index} had another θ before")
-        return self._outcome(suggestion.theta)
 
     def _outcome(self, theta: Float[np.ndarray, " n"]) -> Outcome:
         key = (theta + 0.0).tobytes()  # + 0.0 turns -0.0 into 0.0
         if key not in self._known:
             self._known[key] = self._where.outcome(theta)
         return self._known[key]
-
-    def _note(self, asked: int) -> None:
-        """Record the state after the latest answer in the row of the latest experiment."""
-        row = len(self._thetas) - 1
-        self._questions[row:] = [asked]
-        if self._where.has_cost:
-            self._gaps[row:] = [self._where.gap(self._outcome(self._agent.best))]
 
     def result(self, cell: Cell) -> Result:
         """Return the result of the study."""

@@ -20,7 +20,7 @@ from prefcal_scenarios.bench.problems import (
 )
 from prefcal_scenarios.cases.functions import FUNCTIONS
 
-BEST_KNOWN = Path(__file__).parents[3] / "benchmarks" / "reactor_index.csv"
+BEST_KNOWN = Path(__file__).parents[3] / "benchmarks" / "checks" / "reactor_index.csv"
 EACH = pytest.mark.parametrize("name", PROBLEMS)
 
 
@@ -91,7 +91,7 @@ def test_nothing_that_was_searched_is_below_the_two_constants():
 
 
 def table():
-    """What `benchmarks/best_known.py` found, by N_p."""
+    """What `benchmarks/checks/best_known.py` found, by N_p."""
     with BEST_KNOWN.open() as file:
         return [
             {k: v if k == "runs" else float(v) for k, v in row.items()}

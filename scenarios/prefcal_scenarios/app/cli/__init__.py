@@ -97,7 +97,8 @@ def main() -> None:
         _complain("interrupted")
         sys.exit(130)
     except Exception as error:
-        # Imported here to keep --help fast.
+        # Everything, since the classes to expect are imported only here, to keep --help fast, and
+        # the parser's differ between versions. What is unknown is raised again.
         from prefcal_env.errors import PrefcalError
 
         wrong = (str(error), 2) if isinstance(error, PrefcalError) else _wrong_call(error)

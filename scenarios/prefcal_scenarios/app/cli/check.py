@@ -160,7 +160,7 @@ def _draw(checkup: "Checkup", path: Path) -> bool:
     try:
         save(alone(checkup.scenario, experiment), buffer)
         put(path, buffer.getvalue())
-    except Exception as error:
+    except Exception as error:  # panels are the user's code: they can raise anything
         checkup.findings.append(Finding("picture", False, in_words(located(error))))
         return False
     return True

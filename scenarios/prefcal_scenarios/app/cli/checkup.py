@@ -183,7 +183,7 @@ class Checkup:
             what = f"calibrator {name!r}"
             try:
                 given = Answer.of(make(self.seed).prefer(self._ran(), self._ran()))
-            except Exception as error:
+            except Exception as error:  # the user's code can raise anything
                 yield Finding(what, False, in_words(located(error)))
                 continue
             verdict = "abstains" if given.preference is None else given.preference.name.lower()
@@ -214,7 +214,7 @@ class Checkup:
                 theta = np.array(theta, dtype=float)
                 result: object = self.scenario.run(theta, seed=self.seed)
                 ended = check_experiment(self.scenario, theta, result).end.value
-            except Exception as error:
+            except Exception as error:  # the user's code can raise anything
                 yield Finding(what, False, in_words(located(error)))
                 continue
             yield Finding(what, True, f"ended: {ended}")

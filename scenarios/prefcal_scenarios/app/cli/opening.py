@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -169,8 +169,8 @@ def _constraints(scenario: Scenario) -> dict[str, Any]:
 
 
 def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario) -> Opened:
-    file = open_described(path)
-    try:
+    with ExitStack() as undo:
+        file = undo.enter_context(open_described(path))
         state = file.state
         if state.configuration["name"] != scenario.name:
             raise StudyError(
@@ -187,9 +187,7 @@ def _resume(path: Path, name: str, given: Mapping[str, Any], scenario: Scenario)
             file.append(Adjusted({QUESTIONS: options.questions_per_experiment}))
         if options.n_max > state.n_max:
             file.append(Extended(options.n_max), *([Reopened()] if state.ended else []))
-    except BaseException:
-        file.close()
-        raise
+        undo.pop_all()  # it stays open
     return Opened(file, options, name, True)
 
 

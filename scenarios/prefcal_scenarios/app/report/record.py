@@ -69,6 +69,7 @@ class Record:
         scenario: Calibrated scenario.
         source: Name that loads the scenario again.
         comparisons: Comparisons in the order of the answers.
+        held: Index of the best experiment after each of `comparisons`; see `History.incumbents`.
         references: Experiments of the scenario's reference θ, by name.
         settings: Settings that the study was started with, by name, for people.
         agent_settings: All settings of the agent, by name.
@@ -80,8 +81,6 @@ class Record:
         good_enough: Whether the study ended early because the best is good enough.
         answered: Comparisons whose answers stand, in order, including follow-up comparisons; None
             for all of `comparisons` but the first experiment's.
-        held: Index of the best experiment after each of `comparisons`; None to derive it from the
-            answers.
         waiting: Experiments that ran and are not compared yet, by index.
         judged: Whether the answers follow the scenario's cost; otherwise, the cost is not shown.
         outlook: Whether to continue; None if unknown.
@@ -90,6 +89,7 @@ class Record:
     scenario: Scenario
     source: str
     comparisons: tuple[Comparison, ...]
+    held: tuple[int, ...]
     references: Mapping[str, Experiment] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     agent_settings: Mapping[str, Any] = field(default_factory=dict)
@@ -100,7 +100,6 @@ class Record:
     minded: Minded | None = None
     good_enough: bool = False
     answered: tuple[Comparison, ...] | None = None
-    held: tuple[int, ...] | None = None
     waiting: Mapping[int, Experiment] = field(default_factory=dict)
     judged: bool = True
     outlook: Outlook | None = None
@@ -163,16 +162,7 @@ class Record:
     def incumbents(self) -> tuple[Trial, ...]:
         """Return the best trial after each comparison."""
         by_index = {t.index: t for t in self.trials}
-        if self.held is not None:
-            return tuple(by_index[index] for index in self.held)
-        winner, winners = 0, []
-        for c in self.comparisons:
-            # Follow the answers that stand: a retracted one is an abstention here, although its
-            # winner may be the incumbent of later questions.
-            if c.incumbent is None or c.answer.preference is Preference.CHALLENGER:
-                winner = c.query.challenger.index
-            winners.append(by_index[winner])
-        return tuple(winners)
+        return tuple(by_index[index] for index in self.held)
 
     @cached_property
     def reference_costs(self) -> dict[str, float]:

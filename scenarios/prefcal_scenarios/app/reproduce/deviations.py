@@ -13,8 +13,8 @@ class Deviation:
         ours: What prefcal does.
         why: Reason for the deviation.
         effect: Measured effect, or the reason why there can be none.
-        part: Part of `benchmarks/deviations.py` that measures the effect; empty if another page
-            documents the measurement.
+        part: Part of `benchmarks/checks/deviations.py` that measures the effect; empty if another
+            page documents the measurement.
     """
 
     paper: str

@@ -1,5 +1,6 @@
 """Run the studies of section IV: reactor and car by preferences, and the reactor by its index."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -8,7 +9,7 @@ import numpy as np
 
 from prefcal_agents import GLIS, GLISp
 from prefcal_env.preferences.answer import Preference
-from prefcal_env.preferences.loop import Comparison, calibrate
+from prefcal_env.preferences.loop import Comparison, ask_and_tell, calibrate
 from prefcal_scenarios.scenario import Scenario, load
 
 from .printed import N_INIT, N_MAX
@@ -88,9 +89,8 @@ def _automated(case: Case, scenario: Scenario, seed: int) -> Study:
     """Run GLIS with the performance index of every experiment as the score."""
     assert scenario.cost is not None
     agent = GLIS(scenario.space, n_init=N_INIT, n_max=N_MAX, seed=seed)
-    while not agent.done:
-        query = agent.ask()
-        agent.tell(query, scenario.cost(scenario.run(query.challenger.theta)))
+    cost = scenario.cost
+    deque(ask_and_tell(agent, scenario.run, lambda new, _: cost(new)), maxlen=0)  # runs it
     return Study(case.name, seed, _plain(agent.best), N_MAX, 0, ())
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Channels, End, Experiment
-from prefcal_env.preferences.answer import Answer, Query, Suggestion
+from prefcal_env.preferences.answer import Answer, Preference, Query, Suggestion
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.preferences.loop import Comparison as Compared
@@ -61,6 +61,29 @@ class ExperimentStore:
         """Return what the agent can learn from two experiments besides their θ."""
         rival = None if incumbent is None else self._outcome(incumbent)
         return self._outcome(challenger), rival
+
+    def scored(self, index: int) -> tuple[int | None, Answer]:
+        """Return the best so far, and experiment `index` compared with it by the scenario's cost.
+
+        It stands in for a question if the agent is told scores. The agent learns the score alone;
+        the preference is for readers of the record. An experiment without a record has no score,
+        and an abstention instead of a preference.
+        """
+        best, value = self.study.state.history.incumbent, self._score(index)
+        if best is None:
+            return None, Answer(None, value=value)
+        rival = self._score(best)
+        if value is None:
+            return best, Answer(None)
+        if rival is None:  # anything is better than a best without a score
+            return best, Answer(Preference.CHALLENGER, value=value)
+        return best, Answer(Preference(int(np.sign(value - rival))), value=value)
+
+    def _score(self, index: int) -> float | None:
+        experiment, cost = self.experiment(index), self.scenario.cost
+        assert cost is not None, "refused before the study was begun"
+        value = float(cost(experiment)) if len(experiment.t) else np.nan
+        return value if np.isfinite(value) else None
 
     def _event(self, index: int) -> int:
         finished = self.study.state.finished

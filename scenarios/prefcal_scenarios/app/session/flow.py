@@ -27,7 +27,6 @@ from prefcal_scenarios.own.own_line import in_words
 from .experiments import ExperimentStore
 from .order import challenger_left
 from .prefetch import Prefetch
-from .scores import judged
 from .view import Phase, Question, Side
 
 
@@ -130,7 +129,7 @@ class Flow:
         if query.incumbent is not None:
             return self._show(query)
         if self.agent.by_value:
-            rival, answer = judged(self.state, self.album, index)
+            rival, answer = self.album.scored(index)
             self.study.append(Answered(None, index, rival, answer))
             self.agent.tell(query, Answer(None, value=answer.value))
         else:

@@ -4,6 +4,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Concatenate, ParamSpec
 
 import numpy as np
 from jaxtyping import Float
@@ -31,6 +32,7 @@ from .memory import agent_of, as_studied
 from .records import Given, Preview
 from .view import Choice, Now, Phase, Question
 
+P = ParamSpec("P")
 Surrogate = Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, " m"]]
 
 
@@ -226,21 +228,15 @@ class Interview:
 
     def undo(self, version: int) -> Now:
         """Undo the last answer; `version` is the one that the person saw."""
-        with self._change() as flow:
-            steps.undo(flow, version)
-            return self.now()
+        return self._do(steps.undo, version)
 
     def retract(self, answer: int) -> Now:
         """Forget what answer number `answer` taught (see `closed`); every experiment stays."""
-        with self._change() as flow:
-            steps.retract(flow, answer)
-            return self.now()
+        return self._do(steps.retract, answer)
 
     def repeat(self) -> Now:
         """Ask an earlier question again, sides swapped; the answer teaches nothing."""
-        with self._change() as flow:
-            steps.repeat(flow)
-            return self.now()
+        return self._do(steps.repeat)
 
     def pace(self, questions: int) -> Now:
         """Change the maximum number of comparisons per experiment, 1 or more.
@@ -248,9 +244,7 @@ class Interview:
         Raises:
             SettingsError: If the agent cannot ask more than one.
         """
-        with self._change() as flow:
-            steps.pace(flow, questions)
-            return self.now()
+        return self._do(steps.pace, questions)
 
     def note(self, text: str) -> Now:
         """Save a remark on the study."""
@@ -270,15 +264,11 @@ class Interview:
         Raises:
             RecordError: If the record is refused.
         """
-        with self._change() as flow:
-            records.record(flow, given)
-            return self.now()
+        return self._do(records.record, given)
 
     def fail(self, index: int, reason: str = "") -> Now:
         """Count the run of the pending sample as failed: an experiment without a record."""
-        with self._change() as flow:
-            runs.fail(flow, index, reason)
-            return self.now()
+        return self._do(runs.fail, index, reason)
 
     def stop_run(self, index: int) -> Now:
         """Stop the run of the pending sample, which then counts as failed.
@@ -286,27 +276,19 @@ class Interview:
         Raises:
             ScenarioError: If it runs inside prefcal's own process, as built-in scenarios do.
         """
-        with self._change() as flow:
-            runs.stop(flow, index)
-            return self.now()
+        return self._do(runs.stop, index)
 
     def retry(self, index: int = 0) -> Now:
         """Retry what failed, in phase FAILED: a run, or writing the study file."""
-        with self._change() as flow:
-            runs.retry(flow)
-            return self.now()
+        return self._do(runs.retry)
 
     def finish(self) -> Now:
         """End the study at the person's request."""
-        with self._change() as flow:
-            runs.finish(flow)
-            return self.now()
+        return self._do(runs.finish)
 
     def go_on(self, more: int = 0) -> Now:
         """Reopen an ended study, with `more` additional experiments."""
-        with self._change() as flow:
-            runs.go_on(flow, more)
-            return self.now()
+        return self._do(runs.go_on, more)
 
     # Work in the background.
 
@@ -369,6 +351,14 @@ class Interview:
             if worker is not None:
                 worker.stop("given up")
             self._changed.notify_all()
+
+    def _do(
+        self, step: Callable[Concatenate[Flow, P], None], *args: P.args, **kwargs: P.kwargs
+    ) -> Now:
+        """Take a step, and return what is to be seen after it."""
+        with self._change() as flow:
+            step(flow, *args, **kwargs)
+            return self.now()
 
     @contextmanager
     def _change(self) -> Iterator[Flow]:

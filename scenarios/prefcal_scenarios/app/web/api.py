@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial, wraps
 from typing import Any
 
@@ -75,7 +75,7 @@ class Api:
     watch: Watch
     closed: threading.Event
     seen: Callable[[bool], None]
-    pace: Pace
+    pace: Pace = field(default_factory=Pace)
 
     @_answering
     async def now(self, request: Request) -> Response:

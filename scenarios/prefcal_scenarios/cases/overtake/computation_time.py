@@ -18,8 +18,8 @@ SERVER_CORE = Processor(
     "one core of a server (x86-64 with AVX-512, 2023)",
     step=7.5e-5, iteration=7.5e-6, building=4.9e8, solving=2.2e10,
 )  # fmt: skip
-"""Measured by benchmarks/computation.py, compiled by numba and PIQP: the 5 to 95 % quantiles of the
-measured steps took 0.9 to 1.15 of the modeled time."""
+"""Measured by benchmarks/speed/computation.py, compiled by numba and PIQP: the 5 to 95 % quantiles
+of the measured steps took 0.9 to 1.15 of the modeled time."""
 
 PAPER_PROCESSOR = SERVER_CORE.slower(268.0, "the paper's MATLAB on a laptop")
 """Slowed down until the paper's optimum takes the paper's time, `PAPER_T_COMP`. The shares of its

@@ -183,7 +183,8 @@ def test_every_view_says_so_and_why():
 
 def test_report_and_tables_tell_automatic_marks_from_the_person_s(tmp_path):
     interview = studied()
-    record = Record(touchy, "toy", interview.comparisons())
+    held = interview.now().state.history.incumbents()
+    record = Record(touchy, "toy", interview.comparisons(), held)
     assert f"first: {WORDS}" in page(record, [])
     rows = list(csv.DictReader(io.StringIO(comparisons_as_csv(record))))
     told = [c.answer for c in interview.comparisons()[1:]]

@@ -32,7 +32,9 @@ class Newer:
 def text():
     """A report that holds the animation alone."""
     agent = RandomSearch(overtake.space, n_init=2, n_max=2, seed=0)
-    record = Record(overtake, "overtake", tuple(calibrate(agent, overtake.run, Newer())), n_max=2)
+    comparisons = tuple(calibrate(agent, overtake.run, Newer()))
+    held = agent.state.history.incumbents()
+    record = Record(overtake, "overtake", comparisons, held, n_max=2)
     film = PICTURES[0]
     assert film.markup is not None
     return page(record, [Drawn(film, "alt", b"", film.markup(record))])

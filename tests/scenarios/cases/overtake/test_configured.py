@@ -85,7 +85,9 @@ def test_the_fields_of_the_limits_say_what_they_do():
 
 @pytest.fixture(scope="module")
 def traffic():
-    spec = importlib.util.spec_from_file_location("traffic", ROOT / "benchmarks" / "traffic.py")
+    spec = importlib.util.spec_from_file_location(
+        "traffic", ROOT / "benchmarks" / "checks" / "traffic.py"
+    )
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -93,7 +95,7 @@ def traffic():
 
 @pytest.mark.parametrize("i", range(3))
 def test_random_tunings_in_any_traffic_end_with_a_reason_and_on_time(traffic, i):
-    """Three θ of the 500 that benchmarks/traffic.py drives."""
+    """Three θ of the 500 that benchmarks/checks/traffic.py drives."""
     for name in traffic.TRAFFIC:
         end, wrong = traffic.judged(name, i)
         assert wrong == []

@@ -1,6 +1,5 @@
 """Show the progress of a benchmark on standard error."""
 
-from types import TracebackType
 from typing import Self
 
 from rich.console import Console
@@ -39,12 +38,7 @@ class BenchDisplay:
         self._bar.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._bar.stop()
         if not self._console.is_terminal:
             self._console.print()  # outside a terminal, rich leaves the last line open

@@ -2,7 +2,7 @@
 
 import json as json_
 import shlex
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from prefcal_scenarios.bench.executors import usable_cores
 from prefcal_scenarios.bench.results import as_csv, duel_table, print_table, table, write
 
 from .display import BenchDisplay
+from .options import BenchOptions
 
 _TIMEOUT = 3600.0
 """Default time limit of a cell in seconds; the slowest agents take minutes for 50 experiments."""
@@ -26,110 +27,98 @@ _WIDTH = 110
 """Width of the output in characters if it goes to a file or a pipe."""
 
 
-@dataclass(frozen=True, slots=True)
-class BenchOptions:
-    """Options of `prefcal bench`; None stands for the suite's own value."""
-
-    quick: bool = False
-    agents: str | None = None
-    problems: str | None = None
-    calibrators: str | None = None
-    seeds: int | None = None
-    n_init: int | None = None
-    n_max: int | None = None
-    jobs: int | None = None
-    dask: str | None = None
-    cell_timeout: float | None = None
-
-    def command(self, out: Path) -> str:
-        """Return the command line that repeats the benchmark."""
-        words = ["prefcal", "bench", *(["--quick"] if self.quick else [])]
-        for name in ("agents", "problems", "calibrators", "seeds", "n_init", "n_max"):
-            if (value := getattr(self, name)) is not None:
-                words += [f"--{name.replace('_', '-')}", str(value)]
-        return shlex.join([*words, "--out", str(out)])
-
-    def suite(self) -> Suite:
-        """Return the suite that the options select.
-
-        Raises:
-            SettingsError: If a name is unknown, a number is invalid, or nothing is left to run.
-            ScenarioError: If the file of a user's own agent cannot be loaded.
-        """
-        suite = Suite.quick() if self.quick else Suite.full()
-        given: dict[str, Any] = {
-            name: tuple(word.strip() for word in value.split(","))
-            for name in ("agents", "problems", "calibrators")
-            if (value := getattr(self, name)) is not None
-        }
-        for name in ("seeds", "n_max"):
-            if (value := getattr(self, name)) is not None:
-                given[name] = value
-        n_init = self.n_init
-        if n_init is None:
-            n_init = min(suite.n_init, max(1, given.get("n_max", suite.n_max) // 2))
-        n_max = given.get("n_max", suite.n_max)
-        if n_init > n_max:
-            raise SettingsError(
-                f"--n-max must be at least --n-init, got --n-max {n_max} and --n-init {n_init}"
-            )
-        suite = replace(suite, **given, n_init=n_init)
-        if not suite.cells:
-            raise SettingsError(f"there is nothing to run: {'; '.join(suite.left_out)}")
-        return suite
-
-    def workers(self, out: Path) -> Workers:
-        """Return the workers that run the benchmark; `out` is the folder of the results.
-
-        Raises:
-            SettingsError: If both a cluster and local processes are requested, or the number of
-                processes or the time limit is invalid.
-            MissingExtraError: If Dask is not installed.
-        """
-        if self.dask is None:
-            return Processes(
-                usable_cores() if self.jobs is None else self.jobs,
-                limit=_TIMEOUT if self.cell_timeout is None else self.cell_timeout,
-                last_words="the benchmark was killed, by an agent or from outside. The results "
-                f"so far are kept in {out}; the same command resumes.",
-            )
-        if self.jobs is not None:
-            raise SettingsError("--jobs is for this machine, --dask for a cluster: give one")
-        if self.cell_timeout is not None:
-            raise SettingsError("--cell-timeout is for this machine: a cluster has its own limits")
-        return DaskCluster(self.dask)
+def command_of(options: BenchOptions) -> str:
+    """Return the command line that repeats the benchmark."""
+    words = ["prefcal", "bench", *(["--quick"] if options.quick else [])]
+    for name in ("agents", "problems", "calibrators", "seeds", "n_init", "n_max"):
+        if (value := getattr(options, name)) is not None:
+            words += [f"--{name.replace('_', '-')}", str(value)]
+    return shlex.join([*words, "--out", str(options.out)])
 
 
-def run(options: BenchOptions, out: Path, *, json: bool, csv: bool) -> int:
+def suite_of(options: BenchOptions) -> Suite:
+    """Return the suite that the options select.
+
+    Raises:
+        SettingsError: If a name is unknown, a number is invalid, or nothing is left to run.
+        ScenarioError: If the file of a user's own agent cannot be loaded.
+    """
+    suite = Suite.quick() if options.quick else Suite.full()
+    given: dict[str, Any] = {
+        name: tuple(word.strip() for word in value.split(","))
+        for name in ("agents", "problems", "calibrators")
+        if (value := getattr(options, name)) is not None
+    }
+    for name in ("seeds", "n_max"):
+        if (value := getattr(options, name)) is not None:
+            given[name] = value
+    n_init = options.n_init
+    if n_init is None:
+        n_init = min(suite.n_init, max(1, given.get("n_max", suite.n_max) // 2))
+    n_max = given.get("n_max", suite.n_max)
+    if n_init > n_max:
+        raise SettingsError(
+            f"--n-max must be at least --n-init, got --n-max {n_max} and --n-init {n_init}"
+        )
+    suite = replace(suite, **given, n_init=n_init)
+    if not suite.cells:
+        raise SettingsError(f"there is nothing to run: {'; '.join(suite.left_out)}")
+    return suite
+
+
+def workers_of(options: BenchOptions) -> Workers:
+    """Return the workers that run the benchmark.
+
+    Raises:
+        SettingsError: If both a cluster and local processes are requested, or the number of
+            processes or the time limit is invalid.
+        MissingExtraError: If Dask is not installed.
+    """
+    if options.dask is None:
+        return Processes(
+            usable_cores() if options.jobs is None else options.jobs,
+            limit=_TIMEOUT if options.cell_timeout is None else options.cell_timeout,
+            last_words="the benchmark was killed, by an agent or from outside. The results "
+            f"so far are kept in {options.out}; the same command resumes.",
+        )
+    if options.jobs is not None:
+        raise SettingsError("--jobs is for this machine, --dask for a cluster: give one")
+    if options.cell_timeout is not None:
+        raise SettingsError("--cell-timeout is for this machine: a cluster has its own limits")
+    return DaskCluster(options.dask)
+
+
+def run(options: BenchOptions) -> int:
     """Run the missing cells, write the page, and print the result; return the exit code.
 
     Raises:
         PrefcalError: If the options are invalid, or the folder or the cluster cannot be used.
     """
-    if json and csv:
+    if options.json and options.csv:
         raise SettingsError("--json and --csv both need standard output: give one")
-    suite, workers = options.suite(), options.workers(out)
+    suite, workers = suite_of(options), workers_of(options)
     messages = Console(stderr=True)
     for words in suite.left_out:
         _say(messages, f"Left out: {words}")
     with interruption() as pressed:  # from here on, Ctrl-C prints its own message
-        store = Store(out)
+        store = Store(options.out)
         with BenchDisplay(messages) as display:
             try:
                 with pressed.allowed():
                     finished = run_suite(suite, store, workers, display)
             except KeyboardInterrupt:
                 display.say(
-                    f"Stopped; {display.done} results are kept in {out}. The same command resumes."
+                    f"Stopped; {display.done} results are kept in {options.out}. "
+                    "The same command resumes."
                 )
                 return INTERRUPTED
     page = write(
-        finished.results, finished.duels, store.folder, command=options.command(out),
+        finished.results, finished.duels, store.folder, command=command_of(options),
         digest=finished.digest, notes=(*suite.left_out, *finished.trouble), baseline=suite.baseline,
     )  # fmt: skip
-    if json:
+    if options.json:
         print(_as_json(finished, suite, page))
-    elif csv:
+    elif options.csv:
         print(as_csv(table(finished.results, baseline=suite.baseline)), end="")
     else:
         _show(finished, page, _paper(), suite.baseline)

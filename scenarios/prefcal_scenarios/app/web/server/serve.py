@@ -6,23 +6,51 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import uvicorn
 
 from prefcal_scenarios.app.session import Interview
+from prefcal_scenarios.app.web.api import Api
 from prefcal_scenarios.app.web.reports import Reports
+from prefcal_scenarios.app.web.views import Views
+from prefcal_scenarios.app.web.watch import Watch
 
 from .app import make_app
 from .binding import bind
 from .connections import Connection
 from .hosts import Hosts, in_link, seen_from_outside, warning
-from .presence import Presence
 from .security import LARGEST_HEAD
 
 _GRACE = 1
 """Seconds to finish open requests when the window closes."""
+_HIDDEN = 70.0
+"""Seconds that a page in a hidden tab may be silent; browsers wake it once a minute."""
+
+
+class Presence:
+    """A record of when a page was last open.
+
+    Args:
+        clock: Monotonic clock, in seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._until: float | None = None
+
+    def seen(self, waits: bool) -> None:
+        """Note that a page asked for the current state, or that its wait ended.
+
+        Args:
+            waits: Whether the page waits for the next change. A page in a hidden tab does not; it
+                only asks from time to time.
+        """
+        self._until = self._clock() + (0.0 if waits else _HIDDEN)
+
+    def away(self) -> float | None:
+        """Return the seconds since a page was last open; None before the first page."""
+        return None if self._until is None else max(0.0, self._clock() - self._until)
 
 
 class Window:
@@ -63,12 +91,13 @@ class Window:
         self.link_for_others = outside and f"http://{outside}:{self.port}/open/{self._token}"
         self.closed = threading.Event()
         self._reports = Reports()
+        self._watch = Watch(interview)
+        self._reports.changed = self._watch.wake
+        views = Views(interview, self._reports, again, command)
+        api = Api(interview, views, self._watch, self.closed, self._presence.seen)
         self._app = make_app(
-            interview, token=self._token, port=self.port, hosts=Hosts.of(address, self.port),
-            reports=self._reports, again=again, command=command, closed=self.closed,
-            seen=self._presence.seen,
-        )  # fmt: skip
-        self._reports.changed = self._app.state.watch.wake
+            api, token=self._token, port=self.port, hosts=Hosts.of(address, self.port)
+        )
         self._server = uvicorn.Server(_config(self._app))
         self._thread = threading.Thread(target=self._serve, name="window", daemon=True)
 
@@ -88,22 +117,17 @@ class Window:
     @property
     def waiting(self) -> int:
         """Return the number of pages that wait for a change."""
-        return int(self._app.state.watch.waiting)
+        return self._watch.waiting
 
     def __enter__(self) -> Self:
         self._thread.start()
         self._app.state.assets.pack_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop serving. Pages that wait for a change get a response first."""
         self._server.should_exit = True
-        self._app.state.watch.stop()
+        self._watch.stop()
         self._thread.join(timeout=_GRACE + 1)
         self._socket.close()
 

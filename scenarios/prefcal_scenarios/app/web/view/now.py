@@ -37,11 +37,6 @@ def now_view(
         seen: Results computed earlier for this study's experiments; none if None.
     """
     now, scenario = interview.now(), interview.scenario
-    asked = None
-    if now.question is not None:
-        asked = question_view(
-            now.question, scenario, blind=blind, seen=(seen or Seen()).look(interview)
-        )
     return {
         "version": now.version,
         "phase": now.phase.value,
@@ -50,7 +45,7 @@ def now_view(
         "study": {"place": interview.study.path, "again": again},
         "progress": _progress(interview, now),
         "can_undo": now.can_undo,
-        "question": asked,
+        "question": _question(interview, now, seen or Seen(), blind=blind),
         "problem": now.problem,
         "stopping": _stopping(now),
         "preparing": _preparing(now),
@@ -62,6 +57,13 @@ def now_view(
             interview, now, best_view(interview, now), command, report
         ),
     }  # fmt: skip
+
+
+def _question(interview: Interview, now: Now, seen: Seen, *, blind: bool) -> Any:
+    """Return the open question; None if there is none."""
+    if now.question is None:
+        return None
+    return question_view(now.question, interview.scenario, blind=blind, seen=seen.look(interview))
 
 
 def _preparing(now: Now) -> dict[str, Any] | None:

@@ -85,13 +85,13 @@ def test_the_report_wakes_the_pages(toy, static, tmp_path):
     interview = begin(toy)
     proceed(interview)
     room = make_room(interview, static, pace=Pace(poll=60.0))
-    room.reports.changed = room.app.state.watch.wake
+    room.reports.changed = room.watch.wake
     version = interview.now().version
 
     async def meet() -> httpx.Response:
         async with room.page().client() as client:
             poll = asyncio.create_task(client.get(f"/api/now?after={version}"))
-            while not room.app.state.watch.waiting:
+            while not room.watch.waiting:
                 await asyncio.sleep(0)
             room.reports.put(tmp_path)
             return await asyncio.wait_for(poll, 20)

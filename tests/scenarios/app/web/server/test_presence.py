@@ -1,6 +1,6 @@
 """How long no page has been open: the study that is over waits for one."""
 
-from prefcal_scenarios.app.web.server.presence import Presence
+from prefcal_scenarios.app.web.server.serve import Presence
 
 
 def at(seconds):

@@ -43,8 +43,9 @@ def record(first=SLUGGISH, second=PAPER, preference=Preference.CHALLENGER):
     """A study of two experiments, in which the second one is the better or not."""
     runs = iter([first, second])
     agent = RandomSearch(overtake.space, n_init=2, n_max=2, seed=0)
-    comparisons = calibrate(agent, lambda theta: next(runs), Always(preference))
-    return Record(overtake, "overtake", tuple(comparisons), n_max=2)
+    comparisons = tuple(calibrate(agent, lambda theta: next(runs), Always(preference)))
+    held = agent.state.history.incumbents()
+    return Record(overtake, "overtake", comparisons, held, n_max=2)
 
 
 def until(experiment, k):

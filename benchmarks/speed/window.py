@@ -3,7 +3,7 @@
 Starts `prefcal calibrate cstr` and a headless browser on this machine, answers by keyboard, and
 prints medians. The browser starts before the command; everything else is time that a person waits.
 
-    python benchmarks/window.py [--studies 5] [--answers 30] [--scenario cstr]
+    python benchmarks/speed/window.py [--studies 5] [--answers 30] [--scenario cstr]
 """
 
 import argparse
@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
 from support.browser import Served, Watched, chromium, serve
 

@@ -1,7 +1,7 @@
 """Measure what KPIs besides θ are worth: the CSTR with useful, useless and misleading ones.
 
-    python benchmarks/outcomes.py                         # all, 20 seeds, 50 experiments
-    python benchmarks/outcomes.py --kinds none all --n-init 6 --n-max 25 --jobs 2
+    python benchmarks/campaigns/outcomes.py  # all, 20 seeds, 50 experiments
+    python benchmarks/campaigns/outcomes.py --kinds none all --n-init 6 --n-max 25 --jobs 2
 
 Prints a Markdown table: median and quartiles of the true index of the best so far after some
 numbers of experiments. The answers come from the scenario's synthetic calibrator. With
@@ -9,16 +9,13 @@ OPENBLAS_NUM_THREADS=1 in the environment it takes half the time.
 """
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from course import best_after_each
-from rich.console import Console
-from rich.progress import track
+from course import best_after_each, spread
 
 from prefcal_agents import GLISp
 from prefcal_env import KnobSpace, tracking_kpis
@@ -92,13 +89,6 @@ def best_costs(study: Study) -> list[float]:
     return best_after_each(agent, steps, scenario.cost)
 
 
-def run(studies: Sequence[Study], jobs: int) -> Iterator[list[float]]:
-    """Return the results in the order of `studies`, with a progress bar."""
-    with ProcessPoolExecutor(jobs) as pool:
-        results = pool.map(best_costs, studies)
-        yield from track(results, "calibrating", total=len(studies), console=Console(stderr=True))
-
-
 def table(rows: Sequence[tuple[int, str]], costs: np.ndarray) -> str:
     """Return Markdown: median [quartiles] over the seeds; `costs` is (rows, seeds, n_max)."""
     after = [n for n in AFTER if n <= costs.shape[2]]
@@ -126,7 +116,9 @@ def main() -> None:
     studies = [
         Study(*row, seed, args.n_max, args.any_value) for row in rows for seed in range(args.seeds)
     ]
-    costs = np.array(list(run(studies, args.jobs))).reshape(len(rows), args.seeds, -1)
+    costs = np.array(list(spread(best_costs, studies, args.jobs))).reshape(
+        len(rows), args.seeds, -1
+    )
     print(table(rows, costs))
 
 

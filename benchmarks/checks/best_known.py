@@ -1,8 +1,8 @@
 """Search the box of the CSTR for the smallest performance index, N_p by N_p.
 
-    python benchmarks/best_known.py [--runs runs.csv] [--coarse 24]
+    python benchmarks/checks/best_known.py [--runs runs.csv] [--coarse 24]
 
-Writes `benchmarks/reactor_index.csv`: for every prediction horizon the smallest index of all, and
+Writes `reactor_index.csv` beside it: for every prediction horizon the smallest index of all, and
 the smallest one of a run that does not undershoot the accepted band. `prefcal bench` measures gaps
 from the second one; docs/reactor_index.md explains why there are two. With `--runs` every
 experiment is kept, and the same command resumes.

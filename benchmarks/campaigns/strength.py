@@ -1,6 +1,6 @@
 """Measure what "much better" is worth: GLISp with and without strengths, in paired runs.
 
-    python benchmarks/strength.py [--problems camel cstr] [--seeds 16] [--first 0] [--factor 3]
+    python benchmarks/campaigns/strength.py [--problems camel cstr] [--seeds 16] [--factor 3]
 
 Two synthetic people, who make no mistakes, say "much better" if the latent costs differ by more
 than a threshold: for "start", the median difference among the ten initial experiments; for
@@ -21,7 +21,8 @@ from prefcal_agents import GLISp
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_env.calibrators import LatentCost
 from prefcal_env.preferences.answer import Answer
-from prefcal_scenarios.bench.problems import PROBLEMS, Problem, problem
+from prefcal_env.preferences.loop import ask_and_tell
+from prefcal_scenarios.bench.problems import PROBLEMS, Outcome, Problem, problem
 
 N_INIT, N_MAX = 10, 50
 RECENT = 15
@@ -64,17 +65,13 @@ PEOPLE = {"plain": lambda of, seed: Person(lambda past: None),
 def run(of: Problem, person: Person, seed: int, factor: float) -> tuple[float, int]:
     """Return the gap of the winner, and the number of "much better" answers."""
     agent = GLISp(of.space, n_init=N_INIT, n_max=N_MAX, seed=seed)
-    best, much = None, 0
-    while not agent.done:
-        query = agent.ask()
-        new = of.outcome(query.challenger.theta)
-        answer = Answer(None) if best is None else person.prefer(new, best)
-        if answer.much_better:
-            answer, much = Answer(answer.preference, strength=factor), much + 1
-        agent.tell(query, answer)
-        if best is None or answer.preference == -1:
-            best = new
-    return of.gap(best), much
+
+    def answer(new: Outcome, old: Outcome | None) -> Answer:
+        said = Answer(None) if old is None else person.prefer(new, old)
+        return Answer(said.preference, strength=factor) if said.much_better else said
+
+    much = sum(step.answer.much_better for step in ask_and_tell(agent, of.outcome, answer))
+    return of.gap(of.outcome(agent.best)), much
 
 
 def against(gaps: np.ndarray, plain: np.ndarray) -> str:

@@ -1,7 +1,7 @@
 """Measure the effect of each deviation from the paper: the figures of docs/deviations.md.
 
-    python benchmarks/deviations.py                        # all parts: half an hour on one core
-    python benchmarks/deviations.py --parts box --seeds 4  # a look at one
+    python benchmarks/checks/deviations.py                        # all parts: half an hour
+    python benchmarks/checks/deviations.py --parts box --seeds 4  # a look at one
 
 Every part does the same thing twice, in our way and in the paper's (or the way that the paper may
 mean), on the same θ or the same seeds, and prints one table. All variations are in `deviating/`.

@@ -1,7 +1,7 @@
 """Recompute the cheap figures of README and docs, and compare them with the pages.
 
-    python benchmarks/claims.py            # about ten seconds; exits with 1 if a figure differs
-    python benchmarks/claims.py --list     # every claim and its page, without computing
+    python benchmarks/checks/claims.py  # about ten seconds; exits with 1 if a figure differs
+    python benchmarks/checks/claims.py --list  # every claim and its page, without computing
 
 A claim is a page, the exact words in it with its figures in ‹ ›, and a function that computes them.
 A figure is right if it is the computed one, rounded to the written digits. Figures of campaigns are
@@ -44,7 +44,7 @@ from prefcal_scenarios.cases.overtake import controller as car
 from prefcal_scenarios.cases.overtake import overtake
 from prefcal_scenarios.cases.overtake.computation_time import PAPER_PROCESSOR, SERVER_CORE, t_comp
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 TABLE = Path(__file__).parent / "reactor_index.csv"
 FIGURE = re.compile("‹([^›]*)›")
 Numbers = Sequence[float]

@@ -1,7 +1,7 @@
 """Time one proposal of GLISp: 50, 400 and 1,000 samples, without and with KPIs.
 
-    python benchmarks/proposal_time.py                  # a few minutes
-    python benchmarks/proposal_time.py --samples 50 --functions hartman3
+    python benchmarks/speed/proposal_time.py  # a few minutes
+    python benchmarks/speed/proposal_time.py --samples 50 --functions hartman3
 
 Prints a Markdown table: processor time in milliseconds, median and worst of the proposals after
 that number of samples, and as a multiple of a fixed piece of linear algebra timed in between, since

@@ -1,7 +1,7 @@
 """Measure what wrong answers cost, for a GLISp that expects mistakes and one that does not.
 
-    python benchmarks/noise.py [--problems camel hartman3] [--seeds 10] [--first 0] [--rates 0.1 0]
-    python benchmarks/noise.py --questions 2 --slips
+    python benchmarks/campaigns/noise.py [--problems camel hartman3] [--seeds 10] [--first 0]
+    python benchmarks/campaigns/noise.py --rates 0.1 0 --questions 2 --slips
 
 Each study has 50 experiments, 10 of them initial, and up to `--questions` comparisons each. A share
 of the answers is wrong; the same pair always gets the same answer, unless mistakes are `--slips`.
@@ -12,7 +12,7 @@ brackets the gap of the best θ visited.
 import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -22,6 +22,7 @@ from rich.table import Table
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.protocol.agent import one_thread
 from prefcal_env.preferences.answer import Preference
+from prefcal_env.preferences.loop import ask_and_tell
 from prefcal_scenarios.bench.problems import NOISES, PROBLEMS, Judge, Outcome, problem
 
 N_INIT, N_MAX = 10, 50
@@ -62,15 +63,11 @@ def run(name: str, judge: Judge, seed: int, settings: GLISpSettings) -> Gaps:
     """Run one study."""
     where = problem(name)
     agent = GLISp(where.space, n_init=N_INIT, n_max=N_MAX, seed=seed, settings=settings)
-    tried: list[Outcome] = []
-    while not agent.done:
-        query = agent.ask()
-        new, rival = query.challenger, query.incumbent
-        if not query.further:
-            tried.append(where.outcome(new.theta))
-        pair = None if rival is None else (tried[new.index], tried[rival.index])
-        agent.tell(query, None if pair is None else judge.prefer(*pair))
-    gaps = [where.gap(outcome) for outcome in tried]
+
+    def answer(new: Outcome, old: Outcome | None) -> Any:
+        return None if old is None else judge.prefer(new, old)
+
+    gaps = [where.gap(step.challenger) for step in ask_and_tell(agent, where.outcome, answer)]
     return Gaps(where.gap(where.outcome(agent.best)), min(gaps))
 
 

@@ -1,6 +1,6 @@
 """Compare stopping advice with reality: improvements predicted and observed in ten experiments.
 
-    python benchmarks/stopping.py [--functions camel branin] [--seeds 10]
+    python benchmarks/campaigns/stopping.py [--functions camel branin] [--seeds 10]
 
 GLISp gives its advice after 15, 20 ... 40 of 50 experiments. Two synthetic people compare: one sees
 every difference, the other treats two experiments as equal if their costs differ by less than 2 %
@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from prefcal_agents import Advice, GLISp
+from prefcal_env.preferences.loop import ask_and_tell
 from prefcal_scenarios.cases.functions import FUNCTIONS, TestFunction
 
 CHOSEN_ON = ("camel", "hartman3", "ackley2", "rosenbrock4", "styblinski3", "levy4")
@@ -37,16 +38,17 @@ def study(f: TestFunction, seed: int, band: float) -> list[Case]:
     """Return the advice given in one study, with the improvements that followed."""
     agent = GLISp(f.space, n_init=N_INIT, n_max=N_MAX, seed=seed)
     costs, best, won, advice = [], [], [], {}
-    while not agent.done:
-        cost = f(agent.ask().challenger.theta)
-        costs.append(cost)
-        answer = None
-        if best:
-            same = abs(cost - best[-1]) < band * np.ptp(costs[:N_INIT])
-            answer = 0 if same else int(np.sign(cost - best[-1]))
-        won.append(answer == -1)
-        best.append(cost if answer in (None, -1) else best[-1])
-        agent.tell(agent.ask(), answer)
+
+    def answer(new: float, old: float | None) -> int | None:
+        costs.append(new)
+        if old is None:
+            return None
+        same = abs(new - old) < band * np.ptp(costs[:N_INIT])
+        return 0 if same else int(np.sign(new - old))
+
+    for step in ask_and_tell(agent, f, answer):
+        won.append(step.answer == -1)
+        best.append(step.challenger if step.answer in (None, -1) else best[-1])
         if len(costs) in ASKED:
             advice[len(costs)] = agent.advice
     fall = -np.array(best) / np.ptp(costs[:N_INIT])

@@ -1,8 +1,8 @@
 """Measure which deviation of GLISp from the paper helps: paired studies on many functions.
 
-    python benchmarks/variants.py                          # all variants, all functions, 10 seeds
-    python benchmarks/variants.py --variants 'default,no process' --functions held-out --seeds 20
-    python benchmarks/variants.py --functions camel,hartman6 --first 100 --n-init 6
+    python benchmarks/campaigns/variants.py  # all variants, all functions, 10 seeds
+    python benchmarks/campaigns/variants.py --variants 'default,no process' --functions held-out
+    python benchmarks/campaigns/variants.py --functions camel,hartman6 --first 100 --n-init 6
 
 Every study of a variant is paired with the study of `default` on the same function and seed. One
 process; a study of 50 experiments takes a few seconds. docs/research/process.md has the

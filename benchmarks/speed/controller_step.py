@@ -1,6 +1,6 @@
 """Compare the time of a controller step with that of the bare QP solve called from Python.
 
-    python benchmarks/controller_step.py [--rounds 200] [--backend piqp]
+    python benchmarks/speed/controller_step.py [--rounds 200] [--backend piqp]
 
 Every round takes the steps of one closed-loop experiment twice: complete (linearize, build, solve,
 check), and with the bare solver on the same QPs (set up, solve). The result is the ratio of each

@@ -1,6 +1,6 @@
 """Measure what the estimator of docs/mpc.md is worth: plants that differ from the model, and noise.
 
-    python benchmarks/offset_free.py     # a few seconds
+    python benchmarks/checks/offset_free.py     # a few seconds
 
 The reactor runs at the paper's θ by preferences with settling switched off: an experiment that
 stops once it has settled would not show the remaining offset. The car runs on a free road with its

@@ -1,7 +1,7 @@
 """Replay studies without wrong answers: is "best so far" true, and is anything better lost?
 
-    python benchmarks/best_so_far.py                               # as in docs/best_so_far.md
-    python benchmarks/best_so_far.py --problems camel --seeds 2    # a look
+    python benchmarks/checks/best_so_far.py                             # as in docs/best_so_far.md
+    python benchmarks/checks/best_so_far.py --problems camel --seeds 2  # a look
 
 The calibrator makes no mistakes, so three counts must be 0: questions in which the best so far had
 already lost to another experiment; studies that return another experiment than the best of all

@@ -1,6 +1,6 @@
 """Drive random θ through varied traffic: every run must end with a reason and on time.
 
-    OMP_NUM_THREADS=1 python benchmarks/traffic.py [--samples 500] [--jobs 1]
+    OMP_NUM_THREADS=1 python benchmarks/checks/traffic.py [--samples 500] [--jobs 1]
 
 Prints how the runs ended for each kind of traffic, as in docs/overtaking.md.
 """

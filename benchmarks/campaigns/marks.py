@@ -1,8 +1,8 @@
 """Measure how much marks help: test functions with an unsafe third of the box, with and without.
 
-    python benchmarks/marks.py                          # 15 problems, 20 seeds, about 40 minutes
-    python benchmarks/marks.py --seeds 5 --functions camel hartman3
-    python benchmarks/marks.py --scenarios              # automatic marks: 4 scenes, half an hour
+    python benchmarks/campaigns/marks.py  # 15 problems, 20 seeds, about 40 minutes
+    python benchmarks/campaigns/marks.py --seeds 5 --functions camel hartman3
+    python benchmarks/campaigns/marks.py --scenarios  # automatic marks: 4 scenes, half an hour
 
 Prints a Markdown table. The synthetic calibrator prefers a safe experiment to an unsafe one and
 compares two of the same kind by the function; with marks it also says which side was unsafe. With
@@ -15,6 +15,7 @@ import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one thread
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -24,8 +25,9 @@ from typing import Any
 import numpy as np
 
 from prefcal_agents import GLISp, GLISpSettings
-from prefcal_env import Answer, End, Experiment, Mark, Preference, Query, calibrate
+from prefcal_env import Answer, End, Experiment, Mark, Preference, calibrate
 from prefcal_env.envs.overtake import Obstacle, OvertakeOptions
+from prefcal_env.preferences.loop import ask_and_tell
 from prefcal_scenarios import Scenario, load, outcome
 from prefcal_scenarios.cases.functions import FUNCTIONS, TestFunction
 
@@ -79,9 +81,8 @@ class Problem:
         return np.array([np.inf if u else self.function(self.function.space.decode(p))
                          for p, u in pairs])  # fmt: skip
 
-    def answer(self, query: Query, marks: bool) -> Answer:
+    def answer(self, new: np.ndarray, old: np.ndarray | None, marks: bool) -> Answer:
         """Return the synthetic calibrator's answer."""
-        new, old = query.challenger.theta, query.incumbent and query.incumbent.theta
         space = self.function.space
         bad = [t is not None and bool(self.unsafe(space.encode(t)[None])) for t in (new, old)]
         words = np.array([Mark.CHALLENGER_UNSAFE, Mark.INCUMBENT_UNSAFE])
@@ -93,9 +94,7 @@ class Problem:
 def study(problem: Problem, seed: int, marks: bool) -> tuple[int, float]:
     """Return the number of unsafe experiments and the gap of the result, infinite if unsafe."""
     agent = GLISp(problem.function.space, n_max=50, seed=seed)
-    while not agent.done:
-        query = agent.ask()
-        agent.tell(query, problem.answer(query, marks))
+    deque(ask_and_tell(agent, lambda theta: theta, partial(problem.answer, marks=marks)), maxlen=0)
     z = np.array([problem.function.space.encode(theta) for theta in agent.samples])
     best = problem.function.space.encode(agent.best)
     return int(problem.unsafe(z).sum()), problem.safe_values(best[None])[0] - problem.optimum

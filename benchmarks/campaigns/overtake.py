@@ -1,6 +1,6 @@
 """Compare random tunings and calibrations of the overtaking with the paper's optimum.
 
-    OMP_NUM_THREADS=1 python benchmarks/overtake.py [--samples 500] [--seeds 20] [--jobs 1]
+    OMP_NUM_THREADS=1 python benchmarks/campaigns/overtake.py [--samples 500] [--seeds 20]
     ... --samples 0 --agents GLISp RandomSearch LatinHypercube
     ... --steering "per step"            # 0.0873 rad per step instead of 0.0873 rad/s
     ... --optimum --steering "per second" "per step"
@@ -18,15 +18,13 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one 
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
 from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
+from course import spread
 from rich.console import Console
-from rich.progress import track
 
 import prefcal_agents
 from prefcal_env.envs.overtake.road.rules import HORIZON
@@ -132,16 +130,6 @@ def violated(e: Experiment, calibrator: Any) -> list[str]:
     return [name for name, holds in objections.items() if holds]
 
 
-def spread(function: Any, jobs: Sequence[Any], label: str, processes: int) -> Iterator[Any]:
-    """Return the results in the order of `jobs`, with a progress bar."""
-    console = Console(stderr=True)
-    if processes == 1:
-        yield from track(map(function, jobs), label, total=len(jobs), console=console)
-        return
-    with ProcessPoolExecutor(processes) as pool:
-        yield from track(pool.map(function, jobs), label, total=len(jobs), console=console)
-
-
 def tell_paper(steering: str, console: Console) -> None:
     scenario = limited(steering)
     scenario.run(overtake.references[PAPER])  # compiles
@@ -224,11 +212,11 @@ def tell(steering: str, args: argparse.Namespace, console: Console) -> None:
         tell_paper(steering, console)
     if args.samples and not args.optimum:
         one = partial(sample, steering=steering)
-        tell_samples(list(spread(one, range(args.samples), "random θ", args.jobs)), console)
+        tell_samples(list(spread(one, range(args.samples), args.jobs, "random θ")), console)
     for name, judge in product(args.agents, args.calibrator) if not args.optimum else ():
         jobs = [(seed, name, judge, args.n_max) for seed in range(args.seeds)]
         if jobs:
-            found = spread(partial(study, steering=steering), jobs, "calibrating", args.jobs)
+            found = spread(partial(study, steering=steering), jobs, args.jobs)
             tell_studies(list(found), name, judge, console)
 
 

@@ -1,7 +1,7 @@
 """Measure how much the exploration δ of GLISp matters, with several δ and seeds.
 
-    python benchmarks/sensitivity.py                    # δ from 0 to 16 on the CSTR, 10 seeds
-    python benchmarks/sensitivity.py --seeds 3 --jobs 2
+    python benchmarks/campaigns/sensitivity.py  # δ from 0 to 16 on the CSTR, 10 seeds
+    python benchmarks/campaigns/sensitivity.py --seeds 3 --jobs 2
 
 Prints a Markdown table of the true index of the θ that each study returns, and draws the figure of
 docs/research/sensitivity.md. The answers come from the scenario's synthetic calibrator. With
@@ -9,16 +9,14 @@ OPENBLAS_NUM_THREADS=1 in the environment it takes half the time.
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from course import best_after_each
+from course import best_after_each, spread
 from matplotlib.axes import Axes
 from rich.console import Console
-from rich.progress import track
 
 from prefcal_agents import GLISp
 from prefcal_env.preferences.loop import calibrate
@@ -34,7 +32,7 @@ from prefcal_scenarios.app.presentation.style import (
 )
 
 DELTAS = (0.0, 0.1, 0.3, 1.0, 3.0, 4.8, 16.0)
-FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "sensitivity.png"
+FIGURE = Path(__file__).parents[2] / "docs" / "figures" / "sensitivity.png"
 SHADES = ("#9fb3c8", "#5b9bd5", BEST, "#e8a06a", OTHERS[0], *OTHERS[1:])
 
 
@@ -55,14 +53,6 @@ def best_costs(study: Study) -> list[float]:
     agent = GLISp(scenario.space, n_max=study.n_max, seed=study.seed, delta=study.delta)
     judge = scenario.calibrators["synthetic"](study.seed)
     return best_after_each(agent, calibrate(agent, scenario.run, judge), scenario.cost)
-
-
-def run(studies: Sequence[Study], jobs: int) -> Iterator[list[float]]:
-    """Return the results in the order of `studies`, with a progress bar."""
-    console = Console(stderr=True)
-    with ProcessPoolExecutor(jobs) as pool:
-        results = pool.map(best_costs, studies)
-        yield from track(results, "calibrating", total=len(studies), console=console)
 
 
 def table(deltas: Sequence[float], final: np.ndarray) -> str:
@@ -125,7 +115,9 @@ def main() -> None:
     studies = [
         Study(args.scenario, d, s, args.n_max) for d in args.deltas for s in range(args.seeds)
     ]
-    costs = np.array(list(run(studies, args.jobs))).reshape(len(args.deltas), args.seeds, -1)
+    costs = np.array(list(spread(best_costs, studies, args.jobs))).reshape(
+        len(args.deltas), args.seeds, -1
+    )
     draw(args.deltas, costs, args.out)
     print(table(args.deltas, costs[:, :, -1]))
     Console(stderr=True).print(f"Figure: {args.out}")

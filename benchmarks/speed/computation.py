@@ -1,6 +1,6 @@
 """Fit the model of a step's computation time on this machine, and show how well it fits.
 
-    OMP_NUM_THREADS=1 python benchmarks/computation.py [--rounds 15]
+    OMP_NUM_THREADS=1 python benchmarks/speed/computation.py [--rounds 15]
 
 The measurement is that of `prefcal processor measure`: every step of closed-loop runs of the car,
 with small and large horizons, is timed `rounds` times, and its shortest time counts. Prints the

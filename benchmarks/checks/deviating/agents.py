@@ -1,6 +1,7 @@
 """Compare our agent with the paper's: paired studies."""
 
 import argparse
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -21,6 +22,7 @@ from prefcal_agents.models.rbf import squared_distances
 from prefcal_agents.optimize.search import multistart
 from prefcal_agents.space import design as cube
 from prefcal_env import Knob, KnobSpace
+from prefcal_env.preferences.loop import ask_and_tell
 from prefcal_scenarios.cases.cstr.scenario import SPACE
 from prefcal_scenarios.cases.functions import FUNCTIONS
 
@@ -117,16 +119,16 @@ def gap(name: str, variant: str, seed: int) -> float:
     make: Any = GLIS if isinstance(settings, GLISSettings) else GLISp
     agent = make(space, n_init=10, n_max=50, seed=seed, settings=settings)
     with patch():
-        while not agent.done:
-            query = agent.ask()
-            new = cost(query.challenger.theta)
-            if make is GLIS:
-                agent.tell(query, new)
-            elif query.incumbent is None:
-                agent.tell(query, None)
-            else:
-                agent.tell(query, int(np.sign(new - cost(query.incumbent.theta))))
+        deque(ask_and_tell(agent, cost, _score if make is GLIS else _better), maxlen=0)
     return max(cost(agent.best) - best, FLOOR)
+
+
+def _score(new: float, _old: float | None) -> float:
+    return new
+
+
+def _better(new: float, old: float | None) -> int | None:
+    return None if old is None else int(np.sign(new - old))
 
 
 def pairs(

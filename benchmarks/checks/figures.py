@@ -1,9 +1,9 @@
 """Draw the pictures of the README and of docs/, each with the command that its page names.
 
-    python benchmarks/figures.py                     # all that need no campaign: two minutes
-    python benchmarks/figures.py --only reactor window
-    python benchmarks/figures.py --campaigns FOLDER  # those of the benchmark, from its results
-    python benchmarks/figures.py --check             # for CI: draw into another folder, and compare
+    python benchmarks/checks/figures.py  # all that need no campaign: two minutes
+    python benchmarks/checks/figures.py --only reactor window
+    python benchmarks/checks/figures.py --campaigns FOLDER  # those of the benchmark, from its results
+    python benchmarks/checks/figures.py --check  # for CI: draw into another folder, and compare
 
 The seeds are those of the commands, so a picture changes only with prefcal. The file
 `docs/figures/made.json` keeps what the pages state about them (counts, indices). `--check` fails if
@@ -35,7 +35,7 @@ from rich.console import Console
 from prefcal_scenarios import load
 from prefcal_scenarios.app.presentation.style import save, style
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FIGURES, TABLE = ROOT / "docs" / "figures", Path(__file__).parent / "reactor_index.csv"
 MADE = "made.json"
 Pictures = Mapping[str, bytes]
@@ -49,7 +49,7 @@ CAMPAIGNS = {
     "benchmark_questions.png": ("questions", "questions.png", "docs/research/questions.md"),
 }
 """Campaign folder and file of each figure, and the page with its command."""
-OWN_COMMAND = {"sensitivity.png": "python benchmarks/sensitivity.py --seeds 10 --jobs 2"}
+OWN_COMMAND = {"sensitivity.png": "python benchmarks/campaigns/sensitivity.py --seeds 10 --jobs 2"}
 """Figures of many studies that have a command of their own."""
 
 REACTOR = ("best_trajectory.png", "best_so_far.png", "tried.png", "surrogate.png",
@@ -220,7 +220,7 @@ def drawn(draw: Callable[[], Figure]) -> bytes:
 
 def made_by() -> dict[str, str]:
     """Return every figure and the command that makes it."""
-    here = "python benchmarks/figures.py"
+    here = "python benchmarks/checks/figures.py"
     makers = {f: f"{here} --only {name}" for name, (_, files) in MAKERS.items() for f in files}
     campaigns = {f: f"{here} --campaigns FOLDER, as described in {page}"
                  for f, (_, _, page) in CAMPAIGNS.items()}  # fmt: skip
@@ -281,7 +281,7 @@ def check(names: list[str], say: Callable[[str], None]) -> int:
     for words in wrong:
         say(f"[red]{words}[/]")
     if wrong:
-        say("To draw them again: python benchmarks/figures.py")
+        say("To draw them again: python benchmarks/checks/figures.py")
     return 1 if wrong else 0
 
 

@@ -1,0 +1,105 @@
+"""Options of `prefcal bench`, each declared once."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+@dataclass(frozen=True, slots=True)
+class BenchOptions:
+    """Options of `prefcal bench`, in the order of its help; None leaves it to the suite."""
+
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick", metavar="", help="Run a small suite, which the options below can change."
+        ),
+    ] = False
+    agents: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Agents, separated by commas: names or own.py:Agent. All are compared with the "
+            "first. An unknown name lists all of them.",
+            show_default="all that are installed",
+        ),
+    ] = None
+    problems: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Problems, separated by commas: test functions, cstr, cstr-guidelines and "
+            "overtake. An unknown name lists all of them.",
+            show_default="all",
+        ),
+    ] = None
+    calibrators: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Who answers: perfect (by the cost), lexicographic (by ordered criteria), "
+            "noisy10 or noisy20 (that percentage of the answers is wrong).",
+            show_default="all",
+        ),
+    ] = None
+    seeds: Annotated[
+        int | None,
+        typer.Option(
+            min=1, metavar="N", help="Number of seeds: 0, 1, ..., N-1.", show_default="20; quick: 3"
+        ),
+    ] = None
+    n_init: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="Number of experiments before learning starts.",
+            show_default="10, or half of --n-max if that is less",
+        ),
+    ] = None
+    n_max: Annotated[
+        int | None,
+        typer.Option(min=2, metavar="N", help="Number of experiments.", show_default="50"),
+    ] = None
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            min=1, metavar="N", help="Processes on this machine.", show_default="one per core"
+        ),
+    ] = None
+    cell_timeout: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="Time limit for one cell on this machine; a longer one is ended and "
+            "counts as failed. inf: no limit.",
+            show_default="3600, an hour",
+        ),
+    ] = None
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Run on this Dask scheduler instead (pip install 'prefcal\\[dask]').",
+        ),
+    ] = None
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="FOLDER", help="Folder of the results; results already in it are not run again."
+        ),
+    ] = Path("prefcal-bench")
+    json: Annotated[
+        bool,
+        typer.Option(
+            "--json",
+            metavar="",
+            help="Print only JSON on standard output (messages go to standard error).",
+        ),
+    ] = False
+    csv: Annotated[
+        bool,
+        typer.Option("--csv", metavar="", help="Print only the table, as CSV, on standard output."),
+    ] = False
