@@ -2,7 +2,7 @@
 
     python benchmarks/checks/figures.py  # all that need no campaign: two minutes
     python benchmarks/checks/figures.py --only reactor window
-    python benchmarks/checks/figures.py --campaigns FOLDER  # those of the benchmark, from its results
+    python benchmarks/checks/figures.py --campaigns FOLDER  # those of the benchmark
     python benchmarks/checks/figures.py --check  # for CI: draw into another folder, and compare
 
 The seeds are those of the commands, so a picture changes only with prefcal. The file

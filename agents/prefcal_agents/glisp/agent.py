@@ -51,7 +51,7 @@ class GLISp(PreferenceBased):
         KnobError: a θ of `start` is outside the space.
     """
 
-    version: ClassVar[int] = 8
+    version: ClassVar[int] = 9
 
     def __init__(
         self,
