@@ -18,7 +18,10 @@ import pytest
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"(<!-- not executed:[^>]*-->\s*)?^```(python|console)\n(.*?)^```", re.M | re.S)
-SCRIPTS = [*sorted((ROOT / "agents").glob("run_*.py")), *sorted((ROOT / "docs").glob("*.py"))]
+SCRIPTS = [
+    *sorted((ROOT / "docs" / "examples").glob("*.py")),
+    *sorted((ROOT / "docs").glob("*.py")),
+]
 SCRIPTS.remove(ROOT / "docs" / "own_plant.py")  # test_own_plant.py runs it
 
 SHOWN = """

@@ -25,8 +25,9 @@ from prefcal_scenarios.own.own_file import module_at
 from prefcal_scenarios.own.source import split_source
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from prefcal_env.mpc.computation import Processor
-    from prefcal_scenarios.app.report.pictures import Picture
 
 BUILT_IN: Mapping[str, str] = {
     "cstr": "prefcal_scenarios.cases.cstr:cstr",
@@ -41,6 +42,32 @@ class Run(Protocol):
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run θ, in physical units, shape (n,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One figure of a report.
+
+    Its functions take the report's record of the study, see `app/report/record.py`.
+
+    Args:
+        file: Name of its file, .png or .gif.
+        title: Heading.
+        caption: Description in a sentence or two.
+        alt: Function of the record that returns a text for people who cannot see the figure.
+        draw: Function of the record that returns a figure, or the content of the file.
+        applies: Function that tells whether the study has the necessary data; by default, always.
+        markup: Function that returns HTML to show in report.html in place of the picture. It is
+            trusted and must be self-contained. None to show the picture itself.
+    """
+
+    file: str
+    title: str
+    caption: str
+    alt: Callable[[Any], str]
+    draw: "Callable[[Any], Figure | bytes]"
+    applies: Callable[[Any], bool] = lambda record: True
+    markup: Callable[[Any], str] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +182,7 @@ class Scenario:
     controller: Callable[[Float[np.ndarray, " n"]], Controller] | None = None
     settings: Callable[[Float[np.ndarray, " n"]], dict[str, Any]] | None = None
     scene: Callable[[Experiment], dict[str, Any]] | None = None
-    pictures: "Callable[[], Sequence[Picture]] | None" = None
+    pictures: Callable[[], Sequence[Picture]] | None = None
     configured: "Callable[[Mapping[str, Any]], Scenario] | None" = None
     brief: str = ""
     on_processor: "Callable[[Scenario, Processor], Scenario] | None" = None

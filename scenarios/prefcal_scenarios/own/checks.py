@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,14 +12,13 @@ from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs.space import KnobSpace
 
-if TYPE_CHECKING:
-    from prefcal_scenarios.scenario import Scenario
-
+Scenario = Any
+"""`prefcal_scenarios.scenario.Scenario`, which calls these checks while it is being made."""
 _ROUNDED = 0.1
 """Largest rounding of θ by a plant, as a share of the knob's range."""
 
 
-def check_parts(scenario: "Scenario", kpi: type) -> None:
+def check_parts(scenario: Scenario, kpi: type) -> None:
     """Check everything about a scenario that is known before it runs.
 
     Args:
@@ -47,7 +46,7 @@ def check_parts(scenario: "Scenario", kpi: type) -> None:
     _check_against_run(scenario, where)
 
 
-def _check_types(scenario: "Scenario", kpi: type, where: str) -> None:
+def _check_types(scenario: Scenario, kpi: type, where: str) -> None:
     for field, type_, example in (("panels", Panel, "Panel('level')"), ("kpis", kpi, "KPI(...)")):
         values: Any = getattr(scenario, field)
         if isinstance(values, type_):
@@ -73,7 +72,7 @@ def _check_types(scenario: "Scenario", kpi: type, where: str) -> None:
             )
 
 
-def _check_against_run(scenario: "Scenario", where: str) -> None:
+def _check_against_run(scenario: Scenario, where: str) -> None:
     """Check the scenario against the channels and KPIs that its run declares, if it does."""
     channels = getattr(scenario.run, "channels", None)
     signals = getattr(scenario.run, "signals", None)
@@ -96,7 +95,7 @@ def _check_against_run(scenario: "Scenario", where: str) -> None:
 
 
 def check_experiment(
-    scenario: "Scenario", theta: Float[np.ndarray, " n"], result: object
+    scenario: Scenario, theta: Float[np.ndarray, " n"], result: object
 ) -> Experiment:
     """Return `result` if it is the experiment that the scenario promises for θ.
 
@@ -141,7 +140,7 @@ def theta_problems(
         yield f"it says that it ran {knob.name} = {ran:g}, but {asked:g} was to be run"
 
 
-def panel_problems(scenario: "Scenario", experiment: Experiment) -> Iterator[str]:
+def panel_problems(scenario: Scenario, experiment: Experiment) -> Iterator[str]:
     """Yield the panels that have no curve, for each run if the experiment has several."""
     if not len(experiment.t):
         return
@@ -154,7 +153,7 @@ def panel_problems(scenario: "Scenario", experiment: Experiment) -> Iterator[str
             yield str(error)
 
 
-def kpi_problems(scenario: "Scenario", kpis: Mapping[str, float]) -> Iterator[str]:
+def kpi_problems(scenario: Scenario, kpis: Mapping[str, float]) -> Iterator[str]:
     """Yield the scenario's KPIs that no run has returned."""
     missing = [kpi.name for kpi in scenario.kpis if kpi.name not in kpis]
     if missing and not kpis:

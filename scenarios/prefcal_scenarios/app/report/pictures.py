@@ -1,6 +1,6 @@
 """List and draw the figures of a report, with captions and texts for people who cannot see them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 
@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from prefcal_scenarios.app.presentation.style import save, style
 from prefcal_scenarios.app.presentation.wording import measured, number, theta_text
+from prefcal_scenarios.scenario import Picture
 
 from .course import course, drawn_kpis
 from .progress import best_so_far
@@ -15,30 +16,6 @@ from .record import Record
 from .slices import slices
 from .trajectories import best_against, curves_of, side_by_side
 from .tried import tried
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """One figure of a report.
-
-    Args:
-        file: Name of its file, .png or .gif.
-        title: Heading.
-        caption: Description in a sentence or two.
-        alt: Function of the record that returns a text for people who cannot see the figure.
-        draw: Function of the record that returns a figure, or the content of the file.
-        applies: Function that tells whether the study has the necessary data; by default, always.
-        markup: Function that returns HTML to show in report.html in place of the picture. It is
-            trusted and must be self-contained. None to show the picture itself.
-    """
-
-    file: str
-    title: str
-    caption: str
-    alt: Callable[[Record], str]
-    draw: Callable[[Record], Figure | bytes]
-    applies: Callable[[Record], bool] = lambda record: True
-    markup: Callable[[Record], str] | None = None
 
 
 @dataclass(frozen=True, slots=True)

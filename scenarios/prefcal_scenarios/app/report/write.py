@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from prefcal_scenarios.app.presentation.folder import put
+from prefcal_scenarios.scenario import Picture
 
 from .comparisons import comparisons_as_csv
 from .export import best_as_json
 from .html import page
-from .pictures import PICTURES, Picture, draw
+from .pictures import PICTURES, draw
 from .record import Record
 
 

@@ -1,7 +1,7 @@
 """Define the overtaking scenario, section IV-B."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -16,7 +16,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.mpc.computation import Processor
 from prefcal_env.plants.bicycle import KMH
 from prefcal_scenarios.cases.overtake.pictures.drawing import animation
-from prefcal_scenarios.scenario import Panel, Scenario, described
+from prefcal_scenarios.scenario import Panel, Picture, Scenario, described
 
 from . import wording as words
 from .configured import configured
@@ -24,9 +24,6 @@ from .controller import SPACE, controller, settings
 from .criteria import fast, synthetic
 from .kpis import KPIS, indicators
 from .target import on_target
-
-if TYPE_CHECKING:
-    from prefcal_scenarios.app.report.pictures import Picture
 
 PANELS = (
     Panel("lateral position", reference="lateral_reference"),
@@ -53,7 +50,7 @@ def run(theta: Float[np.ndarray, " 5"], seed: int = 0, space: KnobSpace = SPACE)
     return rollout(Course(), driver, theta, seed=seed, kpis=indicators)
 
 
-def _pictures() -> "Sequence[Picture]":
+def _pictures() -> Sequence[Picture]:
     from prefcal_scenarios.cases.overtake.pictures.pictures import PICTURES  # loads the plots
 
     return PICTURES

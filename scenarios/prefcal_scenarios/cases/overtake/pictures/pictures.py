@@ -1,8 +1,8 @@
 """Define the overtaking's figures in the report: animation, comparison, best run alone."""
 
 from prefcal_scenarios.app.presentation.wording import number, theta_text
-from prefcal_scenarios.app.report.pictures import Picture
 from prefcal_scenarios.app.report.record import Record
+from prefcal_scenarios.scenario import Picture
 
 from .figures import comparison, final
 from .film import gif
