@@ -275,10 +275,11 @@ class _Rest:
     def of(cls, unit: Float[np.ndarray, "R N"], sites: Sites) -> "_Rest":
         from scipy.linalg.lapack import dpotrf, dtrtrs
 
-        inner = np.eye(unit.shape[1]) + (unit.T * sites.precision) @ unit
+        inner = (unit.T * sites.precision) @ unit
+        np.fill_diagonal(inner, inner.diagonal() + 1.0)
         root, _ = dpotrf(inner, lower=1, clean=1)
         across, _ = dtrtrs(root, unit.T, lower=1)
-        variance = np.clip(np.sum(across * across, axis=0), 1e-10, None)
+        variance = np.maximum(np.einsum("ij,ij->j", across, across), 1e-10)
         half = across @ sites.shift
         precision = np.maximum(1 / variance - sites.precision, _LEAST)
         m = (across.T @ half / variance - sites.shift) / precision
@@ -299,7 +300,7 @@ class _Rest:
         density = np.exp(-z * z / 2) / np.sqrt(2 * np.pi * v)
         slope = (1 - 2 * e) * density / self.chance(e)[0]
         after = np.maximum(v - v * v * slope * (self.m / v + slope), 1e-12)
-        target = np.clip(1 / after - self.precision, _LEAST, _LARGEST)
+        target = np.minimum(np.maximum(1 / after - self.precision, _LEAST), _LARGEST)
         to = (self.m + v * slope) * (self.precision + target) - self.m * self.precision
         return Sites(target, to)
 
