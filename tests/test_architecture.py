@@ -1,4 +1,4 @@
-"""The map of the project is true: what ARCHITECTURE.md names exists."""
+"""The map of the project is true: what ARCHITECTURE.md names exists, and so do CI's scripts."""
 
 import re
 from pathlib import Path
@@ -25,6 +25,17 @@ FOLDERS = [
     for name in re.findall(r"`([\w/.]+)`", row)
 ]
 
+PAGES = [ROOT / ".ci" / "run", *ROOT.glob("*.md"), *sorted((ROOT / "docs").rglob("*.md"))]
+COMMANDS = sorted(
+    {
+        path
+        for page in PAGES
+        for path in re.findall(
+            r"python3? (benchmarks/[\w/]+\.py)", page.read_text(encoding="utf-8")
+        )
+    }
+)
+
 
 @pytest.mark.parametrize("path", PATHS)
 def test_every_path_exists(path):
@@ -37,6 +48,12 @@ def test_every_part_of_a_package_is_in_it(package, name):
     assert [*(ROOT / package).rglob(stem), *(ROOT / package).rglob(f"{stem}.py")]
 
 
+@pytest.mark.parametrize("path", COMMANDS)
+def test_every_script_that_ci_or_a_page_runs_exists(path):
+    assert (ROOT / path).is_file()
+
+
 def test_the_page_names_every_package_and_many_paths():
     assert {package for package, _ in FOLDERS} == set(PACKAGES)
     assert len(PATHS) > 30
+    assert len(COMMANDS) > 10
