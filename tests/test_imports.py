@@ -1,4 +1,4 @@
-"""Imports point one way, and importing the package stays cheap."""
+"""Imports point one way and stay cheap; folders and functions stay small."""
 
 import ast
 import subprocess
@@ -56,6 +56,13 @@ APART = {frozenset({"mpc", "envs"})}
 """Of one layer, and yet they never import each other."""
 MOST = 14
 """Largest number of modules in a folder, beside `__init__`."""
+LONGEST = 40
+"""Largest number of lines of a function, without its docstring."""
+LONG = {
+    "prefcal_env/mpc/_riccati.py": "compiled: one recursion, whose steps share all its arrays",
+    "prefcal_env/qp/_kernels.py": "compiled: one pass over P and G, which gives six sums",
+}
+"""Files that may hold longer functions, and why."""
 POLICIES_MAY_USE = (*AGENTS_MAY_USE, "experiments")
 """A policy that was learned on a plant is a controller; that is all of `prefcal_agents.rl`."""
 ALONE = {
@@ -68,10 +75,18 @@ ALONE = {
 }
 """Foreign packages that one place alone may import."""
 
+BENCHMARKS = ROOT / "benchmarks"
+TREES = {**FOLDERS, "benchmarks": BENCHMARKS}
 FILES = [
     (".".join(path.relative_to(folder.parent).with_suffix("").parts), path)
     for folder in FOLDERS.values()
     for path in sorted(folder.rglob("*.py"))
+]
+SCRIPTS = [
+    # Python starts a script with its own folder first in the path, so that names the modules.
+    (".".join(parts[1:] or parts), path)
+    for path in sorted(BENCHMARKS.rglob("*.py"))
+    for parts in [path.relative_to(BENCHMARKS).with_suffix("").parts]
 ]
 
 
@@ -135,8 +150,10 @@ def level(package: str, part: str) -> int:
     return found[0]
 
 
-def test_no_import_goes_in_a_circle():
-    known = {name.removesuffix(".__init__"): path for name, path in FILES}
+@pytest.mark.parametrize("files", [FILES, SCRIPTS], ids=["packages", "benchmarks"])
+def test_no_import_goes_in_a_circle(files):
+    known = {name.removesuffix(".__init__"): path for name, path in files}
+    assert len(known) == len(files), "two modules have one name"
     graph = {
         name: {
             origin if origin in known else origin.rpartition(".")[0]
@@ -149,13 +166,32 @@ def test_no_import_goes_in_a_circle():
     assert list(TopologicalSorter(graph).static_order())  # or CycleError, which names the circle
 
 
-@pytest.mark.parametrize(
-    "folder", [*FOLDERS.values(), ROOT / "benchmarks"], ids=[*FOLDERS, "benchmarks"]
-)
+@pytest.mark.parametrize("folder", TREES.values(), ids=TREES)
 def test_folders_stay_small_enough_to_be_seen_at_once(folder):
     for place in (folder, *(path for path in folder.rglob("*") if path.is_dir())):
         modules = [path for path in place.glob("*.py") if path.stem != "__init__"]
         assert len(modules) <= MOST, f"{place} wants a floor plan"
+
+
+def lines_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Number of lines from `def` to the last one, without the docstring."""
+    first = function.body[0]
+    lines = (function.end_lineno or 0) - function.lineno + 1
+    if ast.get_docstring(function) is not None:
+        lines -= (first.end_lineno or 0) - first.lineno + 1
+    return lines
+
+
+@pytest.mark.parametrize("folder", TREES.values(), ids=TREES)
+def test_functions_stay_short(folder):
+    long = [
+        f"{name}:{node.lineno} {node.name}: {lines_of(node)} lines"
+        for path in sorted(folder.rglob("*.py"))
+        if (name := path.relative_to(ROOT).as_posix()) not in LONG
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and lines_of(node) > LONGEST
+    ]
+    assert not long
 
 
 def test_the_folders_of_agents_and_scenarios_are_no_packages():

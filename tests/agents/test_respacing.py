@@ -10,9 +10,12 @@ from prefcal_agents import GLIS, AgentState, GLISp, LatinHypercube, RandomSearch
 from prefcal_env.errors import KnobError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
+from support.agents import agents_without_extra
+
+AGENTS = agents_without_extra()
 
 
-@pytest.fixture(params=[GLISp, GLISp.paper, RandomSearch, LatinHypercube])
+@pytest.fixture(params=AGENTS.values(), ids=AGENTS)
 def make_agent(request):
     return request.param
 

@@ -20,12 +20,15 @@ from prefcal_agents import (
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
+from support.agents import agents_without_extra
+
+AGENTS = agents_without_extra()
 
 PRESENT = (0.5, 7, -1.0)
 OTHER = (2.0, 3, 1.5)
 
 
-@pytest.fixture(params=[GLISp, GLISp.paper, RandomSearch, LatinHypercube])
+@pytest.fixture(params=AGENTS.values(), ids=AGENTS)
 def make_agent(request):
     return request.param
 
