@@ -184,8 +184,8 @@ class Sites:
         """Return `count` sites without information."""
         return cls(np.full(count, _FLAT), np.zeros(count))
 
-    def towards(self, other: "Sites") -> "Sites":
-        """Return the sites after a damped step towards `other`."""
+    def toward(self, other: "Sites") -> "Sites":
+        """Return the sites after a damped step toward `other`."""
         return Sites(
             self.precision + _DAMPING * (other.precision - self.precision),
             self.shift + _DAMPING * (other.shift - self.shift),
@@ -238,7 +238,7 @@ class ExpectationPropagation:
         for _ in range(_SWEEPS):
             matched = _Rest.of(unit, sites).matched(e)
             change = np.abs(matched.precision - sites.precision) / (1 + sites.precision)
-            sites = sites.towards(matched)
+            sites = sites.toward(matched)
             if np.max(change, initial=0.0) < _SETTLED:
                 break
         rest = _Rest.of(unit, sites)

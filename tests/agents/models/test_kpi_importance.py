@@ -68,9 +68,9 @@ def test_nothing_stands_out_of_tosses_of_a_coin(answers):
 
 
 @pytest.mark.parametrize("answers", [15, 25, 50])
-@pytest.mark.parametrize("minded", [NAMES[:5], NAMES])
-def test_nothing_stands_out_of_five_or_more_that_count_equally(minded, answers):
-    assert sum(names != () for names in named(minds(*minded), answers)) <= 2
+@pytest.mark.parametrize("importance", [NAMES[:5], NAMES])
+def test_nothing_stands_out_of_five_or_more_that_count_equally(importance, answers):
+    assert sum(names != () for names in named(minds(*importance), answers)) <= 2
 
 
 def test_the_agreement_is_counted_by_hand():

@@ -1,6 +1,5 @@
 """Define the knobs of the CSTR's MPC, and build the controller of a θ (section IV-A)."""
 
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -74,4 +73,4 @@ def controller(
 
 def settings(theta: Float[np.ndarray, " 3"], space: KnobSpace = SPACE) -> dict[str, Any]:
     """Return the MPC settings at θ as plain data."""
-    return asdict(mpc_settings(theta, space))
+    return mpc_settings(theta, space).named()

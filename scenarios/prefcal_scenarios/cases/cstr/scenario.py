@@ -19,7 +19,7 @@ from prefcal_scenarios.scenario import Panel, Scenario, described
 
 from . import wording as words
 from .controller import SPACE, controller, settings
-from .kpis import KPIS, indicators, performance_index
+from .kpis import KPIS, compute_kpis, performance_index
 
 PANELS = (
     Panel("concentration", target=TARGET, band=BAND),
@@ -45,7 +45,7 @@ def run(
     """
     theta = space.check(theta)
     loop = cstr_env(**options)
-    return rollout(loop, controller(theta, space=space), theta, seed=seed, kpis=indicators)
+    return rollout(loop, controller(theta, space=space), theta, seed=seed, kpis=compute_kpis)
 
 
 def synthetic(seed: int = 0) -> LatentCost:

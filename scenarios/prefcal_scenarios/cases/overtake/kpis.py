@@ -59,7 +59,9 @@ KPIS = (
 """KPIs, most important first. An infinite time means never, an infinite distance no obstacle."""
 
 
-def indicators(experiment: Experiment, processor: Processor = PAPER_PROCESSOR) -> dict[str, float]:
+def compute_kpis(
+    experiment: Experiment, processor: Processor = PAPER_PROCESSOR
+) -> dict[str, float]:
     """Return the values of `KPIS`, in their units. t_comp is modeled on `processor`."""
     seconds = t_comp(experiment, processor)
     found = {

@@ -22,7 +22,7 @@ from . import wording as words
 from .configured import configured
 from .controller import SPACE, controller, settings
 from .criteria import fast, synthetic
-from .kpis import KPIS, indicators
+from .kpis import KPIS, compute_kpis
 from .target import on_target
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def run(theta: Float[np.ndarray, " 5"], seed: int = 0, space: KnobSpace = SPACE)
     """
     theta = space.check(theta)
     driver = controller(theta, space=space)
-    return rollout(Course(), driver, theta, seed=seed, kpis=indicators)
+    return rollout(Course(), driver, theta, seed=seed, kpis=compute_kpis)
 
 
 def _pictures() -> "Sequence[Picture]":
