@@ -73,9 +73,9 @@ def minimize_by_preference(
         start: Physical θ to start from, shape (n,), or several; the agent must accept `start`.
 
     Raises:
-        SettingsError: an impossible count or seed.
-        KnobError: a θ of `start` is outside the space.
-        PreferenceError: `prefer` returned something else.
+        SettingsError: If a count or the seed is not valid.
+        KnobError: If a θ of `start` is outside the space.
+        PreferenceError: If `prefer` returned something else.
     """
     if not callable(prefer):
         raise SettingsError(f"prefer must be a function of two θ, got {prefer!r}")

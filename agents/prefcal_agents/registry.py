@@ -77,7 +77,7 @@ def agent_class(name: str) -> Any:
     """Return the class called `name`; made without its extra, it raises MissingExtraError.
 
     Raises:
-        SettingsError: no agent has that name.
+        SettingsError: If no agent has that name.
     """
     if name not in CLASSES:
         from prefcal_env.errors import SettingsError  # loads numpy
@@ -93,8 +93,8 @@ def restore(space: "KnobSpace", state: "AgentState") -> "Agent":
     present algorithm carries on from them.
 
     Raises:
-        SettingsError: an unknown agent, or a state that does not fit `space`.
-        MissingExtraError: an agent of an extra that is not installed.
+        SettingsError: If the agent is unknown, or the state does not fit `space`.
+        MissingExtraError: If the agent needs an extra that is not installed.
     """
     agent: Agent = agent_class(state.agent).restore(space, state)
     return agent

@@ -37,8 +37,8 @@ def respaced(
         keep_open: Whether the open query keeps its sample, which may have run already.
 
     Raises:
-        KnobError: as `prefcal_env.knobs.change.respaced`.
-        SettingsError: an agent that cannot be restricted.
+        KnobError: As in `prefcal_env.knobs.change.respaced`.
+        SettingsError: If the agent cannot be restricted.
     """
     state = agent.state
     if state.agent not in RESPACEABLE:
@@ -57,7 +57,7 @@ def moved(
     """Return `state`, of an agent in the space `old`, for the space `new`.
 
     Raises:
-        KnobError: `new` does not hold every sample, or has a knob without a value.
+        KnobError: If `new` does not hold every sample, or has a knob without a value.
     """
     start = [Sample.of(old, np.array(z)).moved(old, new, added).z for z in state.start]
     history = state.history.moved(old, new, added)

@@ -23,7 +23,7 @@ def respaced(old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None =
         added: For each knob that is not in `old`: its value, physical, in the experiments so far.
 
     Raises:
-        KnobError: a knob is missing, has another scale, unit or kind, or its value in the
+        KnobError: If a knob is missing, has another scale, unit or kind, or its value in the
             experiments so far is not known.
     """
     added = {} if added is None else dict(added)
@@ -54,7 +54,7 @@ def carried(
     """θ of `old`, physical, shape (m,), as a θ of `new`, shape (n,), with the values `added`.
 
     Raises:
-        KnobError: `new` does not hold it, or has a knob without a value.
+        KnobError: If `new` does not hold it, or has a knob without a value.
     """
     values = {**dict(zip(old.names, theta.tolist(), strict=True)), **(added or {})}
     unknown = [name for name in new.names if name not in values]

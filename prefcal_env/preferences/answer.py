@@ -73,9 +73,9 @@ class Answer:
             `completed`.
 
     Raises:
-        PreferenceError: a preference other than -1, 0, 1 or None, a strength that is not
-            positive and finite, something that is not a mark, an automatic one that is not among
-            them, or a value that is not finite.
+        PreferenceError: If the preference is none of -1, 0, 1 and None, the strength is not
+            positive and finite, a mark is unknown, an automatic mark is not among the marks, or the
+            value is not finite.
     """
 
     preference: Preference | None
@@ -117,7 +117,7 @@ class Answer:
         """Return `answer` as an Answer; a bare -1, 0, 1 or None (abstain) is accepted.
 
         Raises:
-            PreferenceError: anything else.
+            PreferenceError: If it is anything else.
         """
         return answer if isinstance(answer, cls) else cls(answer)  # type: ignore[arg-type]
 
@@ -126,7 +126,7 @@ class Answer:
         """Return the score `value` as an Answer; None where an experiment has no score.
 
         Raises:
-            PreferenceError: it is not a finite number, or an Answer that holds a preference.
+            PreferenceError: If it is not a finite number, or an Answer that holds a preference.
         """
         answer = value if isinstance(value, cls) else cls(None, value=value)  # type: ignore[arg-type]
         if answer.preference is not None:
@@ -145,7 +145,7 @@ class Answer:
         """Read what `to_dict` gave; other keys are ignored.
 
         Raises:
-            PreferenceError: something is missing or malformed.
+            PreferenceError: If something is missing or malformed.
         """
         return from_plain(data, cls, PreferenceError, "an answer")
 

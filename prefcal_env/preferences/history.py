@@ -50,7 +50,7 @@ class Sample:
         """Return the same θ as a sample of the space `new`.
 
         Raises:
-            KnobError: `new` does not hold it, or has a knob without a value.
+            KnobError: If `new` does not hold it, or has a knob without a value.
         """
         if old.knobs == new.knobs:
             return self
@@ -280,7 +280,7 @@ class History:
         """Take the last answer back: its query is open again, and a later sample is dropped.
 
         Raises:
-            ProtocolError: nothing is answered.
+            ProtocolError: If nothing is answered.
         """
         if not self.comparisons:
             raise ProtocolError("there is no answer to undo")
@@ -295,7 +295,7 @@ class History:
         Follow-ups are numbered on their own.
 
         Raises:
-            ProtocolError: there is no such answer, or it is retracted already.
+            ProtocolError: If there is no such answer, or it is already retracted.
         """
         answers = self.follow_ups if follow_up else self.comparisons
         what = "follow-up answer" if follow_up else "answer"
@@ -332,7 +332,7 @@ class History:
         """Return the record for the space `new`, given that its samples are of the space `old`.
 
         Raises:
-            KnobError: `new` does not hold every sample, or has a knob without a value.
+            KnobError: If `new` does not hold every sample, or has a knob without a value.
         """
         return replace(self, samples=tuple(s.moved(old, new, added) for s in self.samples))
 

@@ -47,8 +47,8 @@ class GLISp(PreferenceBased):
             off, so that eq. acquisition is minimized.
 
     Raises:
-        SettingsError: an impossible value.
-        KnobError: a θ of `start` is outside the space.
+        SettingsError: If a value is not valid.
+        KnobError: If a θ of `start` is outside the space.
     """
 
     version: ClassVar[int] = 9
@@ -120,7 +120,7 @@ class GLISp(PreferenceBased):
         query is dropped if it exceeds the limit.
 
         Raises:
-            SettingsError: `most` is not an integer of 1 or more.
+            SettingsError: If `most` is not an integer of 1 or more.
         """
         settings = replace(self._options, questions_per_experiment=most)
         return self._twin(replace(self._snapshot(), settings=settings.pairs()))
@@ -158,7 +158,7 @@ class GLISp(PreferenceBased):
         are all 0 while nothing is known.
 
         Raises:
-            KnobError: `thetas` has another shape or leaves the box.
+            KnobError: If `thetas` has another shape or leaves the box.
         """
         z = self.space.encode_all(thetas)
         if len(Preferences.of(self.history)) == 0:

@@ -55,7 +55,7 @@ class GLISpSettings:
             contradict each other, ask whether the best is really the best.
 
     Raises:
-        SettingsError: an impossible value.
+        SettingsError: If a value is not valid.
     """
 
     expected_improvement: bool = True
@@ -120,7 +120,7 @@ class GLISpSettings:
         """Create settings from saved ones; a missing setting gets its default.
 
         Raises:
-            SettingsError: an unknown setting or an impossible value.
+            SettingsError: If a setting is unknown or a value is not valid.
         """
         unknown = set(saved) - {f.name for f in fields(cls)}
         if unknown:

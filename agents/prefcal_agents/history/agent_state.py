@@ -70,7 +70,7 @@ class AgentState:
         """Read what `to_dict` returned.
 
         Raises:
-            SettingsError: something is missing or malformed.
+            SettingsError: If something is missing or malformed.
         """
         try:
             history = History(
@@ -90,7 +90,7 @@ class AgentState:
         """Return the state of an agent from what `configuration` returned, after `history`.
 
         Raises:
-            SettingsError: something is missing or malformed.
+            SettingsError: If something is missing or malformed.
         """
         try:
             return cls(

@@ -81,8 +81,8 @@ def new_minimum(
     """Return the point of the cube with the lowest objective whose θ has not run, shape (n,).
 
     Raises:
-        ProtocolError: every θ of the space has been tried.
-        KnobError: none was found that the constraints allow.
+        ProtocolError: If every θ of the space has been tried.
+        KnobError: If none was found that the constraints allow.
     """
     domain, tried = Domain.of(space, history), Tried(space, history)
     z = tried.first_new(multistart(objective, domain, rng))
@@ -205,8 +205,8 @@ class Tried:
         That is a random point of what is searched.
 
         Raises:
-            ProtocolError: every θ of the space has been tried.
-            KnobError: none was found that the constraints allow.
+            ProtocolError: If every θ of the space has been tried.
+            KnobError: If none was found that the constraints allow.
         """
         if self.may_run(z):
             return z

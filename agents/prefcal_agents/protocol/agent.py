@@ -43,8 +43,8 @@ class Agent(Stored):
             replace the first proposed samples.
 
     Raises:
-        SettingsError: an impossible value, or a θ twice in `start`.
-        KnobError: a θ of `start` is outside the space.
+        SettingsError: If a value is not valid, or a θ is in `start` twice.
+        KnobError: If a θ of `start` is outside the space.
     """
 
     by_value = False
@@ -158,8 +158,8 @@ class Agent(Stored):
         """Close `query` by a preference or a score; see the kinds of agents.
 
         Raises:
-            ProtocolError: it is not the open one.
-            PreferenceError: an impossible answer.
+            ProtocolError: If it is not the open one.
+            PreferenceError: If the answer is not valid.
         """
         given = Answer.scored(answer) if self.by_value else Answer.of(answer)
         if self.done:
@@ -182,7 +182,7 @@ class Agent(Stored):
         Answers to follow-up questions (`further`) are numbered separately.
 
         Raises:
-            ProtocolError: there is no such answer, or it is retracted already.
+            ProtocolError: If there is no such answer, or it is already retracted.
         """
         changed = self.history.retracted(index, follow_up=further)
         if not self.done:
@@ -241,8 +241,8 @@ class PreferenceBased(Agent):
         """Close `query`.
 
         Raises:
-            ProtocolError: it is not the open one.
-            PreferenceError: `answer` is none of -1, 0, 1, None (can't tell) and an Answer.
+            ProtocolError: If it is not the open one.
+            PreferenceError: If `answer` is none of -1, 0, 1, None (can't tell) and an Answer.
         """
         super().tell(query, answer)
 
@@ -256,8 +256,8 @@ class ValueBased(Agent):
         """Close `query` with the score of its experiment, lower is better; None if it has none.
 
         Raises:
-            ProtocolError: it is not the open one.
-            PreferenceError: `value` is not finite, or holds a preference.
+            ProtocolError: If it is not the open one.
+            PreferenceError: If `value` is not finite, or holds a preference.
         """
         super().tell(query, value)
 

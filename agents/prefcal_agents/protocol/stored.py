@@ -51,7 +51,7 @@ class Stored(Protocol):
         """Restore an agent from its saved `state`, with the identical next query.
 
         Raises:
-            SettingsError: it is the state of another agent, does not fit the space, or holds
+            SettingsError: If it is the state of another agent, does not fit the space, or holds
                 settings that the agent does not have.
         """
         agent = cls._made(space, state)

@@ -52,8 +52,8 @@ def train_on_plant(
         progress: Whether to show a progress bar on standard error.
 
     Raises:
-        SettingsError: an unknown algorithm or environment, an impossible number.
-        MissingExtraError: the extra `rl` is not installed.
+        SettingsError: If the algorithm or environment is unknown, or a number is not valid.
+        MissingExtraError: If the extra `rl` is not installed.
     """
     choice("algorithm", algorithm, ALGORITHMS)
     integer("steps", steps, low=0)

@@ -19,7 +19,7 @@ def capacity(space: KnobSpace) -> float:
     In a small space, θ that the constraints refuse are not counted.
 
     Raises:
-        KnobError: the space is small, and the constraints allow no θ.
+        KnobError: If the space is small and the constraints allow no θ.
     """
     counts = [_count(knob, *part) for knob, part in zip(space, space.within, strict=True)]
     total = prod(counts)

@@ -34,7 +34,7 @@ class Region:
         """Return random points of the region, shape (count, n); uniform unless it is tiny.
 
         Raises:
-            KnobError: no allowed point was found.
+            KnobError: If no allowed point was found.
         """
         n = len(self.space)
         found = np.zeros((0, n))
@@ -132,7 +132,7 @@ def random_points(
     """Return random points of the searched space that the constraints allow, shape (count, n).
 
     Raises:
-        KnobError: no allowed point was found.
+        KnobError: If no allowed point was found.
     """
     if space.constraints:
         return Region(space).draw(count, rng)

@@ -39,7 +39,7 @@ def mpc_settings(theta: Float[np.ndarray, " 3"], space: KnobSpace = SPACE) -> MP
     moves of at most 10 K; no limits on outputs.
 
     Raises:
-        KnobError: θ of the wrong shape, NaN or outside the box.
+        KnobError: If θ has the wrong shape, is NaN, or is outside the box.
     """
     T_s, N_p, log_Q_du = (float(v) for v in space.check(theta))
     limits = CSTR.inputs[0]

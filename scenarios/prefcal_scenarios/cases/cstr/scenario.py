@@ -41,7 +41,7 @@ def run(
     `cstr_env`.
 
     Raises:
-        KnobError: θ of the wrong shape, NaN or outside the box.
+        KnobError: If θ has the wrong shape, is NaN, or is outside the box.
     """
     theta = space.check(theta)
     loop = cstr_env(**options)

@@ -94,7 +94,7 @@ def mpc_settings(
     inputs (v [m/s], δ_s [rad]). Q_y = diag(1, 1, 0), Q_u = 0, Q_Δu = diag(q_u11, q_u22).
 
     Raises:
-        KnobError: θ of the wrong shape, NaN or outside the box.
+        KnobError: If θ has the wrong shape, is NaN, or is outside the box.
     """
     T_s, share, N_p, log_q11, log_q22 = (float(v) for v in space.check(theta))
     overtaking = phase is Phase.OVERTAKING

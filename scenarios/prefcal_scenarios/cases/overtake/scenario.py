@@ -46,7 +46,7 @@ def run(theta: Float[np.ndarray, " 5"], seed: int = 0, space: KnobSpace = SPACE)
     It is 15 s of the paper's scene and deterministic; θ is physical, in `space`.
 
     Raises:
-        KnobError: θ of the wrong shape, NaN or outside the box.
+        KnobError: If θ has the wrong shape, is NaN, or is outside the box.
     """
     theta = space.check(theta)
     driver = controller(theta, space=space)

@@ -39,7 +39,7 @@ class Scenes:
         """Run every scene once; noise and random traffic of scene i follow from (seed, i).
 
         Raises:
-            KnobError: θ of the wrong shape, NaN or outside `space`.
+            KnobError: If θ has the wrong shape, is NaN, or is outside `space`.
         """
         theta = space.check(theta)
         runs = []

@@ -48,7 +48,7 @@ class Supervisor:
             estimated pose and disturbances. None, as in the paper, uses the measurement.
 
     Raises:
-        SettingsError: settings that do not fit the plant.
+        SettingsError: If the settings do not fit the plant.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Supervisor:
         """Decide the next input (v [m/s], δ_s [rad]).
 
         Raises:
-            PlantError: `measurement.d` does not hold three numbers for each obstacle.
+            PlantError: If `measurement.d` does not hold three numbers for each obstacle.
         """
         m = measurement
         if m.d.ndim != 1 or len(m.d) % 3:
