@@ -150,7 +150,7 @@ def test_what_stands_out_is_named_by_title_and_bars_run_from_0_to_100_percent():
 def test_of_equal_shares_nothing_is_named():
     equal = importance(40, t_f=0.75, final=0.74, a=0.74, b=0.73, c=0.73)
     assert equal.named == ()
-    assert equal.sentence().startswith("Nothing stands out yet: several KPIs count")
+    assert equal.sentence().startswith("Nothing stands out yet: several KPIs matter")
 
 
 def test_what_predicts_like_a_coin_is_said_to():

@@ -32,7 +32,7 @@ class HasBest(Protocol):
 class Earlier:
     """Best θ of an earlier study, in physical units: its space may differ from the new one.
 
-    What this is worth: docs/research/warm_start.md.
+    How much this helps: docs/research/warm_start.md.
 
     Args:
         knobs: Knobs of the earlier study, in order.

@@ -28,7 +28,7 @@ class GLIS(ValueBased):
     acquisition of `ValueAcquisition` is minimized.
 
     Source: Bemporad 2020 (see `inverse_distance`); section IV-A of the paper compares with it.
-    Deviation: those of `GLISSettings`, and a multistart descent instead of a particle swarm.
+    Deviation: see `GLISSettings`; in addition, a multistart descent instead of a particle swarm.
 
     Args:
         space: Knobs to tune.

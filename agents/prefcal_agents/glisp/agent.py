@@ -31,7 +31,7 @@ class GLISp(PreferenceBased):
     (eq. QP-pref), ε is chosen by cross-validation, and an acquisition is minimized (eq. xNp1).
 
     Source: section III of the paper.
-    Deviation: those of `GLISpSettings`. `GLISp.paper` has only three, all measured in
+    Deviation: see `GLISpSettings`. `GLISp.paper` has only three, all measured in
     docs/deviations.md: the box (see `KnobSpace`), the plain Latin hypercube of the start, and a
     multistart descent instead of a particle swarm.
 
@@ -126,7 +126,7 @@ class GLISp(PreferenceBased):
         return self._twin(replace(self._snapshot(), settings=settings.pairs()))
 
     def _twin(self, state: AgentState) -> Self:
-        # The selected models go with it, so a copy need not learn again.
+        # The copy gets the selected models, too, so that it need not select them again.
         twin = super()._twin(state)
         twin._models = self._models.copy(twin._options, twin._setup.backend)
         return twin

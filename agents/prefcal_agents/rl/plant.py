@@ -39,8 +39,8 @@ def train_on_plant(
 ) -> TrainedPolicy:
     """Learn to control a plant by trial: each step is one sampling period, with its reward.
 
-    The same arguments give the same policy, whatever else draws random numbers; the process's
-    global random states come out unchanged.
+    The same arguments give the same policy, even if other code draws random numbers; the process's
+    global random states do not change.
 
     Args:
         env_id: Id of a plant environment registered with Gymnasium.

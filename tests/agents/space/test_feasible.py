@@ -120,7 +120,7 @@ def test_without_constraints_random_points_are_the_generator_s_own():
 def test_the_search_domain_snaps_to_allowed_points():
     book = History()
     for z in random_points(TINY, 3, np.random.default_rng(0)):
-        book = book.with_pending(in_cube(TINY.snap(z))).told(Answer(None), book.incumbent)
+        book = book.with_pending(in_cube(TINY.snap(z))).with_answer(Answer(None), book.incumbent)
     domain = Domain.of(TINY, book)
     snapped = domain.snap(np.random.default_rng(1).random((20, 3)))
     assert Region(TINY).allows(snapped).all()

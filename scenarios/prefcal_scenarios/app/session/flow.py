@@ -147,12 +147,12 @@ class Flow:
         sample = self.agent.state.history.samples[index]
         suggested = Suggested(index, sample.z, sample.theta)
         earlier = self.study.find_experiment(theta)
-        foreseen = self.prefetch.experiment(theta)
+        prefetched = self.prefetch.experiment(theta)
         finished: list[Event | tuple[Finished, Experiment]] = []
         if earlier is not None:
             finished = [Finished(index, same_as=earlier)]
-        elif foreseen is not None:
-            finished = [(Finished(index), foreseen)]
+        elif prefetched is not None:
+            finished = [(Finished(index), prefetched)]
         self.study.append(suggested, *finished)
 
     def _wait_for(self, index: int) -> None:

@@ -292,8 +292,8 @@ class Interview:
 
     # Work in the background.
 
-    def prepare(self, told: Callable[[Compiling], None] = lambda part: None) -> None:
-        """Compile what is not compiled yet; `told` is called with each part.
+    def prepare(self, report: Callable[[Compiling], None] = lambda part: None) -> None:
+        """Compile what is not compiled yet; `report` is called with each part.
 
         Otherwise, the first experiment compiles while it runs, without showing progress.
         """
@@ -303,7 +303,7 @@ class Interview:
                 flow.preparing = part
                 flow.version += 1
             if part is not None:
-                told(part)
+                report(part)
 
         try:
             compile_missing(tell)

@@ -35,8 +35,8 @@ def importance_of(history: History, scenario: Scenario) -> Importance | None:
 
 
 def _known(comparison: Comparison, store: ExperimentStore) -> Comparison:
-    told = comparison.answer.outcomes
-    if told is not None and told[0] is not None:
+    given = comparison.answer.outcomes
+    if given is not None and given[0] is not None:
         return comparison
     outcomes = store.outcomes(comparison.challenger, None)  # each is a challenger once
     return replace(comparison, answer=replace(comparison.answer, outcomes=outcomes))

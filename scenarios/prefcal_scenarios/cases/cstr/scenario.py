@@ -56,7 +56,7 @@ def synthetic(seed: int = 0) -> LatentCost:
 def lexicographic(seed: int = 0) -> Lexicographic:
     """Return a calibrator with the paper's guidelines in order: target, speed, calm moves.
 
-    Differences that nobody would see in the plots are ties. Deterministic, whatever the `seed`.
+    Differences that are invisible in the plots are ties. Deterministic, whatever the `seed`.
     """
     return Lexicographic(
         [

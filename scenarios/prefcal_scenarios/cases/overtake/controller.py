@@ -45,8 +45,8 @@ class Fixed:
     """MPC settings that are not tuned.
 
     Deviation: the paper states ±π/4 and 0.0873 rad/s for θ. Here ±π/4 holds for θ (soft) and for
-    δ_s (hard), 0.0873 rad/s for the rate of δ_s (hard), so 0.0873 T_s a step: a yaw rate is no
-    input.
+    δ_s (hard), 0.0873 rad/s for the rate of δ_s (hard), so 0.0873 T_s per step, because a yaw rate
+    is not an input.
 
     Args:
         steering_rate: Largest rate of δ_s from one step to the next [rad/s].
@@ -77,9 +77,9 @@ STEERING_LIMITS: Mapping[str, Fixed] = {
 ESTIMATOR = EstimatorSettings(
     noise=(0.1, 0.05, 0.01), process=(0.1, 0.05, 0.02), drift=(0.01,), on_inputs=(1,)
 )
-"""Beyond the paper: for a pose measured with 0.1 m, 0.05 m and 0.01 rad of noise. What integrates
-is a disturbance of δ_s: one of a position cannot be told from the position, and v needs none, since
-the reference of x_f runs ahead of the car."""
+"""Beyond the paper: for a pose measured with 0.1 m, 0.05 m and 0.01 rad of noise. The integrating
+disturbance acts on δ_s: one of a position cannot be distinguished from the position, and v needs
+none, since the reference of x_f runs ahead of the car."""
 
 
 def mpc_settings(

@@ -31,7 +31,7 @@ class Supervisor:
     - Overtaking: y_ref = y_o + 3 m, 60 km/h, y_f >= y_o + 3 m (soft); y_o of the leftmost obstacle
       that is `beside`.
     - The reference of x_f runs ahead of the current position at the reference speed, previewed:
-      x_f + v_ref T_s k. The speed is tracked, lost ground is not caught up.
+      x_f + v_ref T_s k. The speed is tracked; the controller does not catch up lost ground.
 
     The model does not depend on the position of the car, so the MPC sees positions relative to its
     front end and, while overtaking, to the obstacle's center line. So the limits need no change if
