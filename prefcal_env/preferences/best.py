@@ -38,7 +38,7 @@ class Verdict:
 
 
 def best_of(verdicts: Sequence[Verdict], unsafe: Set[int] = frozenset()) -> int:
-    """Return the index of the best experiment: one that no unbeaten experiment has beaten.
+    """Return the index of the best experiment, an undominated one (see `undominated`).
 
     The crown starts with experiment 0 and passes to a new experiment that wins, since that was
     compared with the best so far. A follow-up passes the crown on only if its owner lost; a

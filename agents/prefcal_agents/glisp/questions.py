@@ -157,7 +157,7 @@ def final_question(history: History) -> tuple[int, int] | None:
     People who call two experiments "about the same" have a threshold, and differences below it add
     up: each new best may be slightly worse in what matters most. So after the last experiment, the
     best is compared with up to three former bests, earliest first, that it was not compared with
-    before. People who never said "about the same" or contradicted themselves are not asked.
+    before. People who never said "about the same" and never contradicted themselves are not asked.
 
     Source: none.
     Deviation: the paper compares each experiment with the best so far only.

@@ -77,7 +77,7 @@ class Selection:
         shape: Shape of φ, chosen by cross-validation.
         kpi_scale: How much KPIs count in Ĵ beside θ, 0 or more, chosen by cross-validation.
         noise: Result of the noise test; None while there are too few answers.
-        is_noisy: Whether some answers are treated as wrong. This takes two things: some answers
+        is_noisy: Whether answers are treated as possibly wrong. This takes two things: some
             contradict each other, and the noise test suspects mistakes. A suspicion alone only
             leads to a question, since a cost that jumps looks like mistakes, too.
     """
@@ -197,7 +197,7 @@ class ModelSelection:
         return self._shapes[count]
 
     def _is_validated(self, count: int) -> bool:
-        """Return whether the shape is chosen anew after `count` experiments.
+        """Return whether the shape is chosen again after `count` experiments.
 
         "every step" leaves out the turns of the process. Beyond `MOST` experiments the shape
         stays, because some of the answers that it was chosen by are no longer used.
@@ -212,7 +212,7 @@ class ModelSelection:
         return not (self._process_takes_turns(count) and is_process_turn(count, self._n_init))
 
     def _process_takes_turns(self, count: int) -> bool:
-        """Return whether every second proposal is the process's after `count` experiments."""
+        """Return whether the process makes every second proposal, as known after `count`."""
         with_kpis = any(self._settings.outcome_scales) and any(kpis_of(self._history.until(count)))
         return self._settings.process and not with_kpis
 

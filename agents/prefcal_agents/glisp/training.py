@@ -21,7 +21,7 @@ def train(
 
     Source: eq. QP-pref.
     Deviation: KPIs that explain the answers are part of Ĵ if cross-validation finds that they
-    help to predict answers. If some answers seem wrong, Ĵ need not reproduce all of them;
+    help to predict answers. If answers may be wrong (`is_noisy`), Ĵ need not reproduce all;
     see `ExpectationPropagation`.
     """
     if selection.is_noisy:

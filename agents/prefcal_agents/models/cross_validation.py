@@ -116,7 +116,7 @@ def rescale_knob(
     Args:
         validation: Slices to score with.
         shape: Shape in use.
-        score: Number of left-out preferences that `shape` predicts right.
+        score: Number of left-out preferences that `shape` reproduces.
         candidates: Values of ε, increasing; those next to the one in use are tried again.
         knob: Index of the knob.
         widest: Largest ratio between the scales of two knobs.
