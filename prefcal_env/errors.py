@@ -66,7 +66,7 @@ class RunError(PrefcalError, RuntimeError):
     Args:
         words: Message for people that says what happened.
         why: "raised" if their code raised an error, "died" if its process ended, "late" if it
-            took too long, "stopped" if a person stopped it, "given up" if nobody waits for it.
+            took too long, "stopped" if a person stopped it, "given up" if it is no longer needed.
         trace: Traceback of their code; empty if there is none.
     """
 

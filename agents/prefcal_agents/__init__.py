@@ -1,6 +1,6 @@
 """Provide agents that propose θ and learn from preferences or from scores.
 
-Everything below is loaded when it is first used, so that a list of the agents costs nothing.
+Everything below is loaded on first use, so that listing the agents takes no time.
 """
 
 from importlib import import_module as _import_module

@@ -1,4 +1,4 @@
-"""Minimize by preference in five lines, with nothing but a function that compares."""
+"""Minimize by preference in five lines: all you need is a function that compares."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -73,9 +73,9 @@ def minimize_by_preference(
         start: Physical θ to start from, shape (n,), or several; the agent must accept `start`.
 
     Raises:
-        SettingsError: an impossible count or seed.
-        KnobError: a θ of `start` is outside the space.
-        PreferenceError: `prefer` returned something else.
+        SettingsError: If a count or the seed is not valid.
+        KnobError: If a θ of `start` is outside the space.
+        PreferenceError: If `prefer` returned something else.
     """
     if not callable(prefer):
         raise SettingsError(f"prefer must be a function of two θ, got {prefer!r}")
@@ -91,5 +91,5 @@ def minimize_by_preference(
 
 
 def _answer(prefer: Prefer, new: Theta, old: Theta | None) -> Answer | None:
-    """Ask `prefer`, which gets copies: it may write into them."""
+    """Ask `prefer`. It gets copies, since it may write into them."""
     return None if old is None else Answer.of(prefer(new.copy(), old.copy()))

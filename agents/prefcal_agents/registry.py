@@ -23,10 +23,10 @@ class AgentRow:
         name: Name in `prefcal_agents`: a class, or "CLASS.METHOD" for another way to make one.
         module: Module of this package that holds the class.
         word: Word for `prefcal calibrate --agent`; empty if it is not offered there.
-        about: Remark on it in the help.
+        about: Remark in the help.
         label: Name in the benchmark's tables; empty: `name`.
-        by_value: Whether it is told scores; otherwise preferences.
-        learns: Whether it uses what it is told for more than keeping the winner.
+        by_value: Whether it learns from scores; otherwise from preferences.
+        learns: Whether it uses answers for more than keeping the winner.
         extra: Extra that it needs: `pip install prefcal[extra]`.
         packages: Modules of that extra to their distributions.
     """
@@ -68,16 +68,16 @@ AGENTS = (
 """All agents, in the order of tables and help."""
 
 CLASSES: Mapping[str, AgentRow] = {row.name: row for row in AGENTS if "." not in row.name}
-"""Class to row: a saved state bears the name of its agent's class."""
+"""Class to row; a saved state has the name of its agent's class."""
 WORDS: Mapping[str, AgentRow] = {row.word: row for row in AGENTS if row.word}
-"""Word of the command line to row."""
+"""Command-line word to row."""
 
 
 def agent_class(name: str) -> Any:
-    """Return the class called `name`; made without its extra, it raises MissingExtraError.
+    """Return the class called `name`; creating it without its extra raises MissingExtraError.
 
     Raises:
-        SettingsError: no agent has that name.
+        SettingsError: If no agent has that name.
     """
     if name not in CLASSES:
         from prefcal_env.errors import SettingsError  # loads numpy
@@ -89,12 +89,12 @@ def agent_class(name: str) -> Any:
 def restore(space: "KnobSpace", state: "AgentState") -> "Agent":
     """Return the agent that `state` was taken from; its next query is identical.
 
-    The state of an older version of the algorithm is taken as it is: its samples stay, and the
-    present algorithm carries on from them.
+    The state of an older version of the algorithm is accepted: its samples stay, and the current
+    algorithm continues from them.
 
     Raises:
-        SettingsError: an unknown agent, or a state that does not fit `space`.
-        MissingExtraError: an agent of an extra that is not installed.
+        SettingsError: If the agent is unknown, or the state does not fit `space`.
+        MissingExtraError: If the agent needs an extra that is not installed.
     """
     agent: Agent = agent_class(state.agent).restore(space, state)
     return agent

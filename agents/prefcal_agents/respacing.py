@@ -1,4 +1,4 @@
-"""A running agent in a space that has changed: everything learned stays."""
+"""Move a running agent to a changed space without losing what it has learned."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,7 +15,7 @@ from prefcal_env.preferences.history import Sample
 from .registry import CLASSES, agent_class
 
 RESPACEABLE = frozenset(name for name, row in CLASSES.items() if not row.extra)
-"""Agents that can go on in a space that has changed: those of others cannot."""
+"""Agents that can continue in a changed space; those of other packages cannot."""
 
 
 def respaced(
@@ -25,20 +25,21 @@ def respaced(
     added: Mapping[str, float] | None = None,
     keep_open: bool = True,
 ) -> Agent:
-    """An agent with the samples and answers of `agent` that searches `new` from now on.
+    """Return an agent with the samples and answers of `agent` that searches `new`.
 
-    Its space is wide enough for every sample, so those outside of a narrowed range teach as
-    before, and no θ runs again. `agent` itself stays as it is.
+    Its space includes every sample, so it still learns from those outside a narrowed range, and no
+    θ runs again. `agent` itself does not change.
 
     Args:
-        agent: One of this package.
-        new: All knobs of the agent's space, with what is to be searched of each; further ones.
-        added: For each further knob, its value in the experiments so far, physical.
+        agent: Agent of this package.
+        new: Space with all knobs of the agent's space, the range to search of each, and any
+            additional knobs.
+        added: Maps each additional knob to its physical value in the experiments so far.
         keep_open: Whether the open query keeps its sample, which may have run already.
 
     Raises:
-        KnobError: as `prefcal_env.knobs.change.respaced`.
-        SettingsError: an agent that cannot be restricted.
+        KnobError: As in `prefcal_env.knobs.change.respaced`.
+        SettingsError: If the agent cannot be restricted.
     """
     state = agent.state
     if state.agent not in RESPACEABLE:
@@ -57,7 +58,7 @@ def moved(
     """Return `state`, of an agent in the space `old`, for the space `new`.
 
     Raises:
-        KnobError: `new` does not hold every sample, or has a knob without a value.
+        KnobError: If `new` does not hold every sample, or has a knob without a value.
     """
     start = [Sample.of(old, np.array(z)).moved(old, new, added).z for z in state.start]
     history = state.history.moved(old, new, added)

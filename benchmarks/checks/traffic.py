@@ -21,12 +21,12 @@ from prefcal_scenarios.own.source import joined_source
 
 QUEUE = {"count": 3, "types": ["idm", "braking"], "gap": [15, 50], "speed": [8, 12]}
 CUTS_IN = {"count": 3, "types": ["cut-in", "constant"], "gap": [15, 50], "speed": [8, 12]}
-COMES_TOWARDS = {"count": 3, "types": ["oncoming", "idm"], "gap": [20, 80], "speed": [8, 14]}
+COMES_TOWARD = {"count": 3, "types": ["oncoming", "idm"], "gap": [20, 80], "speed": [8, 14]}
 TRAFFIC: Mapping[str, Mapping[str, Any]] = {
     "a queue that keeps its distance": {"traffic": [], "random_traffic": QUEUE},
     "three lanes, from which others cut in": {"lanes_count": 3, "random_traffic": CUTS_IN},
     "a two-way road": {
-        "lanes_count": 1, "oncoming_lanes_count": 1, "random_traffic": COMES_TOWARDS,
+        "lanes_count": 1, "oncoming_lanes_count": 1, "random_traffic": COMES_TOWARD,
     },
 }  # fmt: skip
 """Configurations, each drawn anew for every θ."""

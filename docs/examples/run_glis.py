@@ -7,7 +7,7 @@ from prefcal_agents import GLIS
 env = gym.make("prefcal_env:prefcal/CSTRTuning-v0")
 space = env.unwrapped.space
 agent = GLIS(space, n_max=50, seed=0)
-scores = []  # performance index of each experiment, which GLIS is told
+scores = []  # performance index of each experiment, which GLIS learns from
 
 env.reset(seed=0)
 while not agent.done:

@@ -23,7 +23,7 @@ def tune(algorithm, n_max):
     env = gym.make("prefcal_env:prefcal/CSTRTuning-v0")
     space = env.unwrapped.space
     agent = {"PPO": PPOBandit, "SAC": SACBandit}[algorithm](space, n_max=n_max, seed=0)
-    scores = []  # performance index of each experiment, which the agent is told
+    scores = []  # performance index of each experiment, which the agent learns from
 
     env.reset(seed=0)
     while not agent.done:

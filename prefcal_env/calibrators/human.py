@@ -35,7 +35,7 @@ class HumanCalibrator:
 
     Raises:
         SettingsError: If `ask` is not callable or the seed is not valid.
-        PreferenceError: In `prefer`, if the answer is not valid.
+        PreferenceError: If the answer to `prefer` is not valid.
     """
 
     ask: Ask

@@ -27,7 +27,7 @@ class LatentCost:
     Args:
         cost: Function that returns the cost of an experiment; lower is better, may be infinite.
         tie_band: Smallest noticeable difference of costs, 0 or more.
-        noise: Errors of judgement; None for none.
+        noise: Distribution of errors; None for no errors.
         seed: Seed of the noise, 0 or more.
         much_better: Difference of costs above which one is much better, `tie_band` or more; with
             None the answer is never "much better".

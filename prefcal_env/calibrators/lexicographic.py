@@ -93,7 +93,7 @@ class Lexicographic:
             if verdict is not Preference.TIE:
                 return verdict, criterion
             if criterion is _SURVIVAL and challenger.end.interrupted:
-                break  # both stopped at the same time: the remaining criteria say nothing
+                break  # both stopped at the same time: the remaining criteria do not apply
         return Preference.TIE, None
 
 

@@ -1,4 +1,4 @@
-"""Errors of judgement: noise on the difference of two costs, or a share of wrong answers."""
+"""Make calibrators err: noise on the difference of two costs, or a share of wrong answers."""
 
 from dataclasses import dataclass, replace
 from math import isfinite
@@ -13,7 +13,7 @@ from prefcal_env.preferences.answer import Answer, Calibrator, Preference
 
 @runtime_checkable
 class Noise(Protocol):
-    """A symmetric distribution of errors of judgement."""
+    """A symmetric distribution of errors in comparing two costs."""
 
     def draw(self, generator: np.random.Generator) -> float:
         """Return one error of a difference of costs, in the unit of the cost."""

@@ -38,8 +38,8 @@ def settled(step: Step) -> bool:
     """Return whether C_A is inside the band and nothing changes between the last two samples.
 
     Source: "the steady-state condition is reached", section IV-A, which gives no rule.
-    Deviation: the rates in `SETTLED_RATES` are ours, and decide: with twice as large ones the
-    lowest index lies elsewhere (docs/deviations.md). A run that never leaves its start is outside
+    Deviation: the rates in `SETTLED_RATES` are ours, and they matter: if they are twice as large,
+    the lowest index is elsewhere (docs/deviations.md). A run that never leaves its start is outside
     the band: not settled.
     """
     dT, dC_A = np.abs(step.x[-1] - step.x[0]) / step.T_s

@@ -29,7 +29,7 @@ class PreferenceReward(gym.Wrapper[Array, Array, Array, Array], gym.utils.Record
 
     Raises:
         SettingsError: If `calibrator` has no `prefer`; in `step`, if the info has no experiment.
-        PreferenceError: In `step`, if the calibrator's answer is not valid.
+        PreferenceError: If the calibrator's answer in `step` is not valid.
     """
 
     def __init__(self, env: gym.Env[Array, Array], calibrator: Calibrator[Experiment]) -> None:

@@ -1,4 +1,4 @@
-"""Why an experiment ended: with the KPIs, all that an agent learns about a run."""
+"""Why an experiment ended. Besides the KPIs, this is all that an agent learns about a run."""
 
 from enum import Enum
 

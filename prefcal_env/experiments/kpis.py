@@ -11,7 +11,7 @@ from jaxtyping import Float
 from .experiment import Experiment
 
 _BAND = 0.03  # share of the largest error, for channels without a band
-_NOTHING = 1e-3  # share of the largest error below which nobody sees an error
+_NOTHING = 1e-3  # share of the largest error below which an error is invisible
 
 
 def tracking_kpis(experiment: Experiment) -> dict[str, float]:

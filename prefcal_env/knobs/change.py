@@ -1,4 +1,4 @@
-"""A space that changes: what a new one must hold so that nothing that was tried is lost."""
+"""Change a space of knobs without losing any θ that was tried."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,24 +13,25 @@ from .space import KnobSpace
 
 
 def respaced(old: KnobSpace, new: KnobSpace, added: Mapping[str, float] | None = None) -> KnobSpace:
-    """The space that searches what `new` does, and holds all that `old` and `added` do.
+    """Return a space that searches the ranges of `new` and includes every θ of `old`.
 
-    So a narrowed range is searched in part, and the experiments outside of it still teach.
+    If a range was narrowed, the search stays inside it, but agents still learn from the experiments
+    outside.
 
     Args:
-        old: Of the experiments so far.
-        new: What is to be searched from now on; all knobs of `old` are in it.
-        added: For each knob that is not in `old`: its value, physical, in the experiments so far.
+        old: Space of the experiments so far.
+        new: Space to search from now on; it must have all knobs of `old`.
+        added: Maps each knob that is not in `old` to its physical value in the experiments so far.
 
     Raises:
-        KnobError: a knob is missing, has another scale, unit or kind, or its value in the
+        KnobError: If a knob is missing, has another scale, unit or kind, or its value in the
             experiments so far is not known.
     """
     added = {} if added is None else dict(added)
     before = {knob.name: knob for knob in old}
     missing = sorted(set(before) - set(new.names))
     if missing:
-        raise KnobError(f"knobs {missing} are gone: keep them, frozen to one value")
+        raise KnobError(f"knobs {missing} are missing: keep them, frozen at one value")
     fresh = [name for name in new.names if name not in before]
     if sorted(added) != sorted(fresh):
         raise KnobError(
@@ -51,10 +52,10 @@ def carried(
     new: KnobSpace,
     added: Mapping[str, float] | None = None,
 ) -> Float[np.ndarray, " n"]:
-    """θ of `old`, physical, shape (m,), as a θ of `new`, shape (n,), with the values `added`.
+    """Return a physical θ of `old`, shape (m,), as a θ of `new`, shape (n,), with `added` values.
 
     Raises:
-        KnobError: `new` does not hold it, or has a knob without a value.
+        KnobError: If `new` does not hold it, or has a knob without a value.
     """
     values = {**dict(zip(old.names, theta.tolist(), strict=True)), **(added or {})}
     unknown = [name for name in new.names if name not in values]
@@ -68,7 +69,7 @@ def _wider(new: Knob, old: Knob) -> Knob:
     if kind != was:
         raise KnobError(
             f"knob {new.name!r} must keep its unit, scale and kind {was}, got {kind}: "
-            "call it by another name"
+            "give the new knob another name"
         )
     return _spanning(new, min(new.low, old.low), max(new.high, old.high))
 

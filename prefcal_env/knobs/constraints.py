@@ -11,7 +11,7 @@ from jaxtyping import Float
 from prefcal_env.errors import KnobError
 
 Values = Mapping[str, Any]
-"""Maps a knob name to its physical value: a number, or an array (m,) if `vectorised`."""
+"""Maps a knob name to its physical value: a number, or an array (m,) if `vectorized`."""
 _ROUNDING = 1e-12  # relative to the terms of a linear constraint: accept 0.1 + 0.2 <= 0.3
 
 
@@ -23,7 +23,7 @@ class Constraint:
         name: Name for error messages and study files, which hold no code.
         g: Function of a mapping from knob name to physical value. Its unit is up to you; the search
             works best if its values near the boundary are of similar size for all θ.
-        vectorised: Whether `g` accepts arrays, one value for each of m θ. This is faster, but `g`
+        vectorized: Whether `g` accepts arrays, one value for each of m θ. This is faster, but `g`
             must use numpy's functions in place of max, abs, if and math.
 
     Raises:
@@ -32,7 +32,7 @@ class Constraint:
 
     name: str
     g: Callable[[Values], Any]
-    vectorised: bool = False
+    vectorized: bool = False
 
     def __post_init__(self) -> None:
         _check_name(self.name)
@@ -52,7 +52,7 @@ class Constraint:
             KnobError: If `g` raises an error or does not return one number for each θ.
         """
         count = len(next(iter(values.values())))
-        result = self._called(values) if self.vectorised else self._one_by_one(values)
+        result = self._called(values) if self.vectorized else self._one_by_one(values)
         if result.shape not in ((), (count,)):
             raise KnobError(
                 f"constraint {self.name!r} must return one number for each θ (0 or less "

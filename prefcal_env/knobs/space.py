@@ -185,7 +185,7 @@ class KnobSpace:
         """Encode many physical θ at once like `encode`, up to rounding, shape (m, n).
 
         Raises:
-            KnobError: `thetas` has another shape or leaves the box.
+            KnobError: If `thetas` has another shape or leaves the box.
         """
         if np.ndim(thetas) != 2 or np.shape(thetas)[1] != len(self):
             raise KnobError(f"thetas must have shape (m, {len(self)}), got {np.shape(thetas)}")

@@ -44,10 +44,10 @@ class Kernel:
     types: tuple[Any, ...]
 
 
-def compile_missing(told: Callable[[Compiling], None]) -> None:
+def compile_missing(report: Callable[[Compiling], None]) -> None:
     """Compile the kernels of all loaded modules, unless numba's cache already holds them.
 
-    `told` is called with each part as its compilation begins; never if nothing is missing.
+    `report` is called with each part as its compilation begins; never if nothing is missing.
     """
     if not _loaded("prefcal_env.qp"):
         return
@@ -56,12 +56,12 @@ def compile_missing(told: Callable[[Compiling], None]) -> None:
     found = tuple(kernels())
     for k, kernel in enumerate(found):
         now = Compiling(k + 1, len(found), kernel.title)
-        with event.install_listener("numba:compile", _once(partial(told, now))):
+        with event.install_listener("numba:compile", _once(partial(report, now))):
             kernel.function.compile(kernel.types)
 
 
-def _once(told: Callable[[], None]) -> Any:
-    """Return a numba listener that calls `told` once, when the first compilation begins."""
+def _once(report: Callable[[], None]) -> Any:
+    """Return a numba listener that calls `report` once, when the first compilation begins."""
     from numba.core import event
 
     class Once(event.Listener):
@@ -71,7 +71,7 @@ def _once(told: Callable[[], None]) -> Any:
             """React to the first event only; other compilations begin inside it."""
             if not self.begun:
                 self.begun = True
-                told()
+                report()
 
         def on_end(self, event: Any) -> None:
             """Ignore the end of a compilation."""

@@ -53,7 +53,7 @@ class StepSize:
         soft = 1 if limits.soft else 0
         return cls(
             n_x=len(plant.states), n_u=n_u, n_y=len(plant.outputs), N_p=s.N_p,
-            models=1 if s.linearisation == "point" else s.N_p,
+            models=1 if s.linearization == "point" else s.N_p,
             variables=s.N_u * n_u + soft,
             rows=(2 * s.N_u - 1) * n_u + int(limited) * s.N_p + soft,
             soft=bool(soft),
@@ -68,12 +68,12 @@ class StepSize:
         in the check.
         """
         n_s, n, m = self.n_x + self.n_u, self.variables, self.rows
-        discretising = self.models * _PRODUCTS * 2 * (n_s + 1) ** 3
+        discretizing = self.models * _PRODUCTS * 2 * (n_s + 1) ** 3
         stage = 2 * (n_s + self.n_y + 2 * self.n_u) * (n_s + self.n_u) * (n_s + self.n_u + 1)
         predicted = 2 * self.n_x * n_s * (n + 1)
         limited = 2 * self.n_y * n_s * (n + 1) if self.soft else 0
         checking = 6 * m * n + 4 * n**2
-        return float(discretising + self.N_p * (stage + predicted + limited) + checking)
+        return float(discretizing + self.N_p * (stage + predicted + limited) + checking)
 
     @property
     def iterating(self) -> float:

@@ -145,7 +145,7 @@ class LinearMPC:
     def _predict(self, m: Measurement) -> Prediction:
         s = self.settings
         d = m.d if m.d.ndim == 2 else m.d[None]
-        if s.linearisation == "point":
+        if s.linearization == "point":
             return at_point(self.plant, m.x, m.u, d, s.T_s, s.N_p)
         plan = np.tile(m.u, (s.N_p, 1))
         if self._plan is not None:  # shift the last plan by one step and hold its last input

@@ -115,7 +115,7 @@ class DisturbanceEstimator:
         starts again from the measurement.
 
         Raises:
-            SettingsError: At the first measurement, if the disturbances cannot be distinguished
+            SettingsError: If, at the first measurement, the disturbances cannot be distinguished
                 from the plant's state.
         """
         m = measurement

@@ -1,7 +1,7 @@
 """Settings of an MPC of eq. MPC and eq. MPC_constraints, frozen and checked."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from prefcal_env.errors import SettingsError
 from prefcal_env.qp import BACKENDS, Tolerances
 
-Linearisation = Literal["point", "trajectory"]
+Linearization = Literal["point", "trajectory"]
 Matrix = Sequence[Sequence[float]] | np.ndarray
 Vector = Sequence[float] | np.ndarray
 
@@ -42,7 +42,7 @@ class MPCSettings:
         Q_eps: Weight of the single slack ε >= 0 of the soft limits, above 0.
         softness: Factor on ε by which each output's limits may be violated, shape (n_y,); None is
             1.
-        linearisation: "point" uses one model, at the present state and input, for the whole
+        linearization: "point" uses one model, at the present state and input, for the whole
             horizon. "trajectory" uses one along the nominal trajectory of the last plan (eq.
             MPCsys).
         backend: QP solver, "piqp" or "daqp".
@@ -69,7 +69,7 @@ class MPCSettings:
     y_max: Vector | None = None
     Q_eps: float = 10.0
     softness: Vector | None = None
-    linearisation: Linearisation = "point"
+    linearization: Linearization = "point"
     backend: str = "piqp"
     tolerances: Tolerances = field(default_factory=Tolerances)
 
@@ -88,15 +88,21 @@ class MPCSettings:
             bounds = [_array(f"{what} limits", v) for v in (low, high) if v is not None]
             if len(bounds) == 2 and not np.all(bounds[0] <= bounds[1]):
                 raise SettingsError(f"{what}_min must not be above {what}_max, got {low}, {high}")
-        if self.linearisation not in get_args(Linearisation):
+        if self.linearization not in get_args(Linearization):
             raise SettingsError(
-                f"linearisation must be one of {get_args(Linearisation)}, "
-                f"got {self.linearisation!r}"
+                f"linearization must be one of {get_args(Linearization)}, "
+                f"got {self.linearization!r}"
             )
         if not isinstance(self.tolerances, Tolerances):
             raise SettingsError(f"tolerances must be Tolerances, got {self.tolerances!r}")
         if self.backend not in BACKENDS:
             raise SettingsError(f"backend must be one of {BACKENDS}, got {self.backend!r}")
+
+    def named(self) -> dict[str, Any]:
+        """Return the settings by name, as `best.json` stores them."""
+        # Files written before the setting was renamed must still load: the key in them stays.
+        keys = {"linearization": "linearisation"}
+        return {keys.get(name, name): value for name, value in asdict(self).items()}
 
     def _check_horizons(self) -> None:
         for name in ("N_p", "N_u"):

@@ -1,1 +1,1 @@
-"""Answers of a person, and what follows from them about experiments."""
+"""Answers of a person, and which experiments are best according to them."""

@@ -37,9 +37,9 @@ class Preference(IntEnum):
 
 
 class Strength(IntEnum):
-    """How much better one side is, as a person says it: the strength of an `Answer`.
+    """How much better one side is according to the person: the strength of an `Answer`.
 
-    What it is worth: docs/research/strength.md.
+    How much it helps: docs/research/strength.md.
     """
 
     BETTER = 1
@@ -47,7 +47,7 @@ class Strength(IntEnum):
 
 
 class Mark(Enum):
-    """What a calibrator may say of one side, apart from the verdict."""
+    """What a calibrator may say about one side besides the verdict."""
 
     CHALLENGER_UNSAFE = "challenger unsafe"
     INCUMBENT_UNSAFE = "incumbent unsafe"
@@ -61,21 +61,21 @@ class Answer:
 
     Args:
         preference: Which one is better; None is an abstention ("can't tell").
-        strength: How much better the preferred side is, above 0: 1, an ordinary verdict, or a
+        strength: How much better the preferred side is, above 0: 1 for an ordinary verdict, or a
             `Strength`. It is the weight c_h of eq. QP-pref, which counts where answers
             contradict each other. A tie or an abstention has no strength: it is always 1.
         marks: Marks on either side.
-        outcomes: What came of the challenger's and the incumbent's experiments, where known: KPIs
-            by name, lower is better; infinite means never, NaN or no entry unknown.
-        value: The challenger's score, lower is better, which a value-based agent learns from in
-            place of a preference.
-        automatic: Those of `marks` that nobody gave: they follow from how a run ended, see
+        outcomes: Known KPIs of the challenger's and the incumbent's experiments by name, lower is
+            better; infinite means never, NaN or no entry means unknown.
+        value: Score of the challenger, lower is better, from which a value-based agent learns
+            instead of a preference.
+        automatic: The `marks` that no person gave, because they follow from how a run ended; see
             `completed`.
 
     Raises:
-        PreferenceError: a preference other than -1, 0, 1 or None, a strength that is not
-            positive and finite, something that is not a mark, an automatic one that is not among
-            them, or a value that is not finite.
+        PreferenceError: If the preference is none of -1, 0, 1 and None, the strength is not
+            positive and finite, a mark is unknown, an automatic mark is not among the marks, or the
+            value is not finite.
     """
 
     preference: Preference | None
@@ -117,21 +117,21 @@ class Answer:
         """Return `answer` as an Answer; a bare -1, 0, 1 or None (abstain) is accepted.
 
         Raises:
-            PreferenceError: anything else.
+            PreferenceError: If it is anything else.
         """
         return answer if isinstance(answer, cls) else cls(answer)  # type: ignore[arg-type]
 
     @classmethod
     def scored(cls, value: "Answer | float | None") -> "Answer":
-        """Return the score `value` as an Answer; None where an experiment has no score.
+        """Return the score `value` as an Answer; None if the experiment has no score.
 
         Raises:
-            PreferenceError: it is not a finite number, or an Answer that holds a preference.
+            PreferenceError: If it is not a finite number, or an Answer that holds a preference.
         """
         answer = value if isinstance(value, cls) else cls(None, value=value)  # type: ignore[arg-type]
         if answer.preference is not None:
             raise PreferenceError(
-                f"a value-based agent is told a score, not a preference: got {answer}"
+                f"a value-based agent needs a score, not a preference: got {answer}"
             )
         return answer
 
@@ -142,16 +142,16 @@ class Answer:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Answer":
-        """Read what `to_dict` gave; other keys are ignored.
+        """Read the data that `to_dict` returned; other keys are ignored.
 
         Raises:
-            PreferenceError: something is missing or malformed.
+            PreferenceError: If something is missing or malformed.
         """
         return from_plain(data, cls, PreferenceError, "an answer")
 
 
 def _outcomes(given: Any) -> tuple[Outcome | None, Outcome | None]:
-    """A pair of outcomes, or None for one that is not known; one alone is the challenger's."""
+    """Return a pair of outcomes, None if unknown; a single one is the challenger's."""
     if isinstance(given, Mapping):
         given = (given, None)
     if not isinstance(given, (tuple, list)) or len(given) != 2:
@@ -169,7 +169,7 @@ def _score(value: Any) -> float:
     if isinstance(value, numbers) and not isinstance(value, bool) and np.isfinite(value):
         return float(value)
     raise PreferenceError(
-        f"a score must be a finite number, or None where there is none, got {value!r}"
+        f"a score must be a finite number, or None if there is none, got {value!r}"
     )
 
 
@@ -178,7 +178,7 @@ def _preference(value: Any) -> Preference:
     if isinstance(value, numbers) and not isinstance(value, bool) and value in (-1, 0, 1):
         return Preference(int(value))
     raise PreferenceError(
-        "an answer must be -1 (challenger better), 0 (as good as), 1 (incumbent better), "
+        "an answer must be -1 (challenger better), 0 (equally good), 1 (incumbent better), "
         f"None (can't tell) or an Answer, got {value!r}"
     )
 
@@ -219,7 +219,7 @@ class Query:
 
 
 class Agent(Protocol):
-    """Proposes θ and learns from preferences; the one mutable object of a study.
+    """An agent that proposes θ and learns from preferences; the one mutable object of a study.
 
     `ask` is pure: asking twice changes nothing. `tell` refuses an answer to a query that is
     not the open one. The contract suite `tests/contracts/agents.py` is what an agent must pass.
@@ -254,14 +254,14 @@ class Agent(Protocol):
         """Forget answer number `index` (from 0), keep its sample. Raises ProtocolError if none."""
 
     def copy(self) -> Self:
-        """Return an independent twin, for running ahead on each likely answer."""
+        """Return an independent copy, used to prepare the next query for each likely answer."""
 
 
 @runtime_checkable
 class Calibrator(Protocol[ExperimentT]):
-    """Compares two experiments: a person's front end or a synthetic judge."""
+    """A judge of two experiments: the front end of a person, or a synthetic one."""
 
     def prefer(
         self, challenger: ExperimentT, incumbent: ExperimentT
     ) -> Answer | Preference | int | None:
-        """Say which is better: -1, 0 or 1 as in eq. pref_fun, or None to abstain."""
+        """Return which one is better: -1, 0 or 1 as in eq. pref_fun, or None to abstain."""

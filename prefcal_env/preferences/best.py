@@ -1,4 +1,4 @@
-"""Who is the best, as a statement about the whole record of answers."""
+"""Determine the best experiment from the whole record of answers."""
 
 from collections.abc import Collection, Sequence, Set
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from .answer import Preference
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """One answer that stands: experiment `challenger` against experiment `incumbent`.
+    """One valid answer: experiment `challenger` against experiment `incumbent`.
 
     A follow-up is about two experiments that had been compared before.
     """
@@ -38,29 +38,29 @@ class Verdict:
 
 
 def best_of(verdicts: Sequence[Verdict], unsafe: Set[int] = frozenset()) -> int:
-    """Return the index of the best experiment: one that nobody standing has beaten.
+    """Return the index of the best experiment, an undominated one (see `undominated`).
 
-    The crown starts with experiment 0 and passes to a new experiment that wins, since that met
-    the best so far. A follow-up passes it on only if the one wearing it lost: about two
-    others it crowns nobody. Where the crown ends up on an experiment that lost all the same (an
-    answer was retracted, or it was marked unsafe), the undominated experiment that won most
-    recently is the best.
+    The crown starts with experiment 0 and passes to a new experiment that wins, since that was
+    compared with the best so far. A follow-up passes the crown on only if its owner lost; a
+    follow-up about two others changes nothing. If the crown ends up on an experiment that is
+    dominated (because an answer was retracted, or it was marked unsafe), the undominated
+    experiment that won most recently is the best.
 
     Args:
-        verdicts: Answers that stand, in the order given.
-        unsafe: Indices marked unsafe; they are the best only where nothing else was compared.
+        verdicts: Valid answers, in the order given.
+        unsafe: Indices marked unsafe; they are the best only if nothing else was compared.
     """
     crown = reigns(verdicts)[-1]
     touched = {i for v in verdicts for i in (v.challenger, v.incumbent) if v.winner != i}
     if crown not in touched and crown not in unsafe:
-        return crown  # it has never lost, nor tied: no group to be looked for
+        return crown  # it has never lost or tied, so there is no group to find
     groups = undominated(verdicts, unsafe)
     known = {index for group in groups for index in group}
     return crown if not known or crown in known else representative(verdicts, known)
 
 
 def reigns(verdicts: Sequence[Verdict]) -> tuple[int, ...]:
-    """Return everybody who wore the crown, in order; experiment 0 is the first."""
+    """Return all experiments that were the best at some time, in order; 0 is the first."""
     crowned = [0]
     for verdict in verdicts:
         winner = verdict.winner
@@ -74,15 +74,15 @@ def reigns(verdicts: Sequence[Verdict]) -> tuple[int, ...]:
 def undominated(
     verdicts: Sequence[Verdict], unsafe: Set[int] = frozenset()
 ) -> tuple[frozenset[int], ...]:
-    """Return the groups of experiments that lost to nobody outside their group.
+    """Return the groups of experiments that did not lose to any outside their group.
 
     A group is one experiment, or several that are tied or beat each other in a circle. Losing
-    through a chain counts: if 3 beats 2 and 2 is as good as 1, then 3 beats 1. Two groups or more
-    mean that no answer says which is better. (The Schwartz set of the answers, by its parts.)
+    through a chain counts: if 3 beats 2 and 2 is as good as 1, then 3 beats 1. If there are two or
+    more groups, no answer says which one is better. (They are the parts of the Schwartz set.)
 
     Args:
-        verdicts: Answers that stand.
-        unsafe: Indices marked unsafe; left out where anything else was compared.
+        verdicts: Valid answers.
+        unsafe: Indices marked unsafe; left out if anything else was compared.
     """
     groups = _sources(verdicts)
     safe = tuple(g - unsafe for g in groups if g - unsafe)
@@ -93,7 +93,7 @@ def undominated(
 
 
 def representative(verdicts: Sequence[Verdict], group: Collection[int]) -> int:
-    """Return the member of `group` that won most recently; the first one where none ever won."""
+    """Return the member of `group` that won most recently; the first one if none ever won."""
     for verdict in reversed(verdicts):
         if verdict.winner in group:
             return int(verdict.winner)  # type: ignore[arg-type]
@@ -111,7 +111,7 @@ def contradictory(verdicts: Sequence[Verdict]) -> bool:
 
 
 def _sources(verdicts: Sequence[Verdict]) -> tuple[frozenset[int], ...]:
-    """Strongly connected groups of "at least as good as" that no answer leads into."""
+    """Return the strongly connected groups of "at least as good as" that nothing leads into."""
     edges = _edges(verdicts)
     if not len(edges):
         return ()
@@ -126,7 +126,7 @@ def _sources(verdicts: Sequence[Verdict]) -> tuple[frozenset[int], ...]:
 
 
 def _edges(verdicts: Sequence[Verdict]) -> Int[np.ndarray, "m 2"]:
-    """Pairs (at least as good, the other); a tie is one of each direction."""
+    """Return pairs (at least as good, the other); a tie gives one in each direction."""
     edges: list[tuple[int, int]] = []
     for v in verdicts:
         if v.winner is None:
@@ -137,7 +137,7 @@ def _edges(verdicts: Sequence[Verdict]) -> Int[np.ndarray, "m 2"]:
 
 
 def _components(edges: Int[np.ndarray, "m 2"]) -> Int[np.ndarray, " N"]:
-    """Label of each node's strongly connected component."""
+    """Return the label of each node's strongly connected component."""
     from scipy.sparse import csr_array  # takes a tenth of a second to import
     from scipy.sparse.csgraph import connected_components
 

@@ -50,7 +50,7 @@ class Sample:
         """Return the same θ as a sample of the space `new`.
 
         Raises:
-            KnobError: `new` does not hold it, or has a knob without a value.
+            KnobError: If `new` does not hold it, or has a knob without a value.
         """
         if old.knobs == new.knobs:
             return self
@@ -62,13 +62,13 @@ class Sample:
 class Comparison:
     """One answer about two samples.
 
-    A retracted answer stays on record but teaches nothing. Agents need the first five fields; the
-    others are circumstances that only a study file knows.
+    A retracted answer stays on record, but no agent learns from it. Agents need the first five
+    fields; the others are circumstances that only a study file knows.
 
     Args:
         challenger: Index of the sample that was proposed, or of the later one of two.
         incumbent: Index of the other sample; None for sample 0, which is compared with nothing,
-            and for scores told to an agent.
+            and for scores given to an agent.
         answer: The answer.
         after: Number of closed queries when a follow-up question was asked; None for others.
         retracted: Whether the answer was taken back.
@@ -104,7 +104,7 @@ class Comparison:
 
     @property
     def teaches(self) -> bool:
-        """Return whether it teaches a preference: a verdict that does not follow from scores."""
+        """Return whether agents learn a preference from it: a verdict not derived from scores."""
         return self.answer.value is None and self.verdict is not None
 
     @property
@@ -149,7 +149,7 @@ class History:
         samples: All samples; the last one may not be answered yet.
         comparisons: Comparison h closed the query of sample h.
         follow_ups: Answers about two samples whose queries were closed, in the order given.
-        repeats: Answers to questions that were asked again; they teach nothing.
+        repeats: Answers to questions that were asked again; agents do not learn from them.
     """
 
     samples: tuple[Sample, ...] = ()
@@ -157,7 +157,7 @@ class History:
     follow_ups: tuple[Comparison, ...] = ()
     repeats: tuple[Comparison, ...] = ()
 
-    # What follows from the record.
+    # Conclusions from the record.
 
     @property
     def answered(self) -> int:
@@ -189,7 +189,7 @@ class History:
         return (*self.comparisons[-1:], *since)
 
     def lessons(self) -> tuple[Comparison, ...]:
-        """Return the answers that teach a preference, in the order given."""
+        """Return the answers from which agents learn a preference, in the order given."""
         return tuple(c for c in self.in_order() if c.teaches)
 
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -253,14 +253,14 @@ class History:
         follow_ups = tuple(c for c in self.follow_ups if c.after is not None and c.after <= count)
         return History(self.samples[:count], self.comparisons[:count], follow_ups)
 
-    # What changes it.
+    # Changed copies.
 
     def with_pending(self, sample: Sample) -> "History":
         """Store `sample` as the one of the open query."""
         return replace(self, samples=(*self.samples[: self.answered], sample))
 
     def recorded(self, answer: Comparison) -> "History":
-        """Add an answer where it belongs: a repeated question, a follow-up, or the open query."""
+        """Add an answer to the repeated questions, the follow-ups, or as that of the open query."""
         if answer.repeats is not None:
             return replace(self, repeats=(*self.repeats, answer))
         if answer.challenger < self.answered:
@@ -268,11 +268,11 @@ class History:
             return replace(self, follow_ups=(*self.follow_ups, follow_up))
         return replace(self, comparisons=(*self.comparisons, answer))
 
-    def told(self, answer: Answer, incumbent: int | None) -> "History":
+    def with_answer(self, answer: Answer, incumbent: int | None) -> "History":
         """Close the open query against `incumbent`; its sample must be stored."""
         return self.recorded(Comparison(self.answered, incumbent, answer))
 
-    def told_follow_up(self, answer: Answer, challenger: int, incumbent: int) -> "History":
+    def with_follow_up(self, answer: Answer, challenger: int, incumbent: int) -> "History":
         """Add the answer to a follow-up question about two known samples."""
         return self.recorded(Comparison(challenger, incumbent, answer))
 
@@ -280,7 +280,7 @@ class History:
         """Take the last answer back: its query is open again, and a later sample is dropped.
 
         Raises:
-            ProtocolError: nothing is answered.
+            ProtocolError: If nothing is answered.
         """
         if not self.comparisons:
             raise ProtocolError("there is no answer to undo")
@@ -290,12 +290,12 @@ class History:
         return replace(kept, comparisons=self.comparisons[:-1])
 
     def retracted(self, index: int, *, follow_up: bool = False) -> "History":
-        """Forget what answer number `index` (from 0) taught; every sample stays.
+        """Stop learning from answer number `index` (from 0); every sample stays.
 
-        Follow-ups are numbered on their own.
+        Follow-ups are numbered separately.
 
         Raises:
-            ProtocolError: there is no such answer, or it is retracted already.
+            ProtocolError: If there is no such answer, or it is already retracted.
         """
         answers = self.follow_ups if follow_up else self.comparisons
         what = "follow-up answer" if follow_up else "answer"
@@ -332,14 +332,14 @@ class History:
         """Return the record for the space `new`, given that its samples are of the space `old`.
 
         Raises:
-            KnobError: `new` does not hold every sample, or has a knob without a value.
+            KnobError: If `new` does not hold every sample, or has a knob without a value.
         """
         return replace(self, samples=tuple(s.moved(old, new, added) for s in self.samples))
 
     def bare(self) -> "History":
         """Return what an agent learns from: no circumstances, no repeated questions.
 
-        This way, an agent that was told every answer equals one restored from the study file.
+        This makes an agent that got every answer equal to one restored from the study file.
         """
 
         def each(answers: Iterable[Comparison]) -> tuple[Comparison, ...]:

@@ -18,7 +18,7 @@ A = TypeVar("A")
 
 
 class AskTell(Protocol):
-    """What the loop needs of an agent, whatever it learns from."""
+    """What the loop needs from an agent of any kind."""
 
     @property
     def done(self) -> bool:
@@ -49,14 +49,14 @@ def ask_and_tell(
     run: Callable[[Float[np.ndarray, " n"]], R],
     answer: Callable[[R, R | None], A],
 ) -> Iterator[Step[R, A]]:
-    """Drive any agent until it is done, yielding each step after the agent is told.
+    """Drive any agent until it is done, yielding each step after the agent has the answer.
 
     Args:
         agent: Agent that proposes θ; it is changed.
         run: Function that returns the result of a physical θ, shape (n,); called once for each
             experiment.
-        answer: Function that returns what the agent is told about the results of challenger and
-            incumbent: an answer, or a score of the challenger.
+        answer: Function of the results of challenger and incumbent that returns what to tell the
+            agent: an answer, or a score of the challenger.
     """
     results: dict[int, R] = {}
     while not agent.done:
@@ -66,9 +66,9 @@ def ask_and_tell(
                 results[side.index] = run(side.theta)
         challenger = results[query.challenger.index]
         incumbent = None if query.incumbent is None else results[query.incumbent.index]
-        told = answer(challenger, incumbent)
-        agent.tell(query, told)
-        yield Step(query, challenger, incumbent, told)
+        given = answer(challenger, incumbent)
+        agent.tell(query, given)
+        yield Step(query, challenger, incumbent, given)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +104,9 @@ def calibrate(
     calibrator: Calibrator[Experiment],
     outcome: Callable[[Experiment], Mapping[str, float]] | None = None,
 ) -> Iterator[Comparison]:
-    """Drive `agent` until it is done, yielding each comparison after the agent is told.
+    """Drive `agent` until it is done, yielding each comparison after the agent has the answer.
 
-    An experiment that became unsafe is marked as such, whatever the calibrator says: see
+    An experiment that became unsafe is marked as unsafe, whatever the calibrator says; see
     `completed`.
 
     Args:

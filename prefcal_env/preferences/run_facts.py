@@ -1,4 +1,4 @@
-"""What is known of two experiments without asking, and so comes with every answer about them."""
+"""Add the known facts about two experiments to the answer about them."""
 
 from dataclasses import replace
 
@@ -9,12 +9,11 @@ from .answer import Answer, Mark, Outcomes
 
 
 def counts_as_unsafe(experiment: Experiment) -> bool:
-    """Whether it was interrupted because it became unsafe; of several runs one is enough.
+    """Return whether a run was interrupted because it became unsafe; of several, one is enough.
 
-    A failed run does not count: a cable, a disk or a person who stopped it says nothing of θ, and
-    a mark that is wrong keeps an agent away from a good place for the rest of the study. Whoever
-    knows better marks it, or says of a rig's record that it became unsafe. Time that is up and a
-    plant that has settled are what an experiment should end with.
+    A failed run does not count: a broken cable, a full disk or a person who stops a run says
+    nothing about θ, and a wrong mark keeps an agent away from a good place for the rest of the
+    study. People who know better can mark the experiment, or enter a rig's record as unsafe.
     """
     return any(run.end is End.UNSAFE for run in (experiment, *experiment.runs))
 
@@ -25,17 +24,17 @@ def completed(
     incumbent: Experiment | None,
     outcomes: Outcomes | None = None,
 ) -> Answer:
-    """`answer` with the marks that follow from how the two runs ended, and with `outcomes`.
+    """Return `answer` with `outcomes` and the marks that follow from how the two runs ended.
 
-    What was said stays: a mark that somebody gave is not automatic, and outcomes that came with
-    the answer are kept. Only "good enough" falls where the same side is unsafe. An answer that is
-    taken back or retracted takes all of it along.
+    Marks and outcomes that came with the answer are kept, and such marks are not automatic. Only
+    "good enough" is dropped if the same side is unsafe. If the answer is undone or retracted, the
+    added marks and outcomes go with it.
 
     Args:
-        answer: About the two.
-        challenger: Its experiment.
-        incumbent: Its experiment; None in the first query.
-        outcomes: KPIs of both; None leaves them out.
+        answer: Answer about the two experiments.
+        challenger: Experiment of the challenger.
+        incumbent: Experiment of the incumbent; None in the first query.
+        outcomes: KPIs of both; None adds none.
     """
     sides = ((Mark.CHALLENGER_UNSAFE, challenger), (Mark.INCUMBENT_UNSAFE, incumbent))
     found = tuple(

@@ -12,7 +12,7 @@ from prefcal_env.errors import RecordError
 
 from .cells import Cells, cells_of, number_of, parts_of, same_unit
 
-_MOST_TOLD = 5
+_MOST_LISTED = 5
 """Largest number of problems in a message; people fix some of them and try again."""
 _WIDEST = 1e30
 """Largest plausible value in any unit; beyond it plots and sums overflow."""
@@ -201,7 +201,7 @@ def _and_more(count: int) -> str:
 def _refuse(problems: Sequence[str]) -> None:
     if not problems:
         return
-    told = list(problems[:_MOST_TOLD])
-    if len(problems) > _MOST_TOLD:
-        told.append(f"and {len(problems) - _MOST_TOLD} more")
-    raise RecordError("; ".join(told))
+    listed = list(problems[:_MOST_LISTED])
+    if len(problems) > _MOST_LISTED:
+        listed.append(f"and {len(problems) - _MOST_LISTED} more")
+    raise RecordError("; ".join(listed))

@@ -1,4 +1,4 @@
-"""The adapters to other people's optimisers: they propose what the packages would."""
+"""The adapters to other people's optimizers: they propose what the packages would."""
 
 import sys
 

@@ -104,7 +104,7 @@ def test_an_integer_space_ends_when_what_is_searched_has_run():
 @pytest.mark.parametrize(
     ("new", "added", "words"),
     [
-        (KnobSpace(MIXED.knobs[:2]), {}, r"knobs \['weight'\] are gone"),
+        (KnobSpace(MIXED.knobs[:2]), {}, r"knobs \['weight'\] are missing"),
         (KnobSpace([*MIXED, Knob("filter", 0, 1)]), {}, r"added knobs \['filter'\]"),
         (MIXED, {"gain": 1.0}, "got \\['gain'\\]"),
         (KnobSpace([*MIXED.knobs[:2], Knob("weight", -5, 3, "s")]), {}, "must keep its unit"),

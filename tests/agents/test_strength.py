@@ -30,5 +30,7 @@ def test_the_strength_of_an_answer_is_its_weight():
     book = History()
     for h, strength in enumerate((Strength.BETTER, Strength.BETTER, Strength.MUCH_BETTER)):
         answer = Answer(-1 if h else None, strength=strength)
-        book = book.with_pending(in_cube(np.array([0.1 * h, 0.5]))).told(answer, book.incumbent)
+        book = book.with_pending(in_cube(np.array([0.1 * h, 0.5]))).with_answer(
+            answer, book.incumbent
+        )
     assert Preferences.of(book).weights.tolist() == [1, 3]

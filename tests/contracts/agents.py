@@ -31,7 +31,7 @@ RING = KnobSpace(
 RARE = KnobSpace(
     MIXED.knobs,
     [
-        Constraint("gain", lambda knobs: abs(np.log10(knobs["gain"])) - 0.03, vectorised=True),
+        Constraint("gain", lambda knobs: abs(np.log10(knobs["gain"])) - 0.03, vectorized=True),
         Constraint("weight", lambda knobs: abs(knobs["weight"] - knobs["horizon"] / 5) - 0.1, True),
     ],
 )
@@ -195,7 +195,7 @@ def test_every_proposal_is_allowed_by_the_constraints(make_agent, space):
 
 
 def test_where_the_constraints_allow_nothing_asking_says_so(make_agent):
-    impossible = Constraint("never", lambda knobs: knobs["weight"] ** 2 + 1, vectorised=True)
+    impossible = Constraint("never", lambda knobs: knobs["weight"] ** 2 + 1, vectorized=True)
     with pytest.raises(KnobError, match=r"no θ was found.*'never' is 1"):
         make_agent(KnobSpace(MIXED.knobs, [impossible]), n_init=3, n_max=6).ask()
 

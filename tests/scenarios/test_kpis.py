@@ -14,7 +14,7 @@ from prefcal_env.study import StudyFile, export_csv, export_json, import_json
 from prefcal_scenarios import KPI, load, outcome
 from prefcal_scenarios.app.cli.cost_file import with_cost
 from prefcal_scenarios.app.cli.studies.changes import module
-from prefcal_scenarios.app.report.kpi_importance import Minded
+from prefcal_scenarios.app.report.kpi_importance import KpiImportance
 from prefcal_scenarios.kpis import INTERRUPTED, titles
 from support.interviews import answer_all, begin, clock, reopened
 from toy_study import toy_scenario
@@ -126,14 +126,14 @@ def test_whatever_the_agent_the_answers_say_what_counts():
     assert begin(TOY).index is None
 
 
-def minded(right, *named, **agreement):
+def importance(right, *named, **agreement):
     """What is said of these KPIs, where a weighted sum predicts `right` of 44 answers."""
     index = LearnedCost({"t_f": Term(1.0, 0.0, 1.0)}, right, 44)
-    return Minded.of(index, Importance(agreement, named, 44), TOY)
+    return KpiImportance.of(index, Importance(agreement, named, 44), TOY)
 
 
 def test_what_stands_out_is_named_by_title_and_bars_run_from_0_to_100_percent():
-    found = minded(31, "t_f", "final", t_f=0.95, final=0.9, a=0.8, b=0.7, c=0.6, d=0.5, e=0.4)
+    found = importance(31, "t_f", "final", t_f=0.95, final=0.9, a=0.8, b=0.7, c=0.6, d=0.5, e=0.4)
     assert found.sentence() == (
         "You seem to care most about: settling time t_f and final level near its target."
     )
@@ -148,16 +148,16 @@ def test_what_stands_out_is_named_by_title_and_bars_run_from_0_to_100_percent():
 
 
 def test_of_equal_shares_nothing_is_named():
-    equal = minded(40, t_f=0.75, final=0.74, a=0.74, b=0.73, c=0.73)
+    equal = importance(40, t_f=0.75, final=0.74, a=0.74, b=0.73, c=0.73)
     assert equal.named == ()
-    assert equal.sentence().startswith("Nothing stands out yet: several KPIs count")
+    assert equal.sentence().startswith("Nothing stands out yet: several KPIs matter")
 
 
 def test_what_predicts_like_a_coin_is_said_to():
-    found = minded(23, t_f=0.5)
+    found = importance(23, t_f=0.5)
     assert "no KPI explains the answers clearly better than chance" in found.sentence()
     assert "23 of 44" in found.trust
-    assert Minded.of(None, None, TOY) is None
+    assert KpiImportance.of(None, None, TOY) is None
 
 
 def test_the_exported_cost_is_the_index_of_the_outcome(interview, tmp_path):

@@ -21,7 +21,7 @@ from prefcal_scenarios.app.presentation.wording import measured, with_subscripts
 from prefcal_scenarios.app.report.comparisons import comparisons_as_csv
 from prefcal_scenarios.app.report.course import course
 from prefcal_scenarios.app.report.html import page as page_of
-from prefcal_scenarios.app.report.kpi_importance import Bar, Minded
+from prefcal_scenarios.app.report.kpi_importance import Bar, KpiImportance
 from prefcal_scenarios.app.report.pictures import PICTURES, Drawn, Picture
 from prefcal_scenarios.app.report.slices import slices
 from prefcal_scenarios.app.report.tried import tried
@@ -102,7 +102,7 @@ def test_no_text_of_a_study_becomes_markup():
             settings={evil: evil, "calibrator": "human"},
             agent_settings={evil: [evil, evil]},
             command=evil,
-            minded=Minded((evil,), (Bar(evil, 0.5),), True, 1, 2),
+            kpi_importance=KpiImportance((evil,), (Bar(evil, 0.5),), True, 1, 2),
             outlook=Outlook(evil, evil, evil, evil),
         ),
         [Drawn(Picture("a.png", evil, evil, str, bytes), evil, PNG)],
@@ -216,7 +216,7 @@ def test_a_person_is_not_judged_by_an_index_that_they_never_chose(tmp_path, page
     assert not (folder / "course.png").exists()
 
 
-def test_the_colours_without_a_cost_count_experiments_up_in_integers():
+def test_the_colors_without_a_cost_count_experiments_up_in_integers():
     drawn = tried(replace(toy_record(), judged=False))
     drawn.draw_without_rendering()
     bar = drawn.axes[1]

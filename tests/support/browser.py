@@ -151,6 +151,6 @@ class Watched:
         self.page.wait_for_selector(f"body[data-phase='{phase}']", timeout=60_000)
 
     def shot(self, name: str) -> bytes:
-        """A screenshot, kept where the artefacts of a test run are."""
+        """A screenshot, kept where the artifacts of a test run are."""
         SHOTS.mkdir(parents=True, exist_ok=True)
         return self.page.screenshot(path=SHOTS / f"{name}.png")

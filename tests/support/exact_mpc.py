@@ -68,7 +68,7 @@ class Dense:
 
 
 def single_input_problem(plant, x, u, d, y_ref, settings):
-    """Eq. MPC with "point" linearisation of a plant with one input."""
+    """Eq. MPC with "point" linearization of a plant with one input."""
     J = plant.jacobians(x, u, d)
     A, B, c = hold(exact(J.A), exact(J.B), exact(plant.f(x, u, d)), mpfr(settings.T_s, BITS))
     N_p, N_u = settings.N_p, settings.N_u
@@ -97,7 +97,7 @@ def single_input_problem(plant, x, u, d, y_ref, settings):
     return Dense(H, h, G, g)
 
 
-def minimise(problem, start):
+def minimize(problem, start):
     """Primal active set from the feasible point that rounds `start` to its active rows."""
     p = problem
     z, active = _vertexlike(p, start)

@@ -1,1 +1,1 @@
-"""What the next θ minimizes: exploration, expected improvement, and what marks add to them."""
+"""Acquisitions, which the next θ minimizes: exploration, expected improvement, penalties."""

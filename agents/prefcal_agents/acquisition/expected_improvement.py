@@ -30,7 +30,7 @@ class ExpectedImprovement:
 
     @classmethod
     def of(cls, surrogate: Surrogate | Composite) -> "ExpectedImprovement":
-        """Create it from the values of `surrogate` at its centers, and so from all answers."""
+        """Create it from the values of `surrogate` at its centers."""
         values = normalized(surrogate(surrogate.centers), _CEILING)
         return cls(GaussianProcess.through(surrogate.centers, values))
 

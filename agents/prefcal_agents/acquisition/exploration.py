@@ -1,4 +1,4 @@
-"""Score candidates: a low surrogate is good, and so is a place far from all samples."""
+"""Score candidates: low values of the surrogate are good, and so is distance from all samples."""
 
 from dataclasses import dataclass
 

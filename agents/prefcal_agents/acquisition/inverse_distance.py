@@ -1,4 +1,4 @@
-"""Compute inverse distance weighting: the uncertainty of an interpolant, and distance of samples.
+"""Compute inverse distance weighting: uncertainty of an interpolant, and distance from samples.
 
 Source: A. Bemporad, "Global optimization via inverse distance weighting and radial basis
 functions", Computational Optimization and Applications 77 (2020), equations 7 to 9.

@@ -1,7 +1,7 @@
 """Learn from the mark "unsafe", so that proposals avoid places that are likely unsafe.
 
-The mark "good enough" is recorded and reported but does not change proposals, since that gained
-nothing (docs/research/marks.md).
+The mark "good enough" is recorded and reported but does not change proposals, since that brought
+no gain (docs/research/marks.md).
 
 Source: M. Zhu, D. Piga, A. Bemporad, "C-GLISp: Preference-based global optimization under unknown
 constraints with applications to controller calibration", IEEE Transactions on Control Systems
@@ -22,7 +22,7 @@ from prefcal_env.preferences.history import History
 _RBF = RADIAL_FUNCTIONS["inverse_quadratic"]
 _LENGTHS = (0.1, 0.2, 0.4, 0.8)  # candidate length scales of a mark, per knob
 _JUDGED = 100  # number of latest samples that choose the length scale, for speed
-_VARIANCE = 25.0  # variance of the log odds: a single mark is believed to about 90 %
+_VARIANCE = 25.0  # variance of the log odds: after one mark, its label has about 90 %
 _STEPS = 30  # maximum steps of Newton's method, which takes about 7
 _RECENT = 20  # number of latest samples whose unsafe marks raise the required safety
 _RELAXED = 0.5  # share of the risk that is still accepted after each of them
@@ -30,15 +30,15 @@ POOL = 300  # random points to choose from when replacing a planned point that i
 
 
 class PenaltySettings(Protocol):
-    """What an agent's settings say about unsafe places; see `GLISpSettings`."""
+    """Settings of an agent that concern unsafe places; see `GLISpSettings`."""
 
     @property
     def unsafe_weight(self) -> float:
-        """Cost of a place that is surely unsafe, 0 or more."""
+        """Penalty for a place that is certainly unsafe, 0 or more."""
 
     @property
     def least_safe(self) -> float:
-        """Chance of being safe from which on a place costs nothing."""
+        """Minimum probability of being safe for no penalty."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,19 +132,19 @@ def _mode(
 
 @dataclass(frozen=True, slots=True)
 class Penalty:
-    """The penalty for a low `chance`: `weight` where the chance is 0, nothing from `least` on.
+    """A penalty if the predicted `safety` is low: `weight` where it is 0, none from `least` on.
 
-    It is flat where the chance is high, so that the acquisition alone decides there: any slope,
+    It is flat where a place is likely safe, so that the acquisition alone decides there: any slope,
     however small, would keep the samples from converging to the optimum.
     """
 
-    chance: SafetyModel
+    safety: SafetyModel
     least: float
     weight: float
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return the penalty at the rows of `z`, shape (m,)."""
-        return np.asarray(self.weight * np.maximum(1 - self.chance(z) / self.least, 0.0) ** 2)
+        return np.asarray(self.weight * np.maximum(1 - self.safety(z) / self.least, 0.0) ** 2)
 
     def value_and_gradient(
         self, z: Float[np.ndarray, " n"]
@@ -154,8 +154,8 @@ class Penalty:
 
     def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return the gradient at one point, shape (n,)."""
-        lack = max(1 - self.chance(z[None])[0] / self.least, 0.0)
-        return np.asarray(-2 * self.weight * lack / self.least * self.chance.gradient(z))
+        lack = max(1 - self.safety(z[None])[0] / self.least, 0.0)
+        return np.asarray(-2 * self.weight * lack / self.least * self.safety.gradient(z))
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,15 +204,15 @@ def replaced(
 ) -> Float[np.ndarray, " n"]:
     """Return `planned`, or the best of `pool` if `planned` is likely unsafe, shape (n,).
 
-    The best point is safe and far from all `others`, shape (m, n), as suits the initial design.
+    The best point is safe and far from all `others`, shape (m, n), as in the initial design.
     """
-    if penalty.chance(planned[None])[0] >= penalty.least:
+    if penalty.safety(planned[None])[0] >= penalty.least:
         return planned
     apart = np.sqrt(squared_distances(pool, others).min(axis=1) / len(planned))
-    return np.asarray(pool[np.argmax(apart + penalty.chance(pool))])
+    return np.asarray(pool[np.argmax(apart + penalty.safety(pool))])
 
 
 def penalized(acquisition: Objective, history: History, settings: PenaltySettings) -> Objective:
-    """Return `acquisition` with what unsafe marks in `history` add; itself without such marks."""
+    """Return `acquisition` plus the penalty from unsafe marks in `history`, if there are any."""
     penalty = unsafe_penalty(history, settings)
     return acquisition if penalty is None else Penalized(acquisition, penalty)

@@ -1,1 +1,1 @@
-"""Advice about a study: whether to go on, and where to start from an earlier one."""
+"""Advice about a study: whether to continue, and how to start from an earlier one."""

@@ -24,10 +24,10 @@ _PROBABLY, _HARDLY = 0.75, 0.25
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """The expected gain of the next `AHEAD` experiments, from the improvements so far.
+    """The expected gain of the next `AHEAD` experiments, estimated from the improvements so far.
 
-    Source: none. A Krichevsky-Trofimov-like estimate: counts with a prior, so a beta distribution
-    of the rate and a beta-binomial one of the number. Its accuracy: docs/research/stopping.md.
+    Source: none. An estimate like Krichevsky-Trofimov's: counts with a prior, so the rate has a
+    beta distribution and the number a beta-binomial one. Its accuracy: docs/research/stopping.md.
 
     Args:
         recent: Number of the latest compared experiments, at most `AHEAD`.
@@ -73,7 +73,7 @@ def advise(history: History) -> Advice | None:
     """Return the advice after `history`; None while too little is known.
 
     An improvement is a new experiment that became the best. Abstentions and retracted answers do
-    not count; a tie counts more than a defeat, since it says that differences have become too
+    not count; a tie counts more than a defeat, since it shows that differences have become too
     small to see. Recent experiments count more than old ones.
 
     Args:

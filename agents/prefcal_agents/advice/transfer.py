@@ -32,14 +32,14 @@ class HasBest(Protocol):
 class Earlier:
     """Best θ of an earlier study, in physical units: its space may differ from the new one.
 
-    What this is worth: docs/research/warm_start.md.
+    How much this helps: docs/research/warm_start.md.
 
     Args:
         knobs: Knobs of the earlier study, in order.
         best: Its best θ, one physical value for each knob.
 
     Raises:
-        SettingsError: `best` has another length.
+        SettingsError: If `best` has another length.
     """
 
     knobs: tuple[Knob, ...]
@@ -73,7 +73,7 @@ class Earlier:
             Physical θ of length len(space); None if the constraints refuse it.
 
         Raises:
-            KnobError: a knob without a value, or with another unit than it had.
+            KnobError: If a knob has no value, or another unit than it had.
         """
         values = self._values(space, dict(added or {}))
         theta = np.array(list(map(_nearest, space, values, space.within)))

@@ -28,7 +28,7 @@ class GLIS(ValueBased):
     acquisition of `ValueAcquisition` is minimized.
 
     Source: Bemporad 2020 (see `inverse_distance`); section IV-A of the paper compares with it.
-    Deviation: those of `GLISSettings`, and a multistart descent instead of a particle swarm.
+    Deviation: see `GLISSettings`; in addition, a multistart descent instead of a particle swarm.
 
     Args:
         space: Knobs to tune.
@@ -40,8 +40,8 @@ class GLIS(ValueBased):
             replace the first of the `n_init` samples.
 
     Raises:
-        SettingsError: an impossible value.
-        KnobError: a θ of `start` is outside the space.
+        SettingsError: If a value is not valid.
+        KnobError: If a θ of `start` is outside the space.
     """
 
     version: ClassVar[int] = 1
@@ -102,7 +102,7 @@ class GLIS(ValueBased):
         worst). The values are all 0 while nothing is known.
 
         Raises:
-            KnobError: `thetas` has another shape or leaves the box.
+            KnobError: If `thetas` has another shape or leaves the box.
         """
         z = self.space.encode_all(thetas)
         if not len(scores_of(self.history)[0]):

@@ -29,7 +29,7 @@ class GLISSettings:
         ceiling: A score counts as at most this many times (median - best) above the median.
 
     Raises:
-        SettingsError: an impossible value.
+        SettingsError: If a value is not valid.
     """
 
     alpha: float = 0.4
@@ -57,7 +57,7 @@ class GLISSettings:
         """Create settings from saved ones; a missing setting gets its default.
 
         Raises:
-            SettingsError: an unknown setting or an impossible value.
+            SettingsError: If a setting is unknown or a value is not valid.
         """
         unknown = set(saved) - {f.name for f in fields(cls)}
         if unknown:

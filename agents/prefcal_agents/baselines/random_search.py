@@ -22,8 +22,8 @@ class RandomSearch(PreferenceBased):
         start: Physical θ to start from, such as the current tuning, shape (n,), or several.
 
     Raises:
-        SettingsError: an impossible value.
-        KnobError: a θ of `start` is outside the space.
+        SettingsError: If a value is not valid.
+        KnobError: If a θ of `start` is outside the space.
     """
 
     version: ClassVar[int] = 1

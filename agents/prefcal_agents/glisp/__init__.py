@@ -1,1 +1,1 @@
-"""GLISp: its settings, its training, the strategy of its proposals and its follow-up questions."""
+"""GLISp: settings, training, the strategy of its proposals, and follow-up questions."""

@@ -31,7 +31,7 @@ class GLISp(PreferenceBased):
     (eq. QP-pref), ε is chosen by cross-validation, and an acquisition is minimized (eq. xNp1).
 
     Source: section III of the paper.
-    Deviation: those of `GLISpSettings`. `GLISp.paper` has only three, all measured in
+    Deviation: see `GLISpSettings`. `GLISp.paper` has only three, all measured in
     docs/deviations.md: the box (see `KnobSpace`), the plain Latin hypercube of the start, and a
     multistart descent instead of a particle swarm.
 
@@ -47,8 +47,8 @@ class GLISp(PreferenceBased):
             off, so that eq. acquisition is minimized.
 
     Raises:
-        SettingsError: an impossible value.
-        KnobError: a θ of `start` is outside the space.
+        SettingsError: If a value is not valid.
+        KnobError: If a θ of `start` is outside the space.
     """
 
     version: ClassVar[int] = 9
@@ -120,13 +120,13 @@ class GLISp(PreferenceBased):
         query is dropped if it exceeds the limit.
 
         Raises:
-            SettingsError: `most` is not an integer of 1 or more.
+            SettingsError: If `most` is not an integer of 1 or more.
         """
         settings = replace(self._options, questions_per_experiment=most)
         return self._twin(replace(self._snapshot(), settings=settings.pairs()))
 
     def _twin(self, state: AgentState) -> Self:
-        # The selected models go with it, so a copy need not learn again.
+        # The copy gets the selected models, too, so that it need not select them again.
         twin = super()._twin(state)
         twin._models = self._models.copy(twin._options, twin._setup.backend)
         return twin
@@ -158,7 +158,7 @@ class GLISp(PreferenceBased):
         are all 0 while nothing is known.
 
         Raises:
-            KnobError: `thetas` has another shape or leaves the box.
+            KnobError: If `thetas` has another shape or leaves the box.
         """
         z = self.space.encode_all(thetas)
         if len(Preferences.of(self.history)) == 0:

@@ -13,22 +13,23 @@ from prefcal_agents.models.preference_qp import Constraints
 from prefcal_agents.models.rbf import Shape
 
 MANY = 100
-"""Number of experiments or comparisons beyond which the shape of φ hardly moves and takes long."""
+"""Number of experiments or comparisons from which on choosing the shape of φ is slow and hardly
+changes it."""
 ALMOST_SURE = 0.003
-"""Error rate of a person who is hardly ever wrong; with 0 no surrogate might fit."""
+"""Error rate of a person who is hardly ever wrong. With 0, possibly no surrogate would fit."""
 WINDOW = 10
-"""Number of tests that are averaged: for a moment, a cost that jumps looks like mistakes. By a
-single test calibrators of the reactor who never err were often called noisy, which cost
+"""Number of tests to average, since a cost that jumps looks like mistakes for a while. With a
+single test, calibrators of the reactor who are never wrong often counted as noisy, which cost
 experiments."""
 _ENOUGH = 1.0
-"""Gain in log probability (nats) from which on a difference counts."""
+"""Minimum gain in log probability that counts as a difference, in nats."""
 _EPSILONS = (0.32, 0.56, 1.0, 1.8, 3.2, 5.6)
 _WIDEST = 16.0  # largest ratio between the scales of two knobs
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseTest:
-    """Result of comparing two explanations of the answers: some are wrong, or none is.
+    """Result of comparing two explanations of the answers: some are wrong, or none are.
 
     Args:
         shape: Shape of φ that predicts the answers of a fallible person best.
@@ -50,7 +51,7 @@ def evidence_of_mistakes(
     columns: Float[np.ndarray, "N p"] | None,
     error_rate: float,
 ) -> float:
-    """Return the log likelihood ratio (nats) of a fallible person against one who is sure.
+    """Return the log likelihood ratio (nats) of a fallible person to one who is never wrong.
 
     Each answer is predicted from all others. `columns` are KPIs that may explain the answers, too,
     shape (N, p).

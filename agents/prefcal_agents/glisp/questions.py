@@ -14,9 +14,9 @@ from .settings import GLISpSettings
 from .training import assembled, train, trust
 
 _APART = 10
-"""Number of experiments between two questions that follow from a suspicion alone."""
+"""Number of experiments between two questions that are only based on a suspicion."""
 _SURE = 2.0
-"""Standard deviations of a difference from which on it is not asked for."""
+"""A difference of at least this many standard deviations is certain enough not to ask."""
 _RIVALS = 9  # samples next to the best, by Ĵ
 FINALS = 3
 """Maximum number of questions after the last experiment."""
@@ -28,7 +28,7 @@ def follow_up(
     """Return two known samples to compare now, the challenger first; None if there are none.
 
     If mistakes are suspected, ask whether the best sample really is the best; once that is
-    settled, ask for the place of the latest one.
+    settled, find the rank of the latest one.
 
     Source: none.
     Deviation: the paper asks one comparison for each experiment.
@@ -36,7 +36,7 @@ def follow_up(
     asked, most = len(history.latest), settings.questions_per_experiment
     if asked >= max(most, 2) or history.answered < 3:
         return None
-    # While nothing contradicts itself, a question more than agreed on comes seldom.
+    # As long as no answers contradict each other, additional questions are rare.
     lately = any((c.after or 0) > history.answered - _APART for c in history.follow_ups)
     if asked >= most and lately and not contradictory(history.verdicts()):
         return None
@@ -60,8 +60,8 @@ def confirm_best(
 ) -> tuple[int, int] | None:
     """Return the best sample and the one that may be better; None if that is settled.
 
-    The next experiment is compared with the best, so what matters most is whether it really is.
-    Of the other samples with the lowest Ĵ, the rival is the one that is least surely worse. A pair
+    The next experiment is compared with the best, so it matters most that it really is the best.
+    Of the other samples with the lowest Ĵ, the rival is the one least certain to be worse. A pair
     that was asked before is left out, whatever was answered.
 
     Source: none; the least certain pair, as in uncertainty sampling.
@@ -71,9 +71,9 @@ def confirm_best(
         models: Selections so far.
         history: Samples and answers.
         selection: What was selected for the models.
-        error_rate: Chance that an answer is wrong.
-        sure: Standard deviations by which a rival must be worse to be left alone; 0: only one that
-            is probably better is asked about.
+        error_rate: Probability that an answer is wrong.
+        sure: A rival that is worse by more than this many standard deviations is not asked about;
+            with 0, only one that is probably better is.
 
     Returns:
         The later and the earlier sample of the pair.
@@ -119,22 +119,22 @@ def insertion_question(history: History, values: Float[np.ndarray, " N"]) -> tup
     """Return the latest sample and the one to compare it with; None once its place is known.
 
     A sample that lost against the best is somewhere below it. Bisection finds where with few
-    answers: the next one is the middle of those between which it must lie, in the order of Ĵ. A
-    winner, a tie and an abstention need none.
+    answers: in the order of Ĵ, the next rival is the middle one of those that it may lie between.
+    After a win, a tie or an abstention, no further question is needed.
 
     Source: none.
     Deviation: the paper asks one comparison for each experiment.
 
     Args:
         history: Samples and answers.
-        values: Ĵ at the N samples that are closed, lower is better.
+        values: Ĵ at the N samples that are answered, lower is better.
     """
     new = history.answered - 1
     latest = [c for c in history.latest if c.challenger == new]  # others may be about the best
     if not latest or not all(c.teaches for c in latest):
         return None
     order = [int(i) for i in np.argsort(values, kind="stable") if i != new]
-    above, below = -1, len(order)  # positions of the worst that is better, the best that is worse
+    above, below = -1, len(order)  # positions of the worst better one and of the best worse one
     for c in latest:
         assert c.incumbent is not None  # it teaches
         position = order.index(c.incumbent)
@@ -157,7 +157,7 @@ def final_question(history: History) -> tuple[int, int] | None:
     People who call two experiments "about the same" have a threshold, and differences below it add
     up: each new best may be slightly worse in what matters most. So after the last experiment, the
     best is compared with up to three former bests, earliest first, that it was not compared with
-    yet. People who never said "about the same" and never contradicted themselves are not asked.
+    before. People who never said "about the same" and never contradicted themselves are not asked.
 
     Source: none.
     Deviation: the paper compares each experiment with the best so far only.

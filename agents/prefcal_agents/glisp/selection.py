@@ -30,12 +30,12 @@ FEW = 20
 """Number of experiments before the process takes turns."""
 SELDOM = 10
 """Number of experiments between two validations, or two noise tests, from then on."""
-_SHAPE_AT, _SCALE_AT = 5, 7  # of ten; noise tests come at 0, so no proposal waits for everything
+_SHAPE_AT, _SCALE_AT = 5, 7  # of ten; noise tests are at 0, so no proposal waits for all three
 
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """What a history teaches.
+    """The training data in a history.
 
     Args:
         history: All samples and answers.
@@ -60,7 +60,7 @@ class Dataset:
         return cls(history, memory.kept, Preferences.of(memory.history), kpis)
 
     def columns(self, scale: float) -> Float[np.ndarray, "K p"] | None:
-        """Return the KPIs that may explain answers, times `scale`; None if they do not count."""
+        """Return the KPIs that may explain answers, times `scale`; None if KPIs do not count."""
         return scale * self.kpis.columns if self.kpis is not None and scale else None
 
     @property
@@ -77,9 +77,9 @@ class Selection:
         shape: Shape of φ, chosen by cross-validation.
         kpi_scale: How much KPIs count in Ĵ beside θ, 0 or more, chosen by cross-validation.
         noise: Result of the noise test; None while there are too few answers.
-        is_noisy: Whether answers are treated as a fallible person's. Two things must come
-            together: some answers contradict each other, and the noise test suspects mistakes.
-            Suspicion alone only leads to a question: a cost that jumps looks like mistakes, too.
+        is_noisy: Whether answers are treated as possibly wrong. This takes two things: some
+            contradict each other, and the noise test suspects mistakes. A suspicion alone only
+            leads to a question, since a cost that jumps looks like mistakes, too.
     """
 
     shape: Shape
@@ -90,10 +90,10 @@ class Selection:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """What GLISp has learned from a history; its models are trained on that.
+    """What GLISp has learned from a history: the data and selections to train its models with.
 
     Args:
-        data: What the history teaches.
+        data: Training data in the history.
         selection: What was selected for the models.
     """
 
@@ -105,9 +105,8 @@ class Fit:
 class ModelSelection:
     """Selections after each number of experiments, each starting from the one before.
 
-    They follow from the history alone. Those that were made are remembered by the number of
-    experiments, and forgotten from the first number on at which the history has changed: after an
-    undo or a retraction.
+    They follow from the history alone. They are remembered by the number of experiments. After an
+    undo or a retraction, those from the first changed experiment on are forgotten.
 
     Args:
         n: Number of knobs.
@@ -142,7 +141,7 @@ class ModelSelection:
         return twin
 
     def dataset(self, history: History) -> Dataset:
-        """Return what `history` teaches."""
+        """Return the training data in `history`."""
         if self._data is None or self._data.history != history:
             self._data = Dataset.of(history, with_kpis=any(self._settings.outcome_scales))
         return self._data
@@ -198,10 +197,10 @@ class ModelSelection:
         return self._shapes[count]
 
     def _is_validated(self, count: int) -> bool:
-        """Return whether the shape is chosen anew after `count` experiments.
+        """Return whether the shape is chosen again after `count` experiments.
 
         "every step" leaves out the turns of the process. Beyond `MOST` experiments the shape
-        stays: the answers that it was chosen by are forgotten.
+        stays, because some of the answers that it was chosen by are no longer used.
         """
         at = self._settings.validate_at
         if at != EVERY_STEP:
@@ -213,7 +212,7 @@ class ModelSelection:
         return not (self._process_takes_turns(count) and is_process_turn(count, self._n_init))
 
     def _process_takes_turns(self, count: int) -> bool:
-        """Return whether every second proposal is the process's, as far as is known then."""
+        """Return whether the process makes every second proposal, as known after `count`."""
         with_kpis = any(self._settings.outcome_scales) and any(kpis_of(self._history.until(count)))
         return self._settings.process and not with_kpis
 
@@ -223,7 +222,7 @@ class ModelSelection:
         if comparisons < FOLDS:
             return shape
         validation, candidates = self._validation(data), self._candidates
-        if comparisons > MANY:  # ε hardly moves any more, and every try takes tens of milliseconds
+        if comparisons > MANY:  # ε hardly changes any more, and each try takes tens of milliseconds
             candidates = nearest(candidates, shape.epsilon, 1)
         shape, score = choose_epsilon(validation, shape, candidates)
         if settings.rescale and self._n > 1:
@@ -266,7 +265,7 @@ class ModelSelection:
         return winners[len(winners) // 2]
 
     def _noise_test(self, count: int) -> NoiseTest | None:
-        """Return the result of the noise test; of many experiments, only at every tenth."""
+        """Return the result of the noise test; in long studies, it runs every ten experiments."""
         count -= count % SELDOM if count > MANY else 0
         if not self._settings.error_rate or count < self._n_init:
             return None

@@ -16,7 +16,7 @@ EPSILONS = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2, 5.6, 10.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GLISpSettings:
-    """Configure how GLISp chooses the next experiment. The defaults are those measured best.
+    """Configure how GLISp chooses the next experiment. The defaults performed best in tests.
 
     Source: sections III and IV of the paper. Its σ, λ and number of folds are fixed: `Learning`
     and `FOLDS` of `cross_validation`.
@@ -35,7 +35,7 @@ class GLISpSettings:
             docs/research/noise.md.
         epsilon: ε of eq. rbf before the first cross-validation, above 0, in the unit cube.
             Cross-validation chooses among its multiples, `EPSILONS`.
-        validate_at: Numbers of experiments after which ε is chosen anew, or "every step": before
+        validate_at: Numbers of experiments after which ε is chosen again, or "every step": before
             every proposal that is not the process's.
         rescale: Whether each cross-validation also tries a larger and a smaller scale for one
             knob in the distances; the knobs take turns.
@@ -55,7 +55,7 @@ class GLISpSettings:
             contradict each other, ask whether the best is really the best.
 
     Raises:
-        SettingsError: an impossible value.
+        SettingsError: If a value is not valid.
     """
 
     expected_improvement: bool = True
@@ -120,7 +120,7 @@ class GLISpSettings:
         """Create settings from saved ones; a missing setting gets its default.
 
         Raises:
-            SettingsError: an unknown setting or an impossible value.
+            SettingsError: If a setting is unknown or a value is not valid.
         """
         unknown = set(saved) - {f.name for f in fields(cls)}
         if unknown:

@@ -53,9 +53,9 @@ class Rule:
     """One row of the strategy.
 
     Args:
-        holds: Whether the row applies, in a study, to a fit.
-        model: The model that is trained then.
-        acquisition: What the next sample minimizes, given the model.
+        holds: Function that returns whether the row applies to a fit in a study.
+        model: Function that trains the model.
+        acquisition: Function that returns what the next sample minimizes, given the model.
     """
 
     holds: Callable[[Setup, Fit], bool]
@@ -73,7 +73,7 @@ def _kpis_explain_trusted_answers(setup: Setup, fit: Fit) -> bool:
 
 
 def _every_second_time_without_kpis(setup: Setup, fit: Fit) -> bool:
-    # The process knows no KPIs, so it has no turns if they count.
+    # The process ignores KPIs, so it gets no turns if they count.
     takes_turns = setup.settings.process and not fit.selection.kpi_scale
     turn = is_process_turn(fit.data.history.answered, setup.n_init)
     return takes_turns and fit.data.is_strict and turn
@@ -90,7 +90,7 @@ def _surrogate(setup: Setup, fit: Fit) -> Surrogate | Composite:
 
 def _preference_gp(setup: Setup, fit: Fit) -> PreferenceGP:
     """Return a Gaussian process trained on comparisons only."""
-    # One comparison for each sample cannot contradict the others, further ones can.
+    # With one comparison per sample, answers cannot contradict each other; with more they can.
     trusted = ALMOST_SURE if fit.data.history.follow_ups else 0.0
     error_rate = setup.settings.error_rate if fit.selection.is_noisy else trusted
     return PreferenceGP.of(fit.data.preferences, error_rate)
@@ -99,8 +99,8 @@ def _preference_gp(setup: Setup, fit: Fit) -> PreferenceGP:
 def _improvement(setup: Setup, fit: Fit, model: Surrogate | Composite) -> Objective:
     """Return -log of the expected improvement on a process through the values of Ĵ.
 
-    Its Gaussian process has a length for each knob and knows where it is unsure. Without KPIs it
-    is no better than eq. acquisition (docs/research/improvement.md).
+    Its Gaussian process has a length scale for each knob and knows its own uncertainty. Without
+    KPIs it is no better than eq. acquisition (docs/research/improvement.md).
     """
     return ExpectedImprovement.of(model)
 
@@ -141,9 +141,9 @@ def propose(setup: Setup, fit: Fit) -> Float[np.ndarray, " n"]:
 
 
 def propose_start(setup: Setup, history: History) -> Float[np.ndarray, " n"]:
-    """Return the cube point of a sample of the start, shape (n,): of a Latin hypercube.
+    """Return the cube point of a sample of the start, shape (n,), from a Latin hypercube.
 
-    Deviation: another point takes its place if marks say that it is likely unsafe there.
+    Deviation: another point takes its place if it is likely unsafe according to the marks.
     """
     index = history.answered
     rng = np.random.default_rng([setup.seed, index])

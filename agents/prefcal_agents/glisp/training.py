@@ -1,4 +1,4 @@
-"""Train Ĵ on what a history teaches."""
+"""Train Ĵ on the data in a history."""
 
 import numpy as np
 from jaxtyping import Float
@@ -17,11 +17,11 @@ from .settings import GLISpSettings
 def train(
     data: Dataset, selection: Selection, settings: GLISpSettings, backend: Backend
 ) -> Surrogate | Composite:
-    """Return Ĵ, trained on `data` with what was selected for it.
+    """Return Ĵ, trained on `data` with the selected shape and weights.
 
     Source: eq. QP-pref.
     Deviation: KPIs that explain the answers are part of Ĵ if cross-validation finds that they
-    help to predict answers. If answers are a fallible person's, Ĵ need not reproduce all of them;
+    help to predict answers. If answers may be wrong (`is_noisy`), Ĵ need not reproduce all;
     see `ExpectationPropagation`.
     """
     if selection.is_noisy:
@@ -40,7 +40,7 @@ def train(
 
 
 def trust(data: Dataset, selection: Selection, error_rate: float) -> ExpectationPropagation:
-    """Return the posterior of β if each answer is wrong with chance `error_rate`."""
+    """Return the posterior of β if each answer is wrong with probability `error_rate`."""
     assert selection.noise is not None
     columns = data.columns(selection.kpi_scale)
     return ExpectationPropagation.of(

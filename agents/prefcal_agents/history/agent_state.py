@@ -13,11 +13,11 @@ _UNREADABLE = (KeyError, TypeError, AttributeError, ValueError)
 
 @dataclass(frozen=True, slots=True)
 class AgentState:
-    """Everything that decides an agent's next query, apart from the knob space.
+    """Everything that determines an agent's next query, apart from the knob space.
 
     Args:
         agent: Name of its class.
-        version: Version of its algorithm. A newer version keeps the samples and goes on.
+        version: Version of its algorithm. A newer version keeps the samples and continues.
         n_init: Number of samples of the space-filling start.
         n_max: Number of experiments after which the agent is done.
         seed: Seed of all its randomness.
@@ -54,7 +54,7 @@ class AgentState:
         }
 
     def configuration(self) -> dict[str, Any]:
-        """Return what does not change with samples and answers, as plain data for JSON."""
+        """Return the parts that do not change with samples and answers, as plain data for JSON."""
         return {
             "agent": self.agent,
             "version": self.version,
@@ -67,10 +67,10 @@ class AgentState:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "AgentState":
-        """Read what `to_dict` returned.
+        """Read the data that `to_dict` returned.
 
         Raises:
-            SettingsError: something is missing or malformed.
+            SettingsError: If something is missing or malformed.
         """
         try:
             history = History(
@@ -90,7 +90,7 @@ class AgentState:
         """Return the state of an agent from what `configuration` returned, after `history`.
 
         Raises:
-            SettingsError: something is missing or malformed.
+            SettingsError: If something is missing or malformed.
         """
         try:
             return cls(

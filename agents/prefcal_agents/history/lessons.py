@@ -1,4 +1,4 @@
-"""What a history teaches: preferences, scores, KPIs and marks of samples, as arrays."""
+"""Extract training data from a history: preferences, scores, KPIs and marks, as arrays."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ _OF_THE_INCUMBENT = (Mark.INCUMBENT_UNSAFE, Mark.INCUMBENT_GOOD_ENOUGH)
 
 @dataclass(frozen=True, slots=True)
 class Preferences:
-    """What M comparisons teach about N samples: the vector B of eq. pref-vector.
+    """M comparisons of N samples as training data: the vector B of eq. pref-vector.
 
     Args:
         samples: Points of the unit cube, shape (N, n).
@@ -32,7 +32,7 @@ class Preferences:
 
     @classmethod
     def of(cls, history: History) -> "Preferences":
-        """Return what the answers teach that are not retracted."""
+        """Return the comparisons of all answers that are not retracted."""
         lessons = history.lessons()
         return cls(
             samples=cube_of(history),
@@ -113,7 +113,7 @@ def scores_of(history: History) -> tuple[Int[np.ndarray, " K"], Float[np.ndarray
 def kpis_of(history: History) -> tuple[Mapping[str, float], ...]:
     """Return the KPIs of each sample that is answered, lower is better; empty if none are known.
 
-    KPIs that came with a retracted answer count too, since they say what happened.
+    KPIs that came with a retracted answer count too, since the experiment is still valid.
     """
     known: list[Mapping[str, float]] = [{} for _ in history.comparisons]
     for c in history.comparisons:

@@ -17,12 +17,12 @@ from .rbf import Shape
 
 FOLDS = 3
 """K of the cross-validation, as in section IV of the paper."""
-GAIN = 2  # comparisons that a change of scale must win: one more is often chance
+GAIN = 2  # additional comparisons that a new scale must predict: one more is often chance
 
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """Comparisons dealt out to K slices, each left out once; all samples stay centers.
+    """Comparisons split into K slices, each left out once; all samples stay centers.
 
     Args:
         preferences: M comparisons.
@@ -44,7 +44,7 @@ class Validation:
         backend: Backend,
         rng: np.random.Generator,
     ) -> "Validation":
-        """Deal at random, to `FOLDS` slices that differ by at most one comparison."""
+        """Split at random into `FOLDS` slices, whose sizes differ by at most one comparison."""
         share = rng.permutation(len(preferences)) % FOLDS
         return cls(preferences, learning, backend, share == np.arange(FOLDS)[:, None])
 
@@ -85,7 +85,7 @@ def choose_epsilon(
 ) -> tuple[Shape, int]:
     """Return `shape` with the best ε of `candidates`, and how many preferences it reproduces.
 
-    Among equally good ones (a few dozen answers leave many) the middle one is taken.
+    Among equally good ones (with a few dozen answers there are many), take the middle one.
     """
     scores = validation.reproduced(shape, candidates)
     best = max(scores)
@@ -115,8 +115,8 @@ def rescale_knob(
 
     Args:
         validation: Slices to score with.
-        shape: In use, reproducing `score` of the preferences.
-        score: See there.
+        shape: Shape in use.
+        score: Number of left-out preferences that `shape` reproduces.
         candidates: Values of ε, increasing; those next to the one in use are tried again.
         knob: Index of the knob.
         widest: Largest ratio between the scales of two knobs.

@@ -1,7 +1,7 @@
-"""Gaussian processes: their kernel, and what they learn from values and from comparisons.
+"""Gaussian processes: their kernel, and fits to values and to comparisons.
 
 `GaussianProcess` goes through values. `ExpectationPropagation` learns from answers, some of which
-may be wrong, and `PreferenceGP` is the process that knows comparisons only.
+may be wrong, and `PreferenceGP` is a process trained on comparisons only.
 """
 
 from dataclasses import dataclass, replace
@@ -184,8 +184,8 @@ class Sites:
         """Return `count` sites without information."""
         return cls(np.full(count, _FLAT), np.zeros(count))
 
-    def towards(self, other: "Sites") -> "Sites":
-        """Return the sites after a damped step towards `other`."""
+    def toward(self, other: "Sites") -> "Sites":
+        """Return the sites after a damped step toward `other`."""
         return Sites(
             self.precision + _DAMPING * (other.precision - self.precision),
             self.shift + _DAMPING * (other.shift - self.shift),
@@ -238,18 +238,18 @@ class ExpectationPropagation:
         for _ in range(_SWEEPS):
             matched = _Rest.of(unit, sites).matched(e)
             change = np.abs(matched.precision - sites.precision) / (1 + sites.precision)
-            sites = sites.towards(matched)
+            sites = sites.toward(matched)
             if np.max(change, initial=0.0) < _SETTLED:
                 break
         rest = _Rest.of(unit, sites)
         mean, _ = dtrtrs(rest.root, rest.half, lower=1, trans=1)
-        chance, right = rest.chance(e)
+        probability, right = rest.probability(e)
         return cls(
             mean=mean,
             root=rest.root,
-            predicted=float(np.sum(np.log(chance[answered]))),
-            wrong=np.asarray((e * (1 - right) / chance)[answered]),
-            evidence=rest.evidence(sites, chance),
+            predicted=float(np.sum(np.log(probability[answered]))),
+            wrong=np.asarray((e * (1 - right) / probability)[answered]),
+            evidence=rest.evidence(sites, probability),
             sites=sites,
         )
 
@@ -285,10 +285,10 @@ class _Rest:
         m = (across.T @ half / variance - sites.shift) / precision
         return cls(root, half, m, precision)
 
-    def chance(
+    def probability(
         self, e: Float[np.ndarray, " R"]
     ) -> tuple[Float[np.ndarray, " R"], Float[np.ndarray, " R"]]:
-        """Return the probability of each answer given the error rate, and of its being true."""
+        """Return the probability of each answer given the error rate, and that it is right."""
         from scipy.special import ndtr
 
         right = ndtr(self.m * np.sqrt(self.precision))
@@ -298,17 +298,17 @@ class _Rest:
         """Return the sites that match the true mean and variance of each answer."""
         z, v = self.m * np.sqrt(self.precision), 1 / self.precision
         density = np.exp(-z * z / 2) / np.sqrt(2 * np.pi * v)
-        slope = (1 - 2 * e) * density / self.chance(e)[0]
+        slope = (1 - 2 * e) * density / self.probability(e)[0]
         after = np.maximum(v - v * v * slope * (self.m / v + slope), 1e-12)
         target = np.minimum(np.maximum(1 / after - self.precision, _LEAST), _LARGEST)
         to = (self.m + v * slope) * (self.precision + target) - self.m * self.precision
         return Sites(target, to)
 
-    def evidence(self, sites: Sites, chance: Float[np.ndarray, " R"]) -> float:
+    def evidence(self, sites: Sites, probability: Float[np.ndarray, " R"]) -> float:
         """Return the log of the integral over β of prior and sites, scaled like the answers."""
         whole = self.precision + sites.precision
         pull = (self.m * self.precision + sites.shift) ** 2 / whole - self.m**2 * self.precision
-        each = np.log(chance) + 0.5 * np.log(whole / self.precision) - 0.5 * pull
+        each = np.log(probability) + 0.5 * np.log(whole / self.precision) - 0.5 * pull
         together = 0.5 * self.half @ self.half - np.sum(np.log(np.diag(self.root)))
         return float(np.sum(each) + together)
 
@@ -325,10 +325,11 @@ class PreferenceGP:
 
     Source: W. Chu, Z. Ghahramani, "Preference learning with Gaussian processes", ICML 2005, with
     expectation propagation (`ExpectationPropagation`) in place of their Laplace approximation.
-    Deviation: replaces eq. QP-pref for some proposals (`is_process_turn`). Least weights give one
-    Ĵ that keeps the answers; this is the average of all functions that (nearly) keep them, smooth
-    ones weighing more, and the lengths say which knobs matter. It is trained on the last 100
-    samples that were compared. Measured in docs/research/process.md.
+    Deviation: replaces eq. QP-pref for some proposals (`is_process_turn`). That gives one
+    Ĵ that reproduces the answers, by the smallest weights. This is the average of all functions
+    that (nearly) reproduce them, in which smooth ones count more; the lengths show which knobs
+    matter. It is trained on the last 100 samples that were compared. Measured in
+    docs/research/process.md.
 
     Args:
         centers: Samples in the unit cube, shape (N, n).
@@ -351,8 +352,8 @@ class PreferenceGP:
         known = _Known.of(preferences, max(error_rate, _SURE))
         lengths, start = known.likeliest()
         factor = known.factor(lengths)[0]
-        belief = known.belief(factor, start)
-        alpha = solve_triangular(factor, belief.mean, lower=True, trans=1)
+        posterior = known.posterior(factor, start)
+        alpha = solve_triangular(factor, posterior.mean, lower=True, trans=1)
         return cls(known.centers, lengths, np.asarray(alpha))
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
@@ -411,10 +412,10 @@ class _Known:
         kernel, slope = matern(u)
         return np.linalg.cholesky(kernel + _NUGGET * np.eye(len(kernel))), u, slope
 
-    def belief(
+    def posterior(
         self, factor: Float[np.ndarray, "N N"], start: Sites | None
     ) -> ExpectationPropagation:
-        """Return the belief about β, where the values at the samples are factor · β."""
+        """Return the posterior of β, where the values at the samples are factor · β."""
         rows = self.constraints.rows @ factor
         return ExpectationPropagation.of(
             replace(self.constraints, rows=rows), self.error_rate, start
@@ -430,12 +431,12 @@ class _Known:
         def loss(logs: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
             nonlocal sites  # each fit starts from the last sites
             factor, u, slope = self.factor(np.exp(logs))
-            belief = self.belief(factor, sites)
-            sites = belief.sites
+            posterior = self.posterior(factor, sites)
+            sites = posterior.sites
             beyond = (logs - expected) / _SPREAD
             # ∂K/∂log ℓ_j = -slope u_j.
-            gradient = 0.5 * np.einsum("mN,jmN->j", self._pull(factor, belief) * slope, u)
-            value = -belief.evidence + 0.5 * beyond @ beyond
+            gradient = 0.5 * np.einsum("mN,jmN->j", self._pull(factor, posterior) * slope, u)
+            value = -posterior.evidence + 0.5 * beyond @ beyond
             return float(value), gradient + beyond / _SPREAD
 
         found = minimize(
@@ -449,7 +450,7 @@ class _Known:
         return np.asarray(np.exp(found.x)), sites
 
     def _pull(
-        self, factor: Float[np.ndarray, "N N"], belief: ExpectationPropagation
+        self, factor: Float[np.ndarray, "N N"], posterior: ExpectationPropagation
     ) -> Float[np.ndarray, "N N"]:
         """Return twice the slope of the evidence in the kernel, at fixed sites.
 
@@ -457,10 +458,10 @@ class _Known:
         """
         from scipy.linalg import solve_triangular
 
-        rows, sites = self.constraints.rows, belief.sites
+        rows, sites = self.constraints.rows, posterior.sites
         length = np.sqrt(np.sum((rows @ factor) ** 2, axis=1))
         scaled, unit = rows / length[:, None], unit_rows(rows @ factor)
         weighted = sites.precision[:, None] * scaled
-        ahead = scaled.T @ (sites.shift - sites.precision * (unit @ belief.mean))
-        across = solve_triangular(belief.root, unit.T @ weighted, lower=True)
+        ahead = scaled.T @ (sites.shift - sites.precision * (unit @ posterior.mean))
+        across = solve_triangular(posterior.root, unit.T @ weighted, lower=True)
         return np.asarray(np.outer(ahead, ahead) - scaled.T @ weighted + across.T @ across)

@@ -90,7 +90,7 @@ def best_interpolants(
 ) -> tuple[tuple[Interpolant, float], ...]:
     """Return for each of p columns the interpolant with the best ε, and its leave-one-out error.
 
-    The best ε of `epsilons` has the smallest error; with many samples the last ones decide.
+    The best ε of `epsilons` has the smallest error; with many samples, only the last ones count.
     """
     last = slice(max(len(samples) - _DECIDING, 0), None)
     tries = [_interpolate(samples[last], columns[last], epsilon, rbf) for epsilon in epsilons]

@@ -1,4 +1,4 @@
-"""Find the KPIs that stand out in the answers, by weighing the evidence."""
+"""Find the KPIs that matter most in the answers, by comparing explanations."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

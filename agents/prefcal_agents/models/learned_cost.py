@@ -16,7 +16,7 @@ from .preference_qp import Constraints, Learning, fit
 
 _SOFT = Learning(sigma=1.0, lam=0.1)
 """Soft margins, since some answers contradict any sum of KPIs: a slack costs ten margins."""
-_ALIKE = 1e-6  # minimum distance in KPIs that two experiments count as
+_ALIKE = 1e-6  # smaller distances in KPIs count as this
 
 _FOLDS = 3
 _SURE = 1.645  # standard deviations: one-sided 5 %

@@ -17,7 +17,7 @@ from prefcal_env.qp import Backend, Box
 _SHORTEST = 1e-12  # a shorter row (two samples that φ cannot tell apart) counts as this long
 _FAR = 0.3  # root mean square distance per knob from which on the margin is σ in full
 _NEAR = 1e-9  # closer samples count as this share of it: a margin stays above 0
-_NOBODY = -1  # owner of a row that holds whatever was answered
+_NOBODY = -1  # owner of a row that holds for any answer
 _RIDGE = 1e-11  # on a Gram matrix of unit rows: below any accuracy asked for, above rounding
 
 
@@ -110,7 +110,7 @@ class Constraints:
 def margins(preferences: Preferences, power: float) -> Float[np.ndarray, " M"]:
     """Return the margin of each comparison in units of σ, in (0, 1], shape (M,).
 
-    Source: eq. RBF-pref has the same margin σ everywhere, which `power` 0 gives.
+    Source: eq. RBF-pref has the same margin σ everywhere, as `power` 0 does.
     Deviation: a continuous index differs little between close samples, yet one margin for
     all makes Ĵ as steep as their distance is small, and the following samples overshoot. So the
     margin grows with (distance / √n)^power, up to σ at a distance of 0.3 √n of the cube.

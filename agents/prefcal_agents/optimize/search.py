@@ -1,8 +1,8 @@
 """Minimize the acquisition over the θ that have not run, by a search from several starts.
 
-It searches the unit cube or a box in it, respects integer knobs and constraints, takes the best
-sample as one of its starts, and goes through what it found in increasing order of the objective
-until a θ is new.
+It searches the unit cube or a box in it, respects integer knobs and constraints, and takes the best
+sample as one of its starts. Of the points it found, it returns the one with the lowest objective
+whose θ is new.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ Box = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 
 _SCALES = (1e-4, 0.3)  # smallest and largest step around the incumbent, in units of the cube
 _APART = 0.1  # minimum distance between two starts of a descent, in the cube
-_DRAWS = 200  # random points looked at before an integer space is searched in full
+_DRAWS = 200  # random points to check before an integer space is searched completely
 _ANCHORS = 20  # random allowed points to search from if no sample is one
 _SAME = 0.4  # steps; points that are closer in every knob to a θ that ran round to that θ
 
@@ -81,8 +81,8 @@ def new_minimum(
     """Return the point of the cube with the lowest objective whose θ has not run, shape (n,).
 
     Raises:
-        ProtocolError: every θ of the space has been tried.
-        KnobError: none was found that the constraints allow.
+        ProtocolError: If every θ of the space has been tried.
+        KnobError: If none was found that the constraints allow.
     """
     domain, tried = Domain.of(space, history), Tried(space, history)
     z = tried.first_new(multistart(objective, domain, rng))
@@ -202,11 +202,11 @@ class Tried:
     ) -> Float[np.ndarray, " n"]:
         """Return `z`, shape (n,), or another point if its θ ran already or is not allowed.
 
-        That is a random point of what is searched.
+        The other point is a random one of the searched part.
 
         Raises:
-            ProtocolError: every θ of the space has been tried.
-            KnobError: none was found that the constraints allow.
+            ProtocolError: If every θ of the space has been tried.
+            KnobError: If none was found that the constraints allow.
         """
         if self.may_run(z):
             return z
@@ -218,7 +218,7 @@ class Tried:
         return self._first_free()
 
     def _first_free(self) -> Float[np.ndarray, " n"]:
-        # Few θ are left, so the space is small: at most some times the number of samples.
+        # Few θ are left, so the space is small: at most a few times the number of samples.
         values = [choices(*each) for each in zip(self._space, self._space.within, strict=True)]
         for theta in product(*values):
             z = self._space.encode(np.array(theta, dtype=float))

@@ -37,8 +37,8 @@ class OptunaPreferential(PreferenceBased):
         seed: Seed of all randomness, 0 or more.
 
     Raises:
-        SettingsError: an impossible value.
-        MissingExtraError: the extra `peers` is not installed.
+        SettingsError: If a value is not valid.
+        MissingExtraError: If the extra `peers` is not installed.
     """
 
     version: ClassVar[int] = 1

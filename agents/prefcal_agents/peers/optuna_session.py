@@ -19,7 +19,7 @@ class OptunaSession:
         seed: Seed of the sampler, below 2**32.
 
     Raises:
-        MissingExtraError: the extra `peers` is not installed.
+        MissingExtraError: If the extra `peers` is not installed.
     """
 
     def __init__(self, n: int, seed: int) -> None:

@@ -20,7 +20,7 @@ from .solvers import cube_solver, design
 class ReferenceGLIS(ValueBased):
     """GLIS as published by its authors, with the package's own settings.
 
-    It is set up anew for each proposal, like `ReferenceGLISp`. Experiments without a score are
+    It is set up again for each proposal, like `ReferenceGLISp`. Experiments without a score are
     left out.
 
     Source: package `glis` 2.0.2 by Bemporad and Zhu.
@@ -35,8 +35,8 @@ class ReferenceGLIS(ValueBased):
         seed: Seed of all randomness, 0 or more.
 
     Raises:
-        SettingsError: an impossible value.
-        MissingExtraError: the extra `peers` is not installed.
+        SettingsError: If a value is not valid.
+        MissingExtraError: If the extra `peers` is not installed.
     """
 
     version: ClassVar[int] = 1

@@ -20,7 +20,7 @@ from .solvers import cube_solver, design
 class ReferenceGLISp(PreferenceBased):
     """GLISp as published by its authors, with the package's own settings.
 
-    The package owns its state. Here its solver is set up anew for each proposal from the stored
+    The package owns its state. Here its solver is set up again for each proposal from the stored
     samples and the valid answers, so nothing else has to be stored. It ignores abstentions, which
     it does not support.
 
@@ -35,8 +35,8 @@ class ReferenceGLISp(PreferenceBased):
         seed: Seed of all randomness, 0 or more.
 
     Raises:
-        SettingsError: an impossible value.
-        MissingExtraError: the extra `peers` is not installed.
+        SettingsError: If a value is not valid.
+        MissingExtraError: If the extra `peers` is not installed.
     """
 
     version: ClassVar[int] = 1
@@ -69,9 +69,9 @@ class ReferenceGLISp(PreferenceBased):
         solver.initialize()
         lessons = Preferences.of(history)
         pairs = zip(lessons.b, lessons.first, lessons.second, strict=True)
-        told = [(int(b), int(first), int(second)) for b, first, second in pairs]
-        solver.I = _Full([a, b] if won < 0 else [b, a] for won, a, b in told if won)
-        solver.Ieq = _Full([a, b] for won, a, b in told if not won)
+        answers = [(int(b), int(first), int(second)) for b, first, second in pairs]
+        solver.I = _Full([a, b] if won < 0 else [b, a] for won, a, b in answers if won)
+        solver.Ieq = _Full([a, b] for won, a, b in answers if not won)
         solver.iter, solver.ibest, solver.xnext = len(z) - 1, history.incumbent, z[-1]
         return solver
 

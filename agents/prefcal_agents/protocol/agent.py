@@ -1,4 +1,4 @@
-"""The ask/tell protocol that every agent follows: its record, and the open query made on demand."""
+"""The ask/tell protocol of every agent: its record, and the open query, made on demand."""
 
 from contextlib import AbstractContextManager
 from functools import cache
@@ -24,10 +24,10 @@ Pair = tuple[int, int]
 
 
 class Agent(Stored):
-    """An agent: its record of samples and answers, and the query that is open.
+    """An agent with its record of samples and answers, and the open query.
 
-    A subclass says what to try next by `_propose`, a function of the record (its seed and settings
-    are fixed), so nothing else has to be saved. Linear algebra runs on one thread there.
+    A subclass defines what to try next in `_propose`, a function of the record (its seed and
+    settings are fixed), so nothing else has to be saved. Linear algebra runs on one thread there.
 
     Sample h is proposed when it is first needed, from the record after answer h - 1. From then
     on it is stored and stays, even if an earlier answer is retracted, since its experiment may
@@ -43,12 +43,12 @@ class Agent(Stored):
             replace the first proposed samples.
 
     Raises:
-        SettingsError: an impossible value, or a θ twice in `start`.
-        KnobError: a θ of `start` is outside the space.
+        SettingsError: If a value is not valid, or a θ is in `start` twice.
+        KnobError: If a θ of `start` is outside the space.
     """
 
     by_value = False
-    """Whether the agent is told scores, not preferences; then no query has an incumbent."""
+    """Whether the agent learns from scores, not preferences; then no query has an incumbent."""
 
     def __init__(
         self,
@@ -73,7 +73,7 @@ class Agent(Stored):
         self._thought: tuple[History, Pair | None] | None = None
         self.history = History()
 
-    # What a subclass decides.
+    # What a subclass defines.
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         """Return the next sample, a point of the unit cube, shape (n,)."""
@@ -98,7 +98,7 @@ class Agent(Stored):
         most = self._capacity
         if most >= self._asked_for:
             return self._asked_for
-        # θ that ran count too if they are no longer searched.
+        # θ that ran count even if they are no longer searched.
         most += sum(not self.space.searches(np.array(s.theta)) for s in history.samples)
         return int(min(self._asked_for, most))
 
@@ -138,7 +138,7 @@ class Agent(Stored):
         return advise(self.history)
 
     def ask(self) -> Query:
-        """Return the open query, the same until it is told. Raises ProtocolError when done."""
+        """Return the open query, the same until it is answered. Raises ProtocolError when done."""
         if self.done:
             why = f"all {self.n_max} experiments are answered"
             if self.n_max < self._asked_for:
@@ -158,8 +158,8 @@ class Agent(Stored):
         """Close `query` by a preference or a score; see the kinds of agents.
 
         Raises:
-            ProtocolError: it is not the open one.
-            PreferenceError: an impossible answer.
+            ProtocolError: If it is not the open one.
+            PreferenceError: If the answer is not valid.
         """
         given = Answer.scored(answer) if self.by_value else Answer.of(answer)
         if self.done:
@@ -168,21 +168,21 @@ class Agent(Stored):
             raise ProtocolError(f"told {query}, but the open query is {self.ask()}")
         pair = self._known_pair()
         if pair is None:
-            self.history = self.history.told(given, self._rival)
+            self.history = self.history.with_answer(given, self._rival)
         else:
-            self.history = self.history.told_follow_up(given, *pair)
+            self.history = self.history.with_follow_up(given, *pair)
 
     def undo(self) -> None:
         """Take the last answer back and open its query again. Raises ProtocolError if none."""
         self.history = self.history.undone()
 
     def retract(self, index: int, *, further: bool = False) -> None:
-        """Forget what answer `index` (from 0) taught; all samples stay, including the open one.
+        """Stop learning from answer `index` (from 0); all samples stay, including the open one.
 
         Answers to follow-up questions (`further`) are numbered separately.
 
         Raises:
-            ProtocolError: there is no such answer, or it is retracted already.
+            ProtocolError: If there is no such answer, or it is already retracted.
         """
         changed = self.history.retracted(index, follow_up=further)
         if not self.done:
@@ -241,8 +241,8 @@ class PreferenceBased(Agent):
         """Close `query`.
 
         Raises:
-            ProtocolError: it is not the open one.
-            PreferenceError: `answer` is none of -1, 0, 1, None (can't tell) and an Answer.
+            ProtocolError: If it is not the open one.
+            PreferenceError: If `answer` is none of -1, 0, 1, None (can't tell) and an Answer.
         """
         super().tell(query, answer)
 
@@ -256,8 +256,8 @@ class ValueBased(Agent):
         """Close `query` with the score of its experiment, lower is better; None if it has none.
 
         Raises:
-            ProtocolError: it is not the open one.
-            PreferenceError: `value` is not finite, or holds a preference.
+            ProtocolError: If it is not the open one.
+            PreferenceError: If `value` is not finite, or holds a preference.
         """
         super().tell(query, value)
 

@@ -14,13 +14,13 @@ Session = TypeVar("Session")
 
 @final
 class Replay(Generic[Session]):
-    """A session that has seen exactly a history: kept if the history continues, else started anew.
+    """A session that has seen exactly a history: kept if the history continues, else replaced.
 
     A new session is needed after an undo, a retraction or a restart, and in copies of an agent. It
     sees the stored samples and the current answers.
 
     Args:
-        start: Function that creates a session that has seen nothing.
+        start: Function that creates an empty session.
         feed: Function that shows a session the last answer of a history; it has seen the others.
     """
 

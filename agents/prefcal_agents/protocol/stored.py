@@ -22,7 +22,7 @@ class Stored(Protocol):
     """
 
     version: ClassVar[int]
-    """Version of the algorithm, raised when the same answers would lead to another next sample."""
+    """Version of the algorithm, raised when the same answers lead to another next sample."""
     by_value: bool
     space: KnobSpace
     n_init: int
@@ -51,7 +51,7 @@ class Stored(Protocol):
         """Restore an agent from its saved `state`, with the identical next query.
 
         Raises:
-            SettingsError: it is the state of another agent, does not fit the space, or holds
+            SettingsError: If it is the state of another agent, does not fit the space, or holds
                 settings that the agent does not have.
         """
         agent = cls._made(space, state)
@@ -98,7 +98,7 @@ class Stored(Protocol):
         )
 
     def copy(self) -> Self:
-        """Return an independent copy, for computing ahead on each likely answer."""
+        """Return an independent copy, used to prepare the next sample for each likely answer."""
         return self._twin(self._snapshot())
 
     def _twin(self, state: AgentState) -> Self:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 OBSERVATION = np.ones((1, 1), np.float32)
-"""Observation before every experiment; always the same, since each one starts afresh."""
+"""Observation before every experiment; always the same, since each one starts from scratch."""
 
 Array = np.ndarray[Any, Any]
 

@@ -39,8 +39,8 @@ def train_on_plant(
 ) -> TrainedPolicy:
     """Learn to control a plant by trial: each step is one sampling period, with its reward.
 
-    The same arguments give the same policy, whatever else draws random numbers; the process's
-    global random states come out unchanged.
+    The same arguments give the same policy, even if other code draws random numbers; the process's
+    global random states do not change.
 
     Args:
         env_id: Id of a plant environment registered with Gymnasium.
@@ -52,8 +52,8 @@ def train_on_plant(
         progress: Whether to show a progress bar on standard error.
 
     Raises:
-        SettingsError: an unknown algorithm or environment, an impossible number.
-        MissingExtraError: the extra `rl` is not installed.
+        SettingsError: If the algorithm or environment is unknown, or a number is not valid.
+        MissingExtraError: If the extra `rl` is not installed.
     """
     choice("algorithm", algorithm, ALGORITHMS)
     integer("steps", steps, low=0)

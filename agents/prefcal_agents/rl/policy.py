@@ -61,7 +61,7 @@ class TrainedPolicy:
         It sees only the environment's observation.
 
         Raises:
-            SettingsError: `env` cannot be observed apart from its steps.
+            SettingsError: If `env` cannot be observed apart from its steps.
         """
         plant: Any = env.unwrapped
         missing = [name for name in ("observe", "inputs") if not hasattr(plant, name)]
@@ -82,8 +82,8 @@ class TrainedPolicy:
         """Load a file written by `save`. Only open files that you trust: they may contain code.
 
         Raises:
-            SettingsError: there is no such file, or it was not written by `save`.
-            MissingExtraError: the extra `rl` is not installed.
+            SettingsError: If there is no such file, or it was not written by `save`.
+            MissingExtraError: If the extra `rl` is not installed.
         """
         library = stable_baselines()
         saving = load_extra("stable_baselines3.common.save_util", "rl")

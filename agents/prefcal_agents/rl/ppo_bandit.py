@@ -38,8 +38,8 @@ class PPOBandit(ValueBased):
         learning_rate: Learning rate of the optimizer, above 0.
 
     Raises:
-        SettingsError: an impossible value.
-        MissingExtraError: the extra `rl` is not installed.
+        SettingsError: If a value is not valid.
+        MissingExtraError: If the extra `rl` is not installed.
     """
 
     version: ClassVar[int] = 1

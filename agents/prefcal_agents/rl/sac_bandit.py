@@ -40,8 +40,8 @@ class SACBandit(ValueBased):
         entropy: Weight of the policy's entropy relative to rewards in [-1, 1]; large explores.
 
     Raises:
-        SettingsError: an impossible value.
-        MissingExtraError: the extra `rl` is not installed.
+        SettingsError: If a value is not valid.
+        MissingExtraError: If the extra `rl` is not installed.
     """
 
     version: ClassVar[int] = 1

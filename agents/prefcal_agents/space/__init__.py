@@ -1,1 +1,1 @@
-"""Points of the unit cube: the design of the start, and which points are feasible."""
+"""Points of the unit cube: the initial design, and which points are feasible."""

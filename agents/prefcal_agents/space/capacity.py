@@ -19,7 +19,7 @@ def capacity(space: KnobSpace) -> float:
     In a small space, θ that the constraints refuse are not counted.
 
     Raises:
-        KnobError: the space is small, and the constraints allow no θ.
+        KnobError: If the space is small and the constraints allow no θ.
     """
     counts = [_count(knob, *part) for knob, part in zip(space, space.within, strict=True)]
     total = prod(counts)
@@ -51,7 +51,7 @@ def choices(knob: Knob, part: tuple[float, float]) -> Float[np.ndarray, " m"]:
     values = np.clip(values, low, high)
     kept = [0]
     for index, count in enumerate(knob.steps(values)):
-        # The ends are proposed too, unless a neighbor is hardly different.
+        # The ends are proposed too, unless a neighbor is almost equal.
         if count - knob.steps(values[kept[-1:]])[0] > 1 - 1e-6:
             kept.append(index)
     return np.asarray(values[kept])

@@ -1,4 +1,4 @@
-"""The design of the start: a Latin hypercube."""
+"""Create the initial design: a Latin hypercube."""
 
 import numpy as np
 from jaxtyping import Float
@@ -12,11 +12,11 @@ _POOL, _POOL_SHARE = 200, 20  # allowed points to choose from: at least, and for
 
 
 def latin_hypercube(space: KnobSpace, count: int, seed: int) -> Float[np.ndarray, "N n"]:
-    """`count` space-filling points of the cube, shape (count, n).
+    """Return `count` space-filling points of the cube, shape (count, n).
 
     Source: section IV of the paper: the start of GLISp.
-    Deviation: plain, one point in each stratum. The paper's lhsdesign takes the best of five such
-    plans by their smallest distance between two points. Measured in docs/deviations.md.
+    Deviation: a plain design, one point in each stratum. The paper's lhsdesign takes the best of
+    five such designs by their smallest distance between two points. Measured in docs/deviations.md.
     """
     from scipy.stats import qmc  # takes most of a second to import
 

@@ -34,7 +34,7 @@ class Region:
         """Return random points of the region, shape (count, n); uniform unless it is tiny.
 
         Raises:
-            KnobError: no allowed point was found.
+            KnobError: If no allowed point was found.
         """
         n = len(self.space)
         found = np.zeros((0, n))
@@ -54,7 +54,7 @@ class Region:
     ) -> Float[np.ndarray, "count n"]:
         """Return points by hit and run: from random anchors part of the way to the edge."""
         start = anchors[rng.integers(len(anchors), size=count)]
-        edge = self._towards(start, self.space.scaled(rng.random((count, start.shape[1]))))
+        edge = self._toward(start, self.space.scaled(rng.random((count, start.shape[1]))))
         inside = start + rng.random((count, 1)) * (edge - start)
         return np.where(self.allows(inside)[:, None], inside, start)
 
@@ -102,18 +102,18 @@ class Region:
     ) -> Float[np.ndarray, "m n"]:
         """Return the rows of `z` snapped; rows that are not allowed move to the region's edge.
 
-        They move towards the nearest of the anchors, which are allowed points, shape (a, n).
+        They move toward the nearest of the anchors, which are allowed points, shape (a, n).
         """
         snapped = self.space.snap_all(z)
         out = np.flatnonzero(~self.allows(snapped))
         if len(out):
             nearest = anchors[np.argmin(squared_distances(snapped[out], anchors), axis=1)]
-            edge = self._towards(nearest, snapped[out])
+            edge = self._toward(nearest, snapped[out])
             # Points at the edge are not rounded, since rounding could leave the region.
             snapped[out] = self.space.snap_all(edge, only_integers=True)
         return snapped
 
-    def _towards(
+    def _toward(
         self, start: Float[np.ndarray, "m n"], end: Float[np.ndarray, "m n"]
     ) -> Float[np.ndarray, "m n"]:
         """Return the last allowed point on each line from `start`, which is allowed, to `end`."""
@@ -132,7 +132,7 @@ def random_points(
     """Return random points of the searched space that the constraints allow, shape (count, n).
 
     Raises:
-        KnobError: no allowed point was found.
+        KnobError: If no allowed point was found.
     """
     if space.constraints:
         return Region(space).draw(count, rng)

@@ -25,8 +25,8 @@ def start_points(space: KnobSpace, start: Start | None, n_max: int) -> Points:
         n_max: Number of experiments.
 
     Raises:
-        KnobError: a θ is not in `space`; the message names the knob, the value and its unit.
-        SettingsError: a θ is given twice, or there are more θ than experiments.
+        KnobError: If a θ is not in `space`; the message names the knob, the value and its unit.
+        SettingsError: If a θ is given twice, or there are more θ than experiments.
     """
     if start is None:
         return ()

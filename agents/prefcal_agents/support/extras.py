@@ -10,7 +10,8 @@ def load(module: str, extra: str) -> Any:
     """Import `module`, which the extra `extra` of this project installs.
 
     Raises:
-        MissingExtraError: it is not installed, or with versions that it does not work with.
+        MissingExtraError: If it is not installed, or other packages have versions that it does not
+            work with.
     """
     try:
         return import_module(module)

@@ -22,11 +22,11 @@ from prefcal_env.plants import CSTR
 from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.cases.cstr import controller as cstr_tuning
-from prefcal_scenarios.cases.cstr.kpis import indicators as cstr_kpis
+from prefcal_scenarios.cases.cstr.kpis import compute_kpis as cstr_kpis
 from prefcal_scenarios.cases.cstr.kpis import performance_index
 from prefcal_scenarios.cases.overtake import controller as car_tuning
 from prefcal_scenarios.cases.overtake import overtake
-from prefcal_scenarios.cases.overtake.kpis import indicators as car_kpis
+from prefcal_scenarios.cases.overtake.kpis import compute_kpis as car_kpis
 from prefcal_scenarios.cases.overtake.supervisor import Supervisor
 
 from .common import AUTOMATED, CAR, PREFERRED, bar, lowest, quantile, table, two

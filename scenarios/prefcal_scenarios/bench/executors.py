@@ -62,9 +62,9 @@ class Processes:
         context = multiprocessing.get_context("spawn")
         self._places = [_Place() for _ in range(count)]
         self._pids = context.RawArray("q", count)
-        told = (self._last_words, context.Lock(), self._pids)
+        arguments = (self._last_words, context.Lock(), self._pids)
         with _postponed():  # inherited by the pool's threads, which replace dead processes
-            self._pool = ProcessPool(count, initializer=_begin, initargs=told, context=context)
+            self._pool = ProcessPool(count, initializer=_begin, initargs=arguments, context=context)
             _ = self._pool.active  # starts it
 
     def width(self) -> int:

@@ -30,7 +30,7 @@ class Entry:
 
     Args:
         name: Name in tables and on the command line.
-        kind: Whether the agent is told preferences, or the value of each experiment.
+        kind: Whether the agent learns from preferences, or from the value of each experiment.
         build: Function that makes the agent from space, n_init, n_max and seed.
         algorithm: Function that returns the version of the algorithm, including its settings.
         needs: Modules that must be installed.

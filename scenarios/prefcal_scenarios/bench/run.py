@@ -77,7 +77,7 @@ class _Study:
     """Study of one agent; outcomes are kept by θ, so that none is computed twice.
 
     The loop asks and tells the study, which watches that the agent keeps the rules. Without a
-    judge the agent is told costs.
+    judge the agent gets costs.
     """
 
     def __init__(

@@ -32,7 +32,7 @@ points = st.tuples(*[st.floats(0, 1)] * 3).map(np.array)
 def history(*answers):
     book = History()
     for h, answer in enumerate(answers):
-        book = book.with_pending(in_cube(np.array([0.1 * h, 0.5]))).told(
+        book = book.with_pending(in_cube(np.array([0.1 * h, 0.5]))).with_answer(
             Answer.of(answer), book.incumbent
         )
     return book
@@ -70,7 +70,7 @@ def test_one_answer_that_says_unsafe_is_enough_and_outdoes_good_enough():
 
 
 def test_marks_of_a_further_comparison_count_too():
-    book = history(None, 1, 1).told_follow_up(Answer(1, marks=(NEW, OLD_GOOD)), 2, 1)
+    book = history(None, 1, 1).with_follow_up(Answer(1, marks=(NEW, OLD_GOOD)), 2, 1)
     assert marked(book) == [[0, 1, 2], [2], [1]]
     assert marked(book.retracted(0, follow_up=True)) == [[0, 1, 2], [], []]
 

@@ -16,7 +16,9 @@ def told(*preferences):
     """A history in which these were answered, after the first experiment's None."""
     history = History()
     for preference in (None, *preferences):
-        history = history.with_pending(in_cube([0.5])).told(Answer(preference), history.incumbent)
+        history = history.with_pending(in_cube([0.5])).with_answer(
+            Answer(preference), history.incumbent
+        )
     return history
 
 

@@ -16,14 +16,14 @@ def history_of(answers, kpis=None):
         z = np.array([k / len(answers), 0.5])
         pair = (kpis(z), None) if kpis else None
         history = history.with_pending(in_cube(z))
-        history = history.told(Answer(answer, outcomes=pair), 0 if k else None)
+        history = history.with_answer(Answer(answer, outcomes=pair), 0 if k else None)
     return history
 
 
 def test_a_data_set_is_strict_once_an_answer_says_which_is_better():
     vague = history_of([None, 0, None, 0])
     assert not Dataset.of(vague, with_kpis=False).is_strict
-    clear = vague.told_follow_up(Answer(1), 3, 0)
+    clear = vague.with_follow_up(Answer(1), 3, 0)
     assert Dataset.of(clear, with_kpis=False).is_strict
     assert not Dataset.of(clear.retracted(0, follow_up=True), with_kpis=False).is_strict
 

@@ -40,7 +40,7 @@ def line(answers, marks=()):
     history = History()
     for k, (rival, answer) in enumerate([(None, None), *answers]):
         given = Answer(answer, marks=marks if k == len(answers) else ())
-        history = history.with_pending(in_cube([k / 10])).told(given, rival)
+        history = history.with_pending(in_cube([k / 10])).with_answer(given, rival)
     return history
 
 
@@ -77,7 +77,7 @@ def test_the_best_is_compared_with_the_rival_that_is_least_surely_worse():
 def test_a_sample_that_is_probably_better_than_the_best_is_asked_about_first():
     """Nine answers say that it gets better to the right, one that 9 lost against 0."""
     history = line([(k - 1, -1) for k in range(1, 9)] + [(8, -1)])
-    history = history.told_follow_up(Answer(-1), 0, 9)
+    history = history.with_follow_up(Answer(-1), 0, 9)
     pair = confirmed(history)
     assert history.incumbent == 0
     assert confirmed(history, sure=0.0) == pair
@@ -89,15 +89,15 @@ def test_a_sample_that_is_probably_better_than_the_best_is_asked_about_first():
 def test_a_sample_that_met_the_best_is_not_asked_about_again():
     history = line([(0, 1), (0, 1), (1, -1)])
     assert confirmed(history) == (3, 0)
-    assert confirmed(history.told_follow_up(Answer(1), 3, 0)) is None
+    assert confirmed(history.with_follow_up(Answer(1), 3, 0)) is None
 
 
 @pytest.mark.parametrize("answer", [None, 0])
 def test_a_question_without_a_clear_answer_is_not_asked_again(answer):
     history = line([(0, 1), (0, 1), (1, -1), (1, -1)])
     first = confirmed(history)
-    assert confirmed(history.told_follow_up(Answer(answer), *first)) not in (first, None)
-    retracted = history.told_follow_up(Answer(1), *first).retracted(0, follow_up=True)
+    assert confirmed(history.with_follow_up(Answer(answer), *first)) not in (first, None)
+    retracted = history.with_follow_up(Answer(1), *first).retracted(0, follow_up=True)
     assert confirmed(retracted) not in (first, None)
 
 
@@ -113,8 +113,8 @@ def test_a_sample_that_is_surely_worse_is_not_asked_about():
     """Five answers each say that 1 is better than 0, and 2 better than 1."""
     history = line([(0, -1), (1, -1)])
     for _ in range(5):
-        history = history.told_follow_up(Answer(-1), 1, 0)
-        history = history.told_follow_up(Answer(-1), 2, 1)
+        history = history.with_follow_up(Answer(-1), 1, 0)
+        history = history.with_follow_up(Answer(-1), 2, 1)
     assert history.incumbent == 2
     assert confirmed(history) is None
     assert confirmed(history, sure=np.inf) == (2, 0)
@@ -125,7 +125,7 @@ def test_an_unsafe_sample_is_neither_the_best_nor_its_rival():
     assert confirmed(line(answers)) == (3, 2)
     assert confirmed(line(answers, marks=(Mark.CHALLENGER_UNSAFE,))) == (2, 0)
     again = Answer(-1, marks=(Mark.CHALLENGER_UNSAFE,))  # 2 is better than 1, and unsafe
-    assert confirmed(line(answers).told_follow_up(again, 2, 1)) == (3, 0)
+    assert confirmed(line(answers).with_follow_up(again, 2, 1)) == (3, 0)
 
 
 def test_a_sample_that_was_not_compared_or_is_unsafe_is_no_contender():
@@ -133,7 +133,7 @@ def test_a_sample_that_was_not_compared_or_is_unsafe_is_no_contender():
     answers = (None, -1, -1, None, Answer(1, marks=(Mark.INCUMBENT_UNSAFE,)))
     for k, answer in enumerate(answers):
         history = history.with_pending(in_cube(np.full(2, k / 5)))
-        history = history.told(Answer.of(answer), None if k == 0 else min(k - 1, 2))
+        history = history.with_answer(Answer.of(answer), None if k == 0 else min(k - 1, 2))
     assert contenders(history).tolist() == [0, 1, 4]
 
 
@@ -151,7 +151,7 @@ def ranked(costs):
     for cost in costs:
         rival = book.incumbent
         answer = Answer(None if rival is None else int(np.sign(cost - costs[rival])))
-        book = book.with_pending(in_cube([cost])).told(answer, rival)
+        book = book.with_pending(in_cube([cost])).with_answer(answer, rival)
     return book
 
 
@@ -163,7 +163,7 @@ def test_a_bisection_finds_the_place_of_a_loser_in_logarithmically_many_question
     while (pair := insertion_question(book, values)) is not None:
         assert pair[0] == new
         assert pair[1] != new
-        book = book.told_follow_up(Answer(int(np.sign(costs[new] - costs[pair[1]]))), *pair)
+        book = book.with_follow_up(Answer(int(np.sign(costs[new] - costs[pair[1]]))), *pair)
         asked += 1
     assert asked <= np.ceil(np.log2(len(costs)))
     if costs[new] > min(costs[:-1]):
@@ -179,7 +179,7 @@ def test_a_bisection_finds_the_place_of_a_loser_in_logarithmically_many_question
 
 @pytest.mark.parametrize("answer", [0, None])
 def test_a_tie_and_an_abstention_need_no_further_question(answer):
-    book = ranked([1.0, 2.0, 3.0]).with_pending(in_cube([2.5])).told(Answer(answer), 0)
+    book = ranked([1.0, 2.0, 3.0]).with_pending(in_cube([2.5])).with_answer(Answer(answer), 0)
     assert insertion_question(book, np.array([1.0, 2.0, 3.0, 2.5])) is None
 
 
@@ -187,7 +187,7 @@ def test_answers_about_other_samples_do_not_change_the_bisection():
     history = line([(0, 1), (0, 1), (0, 1), (0, 1)])
     values = np.array([0.0, 1.0, 2.0, 3.0, 2.5])
     pair = insertion_question(history, values)
-    also = history.told_follow_up(Answer(1), 3, 1)
+    also = history.with_follow_up(Answer(1), 3, 1)
     assert pair == insertion_question(also, values) == (4, 2)
 
 
@@ -203,7 +203,7 @@ def test_a_follow_up_takes_three_experiments_and_a_question_that_is_left():
     assert asked_after(history, questions_per_experiment=2)[0] == 4
     assert asked_after(history.until(2), questions_per_experiment=2) is None
     assert asked_after(history) is None
-    once = history.told_follow_up(Answer(1), 4, 2)
+    once = history.with_follow_up(Answer(1), 4, 2)
     assert asked_after(once, questions_per_experiment=2) is None
     assert asked_after(once, questions_per_experiment=3) is not None
 

@@ -44,9 +44,9 @@ def history_of(count, *, kpis_from=None, wrong=(), further=(), n=2, cost=cost):
         answer = -answer if k in wrong else answer
         told = kpis_from is not None and k >= kpis_from
         pair = ({"off": costs[k]}, None) if told else None
-        history = history.with_pending(in_cube(z)).told(Answer(answer, outcomes=pair), best)
+        history = history.with_pending(in_cube(z)).with_answer(Answer(answer, outcomes=pair), best)
         if history.answered in further:
-            history = history.told_follow_up(Answer(-answer), k, best)
+            history = history.with_follow_up(Answer(-answer), k, best)
     return history
 
 
@@ -66,9 +66,9 @@ def changed(history, change, index):
     if change == "tell" and history.answered < 12:
         best = history.incumbent
         z = np.array([index / 11, 0.5])
-        return history.with_pending(in_cube(z)).told(Answer((-1, 0, 1)[index % 3]), best)
+        return history.with_pending(in_cube(z)).with_answer(Answer((-1, 0, 1)[index % 3]), best)
     if change == "further" and history.answered > 1:
-        return history.told_follow_up(Answer(1), history.answered - 1, 0)
+        return history.with_follow_up(Answer(1), history.answered - 1, 0)
     return history.until(max(1, history.answered - index % 3)) if change == "until" else history
 
 
@@ -193,4 +193,4 @@ def test_histories_share_what_comes_before_their_first_difference():
     assert shared(HISTORY, HISTORY.retracted(4)) == 4
     assert shared(HISTORY, HISTORY.retracted(0, follow_up=True)) == 6  # given after 7
     assert shared(HISTORY, HISTORY.with_pending(in_cube(np.zeros(2)))) == 11
-    assert shared(HISTORY, HISTORY.told_follow_up(Answer(0), 3, 1)) == 10
+    assert shared(HISTORY, HISTORY.with_follow_up(Answer(0), 3, 1)) == 10

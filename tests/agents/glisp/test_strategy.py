@@ -48,8 +48,8 @@ def history_of(count, *, ties=False, further=False, unsafe=False):
         answer = None if best is None else 0 if ties else int(np.sign(bowl(z) - bowl(rival)))
         marks = (Mark.CHALLENGER_UNSAFE,) if unsafe and z[0] > 0.5 else ()
         told = Answer(answer, marks=marks, outcomes=({"off": bowl(z)}, None))
-        history = history.with_pending(in_cube(z)).told(told, best)
-    return history.told_follow_up(Answer(1), count - 1, 0) if further else history
+        history = history.with_pending(in_cube(z)).with_answer(told, best)
+    return history.with_follow_up(Answer(1), count - 1, 0) if further else history
 
 
 def setup_of(**settings):
@@ -152,7 +152,7 @@ def test_the_start_is_a_latin_hypercube():
     for planned in latin_hypercube(SQUARE, 4, 2):
         z = propose_start(setup, history)
         assert np.array_equal(z, planned)
-        history = history.with_pending(in_cube(z)).told(
+        history = history.with_pending(in_cube(z)).with_answer(
             Answer(1 if history.answered else None), None
         )
 

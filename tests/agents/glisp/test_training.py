@@ -35,9 +35,11 @@ def data_of(count=16, wrong=()):
         answers = [int(np.sign(costs[k] - costs[j])) for j in range(max(k - 2, 0), k)] or [None]
         answers[-1] = -answers[-1] if k in wrong else answers[-1]
         history = history.with_pending(in_cube(z))
-        history = history.told(Answer(answers[-1], outcomes=(kpis, None)), k - 1 if k else None)
+        history = history.with_answer(
+            Answer(answers[-1], outcomes=(kpis, None)), k - 1 if k else None
+        )
         if len(answers) > 1:
-            history = history.told_follow_up(Answer(answers[0]), k, k - 2)
+            history = history.with_follow_up(Answer(answers[0]), k, k - 2)
     return Dataset.of(history, with_kpis=True)
 
 

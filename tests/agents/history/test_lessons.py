@@ -24,7 +24,7 @@ def told(*answers):
     history = History()
     for h, answer in enumerate(answers):
         history = history.with_pending(in_cube(np.array([float(h), 0.5])))
-        history = history.told(Answer.of(answer), history.incumbent)
+        history = history.with_answer(Answer.of(answer), history.incumbent)
     return history
 
 
@@ -85,7 +85,7 @@ def contradicted(history):
     """The same, and four answers about a sample that lost were given the other way round."""
     lost = [c for c in history.comparisons[-40:] if c.answer.preference == 1]
     for c in lost[:4]:
-        history = history.told_follow_up(Answer(-1), c.challenger, c.incumbent)
+        history = history.with_follow_up(Answer(-1), c.challenger, c.incumbent)
     return history
 
 
@@ -124,8 +124,8 @@ def test_what_is_remembered_was_answered_in_that_order():
 def test_of_several_answers_about_a_sample_the_last_one_is_remembered_first():
     history = long_history(2)
     for h in range(2, 40):
-        history = history.with_pending(in_cube(np.full(3, h / 40))).told(Answer(1), 0)
-        history = history.told_follow_up(Answer(-1), h, 1)
+        history = history.with_pending(in_cube(np.full(3, h / 40))).with_answer(Answer(1), 0)
+        history = history.with_follow_up(Answer(-1), h, 1)
     memory = Memory.of(history, most=40)
     assert memory.kept.tolist() == list(range(40))
     assert sum(c.teaches for c in memory.history.comparisons) == 2  # of samples 1 and 39

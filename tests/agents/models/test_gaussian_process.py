@@ -107,19 +107,19 @@ def test_one_answer_alone_is_believed_with_the_probability_of_the_gaussian_integ
     # the other half has a chance of e.
     rows = Constraints(np.array([[2.0, 0.0]]), np.ones(1), np.ones(1), np.zeros(1, dtype=np.int64))
     for e in (0.0, 0.1, 0.3):
-        belief = ExpectationPropagation.of(rows, e)
-        assert belief.mean == pytest.approx([(1 - 2 * e) * np.sqrt(2 / np.pi), 0.0], abs=1e-2)
-        assert belief.predicted == pytest.approx(np.log(0.5))
-        assert belief.wrong == pytest.approx([e])
+        posterior = ExpectationPropagation.of(rows, e)
+        assert posterior.mean == pytest.approx([(1 - 2 * e) * np.sqrt(2 / np.pi), 0.0], abs=1e-2)
+        assert posterior.predicted == pytest.approx(np.log(0.5))
+        assert posterior.wrong == pytest.approx([e])
 
 
 def test_the_samples_are_ordered_as_the_right_answers_say_and_mistakes_are_pointed_out():
     flipped = {3, 17, 31, 40, 52, 58}
     preferences, cost = compared(flipped)
-    belief = ExpectationPropagation.of(rows_of(preferences, SHAPE), 0.1)
-    values = SHAPE.basis(preferences.samples, preferences.samples) @ belief.mean
+    posterior = ExpectationPropagation.of(rows_of(preferences, SHAPE), 0.1)
+    values = SHAPE.basis(preferences.samples, preferences.samples) @ posterior.mean
     assert np.corrcoef(np.argsort(np.argsort(values)), np.argsort(np.argsort(cost)))[0, 1] > 0.95
-    suspects = set(np.flatnonzero(belief.wrong > 0.5).tolist())
+    suspects = set(np.flatnonzero(posterior.wrong > 0.5).tolist())
     assert len(suspects & flipped) >= 4
     assert len(suspects - flipped) <= 1
 
@@ -130,19 +130,19 @@ def test_ties_teach_nothing_and_without_a_strict_preference_the_prior_stays():
         preferences.samples, preferences.first, preferences.second, 0 * preferences.b,
         preferences.weights,
     )  # fmt: skip
-    belief = ExpectationPropagation.of(rows_of(ties, SHAPE), 0.1)
-    assert not belief.mean.any()
-    assert belief.predicted == 0
+    posterior = ExpectationPropagation.of(rows_of(ties, SHAPE), 0.1)
+    assert not posterior.mean.any()
+    assert posterior.predicted == 0
 
 
 def test_kpis_that_explain_the_answers_get_weights_of_0_or_more():
     preferences, cost = compared({3, 17})
     columns = np.column_stack([cost / cost.max(), np.random.default_rng(1).random(30)])
-    belief = ExpectationPropagation.of(rows_of(preferences, SHAPE, 3.0 * columns), 0.1)
-    weights = belief.mean[30:]
+    posterior = ExpectationPropagation.of(rows_of(preferences, SHAPE, 3.0 * columns), 0.1)
+    weights = posterior.mean[30:]
     assert np.all(weights > -0.05)
     assert weights[0] > weights[1]
-    assert len(belief.wrong) == len(preferences)  # only answers, not the rows of the weights
+    assert len(posterior.wrong) == len(preferences)  # only answers, not the rows of the weights
 
 
 CHANCE = np.random.default_rng(0)
@@ -198,7 +198,7 @@ def test_the_evidence_is_the_probability_of_the_answers():
     factor = known.factor(np.array([0.5]))[0]
     kernel, rows = factor @ factor.T, np.array([[1.0, -1.0, 0.0], [0.0, -1.0, 1.0]])
     true = multivariate_normal(np.zeros(2), rows @ kernel @ rows.T).cdf(np.zeros(2))
-    assert known.belief(factor, None).evidence == pytest.approx(np.log(true), abs=5e-3)
+    assert known.posterior(factor, None).evidence == pytest.approx(np.log(true), abs=5e-3)
 
 
 @pytest.mark.parametrize("error_rate", [1e-6, 0.1])
@@ -206,14 +206,14 @@ def test_the_slope_of_the_evidence_agrees_with_differences(error_rate):
     known, lengths = _Known.of(PREFERENCES, error_rate), np.array([0.6, 0.5, 1.2])
     factor, u, slope = known.factor(lengths)
     found = -0.5 * np.einsum(
-        "mN,jmN->j", known._pull(factor, known.belief(factor, None)) * slope, u
+        "mN,jmN->j", known._pull(factor, known.posterior(factor, None)) * slope, u
     )
     for knob in range(3):
         longer, shorter = lengths.copy(), lengths.copy()
         longer[knob] *= np.exp(0.01)
         shorter[knob] *= np.exp(-0.01)
         up, down = (
-            known.belief(known.factor(each)[0], None).evidence for each in (longer, shorter)
+            known.posterior(known.factor(each)[0], None).evidence for each in (longer, shorter)
         )
         # The search for the sites ends at a tolerance.
         assert found[knob] == pytest.approx((up - down) / 0.02, abs=0.05)

@@ -21,7 +21,7 @@ def told(cost, answers, seed):
         preference = None
         if best is not None:
             preference = cost(kpis, known, rng)
-        history = history.told(Answer(preference, outcomes=(kpis, known)), best)
+        history = history.with_answer(Answer(preference, outcomes=(kpis, known)), best)
         if best is None or preference == -1:
             best, known = index, kpis
     return history
@@ -68,9 +68,9 @@ def test_nothing_stands_out_of_tosses_of_a_coin(answers):
 
 
 @pytest.mark.parametrize("answers", [15, 25, 50])
-@pytest.mark.parametrize("minded", [NAMES[:5], NAMES])
-def test_nothing_stands_out_of_five_or_more_that_count_equally(minded, answers):
-    assert sum(names != () for names in named(minds(*minded), answers)) <= 2
+@pytest.mark.parametrize("importance", [NAMES[:5], NAMES])
+def test_nothing_stands_out_of_five_or_more_that_count_equally(importance, answers):
+    assert sum(names != () for names in named(minds(*importance), answers)) <= 2
 
 
 def test_the_agreement_is_counted_by_hand():
@@ -79,7 +79,7 @@ def test_the_agreement_is_counted_by_hand():
     best = None
     for index, (preference, a, b) in enumerate(pairs):
         history = history.with_pending(in_cube([0.1 * index]))
-        history = history.told(Answer(preference, outcomes=({"a": a, "b": b}, None)), best)
+        history = history.with_answer(Answer(preference, outcomes=({"a": a, "b": b}, None)), best)
         best = index if preference in (None, -1) else best
     found = Importance.of(history)
     assert found.agreement == {"a": 1.0, "b": pytest.approx((0.5 + 0.5 + 0.5 + 0.0) / 4)}
@@ -103,7 +103,7 @@ def test_kpis_that_no_answer_tells_apart_are_named_together():
     for comparison, kpis in zip(history.comparisons, twins, strict=True):
         again = again.with_pending(history.samples[comparison.challenger])
         answer = Answer(comparison.answer.preference, outcomes=(kpis, None))
-        again = again.told(answer, comparison.incumbent)
+        again = again.with_answer(answer, comparison.incumbent)
         best = comparison.challenger
     assert best == 25
     assert Importance.of(again).named == ("c", "z")
@@ -124,7 +124,7 @@ def test_missing_and_infinite_kpis_are_taken():
     for index, value in enumerate(values):
         history = history.with_pending(in_cube([0.1 * index]))
         kpis = {"late": value} if index % 2 else {"late": value, "odd": float(index)}
-        history = history.told(
+        history = history.with_answer(
             Answer(1 if index else None, outcomes=(kpis, None)), 0 if index else None
         )
     found = Importance.of(history)
@@ -139,6 +139,6 @@ def test_a_single_kpi_does_not_stand_out_of_tosses_of_a_coin():
         for c in history.comparisons:
             known = {"a": c.answer.outcomes[0]["a"]}
             answer = Answer(c.answer.preference, outcomes=(known, None))
-            one = one.with_pending(history.samples[c.challenger]).told(answer, c.incumbent)
+            one = one.with_pending(history.samples[c.challenger]).with_answer(answer, c.incumbent)
         found.append(Importance.of(one).named)
     assert sum(names != () for names in found) <= 1

@@ -50,7 +50,7 @@ def history_of(columns):
     for i in range(count):
         kpis = {name: columns[name][i] for name in names if columns[name][i] is not None}
         history = history.with_pending(in_cube(rng.random(2)))
-        history = history.told(
+        history = history.with_answer(
             Answer(None if i == 0 else 1, outcomes=(kpis, None)), 0 if i else None
         )
     return history

@@ -17,9 +17,11 @@ LINE = KnobSpace([Knob("x", 0.0, 1.0)])
 
 def line(*answers):
     """Samples on a line, each compared with the one that is named."""
-    history = History().with_pending(in_cube(np.zeros(1))).told(Answer(None), None)
+    history = History().with_pending(in_cube(np.zeros(1))).with_answer(Answer(None), None)
     for k, (rival, answer) in enumerate(answers, start=1):
-        history = history.with_pending(in_cube(np.array([k / 50]))).told(Answer(answer), rival)
+        history = history.with_pending(in_cube(np.array([k / 50]))).with_answer(
+            Answer(answer), rival
+        )
     return history
 
 
@@ -28,7 +30,7 @@ def reigning(changes, *others):
     history = line(*others)
     for _ in range(changes):
         history = history.with_pending(in_cube(np.array([history.answered / 50])))
-        history = history.told(Answer(-1), history.incumbent)
+        history = history.with_answer(Answer(-1), history.incumbent)
     return history
 
 
@@ -38,13 +40,13 @@ def test_nothing_is_open_while_each_new_sample_meets_the_best():
 
 
 def test_two_that_never_lost_are_compared_once():
-    history = line((0, -1), (1, -1), (1, None)).told_follow_up(Answer(-1), 3, 0)
+    history = line((0, -1), (1, -1), (1, None)).with_follow_up(Answer(-1), 3, 0)
     assert history.incumbent == 2
     assert rematch(history) == (3, 2)
     for answer in (-1, 0, 1, None):
-        assert rematch(history.told_follow_up(Answer(answer), 3, 2)) is None
-    assert history.told_follow_up(Answer(-1), 3, 2).incumbent == 3
-    assert history.told_follow_up(Answer(None), 3, 2).incumbent == 2
+        assert rematch(history.with_follow_up(Answer(answer), 3, 2)) is None
+    assert history.with_follow_up(Answer(-1), 3, 2).incumbent == 3
+    assert history.with_follow_up(Answer(None), 3, 2).incumbent == 2
 
 
 @pytest.mark.parametrize("agent", [GLISp, GLISp.paper, RandomSearch])
@@ -65,8 +67,8 @@ def test_after_the_last_experiment_the_unbeaten_ones_meet(agent):
 
 
 def test_a_pair_that_cannot_be_told_apart_is_not_asked_again():
-    history = line((0, -1), (1, -1), (1, None)).told_follow_up(Answer(-1), 3, 0)
-    history = history.told_follow_up(Answer(None), 3, 2)
+    history = line((0, -1), (1, -1), (1, None)).with_follow_up(Answer(-1), 3, 0)
+    history = history.with_follow_up(Answer(None), 3, 2)
     assert rematch(history) is None
     assert rematch(history.retracted(1, follow_up=True)) == (3, 2)
 
@@ -75,12 +77,12 @@ def test_small_steps_add_up_so_former_bests_are_asked_about_at_the_end():
     history = reigning(4, (0, 0))
     best = history.incumbent
     assert final_question(history) == (best, 0)
-    won = history.told_follow_up(Answer(1), best, 0)
+    won = history.with_follow_up(Answer(1), best, 0)
     assert won.incumbent == 0
     asked, kept = [], history
     while (pair := final_question(kept)) is not None:
         asked.append(pair)
-        kept = kept.told_follow_up(Answer(-1), *pair)
+        kept = kept.with_follow_up(Answer(-1), *pair)
     assert asked == [(best, 0), (best, 2), (best, 3)]  # the one before it was met already
     assert kept.incumbent == best
 
@@ -88,7 +90,7 @@ def test_small_steps_add_up_so_former_bests_are_asked_about_at_the_end():
 def test_no_more_than_three_questions_come_after_the_last_experiment():
     history, count = reigning(9, (0, 0)), 0
     while (pair := final_question(history)) is not None:
-        history, count = history.told_follow_up(Answer(-1), *pair), count + 1
+        history, count = history.with_follow_up(Answer(-1), *pair), count + 1
     assert count == FINALS == 3
 
 

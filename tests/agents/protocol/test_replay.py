@@ -9,7 +9,7 @@ from support.histories import in_cube
 def history(*values):
     grown = History()
     for k, value in enumerate(values):
-        grown = grown.with_pending(in_cube([k / 10])).told(Answer(None, value=value), None)
+        grown = grown.with_pending(in_cube([k / 10])).with_answer(Answer(None, value=value), None)
     return grown
 
 

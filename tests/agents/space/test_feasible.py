@@ -30,8 +30,8 @@ LINEAR = KnobSpace(KNOBS, [LinearConstraint("sum", {"gain": 1, "horizon": 1}, 6)
 RING = KnobSpace(
     KNOBS, [Constraint("ring", lambda k: abs(k["weight"] ** 2 + k["horizon"] - 8) - 1)]
 )
-TINY = KnobSpace(KNOBS, [Constraint("near", near, vectorised=True)])
-NARROW = KnobSpace(KNOBS, [Constraint("narrow", lambda k: 1e4 * near(k) + 199.9, vectorised=True)])
+TINY = KnobSpace(KNOBS, [Constraint("near", near, vectorized=True)])
+NARROW = KnobSpace(KNOBS, [Constraint("narrow", lambda k: 1e4 * near(k) + 199.9, vectorized=True)])
 SPACES = pytest.mark.parametrize("space", [LINEAR, RING, TINY])
 coordinate = st.floats(0, 1)
 
@@ -120,7 +120,7 @@ def test_without_constraints_random_points_are_the_generator_s_own():
 def test_the_search_domain_snaps_to_allowed_points():
     book = History()
     for z in random_points(TINY, 3, np.random.default_rng(0)):
-        book = book.with_pending(in_cube(TINY.snap(z))).told(Answer(None), book.incumbent)
+        book = book.with_pending(in_cube(TINY.snap(z))).with_answer(Answer(None), book.incumbent)
     domain = Domain.of(TINY, book)
     snapped = domain.snap(np.random.default_rng(1).random((20, 3)))
     assert Region(TINY).allows(snapped).all()

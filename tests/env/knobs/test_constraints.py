@@ -23,10 +23,10 @@ def test_theta_is_allowed_where_every_constraint_is_0_or_less(theta):
 
 
 @given(st.lists(inside, max_size=8))
-def test_a_vectorised_constraint_says_the_same_as_one_that_is_called_for_each_theta(thetas):
-    vectorised = KnobSpace(KNOBS, [Constraint("product", PRODUCT.g, vectorised=True)])
+def test_a_vectorized_constraint_says_the_same_as_one_that_is_called_for_each_theta(thetas):
+    vectorized = KnobSpace(KNOBS, [Constraint("product", PRODUCT.g, vectorized=True)])
     rows = np.array(thetas).reshape(-1, 2)
-    assert np.array_equal(vectorised.allows(rows), KnobSpace(KNOBS, [PRODUCT]).allows(rows))
+    assert np.array_equal(vectorized.allows(rows), KnobSpace(KNOBS, [PRODUCT]).allows(rows))
 
 
 def test_a_space_without_constraints_allows_everything_and_equals_the_one_of_before():

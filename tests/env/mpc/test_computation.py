@@ -19,7 +19,7 @@ SLOW = Processor("slow", step=2.0, iteration=0.5, building=1e3, solving=1e4)
 
 
 @pytest.mark.parametrize(
-    "change", [{}, {"y_min": None, "y_max": None}, {"N_u": 12}, {"linearisation": "trajectory"}]
+    "change", [{}, {"y_min": None, "y_max": None}, {"N_u": 12}, {"linearization": "trajectory"}]
 )
 def test_sizes_are_those_of_the_problem_that_the_mpc_solves(change):
     settings = replace(CAR, **change)
@@ -27,7 +27,7 @@ def test_sizes_are_those_of_the_problem_that_the_mpc_solves(change):
     qp, _ = next(LinearMPC(Bicycle(), settings).problems(m))
     size = StepSize.of(Bicycle(), settings)
     assert (size.rows, size.variables) == qp.G.shape
-    assert size.models == (12 if settings.linearisation == "trajectory" else 1)
+    assert size.models == (12 if settings.linearization == "trajectory" else 1)
 
 
 def test_the_time_by_hand():
@@ -40,7 +40,7 @@ def test_the_time_by_hand():
     assert seconds[1] - seconds[0] == pytest.approx(7 * (0.5 + size.iterating / 1e4))
 
 
-@pytest.mark.parametrize("change", [{"N_u": 6}, {"N_p": 13}, {"linearisation": "trajectory"}])
+@pytest.mark.parametrize("change", [{"N_u": 6}, {"N_p": 13}, {"linearization": "trajectory"}])
 def test_more_of_anything_takes_longer(change):
     one, other = (StepSize.of(Bicycle(), s) for s in (CAR, replace(CAR, **change)))
     assert SLOW.t_comp(other, np.array([9])) > SLOW.t_comp(one, np.array([9]))

@@ -42,10 +42,10 @@ def measurement(seed, preview=False):
 
 
 @pytest.mark.parametrize("backend", ["piqp", "daqp"])
-@pytest.mark.parametrize("linearisation", ["point", "trajectory"])
+@pytest.mark.parametrize("linearization", ["point", "trajectory"])
 @pytest.mark.parametrize("option", OPTIONS)
-def test_first_move_is_that_of_eq_mpc_written_down(option, linearisation, backend):
-    mpc = replace(BASE, linearisation=linearisation, backend=backend, **OPTIONS[option])
+def test_first_move_is_that_of_eq_mpc_written_down(option, linearization, backend):
+    mpc = replace(BASE, linearization=linearization, backend=backend, **OPTIONS[option])
     for seed in range(4):
         plant, m = random_plant(seed, feedthrough=seed % 2 == 1), measurement(seed, seed > 1)
         move = LinearMPC(plant, mpc).move(m)
@@ -112,23 +112,23 @@ def test_soft_limits_far_into_an_unstable_prediction_are_not_called_solved():
     assert not move.solved
 
 
-def test_trajectory_linearisation_follows_the_last_plan():
+def test_trajectory_linearization_follows_the_last_plan():
     plant = CSTR()
     x, u = plant.steady_state_at_concentration(8.56)
     settings = MPCSettings(
-        T_s=0.5, N_p=10, N_u=3, Q_y=np.diag([0, 1]), Q_du=[[0.1]], linearisation="trajectory"
+        T_s=0.5, N_p=10, N_u=3, Q_y=np.diag([0, 1]), Q_du=[[0.1]], linearization="trajectory"
     )
     m = Measurement(0, x, u, FEED, np.array([0.0, 2.0]))
     controller = LinearMPC(plant, settings)
     first, second = controller.move(m), controller.move(m)
-    assert first.u != second.u  # the second linearises along what the first planned
+    assert first.u != second.u  # the second linearizes along what the first planned
     third = controller.move(m)
     assert abs(third.u - second.u) < abs(second.u - first.u)  # and the repetition settles
 
 
-def test_after_forgetting_it_linearises_as_a_fresh_one():
+def test_after_forgetting_it_linearizes_as_a_fresh_one():
     plant, m = random_plant(2), measurement(2)
-    mpc = replace(BASE, linearisation="trajectory")
+    mpc = replace(BASE, linearization="trajectory")
     used, fresh = LinearMPC(plant, mpc), LinearMPC(plant, mpc)
     used.move(replace(m, x=m.x + 1.0))
     used.forget()
@@ -154,7 +154,7 @@ def test_after_forgetting_it_linearises_as_a_fresh_one():
         ({"Q_y": None}, "Q_y must be a finite square matrix"),
         ({"Q_y": [[1.0], [0.0, 1.0]]}, "Q_y must be numbers"),
         ({"tolerances": 1e-3}, "tolerances must be Tolerances"),
-        ({"linearisation": "tangent"}, "linearisation must be one of"),
+        ({"linearization": "tangent"}, "linearization must be one of"),
         ({"backend": "osqp"}, "backend must be one of"),
     ],
 )

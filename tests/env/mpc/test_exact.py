@@ -12,7 +12,7 @@ from prefcal_env.experiments.control import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings, control_horizon
 from prefcal_env.plants.cstr import CSTR, FEED
 from prefcal_env.qp import BACKENDS
-from support.exact_mpc import minimise, single_input_problem, with_precision
+from support.exact_mpc import minimize, single_input_problem, with_precision
 
 PLANT, TARGET = CSTR(), np.array([0.0, 2.0])
 T_S, N_P = (0.25, 0.31, 0.5, 0.8, 1.1, 1.25, 1.5), (4, 9, 15, 22, 26, 33, 40)
@@ -65,7 +65,7 @@ def error(theta, state, backend):
 
 
 def _first_exact_move(mpc, x, u, start):
-    return float(minimise(single_input_problem(PLANT, x, u, FEED, TARGET, mpc), start)[0])
+    return float(minimize(single_input_problem(PLANT, x, u, FEED, TARGET, mpc), start)[0])
 
 
 def check(problems, backend):
@@ -92,7 +92,7 @@ def test_the_move_is_right_to_a_millikelvin_over_the_papers_box(backend):
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_the_move_is_right_where_no_plan_stabilises_the_model(backend):
+def test_the_move_is_right_where_no_plan_stabilizes_the_model(backend):
     """Long periods, long horizons, on the way through the ignition: the hardest corner."""
     hottest = sorted(VISITED, key=lambda s: abs(s[0][0] - 341.0))[:6]
     thetas = itertools.product((1.25, 1.5), (18, 33, 40), (-5.0, -0.91, 3.0))
@@ -110,13 +110,13 @@ def test_the_reference_agrees_with_plain_numbers_where_plain_numbers_do():
     mpc = settings(0.25, 6, -0.91)
     (x, u), search = VISITED[20], None
     problem = with_precision(single_input_problem, PLANT, x, u, FEED, TARGET, mpc)
-    search = np.array([float(v) for v in with_precision(minimise, problem, np.zeros(mpc.N_u))])
+    search = np.array([float(v) for v in with_precision(minimize, problem, np.zeros(mpc.N_u))])
     H, h = problem.H.astype(float), problem.h.astype(float)
     G, g = problem.G.astype(float), problem.g.astype(float)
     assert np.all(G @ search <= g + 1e-9)
     rng = np.random.default_rng(0)
     value = search @ H @ search / 2 + h @ search
-    for _ in range(200):  # no feasible neighbour is better
+    for _ in range(200):  # no feasible neighbor is better
         z = search + rng.normal(scale=0.05, size=len(search))
         if np.all(G @ z <= g):
             assert z @ H @ z / 2 + h @ z >= value - 1e-9

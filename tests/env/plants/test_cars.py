@@ -39,7 +39,7 @@ def test_with_stiff_tyres_the_dynamic_bicycle_does_not_slip():
     u, t = np.array([14.0, 0.02]), np.array([1.0, 3.0])
     stiff = DynamicParams(front_stiffness=8e5, rear_stiffness=8e5)
     x = dynamic_bicycle(stiff).hold(np.array([0.0, 0.0, 0.0, 14.0, 0.0, 0.0]), u, NONE, t)
-    # it needs a moment to begin to turn, and its v is that of the centre of mass
+    # it needs a moment to begin to turn, and its v is that of the center of mass
     assert x[:, 2] == pytest.approx(Bicycle().hold(np.zeros(3), u, NONE, t)[:, 2], rel=0.05)
 
 

@@ -21,7 +21,7 @@ def told(*answers):
     history = History()
     for h, answer in enumerate(answers):
         history = history.with_pending(in_cube([h / 50, 0.5]))
-        history = history.told(Answer.of(answer), history.incumbent)
+        history = history.with_answer(Answer.of(answer), history.incumbent)
     return history
 
 
@@ -33,10 +33,10 @@ def after(steps):
         count = history.answered
         if kind == "tell":
             history = history.with_pending(in_cube([count / 50, 0.5]))
-            history = history.told(Answer((-1, 0, 1, None)[number % 4]), history.incumbent)
+            history = history.with_answer(Answer((-1, 0, 1, None)[number % 4]), history.incumbent)
         elif kind == "follow up" and count > 1:
             first = 1 + number % (count - 1)
-            history = history.told_follow_up(Answer((-1, 0, 1)[number % 3]), first, first - 1)
+            history = history.with_follow_up(Answer((-1, 0, 1)[number % 3]), first, first - 1)
         elif kind == "propose":
             history = history.with_pending(in_cube([number / 100, 1.0]))
         elif kind == "undo" and count > 1:
@@ -68,10 +68,10 @@ def test_answers_and_samples_stay_in_step_in_any_order_of_changes(steps):
 def test_undo_takes_back_exactly_what_was_told_last(steps):
     *_, history = after(steps)
     settled = history.with_pending(in_cube([0.9, 0.9]))
-    assert settled.told(Answer(-1), history.incumbent).undone() == settled
+    assert settled.with_answer(Answer(-1), history.incumbent).undone() == settled
     if history.answered > 1:
         kept = History(history.samples[: history.answered], history.comparisons, history.follow_ups)
-        assert kept.told_follow_up(Answer(0), 1, 0).undone() == kept
+        assert kept.with_follow_up(Answer(0), 1, 0).undone() == kept
 
 
 @given(STEPS)

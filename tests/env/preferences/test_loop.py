@@ -3,7 +3,8 @@
 import numpy as np
 
 from prefcal_agents import GLIS, GLISp, GLISpSettings, RandomSearch
-from prefcal_env.knobs.knob import Knob, KnobSpace
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.loop import ask_and_tell
 

@@ -18,8 +18,8 @@ def test_nothing_is_below_the_optimum(function):
     rng = np.random.default_rng(0)
     points = list(rng.random((300, len(function.space))))
     for minimizer in function.minimizers:
-        centre = function.space.encode(np.array(minimizer))
-        near = centre + 1e-3 * rng.standard_normal((100, len(centre)))
+        center = function.space.encode(np.array(minimizer))
+        near = center + 1e-3 * rng.standard_normal((100, len(center)))
         points += list(np.clip(near, 0, 1))
     assert min(function.gap(function.space.decode(z)) for z in points) > -1e-8
 

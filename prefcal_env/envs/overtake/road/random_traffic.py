@@ -65,7 +65,7 @@ class RandomTraffic:
             first_oncoming_lane: Lane of oncoming vehicles, counted from the right; 0 is ours.
         """
         drawn: list[Obstacle | Driver] = []
-        towards = front + float(rng.uniform(*_FIRST_ONCOMING))
+        toward = front + float(rng.uniform(*_FIRST_ONCOMING))
         for _ in range(self.count):
             kind = self.types[int(rng.integers(len(self.types)))]
             gap, speed = float(rng.uniform(*self.gap)), float(rng.uniform(*self.speed))
@@ -73,8 +73,8 @@ class RandomTraffic:
             deceleration = float(rng.uniform(*_DECELERATIONS))
             if kind == "oncoming":
                 y = LANE_WIDTH * first_oncoming_lane
-                drawn.append(Obstacle(towards, y, speed, oncoming=True))
-                towards += LENGTH + gap
+                drawn.append(Obstacle(toward, y, speed, oncoming=True))
+                toward += LENGTH + gap
                 continue
             front += gap + LENGTH
             drawn.append(_vehicle(kind, front, speed, moment, deceleration))

@@ -35,7 +35,7 @@ class Mover(Protocol):
 class Obstacle:
     """A vehicle on a fixed course that ignores all others; the defaults are the paper's.
 
-    It drives straight ahead, and may brake, move to another line, or come towards us.
+    It drives straight ahead, and may brake, move to another line, or come toward us.
 
     Args:
         x: Initial front end [m].

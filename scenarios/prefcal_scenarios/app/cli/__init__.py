@@ -144,14 +144,14 @@ def _wrong_call(error: Exception) -> tuple[str, int] | None:
     The message is empty if help was already printed. The parser's errors are recognized by their
     attributes, since their classes differ between versions.
     """
-    told = getattr(error, "format_message", None)
-    if told is None:
+    format_message = getattr(error, "format_message", None)
+    if format_message is None:
         return None
     code = int(getattr(error, "exit_code", 2))
     if type(error).__name__ == "NoArgsIsHelpError":
         return "", code
     context = getattr(error, "ctx", None)
-    words = _missing(error) or _sentence(str(told()), context)
+    words = _missing(error) or _sentence(str(format_message()), context)
     command = getattr(context, "command_path", "prefcal")
     return f"{words} (help: {command} --help)", code
 

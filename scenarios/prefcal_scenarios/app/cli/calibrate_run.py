@@ -187,7 +187,7 @@ def _in_window(work: CalibrateRun) -> None:
     # Imported here: unattended runs need no web server.
     from prefcal_scenarios.app.web import Window, open_browser
 
-    options, reporter, told = work.options, work.reporter, False
+    options, reporter, announced = work.options, work.reporter, False
     with Window(
         work.interview, host=options.host, port=options.port, again=work.again,
         command=options.command(),
@@ -204,16 +204,16 @@ def _in_window(work: CalibrateRun) -> None:
             with work.ctrl_c.allowed():
                 while not window.closed.wait(0.1):
                     over = work.over
-                    if over and not told:
+                    if over and not announced:
                         window.reports = _tell_in_passing(work)
-                    told = over
-                    work.ctrl_c.on_press = work.closing if told else work.stopping
+                    announced = over
+                    work.ctrl_c.on_press = work.closing if announced else work.stopping
                     away = window.away()
                     if over and away is not None and away > GONE:
                         break
         except KeyboardInterrupt:
             pass
-    if options.json or not told:
+    if options.json or not announced:
         reporter.tell(reporter.write())
 
 

@@ -215,13 +215,13 @@ def worth_keeping(file: StudyFile, scenario: Scenario) -> bool:
     It does if it holds any answer, mark or note, even one that was undone. Experiments count too,
     except those of built-in scenarios, which are cheap simulations.
     """
-    if any(_by_somebody(recorded.event) for recorded in file.events()):
+    if any(_by_a_person(recorded.event) for recorded in file.events()):
         return True
     cheap = is_built_in(file.state.configuration["scenario"]) and not isinstance(scenario.run, Rig)
     return bool(file.state.finished) and not cheap
 
 
-def _by_somebody(event: Event) -> bool:
+def _by_a_person(event: Event) -> bool:
     if isinstance(event, Answered):
         return event.incumbent is not None  # the first experiment has nothing to compare with
     return not isinstance(event, Created | Suggested | Finished | Failed | Shown)

@@ -16,9 +16,9 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.rig import Rig
 from prefcal_scenarios.app.cli.studies.files import existing, open_described, trusted_source
 from prefcal_scenarios.app.isolated import IsolatedRun, isolation
-from prefcal_scenarios.app.presentation.wording import earlier_text, labelled, measured, number
+from prefcal_scenarios.app.presentation.wording import earlier_text, labeled, measured, number
 from prefcal_scenarios.app.report.export import jsonable
-from prefcal_scenarios.app.report.kpi_importance import Minded
+from prefcal_scenarios.app.report.kpi_importance import KpiImportance
 from prefcal_scenarios.app.report.ownership import Claim
 from prefcal_scenarios.app.report.record import Record
 from prefcal_scenarios.app.session import Interview, Now
@@ -172,7 +172,7 @@ def record_of(
         n_max=interview.n_max,
         command=options.command(),
         surrogate=interview.surrogate,
-        minded=Minded.of(interview.index, interview.importance, interview.scenario),
+        kpi_importance=KpiImportance.of(interview.index, interview.importance, interview.scenario),
         good_enough=state.ended == GOOD_ENOUGH,
         outlook=interview.outlook,
         judged=follows_cost(options, interview.scenario),
@@ -251,13 +251,13 @@ def _table(record: Record, best: Experiment) -> Table:
         table.add_column(escape(name), justify="right", style="bold blue" if i == 0 else "")
     for i, knob in enumerate(scenario.space):
         cells = [number(e.theta[i]) for e in columns.values()]
-        table.add_row(escape(labelled(knob.name, knob.unit)), *cells)
+        table.add_row(escape(labeled(knob.name, knob.unit)), *cells)
     table.add_section()
     if record.shows_cost:
         table.add_row("performance index", *(number(record.cost(e)) for e in columns.values()))
     for kpi in record.kpis:
         cells = [_judged(kpi, e) for e in columns.values()]  # type: ignore[misc]
-        table.add_row(escape(labelled(kpi.title, kpi.unit)), *cells)
+        table.add_row(escape(labeled(kpi.title, kpi.unit)), *cells)
     return table
 
 

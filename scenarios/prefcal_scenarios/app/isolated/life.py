@@ -17,8 +17,8 @@ GRACE = 2.0
 _LAST_WORDS = 0.2
 """Seconds for reading the last messages of an ended process."""
 _BOOT = (
-    "import json, sys; told = json.loads(sys.argv[1]); sys.path[:] = told['path']; "
-    "from prefcal_scenarios.app.isolated.inside import main; main(told['source'], told['limit'])"
+    "import json, sys; args = json.loads(sys.argv[1]); sys.path[:] = args['path']; "
+    "from prefcal_scenarios.app.isolated.inside import main; main(args['source'], args['limit'])"
 )
 
 
@@ -32,10 +32,10 @@ class Life:
     """
 
     def __init__(self, source: str, limit: float) -> None:
-        told = json.dumps({"path": sys.path, "source": source, "limit": limit})
+        args = json.dumps({"path": sys.path, "source": source, "limit": limit})
         # In its own process group, it gets no Ctrl-C from the terminal and ends with its children.
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _BOOT, told],
+            [sys.executable, "-c", _BOOT, args],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=os.name == "posix",
         )  # fmt: skip
         self._inbox: Queue[Message | None] = Queue()

@@ -92,7 +92,7 @@ def printable(text: object) -> str:
     return "".join(c if c.isprintable() else " " for c in str(text))
 
 
-def labelled(name: str, unit: str) -> str:
+def labeled(name: str, unit: str) -> str:
     """Return a name with its unit, for headings in plain text."""
     return f"{name} [{unit}]" if unit else name
 
@@ -120,4 +120,4 @@ def with_subscripts(name: str) -> Markup:
 
 def knob_axis(knob: Knob) -> str:
     """Return the axis label of a knob in mathtext."""
-    return labelled(mathtext(knob.name), knob.unit)
+    return labeled(mathtext(knob.name), knob.unit)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.loop import Comparison
-from prefcal_scenarios.app.presentation.wording import labelled
+from prefcal_scenarios.app.presentation.wording import labeled
 
 from .record import VERDICTS, Record
 
@@ -26,8 +26,8 @@ def _headings(record: Record) -> Iterator[str]:
     scenario = record.scenario
     for side in ("challenger", "incumbent"):
         yield f"{side} experiment"
-        yield from (f"{side} {labelled(k.name, k.unit)}" for k in scenario.space)
-        yield from (f"{side} {labelled(k.title, k.unit)}" for k in record.kpis)
+        yield from (f"{side} {labeled(k.name, k.unit)}" for k in scenario.space)
+        yield from (f"{side} {labeled(k.title, k.unit)}" for k in record.kpis)
         yield from (f"{side} cost", f"{side} ended")
 
 

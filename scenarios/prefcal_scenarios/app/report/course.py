@@ -8,7 +8,7 @@ from matplotlib.ticker import MaxNLocator
 
 from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.app.presentation.style import BEST, FAINT, GOOD, LIMIT, canvas, legend
-from prefcal_scenarios.app.presentation.wording import labelled, mathtext
+from prefcal_scenarios.app.presentation.wording import labeled, mathtext
 from prefcal_scenarios.scenario import KPI
 
 from .record import VERDICTS, Record
@@ -69,7 +69,7 @@ def _kpi(axes: Axes, record: Record, kpi: KPI) -> None:
                          label="objective" if not i else None)  # fmt: skip
     axes.set_ylim(low, high)
     axes.yaxis.set_major_locator(MaxNLocator(4))
-    axes.set_title(labelled(mathtext(kpi.title), kpi.unit))
+    axes.set_title(labeled(mathtext(kpi.title), kpi.unit))
 
 
 def _off(

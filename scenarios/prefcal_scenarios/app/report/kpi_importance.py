@@ -30,7 +30,7 @@ class Bar:
 
 
 @dataclass(frozen=True, slots=True)
-class Minded:
+class KpiImportance:
     """Description of what the answers say about the KPIs.
 
     Args:
@@ -50,7 +50,7 @@ class Minded:
     @classmethod
     def of(
         cls, index: LearnedCost | None, importance: Importance | None, scenario: Scenario
-    ) -> "Minded | None":
+    ) -> "KpiImportance | None":
         """Return the description with the scenario's titles; None if the answers say nothing."""
         if index is None or importance is None:
             return None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_scenarios.app.presentation.wording import labelled, measured, number
+from prefcal_scenarios.app.presentation.wording import labeled, measured, number
 from prefcal_scenarios.scenario import KPI, Scenario, load
 
 from .printed import T_COMP, THETA
@@ -58,7 +58,7 @@ def rows(result: Found) -> list[Row]:
     for k, knob in enumerate(result.scenario.space):
         printed = number(THETA[result.case.name][k])
         values = [float(e.theta[k]) for e in result.experiments]
-        name = labelled(knob.name, knob.unit)
+        name = labeled(knob.name, knob.unit)
         table.append((name, printed, printed, number(values[0]), *_spread(values)))
     for name in SHOWN[result.scenario.name]:
         table.append(_kpi_row(result, _kpi(result.scenario, name)))
@@ -69,7 +69,7 @@ def _kpi_row(result: Found, kpi: KPI) -> Row:
     printed = number(T_COMP) if kpi.name == "t_comp_worst" else "–"
     values = [float(e.kpis[kpi.name]) for e in result.experiments]
     here, ours = measured(kpi, result.paper), measured(kpi, result.first)
-    return labelled(kpi.title, kpi.unit), printed, here, ours, *_spread(values)
+    return labeled(kpi.title, kpi.unit), printed, here, ours, *_spread(values)
 
 
 def _kpi(scenario: Scenario, name: str) -> KPI:

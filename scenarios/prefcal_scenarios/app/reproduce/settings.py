@@ -5,7 +5,7 @@ from prefcal_agents.models.cross_validation import FOLDS
 from prefcal_agents.models.preference_qp import Learning
 from prefcal_env.envs.cstr import START
 from prefcal_env.plants.cstr import CSTR, CSTRParams
-from prefcal_scenarios.app.presentation.wording import labelled, number
+from prefcal_scenarios.app.presentation.wording import labeled, number
 from prefcal_scenarios.scenario import load
 
 from .printed import ALGORITHM, CSTR_TABLE, N_INIT, N_MAX, RANGES
@@ -20,7 +20,7 @@ def parameters() -> list[Row]:
     start = float(CSTR().steady_state_at_concentration(START)[1][0])
     ours = (p.F_V, p.k_0, p.H, p.E, p.rho_Cp, p.US_V, p.R, start)
     return [
-        (labelled(name, unit), number(value), number(own))
+        (labeled(name, unit), number(value), number(own))
         for (name, (value, unit)), own in zip(CSTR_TABLE.items(), ours, strict=True)
     ]
 
@@ -46,7 +46,7 @@ def ranges() -> list[Row]:
         scenario = load(name)
         for knob in scenario.space:
             rows.append((
-                f"{scenario.title}: {labelled(knob.name, knob.unit)}",
+                f"{scenario.title}: {labeled(knob.name, knob.unit)}",
                 _range(*printed[knob.name]),
                 _range(knob.low, knob.high),
             ))  # fmt: skip

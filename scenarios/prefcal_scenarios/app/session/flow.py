@@ -35,9 +35,9 @@ class Flow:
     """Mutable part of an interview; callers must hold the interview's lock."""
 
     study: StudyFile
-    album: ExperimentStore
+    store: ExperimentStore
     agent: Agent
-    ahead: Prefetch = field(default_factory=Prefetch)
+    prefetch: Prefetch = field(default_factory=Prefetch)
     phase: Phase = Phase.RUNNING
     question: Question | None = None
     problem: Exception | None = None
@@ -110,7 +110,7 @@ class Flow:
         is shown as a problem that can be retried. It is not raised to the person who answered,
         whose question is already closed.
         """
-        self.ahead.forget()
+        self.prefetch.forget()
         try:
             self._proceed()
         except Exception as error:
@@ -129,12 +129,12 @@ class Flow:
         if query.incumbent is not None:
             return self._show(query)
         if self.agent.by_value:
-            rival, answer = self.album.scored(index)
+            rival, answer = self.store.scored(index)
             self.study.append(Answered(None, index, rival, answer))
             self.agent.tell(query, Answer(None, value=answer.value))
         else:
-            alone = self.album.experiment(index)
-            first = completed(Answer(None), alone, None, self.album.outcomes(index, None))
+            alone = self.store.experiment(index)
+            first = completed(Answer(None), alone, None, self.store.outcomes(index, None))
             self.study.append(Answered(None, index, None, first))
             self.agent.tell(query, first)
         return self._proceed()
@@ -147,16 +147,16 @@ class Flow:
         sample = self.agent.state.history.samples[index]
         suggested = Suggested(index, sample.z, sample.theta)
         earlier = self.study.find_experiment(theta)
-        foreseen = self.ahead.experiment(theta)
+        prefetched = self.prefetch.experiment(theta)
         finished: list[Event | tuple[Finished, Experiment]] = []
         if earlier is not None:
             finished = [Finished(index, same_as=earlier)]
-        elif foreseen is not None:
-            finished = [(Finished(index), foreseen)]
+        elif prefetched is not None:
+            finished = [(Finished(index), prefetched)]
         self.study.append(suggested, *finished)
 
     def _wait_for(self, index: int) -> None:
-        if isinstance(self.album.scenario.run, Rig):
+        if isinstance(self.store.scenario.run, Rig):
             self.move(Phase.RECORD)
         else:
             # Also if its run failed before: the person may have fixed the plant since.
@@ -171,19 +171,19 @@ class Flow:
 
     def show_again(self, shown: Shown) -> None:
         """Put an earlier question on show again."""
-        self.ahead.forget()
+        self.prefetch.forget()
         self._put(self.study.append(shown)[0], shown)
 
     def refresh(self) -> None:
         """Show the open question with the current marks."""
         assert self.state.open is not None
-        self.ahead.forget()
+        self.prefetch.forget()
         self._put(*self.state.open)
 
     def _put(self, id_: int, shown: Shown) -> None:
-        question = self.album.question(id_, self.state.history.answered, shown)
+        question = self.store.question(id_, self.state.history.answered, shown)
         if shown.repeats is None:
-            known = self.album.outcomes(shown.challenger, shown.incumbent)
+            known = self.store.outcomes(shown.challenger, shown.incumbent)
             further = shown.challenger < self.state.history.answered
             left, right = (
                 self._with_role(side, further) for side in (question.left, question.right)
@@ -202,7 +202,7 @@ class Flow:
 
     def tell(self, answer: Answer) -> None:
         """Teach the agent `answer`, which is already saved; proceed if the next step is known."""
-        twin = self.ahead.take(answer)
+        twin = self.prefetch.take(answer)
         if twin is None:
             self.agent.tell(self.agent.ask(), answer)
             # A proposal takes time, so `work` computes it.
@@ -214,7 +214,7 @@ class Flow:
         """Take the result of running `sample`, if it is still the pending one."""
         self.stopped = None
         if isinstance(result, Experiment):
-            self.ahead.keep(np.array(sample.theta), result)
+            self.prefetch.keep(np.array(sample.theta), result)
         if self.phase is not Phase.RUNNING or self.pending != sample:
             return None
         try:

@@ -94,17 +94,17 @@ class Interview:
     def experiment(self, index: int) -> Experiment:
         """Return experiment `index`, from 0. Raises StudyError if there is none."""
         with self._changed:
-            return self._flow.album.experiment(index)
+            return self._flow.store.experiment(index)
 
     def end(self, index: int) -> End:
         """Return how experiment `index`, from 0, ended. Raises StudyError if there is none."""
         with self._changed:
-            return self._flow.album.end(index)
+            return self._flow.store.end(index)
 
     def asked(self, answer: int) -> Question:
         """Return answered question `answer` as it was shown. Raises StaleError if there is none."""
         with self._changed:
-            return self._flow.album.asked(steps.closed(self._flow, answer))
+            return self._flow.store.asked(steps.closed(self._flow, answer))
 
     def closed(self, answer: int) -> Comparison:
         """Return answer number `answer`, from 1; -1, -2, ... are follow-up comparisons.
@@ -119,13 +119,13 @@ class Interview:
         """Return every closed query from number `start` on, including the first experiment's."""
         with self._changed:
             count = self._flow.state.history.answered
-            return tuple(self._flow.album.comparison(i) for i in range(start, count))
+            return tuple(self._flow.store.comparison(i) for i in range(start, count))
 
     def answered(self) -> tuple[Compared, ...]:
         """Return the comparisons whose answers stand, in order, follow-up comparisons included."""
         with self._changed:
             flow = self._flow
-            return tuple(flow.album.compared(closed) for closed in answered(flow.state))
+            return tuple(flow.store.compared(closed) for closed in answered(flow.state))
 
     @property
     def counts(self) -> Counts:
@@ -174,14 +174,14 @@ class Interview:
     def index(self) -> LearnedCost | None:
         """Return the cost learned from answers and KPIs; None while they say nothing about it."""
         with self._changed:
-            history = known_outcomes(self.study.state, self._flow.album)
+            history = known_outcomes(self.study.state, self._flow.store)
         return index_of(history, self._flow.seed)
 
     @property
     def importance(self) -> Importance | None:
         """Return which KPIs matter in the answers; None while they say nothing about it."""
         with self._changed:
-            history = known_outcomes(self.study.state, self._flow.album)
+            history = known_outcomes(self.study.state, self._flow.store)
         return importance_of(history, self.scenario)
 
     @property
@@ -292,8 +292,8 @@ class Interview:
 
     # Work in the background.
 
-    def prepare(self, told: Callable[[Compiling], None] = lambda part: None) -> None:
-        """Compile what is not compiled yet; `told` is called with each part.
+    def prepare(self, report: Callable[[Compiling], None] = lambda part: None) -> None:
+        """Compile what is not compiled yet; `report` is called with each part.
 
         Otherwise, the first experiment compiles while it runs, without showing progress.
         """
@@ -303,7 +303,7 @@ class Interview:
                 flow.preparing = part
                 flow.version += 1
             if part is not None:
-                told(part)
+                report(part)
 
         try:
             compile_missing(tell)

@@ -14,14 +14,14 @@ from .experiments import ExperimentStore
 from .memory import agent_state
 
 
-def known_outcomes(state: State, album: ExperimentStore) -> History:
+def known_outcomes(state: State, store: ExperimentStore) -> History:
     """Return the answers with the KPIs of every experiment, even if the agent did not get them.
 
     So studies from before KPIs were recorded, and agents that do not learn from KPIs, can be
     analyzed like any other.
     """
     history = agent_state(state).history
-    return replace(history, comparisons=tuple(_known(c, album) for c in history.comparisons))
+    return replace(history, comparisons=tuple(_known(c, store) for c in history.comparisons))
 
 
 def index_of(history: History, seed: int) -> LearnedCost | None:
@@ -34,9 +34,9 @@ def importance_of(history: History, scenario: Scenario) -> Importance | None:
     return Importance.of(history, seen(scenario))
 
 
-def _known(comparison: Comparison, album: ExperimentStore) -> Comparison:
-    told = comparison.answer.outcomes
-    if told is not None and told[0] is not None:
+def _known(comparison: Comparison, store: ExperimentStore) -> Comparison:
+    given = comparison.answer.outcomes
+    if given is not None and given[0] is not None:
         return comparison
-    outcomes = album.outcomes(comparison.challenger, None)  # each is a challenger once
+    outcomes = store.outcomes(comparison.challenger, None)  # each is a challenger once
     return replace(comparison, answer=replace(comparison.answer, outcomes=outcomes))

@@ -62,13 +62,13 @@ def preview(flow: Flow, given: Given) -> Preview:
         RecordError: If the record or the θ that was set is refused.
     """
     _check_due(flow, given.index)
-    rig = flow.album.scenario.run
+    rig = flow.store.scenario.run
     assert isinstance(rig, Rig)
     theta = _dialed(flow, given)
     if theta is None:
         theta = np.array(flow.state.history.samples[given.index].theta)
     experiment = rig.read(rig.read_bytes(given.content), theta, unsafe=given.unsafe)
-    check_experiment(flow.album.scenario, experiment.theta, experiment)
+    check_experiment(flow.store.scenario, experiment.theta, experiment)
     return Preview(experiment, _same(flow, given.index, experiment), len(_about(flow, given.index)))
 
 
@@ -89,15 +89,15 @@ def record(flow: Flow, given: Given) -> None:
     theta = _dialed(flow, given)
     events: list[Dialed | Replaced] = []
     if theta is not None:
-        z = flow.album.scenario.space.encode(theta)
+        z = flow.store.scenario.space.encode(theta)
         events.append(Dialed(index, tuple(z.tolist()), tuple(theta.tolist())))
     replaces = index in flow.state.finished
     if replaces:
-        known = Outcome(outcome(flow.album.scenario, seen.experiment)).to_dict()
+        known = Outcome(outcome(flow.store.scenario, seen.experiment)).to_dict()
         events.append(Replaced(index, known, counts_as_unsafe(seen.experiment)))
     flow.study.append(*events, (Finished(index), seen.experiment))
     if events:
-        flow.agent = agent_of(flow.state, flow.album.scenario.space)
+        flow.agent = agent_of(flow.state, flow.store.scenario.space)
     if not replaces or flow.phase is Phase.QUESTION:
         flow.proceed()  # a question about the wrong curves is asked again, under another id
     else:
@@ -107,7 +107,7 @@ def record(flow: Flow, given: Given) -> None:
 def _check_due(flow: Flow, index: int) -> None:
     """Refuse a record that is neither waited for nor can replace one."""
     pending = flow.pending
-    if not isinstance(flow.album.scenario.run, Rig):
+    if not isinstance(flow.store.scenario.run, Rig):
         raise StaleError("the plant is simulated and takes no record")
     if flow.phase is Phase.RECORD and pending is not None and pending.index == index:
         return
@@ -119,7 +119,7 @@ def _dialed(flow: Flow, given: Given) -> Float[np.ndarray, " n"] | None:
     """Return the θ that was really set, shape (n,); None if it equals the sample's."""
     if given.theta is None:
         return None
-    index, space = given.index, flow.album.scenario.space
+    index, space = given.index, flow.store.scenario.space
     try:
         theta = space.decode(space.encode(space.check_allowed(np.array(given.theta))))
     except KnobError as error:
@@ -144,7 +144,7 @@ def _new(
 def _same(flow: Flow, index: int, experiment: Experiment) -> int | None:
     """Return another experiment with the same curves, even if its file was saved again."""
     for other in sorted(flow.state.finished):
-        known = flow.album.experiment(other)
+        known = flow.store.experiment(other)
         if other != index and len(known.t) and all(
             np.array_equal(mine, theirs)
             for mine, theirs in (

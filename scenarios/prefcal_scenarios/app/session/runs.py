@@ -46,7 +46,7 @@ def _known(flow: Flow, sample: Suggested) -> Experiment | RunError | None:
         flow.stopped = None
         return RunError("you stopped the run before it began", "stopped")
     theta = np.array(sample.theta)
-    return flow.ahead.experiment(theta) or flow.ahead.take_failure(theta)
+    return flow.prefetch.experiment(theta) or flow.prefetch.take_failure(theta)
 
 
 def _go_on_running(flow: Flow) -> None:
@@ -73,7 +73,7 @@ def attempt(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment | Exceptio
     Until one experiment passed without interruption, each is checked against the scenario.
     SystemExit is caught, too: a plant that calls exit() would end the thread without notice.
     """
-    scenario = flow.album.scenario
+    scenario = flow.store.scenario
     try:
         result: object = scenario.run(theta.copy(), seed=flow.seed)
         if flow.checked and isinstance(result, Experiment):
@@ -97,9 +97,9 @@ def _looking_ahead(flow: Flow) -> Attempt | None:
     assert asked is not None
     if asked.repeats is not None:
         return None
-    if flow.ahead.next is not None:
-        return _running_ahead(flow, flow.ahead.next)
-    answer = flow.ahead.missing(asked)
+    if flow.prefetch.next is not None:
+        return _running_ahead(flow, flow.prefetch.next)
+    answer = flow.prefetch.missing(asked)
     if answer is None:
         return None
     query, twin = flow.agent.ask(), flow.agent.copy()
@@ -113,9 +113,9 @@ def _looking_ahead(flow: Flow) -> Attempt | None:
 
         def keep() -> None:
             if flow.question is asked:
-                flow.ahead.keep_twin(answer, twin)
+                flow.prefetch.keep_twin(answer, twin)
                 if theta is not None and not _is_known(flow, theta):
-                    flow.ahead.next = theta
+                    flow.prefetch.next = theta
 
         return keep
 
@@ -124,7 +124,7 @@ def _looking_ahead(flow: Flow) -> Attempt | None:
 
 def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
     """Run θ before it is needed."""
-    flow.ahead.next = None
+    flow.prefetch.next = None
     reserve(flow, theta)
 
     def run() -> Callable[[], None]:
@@ -132,9 +132,9 @@ def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
 
         def keep() -> None:
             if isinstance(result, Experiment):
-                flow.ahead.keep(theta, result)
+                flow.prefetch.keep(theta, result)
             elif isinstance(result, RunError) and result.why in UNBIDDEN:
-                flow.ahead.keep_failure(theta, result)
+                flow.prefetch.keep_failure(theta, result)
 
         return keep
 
@@ -143,7 +143,7 @@ def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
 
 def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
     """Return whether θ has run: in the study, for example before an undo, or as a prefetch."""
-    return flow.study.find_experiment(theta) is not None or flow.ahead.is_known(theta)
+    return flow.study.find_experiment(theta) is not None or flow.prefetch.is_known(theta)
 
 
 def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:
@@ -156,7 +156,7 @@ def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:
 
 def worker_of(flow: Flow) -> Worker | None:
     """Return the process that runs the experiments; None if they run in this one."""
-    run = flow.album.scenario.run
+    run = flow.store.scenario.run
     return run.worker if isinstance(run, IsolatedRun) else None
 
 
@@ -196,7 +196,7 @@ def fail(flow: Flow, index: int, reason: str) -> None:
         # A later step failed, for example on a full disk: this experiment must not be replaced.
         raise StaleError(f"experiment {index + 1} is saved, it has not failed: try again")
     noted = [Noted(f"experiment {index + 1} failed: {reason}")] if reason else []
-    flow.study.append(*noted, (Finished(index), flow.album.failed(index)))
+    flow.study.append(*noted, (Finished(index), flow.store.failed(index)))
     flow.proceed()
 
 
@@ -226,5 +226,5 @@ def go_on(flow: Flow, more: int) -> None:
         raise StaleError(f"all {state.n_max} experiments are compared: say how many more")
     extended = [Extended(state.n_max + more)] if more else []
     flow.study.append(*extended, Reopened())
-    flow.agent = agent_of(flow.state, flow.album.scenario.space)
+    flow.agent = agent_of(flow.state, flow.store.scenario.space)
     flow.proceed()

@@ -4,7 +4,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from prefcal_scenarios.app.presentation.wording import labelled
+from prefcal_scenarios.app.presentation.wording import labeled
 from prefcal_scenarios.app.session import Interview
 from prefcal_scenarios.app.web.view.brief import how, knob_view, kpi_view
 from prefcal_scenarios.scenario import Scenario
@@ -23,11 +23,11 @@ def show_scenario(scenario: Scenario, console: Console) -> None:
         console.print(Text(scenario.brief))
     knobs = [knob_view(knob) for knob in scenario.space]
     _table(
-        "Knobs", [(labelled(k["name"], k["unit"]), k["about"], k["range"]) for k in knobs], console
+        "Knobs", [(labeled(k["name"], k["unit"]), k["about"], k["range"]) for k in knobs], console
     )
     kpis = [kpi_view(kpi) for kpi in scenario.shown_kpis]
     _table(
-        "KPIs", [(labelled(k["title"], k["unit"]), k["about"], k["wanted"]) for k in kpis], console
+        "KPIs", [(labeled(k["title"], k["unit"]), k["about"], k["wanted"]) for k in kpis], console
     )
 
 

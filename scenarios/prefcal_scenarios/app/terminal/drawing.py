@@ -11,7 +11,7 @@ from rich.text import Text
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.panels import Plot
-from prefcal_scenarios.app.presentation.wording import labelled, number
+from prefcal_scenarios.app.presentation.wording import labeled, number
 from prefcal_scenarios.app.web.view.panels import reference_of
 
 ROWS = 5
@@ -67,7 +67,7 @@ def lines_beside_plots(experiment: Experiment, panels: Sequence[Plot]) -> int:
 def _title(panel: Plot) -> str:
     """Return the title of a panel: the signal, its unit, and its target or limits."""
     channel = panel.channel
-    words = labelled(channel.name, channel.unit)
+    words = labeled(channel.name, channel.unit)
     if channel.target is not None:
         band = "" if channel.band is None else f" ± {number(channel.band)}"
         words += f", target {number(channel.target)}{band}"

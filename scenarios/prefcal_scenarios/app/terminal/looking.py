@@ -5,7 +5,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from prefcal_scenarios.app.presentation.wording import printable, theta_text
-from prefcal_scenarios.app.report.kpi_importance import Minded
+from prefcal_scenarios.app.report.kpi_importance import KpiImportance
 from prefcal_scenarios.app.session import Interview
 from prefcal_scenarios.app.web.view.history import history_view
 from prefcal_scenarios.app.web.view.status import in_words
@@ -49,10 +49,10 @@ def show_status(interview: Interview, console: Console) -> None:
     lines.append(in_words(interview.consistency))
     if (outlook := interview.outlook) is not None:
         lines += outlook.lines
-    minded = Minded.of(interview.index, interview.importance, interview.scenario)
-    if minded is not None:
-        lines += [minded.sentence(), minded.caption]
-        lines += [f"  {drawn} {bar.text:>5}  {bar.title}" for drawn, bar in minded.drawn(_WIDTH)]
-        lines.append(minded.trust)
+    shown = KpiImportance.of(interview.index, interview.importance, interview.scenario)
+    if shown is not None:
+        lines += [shown.sentence(), shown.caption]
+        lines += [f"  {drawn} {bar.text:>5}  {bar.title}" for drawn, bar in shown.drawn(_WIDTH)]
+        lines.append(shown.trust)
     for line in lines:
         console.print(printable(line), markup=False, highlight=False, soft_wrap=True)

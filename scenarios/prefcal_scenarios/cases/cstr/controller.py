@@ -1,6 +1,5 @@
 """Define the knobs of the CSTR's MPC, and build the controller of a θ (section IV-A)."""
 
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -40,7 +39,7 @@ def mpc_settings(theta: Float[np.ndarray, " 3"], space: KnobSpace = SPACE) -> MP
     moves of at most 10 K; no limits on outputs.
 
     Raises:
-        KnobError: θ of the wrong shape, NaN or outside the box.
+        KnobError: If θ has the wrong shape, is NaN, or is outside the box.
     """
     T_s, N_p, log_Q_du = (float(v) for v in space.check(theta))
     limits = CSTR.inputs[0]
@@ -74,4 +73,4 @@ def controller(
 
 def settings(theta: Float[np.ndarray, " 3"], space: KnobSpace = SPACE) -> dict[str, Any]:
     """Return the MPC settings at θ as plain data."""
-    return asdict(mpc_settings(theta, space))
+    return mpc_settings(theta, space).named()

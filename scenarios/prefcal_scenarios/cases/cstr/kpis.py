@@ -31,7 +31,7 @@ settling time: the time after which C_A stays within the band.
 """
 
 
-def indicators(experiment: Experiment) -> dict[str, float]:
+def compute_kpis(experiment: Experiment) -> dict[str, float]:
     """Return the values of `KPIS`, in their units."""
     moves = _moves(experiment)
     C_A = experiment.x[:, 1]

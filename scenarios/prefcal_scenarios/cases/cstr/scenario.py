@@ -19,7 +19,7 @@ from prefcal_scenarios.scenario import Panel, Scenario, described
 
 from . import wording as words
 from .controller import SPACE, controller, settings
-from .kpis import KPIS, indicators, performance_index
+from .kpis import KPIS, compute_kpis, performance_index
 
 PANELS = (
     Panel("concentration", target=TARGET, band=BAND),
@@ -41,11 +41,11 @@ def run(
     `cstr_env`.
 
     Raises:
-        KnobError: θ of the wrong shape, NaN or outside the box.
+        KnobError: If θ has the wrong shape, is NaN, or is outside the box.
     """
     theta = space.check(theta)
     loop = cstr_env(**options)
-    return rollout(loop, controller(theta, space=space), theta, seed=seed, kpis=indicators)
+    return rollout(loop, controller(theta, space=space), theta, seed=seed, kpis=compute_kpis)
 
 
 def synthetic(seed: int = 0) -> LatentCost:
@@ -56,7 +56,7 @@ def synthetic(seed: int = 0) -> LatentCost:
 def lexicographic(seed: int = 0) -> Lexicographic:
     """Return a calibrator with the paper's guidelines in order: target, speed, calm moves.
 
-    Differences that nobody would see in the plots are ties. Deterministic, whatever the `seed`.
+    Differences that are invisible in the plots are ties. Deterministic, whatever the `seed`.
     """
     return Lexicographic(
         [

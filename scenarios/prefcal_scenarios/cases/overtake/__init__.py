@@ -1,7 +1,7 @@
 """Provide the scenario of lane keeping and overtaking, section IV-B."""
 
 from .criteria import calibrator as calibrator
-from .kpis import indicators as indicators
+from .kpis import compute_kpis as compute_kpis
 from .robust import overtake_robust as overtake_robust
 from .robust import overtake_variants as overtake_variants
 from .scenario import make_tuning_env as make_tuning_env

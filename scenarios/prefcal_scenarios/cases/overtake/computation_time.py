@@ -38,7 +38,7 @@ def t_comp(experiment: Experiment, processor: Processor) -> Float[np.ndarray, " 
 
 
 def overrun(experiment: Experiment, processor: Processor) -> float:
-    """Return by which share the worst t_comp exceeds T_s; 0 if the MPC can run in real time.
+    """Return the share by which the worst t_comp exceeds T_s; 0 if the MPC can run in real time.
 
     With several runs, the worst counts. The time of an estimator is not modeled.
     """

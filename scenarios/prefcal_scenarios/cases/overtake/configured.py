@@ -34,7 +34,7 @@ class Study:
         """Create it from plain data: `OvertakeOptions.of`, "scenes" and "steering_limit".
 
         Raises:
-            SettingsError: an unknown key or a value of the wrong type.
+            SettingsError: If a key is unknown or a value has the wrong type.
         """
         scene = dict(config)
         count = scene.pop("scenes", scenes)

@@ -1,7 +1,7 @@
 """Define the knobs of the car's MPC, and build the controller of a θ (section IV-B)."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import inf, pi
 from typing import Any
 
@@ -18,7 +18,7 @@ from prefcal_env.envs.overtake.road.rules import (
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.mpc import EstimatorSettings, MPCSettings, control_horizon
-from prefcal_env.mpc.settings import Linearisation
+from prefcal_env.mpc.settings import Linearization
 from prefcal_env.plants.bicycle import Bicycle
 
 from .supervisor import Supervisor
@@ -45,8 +45,8 @@ class Fixed:
     """MPC settings that are not tuned.
 
     Deviation: the paper states ±π/4 and 0.0873 rad/s for θ. Here ±π/4 holds for θ (soft) and for
-    δ_s (hard), 0.0873 rad/s for the rate of δ_s (hard), so 0.0873 T_s a step: a yaw rate is no
-    input.
+    δ_s (hard), 0.0873 rad/s for the rate of δ_s (hard), so 0.0873 T_s per step, because a yaw rate
+    is not an input.
 
     Args:
         steering_rate: Largest rate of δ_s from one step to the next [rad/s].
@@ -55,7 +55,7 @@ class Fixed:
         Q_eps: Weight of the slack. Deviation: the paper has no value. With 1e5, a toolbox's
             default, the one slack makes the car swerve off the road at the paper's optimum.
         softness: Share of ε by which the limits of (x_f, y_f, θ) give way.
-        linearisation: Of the model, "point" or "trajectory".
+        linearization: How the model is linearized, "point" or "trajectory".
     """
 
     steering_rate: float = 0.0873
@@ -63,7 +63,7 @@ class Fixed:
     speed_move: float = inf
     Q_eps: float = 10.0
     softness: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    linearisation: Linearisation = "point"
+    linearization: Linearization = "point"
 
 
 PAPER = Fixed()
@@ -77,9 +77,9 @@ STEERING_LIMITS: Mapping[str, Fixed] = {
 ESTIMATOR = EstimatorSettings(
     noise=(0.1, 0.05, 0.01), process=(0.1, 0.05, 0.02), drift=(0.01,), on_inputs=(1,)
 )
-"""Beyond the paper: for a pose measured with 0.1 m, 0.05 m and 0.01 rad of noise. What integrates
-is a disturbance of δ_s: one of a position cannot be told from the position, and v needs none, since
-the reference of x_f runs ahead of the car."""
+"""Beyond the paper: for a pose measured with 0.1 m, 0.05 m and 0.01 rad of noise. The integrating
+disturbance acts on δ_s: one of a position cannot be distinguished from the position, and v needs
+none, since the reference of x_f runs ahead of the car."""
 
 
 def mpc_settings(
@@ -94,7 +94,7 @@ def mpc_settings(
     inputs (v [m/s], δ_s [rad]). Q_y = diag(1, 1, 0), Q_u = 0, Q_Δu = diag(q_u11, q_u22).
 
     Raises:
-        KnobError: θ of the wrong shape, NaN or outside the box.
+        KnobError: If θ has the wrong shape, is NaN, or is outside the box.
     """
     T_s, share, N_p, log_q11, log_q22 = (float(v) for v in space.check(theta))
     overtaking = phase is Phase.OVERTAKING
@@ -109,7 +109,7 @@ def mpc_settings(
         du_min=[-fixed.speed_move, -steering_move],
         du_max=[fixed.speed_move, steering_move],
         y_min=[-inf, beside, -_ANGLE], y_max=[inf, inf, _ANGLE],
-        Q_eps=fixed.Q_eps, softness=fixed.softness, linearisation=fixed.linearisation,
+        Q_eps=fixed.Q_eps, softness=fixed.softness, linearization=fixed.linearization,
     )  # fmt: skip
 
 
@@ -132,6 +132,6 @@ def settings(
 ) -> dict[str, Any]:
     """Return the MPC settings as plain data, by name of the phase."""
     return {
-        p.name.lower().replace("_", " "): asdict(mpc_settings(theta, p, fixed, space))
+        p.name.lower().replace("_", " "): mpc_settings(theta, p, fixed, space).named()
         for p in Phase
     }

@@ -32,8 +32,8 @@ def read_cycles(path: Path | str, clock_mhz: float) -> list[TimedStep]:
         clock_mhz: Clock rate of the target [MHz].
 
     Raises:
-        SettingsError: the clock rate is not positive, the file does not exist, a column is
-            missing, or a value is invalid; the message names the line.
+        SettingsError: If the clock rate is not positive, the file does not exist, a column is
+            missing, or a value is not valid; the message names the line.
     """
     if not 0 < clock_mhz < float("inf"):
         raise SettingsError(f"--clock-mhz must be positive and finite, got {clock_mhz} MHz")

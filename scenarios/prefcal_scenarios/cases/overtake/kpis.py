@@ -23,7 +23,7 @@ from .computation_time import PAPER_PROCESSOR, t_comp
 from .scene import clearance, in_lane, obstacles, phase_at_control
 
 HIGHER_IS_BETTER = ("lateral_distance", "clearance")
-"""KPIs whose smallest value is the worst; of the others it is the largest."""
+"""KPIs whose smallest value is the worst; for all others it is the largest."""
 
 SHORTEST_DISTANCE = MIN_LATERAL_DISTANCE - 0.1
 """Smallest "reasonable safety distance" beside the obstacle, criterion (iii) [m]."""
@@ -59,7 +59,9 @@ KPIS = (
 """KPIs, most important first. An infinite time means never, an infinite distance no obstacle."""
 
 
-def indicators(experiment: Experiment, processor: Processor = PAPER_PROCESSOR) -> dict[str, float]:
+def compute_kpis(
+    experiment: Experiment, processor: Processor = PAPER_PROCESSOR
+) -> dict[str, float]:
     """Return the values of `KPIS`, in their units. t_comp is modeled on `processor`."""
     seconds = t_comp(experiment, processor)
     found = {

@@ -68,7 +68,7 @@ def timed_steps(
         clock: Clock in seconds.
 
     Raises:
-        SettingsError: `rounds` is below 1.
+        SettingsError: If `rounds` is below 1.
     """
     if rounds < 1:
         raise SettingsError(f"rounds must be 1 or more, got {rounds}")

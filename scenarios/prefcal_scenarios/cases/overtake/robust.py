@@ -43,7 +43,7 @@ def overtake_variants(
         name: Name of the scenario.
 
     Raises:
-        ScenarioError: `variants` is empty.
+        ScenarioError: If `variants` is empty.
     """
     if not variants:
         raise ScenarioError("overtake_variants needs one or more variants")

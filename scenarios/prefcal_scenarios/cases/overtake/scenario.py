@@ -22,7 +22,7 @@ from . import wording as words
 from .configured import configured
 from .controller import SPACE, controller, settings
 from .criteria import fast, synthetic
-from .kpis import KPIS, indicators
+from .kpis import KPIS, compute_kpis
 from .target import on_target
 
 PANELS = (
@@ -43,11 +43,11 @@ def run(theta: Float[np.ndarray, " 5"], seed: int = 0, space: KnobSpace = SPACE)
     It is 15 s of the paper's scene and deterministic; θ is physical, in `space`.
 
     Raises:
-        KnobError: θ of the wrong shape, NaN or outside the box.
+        KnobError: If θ has the wrong shape, is NaN, or is outside the box.
     """
     theta = space.check(theta)
     driver = controller(theta, space=space)
-    return rollout(Course(), driver, theta, seed=seed, kpis=indicators)
+    return rollout(Course(), driver, theta, seed=seed, kpis=compute_kpis)
 
 
 def _pictures() -> Sequence[Picture]:

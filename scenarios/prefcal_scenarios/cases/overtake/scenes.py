@@ -15,7 +15,7 @@ from prefcal_env.mpc import EstimatorSettings
 from prefcal_scenarios.scenario import Scenario
 
 from .controller import SPACE, Fixed, controller, settings
-from .kpis import HIGHER_IS_BETTER, indicators
+from .kpis import HIGHER_IS_BETTER, compute_kpis
 from .supervisor import Supervisor
 
 
@@ -39,14 +39,14 @@ class Scenes:
         """Run every scene once; noise and random traffic of scene i follow from (seed, i).
 
         Raises:
-            KnobError: θ of the wrong shape, NaN or outside `space`.
+            KnobError: If θ has the wrong shape, is NaN, or is outside `space`.
         """
         theta = space.check(theta)
         runs = []
         for i, options in enumerate(self.options):
             of_run = int(np.random.SeedSequence([seed, i]).generate_state(1)[0])
             driver = self.controller(theta, space)
-            runs.append(rollout(Course(options), driver, theta, seed=of_run, kpis=indicators))
+            runs.append(rollout(Course(options), driver, theta, seed=of_run, kpis=compute_kpis))
         return runs[0] if len(runs) == 1 else worst_of(runs, HIGHER_IS_BETTER)
 
     def controller(self, theta: Float[np.ndarray, " 5"], space: KnobSpace = SPACE) -> Supervisor:

@@ -31,7 +31,7 @@ class Supervisor:
     - Overtaking: y_ref = y_o + 3 m, 60 km/h, y_f >= y_o + 3 m (soft); y_o of the leftmost obstacle
       that is `beside`.
     - The reference of x_f runs ahead of the current position at the reference speed, previewed:
-      x_f + v_ref T_s k. The speed is tracked, lost ground is not caught up.
+      x_f + v_ref T_s k. The speed is tracked; the controller does not catch up lost ground.
 
     The model does not depend on the position of the car, so the MPC sees positions relative to its
     front end and, while overtaking, to the obstacle's center line. So the limits need no change if
@@ -48,7 +48,7 @@ class Supervisor:
             estimated pose and disturbances. None, as in the paper, uses the measurement.
 
     Raises:
-        SettingsError: settings that do not fit the plant.
+        SettingsError: If the settings do not fit the plant.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Supervisor:
         """Decide the next input (v [m/s], δ_s [rad]).
 
         Raises:
-            PlantError: `measurement.d` does not hold three numbers for each obstacle.
+            PlantError: If `measurement.d` does not hold three numbers for each obstacle.
         """
         m = measurement
         if m.d.ndim != 1 or len(m.d) % 3:

@@ -15,7 +15,7 @@ from prefcal_scenarios.scenario import Scenario
 
 from .controller import SPACE
 from .criteria import on_processor
-from .kpis import HIGHER_IS_BETTER, indicators
+from .kpis import HIGHER_IS_BETTER, compute_kpis
 
 
 def on_target(scenario: Scenario, processor: Processor) -> Scenario:
@@ -44,4 +44,4 @@ def _judged(experiment: Experiment, processor: Processor) -> Experiment:
     """Return the experiment with KPIs for `processor`; with several runs, the worst counts."""
     if experiment.runs:
         return worst_of([_judged(run, processor) for run in experiment.runs], HIGHER_IS_BETTER)
-    return replace(experiment, kpis=indicators(experiment, processor))
+    return replace(experiment, kpis=compute_kpis(experiment, processor))

@@ -73,7 +73,7 @@ def test_a_collision_terminates_and_costs_the_rest_of_the_horizon():
 
 
 @pytest.mark.parametrize("steering", [-0.7, 0.7])
-def test_leaving_the_road_by_more_than_a_metre_terminates(steering):
+def test_leaving_the_road_by_more_than_a_meter_terminates(steering):
     env = OvertakeEnv()
     record = drive(env, (50 * KMH, steering))
     assert (env.end, env.mishap) == (End.UNSAFE, Mishap.OFF_ROAD)

@@ -217,8 +217,8 @@ def test_a_driver_that_changes_lanes_turns():
 
 
 def test_who_comes_towards_us_in_our_lane_is_met_when_he_must_be():
-    towards = {"type": "oncoming", "x": 100.0, "speed": 15.0}
-    env = OvertakeEnv({"traffic": [towards]})
+    toward = {"type": "oncoming", "x": 100.0, "speed": 15.0}
+    env = OvertakeEnv({"traffic": [toward]})
     env.reset(seed=0)
     assert env.road.vehicles[1].heading == pytest.approx(np.pi)
     while env.end is None:

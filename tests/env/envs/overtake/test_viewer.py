@@ -1,4 +1,4 @@
-"""Pictures are highway-env's, not black, right side up and in the right colours."""
+"""Pictures are highway-env's, not black, right side up and in the right colors."""
 
 import numpy as np
 import pygame
@@ -12,7 +12,7 @@ SIZE = (960, 176)
 
 
 def where(frame: np.ndarray, color: tuple[int, int, int]) -> np.ndarray:
-    """Rows and columns of the pixels of one colour, shape (n, 2)."""
+    """Rows and columns of the pixels of one color, shape (n, 2)."""
     return np.argwhere(np.all(frame == color, axis=2))
 
 

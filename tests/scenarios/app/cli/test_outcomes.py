@@ -202,4 +202,4 @@ def test_the_record_of_a_person_s_study_speaks_to_him():
     )
     with opened.file as file:
         record = record_of(Interview(scenario, file, ahead=False), opened.options, {})
-    assert record.minded is None  # nothing is answered
+    assert record.kpi_importance is None  # nothing is answered

@@ -21,7 +21,7 @@ from prefcal_scenarios import Scenario
 CASES = {
     "infinite": "own = replace(t.toy, cost=lambda e: np.inf, calibrators={})",
     "only_a_cost": "own = replace(t.toy, calibrators={})",
-    "beside": "import neighbour\nown = neighbour.own",
+    "beside": "import neighbor\nown = neighbor.own",
 }
 SYNTHETIC = ["--calibrator", "synthetic"]
 QUICK = [*SYNTHETIC, "--agent", "random", "--n-max", "4", "--out", "res"]
@@ -41,7 +41,7 @@ def own(tmp_path):
 @pytest.mark.usefixtures("own_process")
 @pytest.mark.parametrize("case", CASES)
 def test_an_own_scenario_is_calibrated(prefcal, own, tmp_path, case):
-    (tmp_path / "neighbour.py").write_text(HEAD + "own = t.toy", encoding="utf-8")
+    (tmp_path / "neighbor.py").write_text(HEAD + "own = t.toy", encoding="utf-8")
     code, _, err = prefcal("calibrate", own(CASES[case]), *QUICK)
     assert code == 0, err
     assert (tmp_path / "res" / "report.html").exists()

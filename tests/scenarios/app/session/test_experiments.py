@@ -7,8 +7,7 @@ import pytest
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.end import End
 from prefcal_env.study import StudyFile
-from prefcal_scenarios.app.session import Choice, Interview
-from prefcal_scenarios.app.session import experiments as album
+from prefcal_scenarios.app.session import Choice, Interview, experiments
 from prefcal_scenarios.app.web.view import Seen, now_view, status_view
 from prefcal_scenarios.app.web.view import seen as seen_module
 from support.interviews import answer_all, begin, clock, proceed
@@ -54,7 +53,7 @@ def test_opening_reads_no_trajectory_and_how_runs_ended_is_known_without(reading
 
 def test_only_the_last_trajectories_stay_and_what_is_held_is_not_read_twice(reading, monkeypatch):
     interview, read = reading
-    monkeypatch.setattr(album, "_KEPT", 3)
+    monkeypatch.setattr(experiments, "_KEPT", 3)
     held = interview.experiment(0)
     for index in range(1, 13):
         interview.experiment(index)
@@ -63,15 +62,15 @@ def test_only_the_last_trajectories_stay_and_what_is_held_is_not_read_twice(read
     interview.experiment(12)
     assert len(read) == 13
     gc.collect()
-    assert len(interview._flow.album._held) == 3
+    assert len(interview._flow.store._held) == 3
     interview.experiment(1)
     assert len(read) == 14
 
 
 def test_what_the_agent_may_learn_is_computed_once(reading, monkeypatch):
     interview, read = reading
-    monkeypatch.setattr(album, "_KEPT", 1)
-    kept = interview._flow.album
+    monkeypatch.setattr(experiments, "_KEPT", 1)
+    kept = interview._flow.store
     first = [kept.outcomes(index, None) for index in range(13)]
     assert [kept.outcomes(index, None) for index in range(13)] == first
     assert len(read) == 13

@@ -47,7 +47,7 @@ def test_a_further_question_is_about_two_known_experiments(toy):
     assert not any(row["further"] for row in sides)
 
 
-def test_the_sides_of_a_further_question_are_randomised(toy):
+def test_the_sides_of_a_further_question_are_randomized(toy):
     lefts = set()
     for seed in range(6):
         interview = begin(toy, n_max=8, agent=THREE, seed=seed)

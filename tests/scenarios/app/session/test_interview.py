@@ -64,7 +64,7 @@ def test_a_choice_by_side_becomes_the_preference_it_means(interview, choice):
     assert question.choice(closed.answer.preference) is choice
 
 
-def test_the_sides_are_randomised_recorded_and_the_same_again(toy):
+def test_the_sides_are_randomized_recorded_and_the_same_again(toy):
     sides = []
     for _ in range(2):
         interview = begin(toy, n_max=12)

@@ -91,7 +91,7 @@ def on_suspicion(interview):
     proceed(interview)
     while interview.work():
         pass
-    interview._flow.ahead.next = BAD
+    interview._flow.prefetch.next = BAD
     interview._idle_at = None
 
 
@@ -110,7 +110,7 @@ def test_a_run_on_suspicion_that_took_too_long_is_not_waited_for_twice():
     with hanging(2.0, n_max=8, seed=1, ahead=True) as interview:
         on_suspicion(interview)
         assert interview.work()
-        ahead = interview._flow.ahead
+        ahead = interview._flow.prefetch
         assert ahead.is_known(BAD)
         assert "longer than 2 s" in str(ahead.take_failure(BAD))
         assert not ahead.is_known(BAD)  # who tries again means it

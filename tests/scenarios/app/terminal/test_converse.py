@@ -21,7 +21,7 @@ from prefcal_env.preferences.answer import Strength
 from prefcal_env.rig import Rig
 from prefcal_env.study import Answered, StudyFile
 from prefcal_scenarios.app.isolated import isolation
-from prefcal_scenarios.app.report.kpi_importance import Bar, Minded
+from prefcal_scenarios.app.report.kpi_importance import Bar, KpiImportance
 from prefcal_scenarios.app.session import Background, Phase
 from prefcal_scenarios.app.terminal import converse
 from prefcal_scenarios.app.terminal.converse import _Conversation, _waiting
@@ -149,7 +149,7 @@ def test_curves_of_both_sides_begin_in_the_same_line_where_theta_wraps():
         assert found[0].count(panel) == 2
 
 
-def test_t_shows_all_indicators_those_that_differ_most_first(interview):
+def test_t_shows_all_kpis_those_that_differ_most_first(interview):
     out = talk(interview, "tx")
     table = out[out.index("right − left") :]
     assert "settling time t_f" in table
@@ -352,14 +352,14 @@ def test_an_answer_is_taken_back_while_a_record_is_waited_for(tmp_path):
 
 def test_where_are_we_says_what_counts_once_the_answers_tell(interview):
     assert "care most about" not in talk(interview, "wx")
-    told = Minded(
+    told = KpiImportance(
         named=("a", "b"),
         bars=(Bar("a", 0.75), Bar("b", 0.5)),
         explained=True,
         predicted=8,
         answers=9,
     )
-    with patch("prefcal_scenarios.app.terminal.looking.Minded.of", lambda *_: told):
+    with patch("prefcal_scenarios.app.terminal.looking.KpiImportance.of", lambda *_: told):
         out = talk(interview, "wx")
     assert "You seem to care most about: a and b." in out
     assert f"  {'█' * 18}{'·' * 6}  75 %  a" in out

@@ -18,7 +18,7 @@ BLUE, ORANGE = (11, 99, 194), (185, 58, 6)
 
 
 def pixels(page, selector, color):
-    """How many pixels of an element are of a colour, nearly."""
+    """How many pixels of an element are of a color, nearly."""
     shot = page.locator(selector).screenshot()
     image = np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
     return int(np.sum(np.abs(image - color).max(axis=2) < 20))

@@ -15,7 +15,7 @@ from prefcal_env.experiments.experiment import End
 from prefcal_env.plants import CSTR
 from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios import load
-from prefcal_scenarios.cases.cstr import cstr, indicators, performance_index
+from prefcal_scenarios.cases.cstr import compute_kpis, cstr, performance_index
 from prefcal_scenarios.scenario import panels_of
 from support.short_runs import short_run
 
@@ -80,9 +80,9 @@ def test_an_interrupted_run_is_worse_than_any_other_and_the_longer_the_better():
     assert performance_index(LAZY) < 1000
 
 
-def test_indicators_by_hand():
+def test_kpis_by_hand():
     T_c = (T_C_START[0] + np.array([4.0, 7.0, 6.0])).tolist()
-    kpis = indicators(made_up([8.56, 1.9, 2.1, 2.03], T_c, 12.0, End.SETTLED))
+    kpis = compute_kpis(made_up([8.56, 1.9, 2.1, 2.03], T_c, 12.0, End.SETTLED))
     assert kpis["settling_time"] == 12.0
     assert kpis["final_concentration"] == 2.03
     assert kpis["largest_move"] == pytest.approx(4.0)
@@ -132,6 +132,12 @@ def test_the_controller_is_the_papers():
     assert (s["u_min"], s["u_max"]) == ((284.0,), (310.0,))
     assert (s["du_min"], s["du_max"]) == ((-10.0,), (10.0,))
     assert cstr.controller(np.array([0.31, 26.0, -1.79])).T_s == 0.31
+
+
+def test_the_settings_keep_the_key_that_earlier_best_json_files_have():
+    s = cstr.settings(np.array([0.31, 26.0, -1.79]))
+    assert s["linearisation"] == "point"
+    assert "linearization" not in s
 
 
 @pytest.mark.parametrize(("N_p", "N_u"), [(4, 1), (5, 2), (10, 3), (25, 8), (26, 9), (40, 13)])

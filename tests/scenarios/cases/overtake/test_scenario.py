@@ -13,7 +13,7 @@ from prefcal_env.experiments.experiment import End
 from prefcal_env.experiments.rollout import rollout
 from prefcal_scenarios import load
 from prefcal_scenarios.app.report.export import jsonable
-from prefcal_scenarios.cases.overtake import indicators, overtake
+from prefcal_scenarios.cases.overtake import compute_kpis, overtake
 from prefcal_scenarios.cases.overtake.controller import PAPER, STEERING_LIMITS, controller
 from prefcal_scenarios.scenario import panels_of
 
@@ -47,7 +47,7 @@ def test_the_papers_optimum_overtakes_as_an_independent_implementation_does():
 
 
 def run_with(fixed):
-    return rollout(Course(), controller(OPTIMUM, fixed), OPTIMUM, kpis=indicators)
+    return rollout(Course(), controller(OPTIMUM, fixed), OPTIMUM, kpis=compute_kpis)
 
 
 def test_with_the_toolboxs_slack_weight_the_car_swerves():
@@ -124,7 +124,7 @@ def test_the_controller_is_the_papers():
     assert overtake.controller(OPTIMUM).T_s == 0.085
 
 
-def test_panels_show_metres_kmh_and_degrees():
+def test_panels_show_meters_kmh_and_degrees():
     y, v, steering = panels_of(overtake, PAPERS)
     assert np.array_equal(y.values(PAPERS), PAPERS.x[:, 1])
     assert v.values(PAPERS)[0] == pytest.approx(50.0)

@@ -96,8 +96,8 @@ def test_it_keeps_its_distance_until_it_is_past_and_then_keeps_the_lane():
     assert seen == [Phase.OVERTAKING] * 3 + [Phase.LANE_KEEPING]
 
 
-def test_trajectory_linearisation_drives_too():
-    supervisor = controller(OPTIMUM, replace(PAPER, linearisation="trajectory"))
+def test_trajectory_linearization_drives_too():
+    supervisor = controller(OPTIMUM, replace(PAPER, linearization="trajectory"))
     for x_o in (FAR, NEAR, NEAR):
         assert supervisor.move(see((x_o, 0.0, 11.1))).solved
 

@@ -32,7 +32,7 @@ from prefcal_env.study import (
 from prefcal_env.study.fold import step
 from prefcal_scenarios.app.cli.choices import knob_called
 from prefcal_scenarios.app.presentation.wording import printable
-from prefcal_scenarios.app.report.kpi_importance import Minded
+from prefcal_scenarios.app.report.kpi_importance import KpiImportance
 from prefcal_scenarios.app.session import Interview
 from prefcal_scenarios.app.session.memory import agent_of, agent_state, with_constraints
 from prefcal_scenarios.scenario import load
@@ -159,7 +159,7 @@ def _scenario():
 '''
 
 
-def export_index(name: str, source: str | None, out: Path | None) -> tuple[Path, Minded]:
+def export_index(name: str, source: str | None, out: Path | None) -> tuple[Path, KpiImportance]:
     """Write what the answers of the study called `name` teach as a Python module.
 
     Args:
@@ -180,15 +180,15 @@ def export_index(name: str, source: str | None, out: Path | None) -> tuple[Path,
         scenario = load(source)
         interview = Interview(scenario, file, ahead=False, asks=False)
         index, importance = interview.index, interview.importance
-    minded = Minded.of(index, importance, scenario)
-    if index is None or minded is None:
+    description = KpiImportance.of(index, importance, scenario)
+    if index is None or description is None:
         raise StudyError(
             f"study {name!r} says nothing about KPIs: that takes answers that prefer one "
             "experiment, and at least three experiments that differ in a KPI"
         )
     target = Path(f"{path.stem}_index.py") if out is None else out
     _write(target, module(index, source))
-    return target, minded
+    return target, description
 
 
 def module(index: LearnedCost, source: str) -> str:

@@ -150,9 +150,9 @@ def index(
     """
     from .changes import export_index
 
-    file, minded = export_index(study, scenario, out)
-    typer.echo(minded.sentence())
-    typer.echo(minded.trust)
+    file, importance = export_index(study, scenario, out)
+    typer.echo(importance.sentence())
+    typer.echo(importance.trust)
     typer.echo(f"Written: {file}")
 
 

@@ -22,7 +22,7 @@ from prefcal_scenarios.app.cli.options import Options
 from prefcal_scenarios.app.cli.parameters import kept_by
 from prefcal_scenarios.app.presentation.wording import (
     earlier_text,
-    labelled,
+    labeled,
     mark_text,
     number,
     printable,
@@ -243,7 +243,7 @@ def print_study(name: str, *, json: bool) -> None:
     console.print(f"{'experiments':<12}{done}", highlight=False)
     units = {knob["name"]: knob["unit"] for knob in state.configuration["knobs"]}
     for knob, value in (content["best"] or {}).items():
-        text = f"best {labelled(knob, units[knob])} = {number(value)}"
+        text = f"best {labeled(knob, units[knob])} = {number(value)}"
         console.print(printable(text), markup=False, highlight=False)
     if content["questions"]:
         console.print(_table(content["questions"]))

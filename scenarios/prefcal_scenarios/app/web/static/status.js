@@ -80,18 +80,18 @@ function pace(most, act) {
 }
 
 // Show what the person seems to care about: how well each KPI agrees with the answers, 0 to 100 %.
-function cares(minded) {
+function cares(importance) {
   const title = el("h3", {}, "What matters to you");
-  if (!minded) return el("div", { class: "card" }, title, el("p", { class: "faint" }, "There is nothing to show yet. That needs answers about experiments that differ in their KPIs."));
-  const rows = minded.bars.map(({ title: words, text, share }) => {
+  if (!importance) return el("div", { class: "card" }, title, el("p", { class: "faint" }, "There is nothing to show yet. That needs answers about experiments that differ in their KPIs."));
+  const rows = importance.bars.map(({ title: words, text, share }) => {
     const bar = el("span", { class: "share" }, el("span", {}));
     bar.firstChild.style.width = `${100 * share}%`;
     return el("tr", {}, el("th", { scope: "row" }, symbol(words)), el("td", { class: "number" }, text), el("td", { "aria-hidden": "true" }, bar));
   });
-  return el("div", { class: "card cares" }, title, el("p", { class: "finding" }, symbol(minded.sentence)),
-    el("p", { class: "faint" }, minded.caption),
-    el("table", { class: "shares", "aria-label": minded.caption }, el("tbody", {}, rows)),
-    el("p", { class: "faint" }, minded.trust, " To get that sum as a Python function: ", el("code", {}, "prefcal studies index")));
+  return el("div", { class: "card cares" }, title, el("p", { class: "finding" }, symbol(importance.sentence)),
+    el("p", { class: "faint" }, importance.caption),
+    el("table", { class: "shares", "aria-label": importance.caption }, el("tbody", {}, rows)),
+    el("p", { class: "faint" }, importance.trust, " To get that sum as a Python function: ", el("code", {}, "prefcal studies index")));
 }
 
 function table({ knobs, experiments }) {

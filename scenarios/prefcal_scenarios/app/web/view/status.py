@@ -9,7 +9,7 @@ from jaxtyping import Float
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.app.presentation.wording import knob_number
-from prefcal_scenarios.app.report.kpi_importance import Minded
+from prefcal_scenarios.app.report.kpi_importance import KpiImportance
 from prefcal_scenarios.app.report.record import VERDICTS, above
 from prefcal_scenarios.app.session import Consistency, Interview, Now
 from prefcal_scenarios.app.session.order import to_repeat
@@ -40,7 +40,7 @@ def status_view(interview: Interview, *, report: Path | None = None) -> dict[str
         "outlook": outlook_view(interview.outlook),
         "verdicts": _verdicts(interview),
         "questions": interview.questions,
-        "minded": _minded(interview),
+        "minded": _kpi_importance(interview),
         "report": report_view(report),
     }
 
@@ -126,16 +126,16 @@ def _path(space: KnobSpace, base: Float[np.ndarray, " n"], k: int) -> Float[np.n
     return np.asarray(thetas[np.argsort(thetas[:, k])])
 
 
-def _minded(interview: Interview) -> Any:
+def _kpi_importance(interview: Interview) -> Any:
     """Return what the person seems to care about; None if nothing can be said yet."""
-    minded = Minded.of(interview.index, interview.importance, interview.scenario)
-    if minded is None:
+    found = KpiImportance.of(interview.index, interview.importance, interview.scenario)
+    if found is None:
         return None
     return {
-        "sentence": minded.sentence(),
-        "caption": minded.caption,
-        "trust": minded.trust,
-        "bars": [{"title": b.title, "text": b.text, "share": b.share} for b in minded.bars],
+        "sentence": found.sentence(),
+        "caption": found.caption,
+        "trust": found.trust,
+        "bars": [{"title": b.title, "text": b.text, "share": b.share} for b in found.bars],
     }
 
 

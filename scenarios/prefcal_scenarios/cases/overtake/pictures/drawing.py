@@ -20,7 +20,7 @@ STEP = 0.1
 DASH, PERIOD = 6.0, 12.0
 """Length of a dash between the lanes, and from one dash to the next [m]."""
 EVERY = 20.0
-"""From one distance mark to the next [m]."""
+"""Distance from one distance mark to the next [m]."""
 _RADIUS = 0.3
 """Radius of a body's corners [m]."""
 
@@ -53,7 +53,7 @@ class Label:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """What is seen at one time, in the order in which it is drawn."""
+    """Everything visible at one time, in the order in which it is drawn."""
 
     polygons: tuple[Polygon, ...]
     lines: tuple[Line, ...]
@@ -62,7 +62,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instant:
-    """Where everything is at a time.
+    """Positions of all vehicles at one time.
 
     Args:
         own: Pose of the own car (x_f, y_f [m], heading [rad]).
@@ -108,7 +108,7 @@ class Drawing:
         )
 
     def at(self, time: float) -> Instant:
-        """Return where everything is at `time` [s]; after the end, where it was then."""
+        """Return where everything is at `time` [s]; after the end, return the last positions."""
         rows = self._rows(np.array([time]))[0]
         others = rows[4:].reshape(-1, 3)
         return Instant(rows[:3], float(rows[3]), others)
@@ -140,7 +140,7 @@ class Drawing:
         )  # fmt: skip
 
     def as_json(self) -> dict[str, object]:
-        """Return the same for `road.js`, JSON-able.
+        """Return the whole run for `road.js`, as data for JSON.
 
         `body` holds the polygons of a car whose front end is at the origin and that drives
         along x. The columns of `rows`, one row every `step` seconds and one at `end`, are x, y,
@@ -169,7 +169,7 @@ class Drawing:
     def _rows(self, times: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m c"]:
         """Return x, y, heading [rad], speed, then x, y, heading of each obstacle at `times`.
 
-        All times at once: a question waits for its scenes.
+        All times are computed at once, since a question waits for its scenes.
         """
         held = np.maximum(np.searchsorted(self.t, times + 1e-9, side="right") - 1, 0)
         columns = [np.interp(times, self.t, column) for column in self.own.T]
@@ -187,7 +187,7 @@ class Drawing:
 
 
 def animation(experiment: Experiment) -> dict[str, object]:
-    """Return what the query window animates of an experiment, see `Drawing.as_json`."""
+    """Return the animation of an experiment for the query window; see `Drawing.as_json`."""
     return Drawing.of(experiment).as_json()
 
 

@@ -41,7 +41,7 @@ def compared(left: Shown, right: Shown, space: KnobSpace) -> Figure:
     """Draw two runs side by side along the road, as in Fig. car_comparison."""
     pair = (left, right)
     window = 56.0
-    # Inches of a road that is to scale.
+    # Height in inches of a road that is to scale.
     each = (WIDTH - 0.7) / 2 / window * breadth(Drawing.of(left.experiment))
     heights = [1.35, 5 * each, 1.5, 1.5]
     figure = canvas(2.7 + sum(heights))

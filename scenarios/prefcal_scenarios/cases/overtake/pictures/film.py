@@ -21,24 +21,24 @@ from .roads import PAINT, paint
 from .shown import Shown, runs
 
 RATE = 8
-"""Frames a second."""
+"""Frames per second."""
 BEHIND, SEEN = 42.0, 84.0
-"""Road behind the front end that is seen, and in all [m]."""
+"""Visible length of road behind the front end, and in total [m]."""
 _SCALE, _DPI = 10, 100
-"""Pixels a meter, and an inch."""
+"""Pixels per meter, and per inch."""
 _WORDS, _MARGIN = 34, 26
 """Heights of the line of text above a road, and of the distance marks below it [pixels]."""
 
 
 def gif(record: Record) -> bytes:
-    """Return the animation: `RATE` frames a second in real time, without end."""
+    """Return the animation: `RATE` frames a second in real time, in an endless loop."""
     shown = runs(record)
     last = max(s.experiment.t[-1] for s in shown)
     reel = _Reel(shown)
     frames = [reel.frame(k / RATE) for k in range(int(np.ceil(last * RATE)) + 1)]
     palette = frames[len(frames) // 2].quantize(64, dither=Image.Dither.NONE)
     flat = [f.quantize(palette=palette, dither=Image.Dither.NONE) for f in frames]
-    # Times in a GIF are whole hundredths: 12 and 13 in turn are an eighth on average.
+    # GIF times are whole hundredths of a second: 12 and 13 in turn average an eighth.
     ends = [round(100 * (k + 1) / RATE) for k in range(len(flat))]
     durations = [10 * (b - a) for a, b in zip([0, *ends], ends, strict=False)]
     durations[-1] = 2000
@@ -51,7 +51,7 @@ def gif(record: Record) -> bytes:
 
 
 def still(shown: Shown, time: float) -> bytes:
-    """Return the road of one run at `time` [s] as a PNG, without words."""
+    """Return the road of one run at `time` [s] as a PNG, without text."""
     buffer = BytesIO()
     _Reel((shown,), words=0).frame(time).save(buffer, format="PNG")
     return buffer.getvalue()
@@ -59,7 +59,7 @@ def still(shown: Shown, time: float) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class _Strip:
-    """Where one run is drawn, and the height of the line of words above its road [pixels]."""
+    """Place of one run in the picture, with the height of its line of text [pixels]."""
 
     shown: Shown
     drawing: Drawing
@@ -92,7 +92,7 @@ class _Strip:
             )  # fmt: skip
 
     def _write(self, time: float, speed: float) -> Iterator[Artist]:
-        """Write label, time and speed above the road; a cross says that the run was stopped."""
+        """Write label, time and speed above the road; a cross shows that the run was stopped."""
         ended = self.drawing.stopped and time >= self.drawing.t[-1]
         when = f"× stopped at {time:.1f} s" if ended else f"{time:.1f} s"
         start, end = self.axes.get_xlim()
@@ -106,7 +106,7 @@ class _Strip:
 
 
 class _Reel:
-    """A figure with one road above the other, drawn anew for each frame."""
+    """A figure with one road above the other, redrawn for each frame."""
 
     def __init__(self, shown: Sequence[Shown], words: int = _WORDS) -> None:
         drawings = [Drawing.of(run.experiment) for run in shown]

@@ -72,4 +72,4 @@ PICTURES: tuple[Picture, ...] = (
         final,
     ),
 )
-"""In the order of the page."""
+"""Pictures in the order of the page."""

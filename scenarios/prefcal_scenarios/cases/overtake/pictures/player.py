@@ -16,7 +16,7 @@ from .shown import runs
 def player(record: Record) -> Markup:
     """Return the HTML of the animation: controls, positions, style and script.
 
-    Nothing else is needed. Without scripts the runs stand still beside the obstacle.
+    It is self-contained. Without scripts, the cars stand still beside the obstacle.
     """
     shown = runs(record)
     drawings = [Drawing.of(s.experiment) for s in shown]
@@ -46,6 +46,6 @@ def player(record: Record) -> Markup:
 
 
 def _static(name: str) -> Markup:
-    """Return a file of the query window, as it is."""
+    """Return a file of the query window unchanged."""
     static = files("prefcal_scenarios").joinpath("app", "web", "static")
     return Markup(static.joinpath(name).read_text(encoding="utf-8"))

@@ -26,7 +26,7 @@ _ALPHAS: Mapping[str, float] = {"path": 0.45, "glass": 0.8}
 
 
 def breadth(drawing: Drawing) -> float:
-    """Return the breadth of a road with its caption [m]."""
+    """Return the width of a road with its caption [m]."""
     low, high = drawing.road
     return high - low + _CAPTION
 
@@ -104,7 +104,7 @@ def caption(axes: Axes, at: tuple[float, float], n: int, shown: Shown, moment: M
 
 
 def bare(axes: Axes) -> None:
-    """Take ticks, grid and frame away."""
+    """Remove ticks, grid and frame."""
     axes.set_xticks([])
     axes.set_yticks([])
     axes.grid(visible=False)

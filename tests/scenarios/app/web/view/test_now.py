@@ -77,7 +77,7 @@ def test_good_enough_offers_to_finish_and_blind_does_not_say_which():
 
 
 def _broken(theta, seed=0):
-    raise RuntimeError("no licence")
+    raise RuntimeError("no license")
 
 
 @pytest.mark.parametrize("blind", [False, True])
@@ -86,7 +86,7 @@ def test_a_run_that_raised_is_told_and_blind_hides_its_theta(blind):
     proceed(interview)
     view = now_view(interview, blind=blind)
     assert view["phase"] == "failed"
-    assert "no licence" in view["problem"]
+    assert "no license" in view["problem"]
     assert view["pending"]["number"] == 1
     assert bool(view["pending"]["theta"]) is not blind
     assert bool(view["pending"]["copy"]) is not blind

@@ -94,15 +94,15 @@ def test_what_counts_is_drawn_once_the_answers_tell():
     interview = begin(toy, n_max=20, agent=LatinHypercube)
     assert status_view(interview)["minded"] is None
     answer_all(interview, lambda number: None)
-    minded = status_view(interview)["minded"]
-    json.dumps(minded, allow_nan=False)
+    found = status_view(interview)["minded"]
+    json.dumps(found, allow_nan=False)
     # The toy's cost is its settling time, but for a trifle.
-    assert minded["sentence"].startswith("You seem to care most about: settling time t_f")
-    assert minded["bars"][0]["title"] == "settling time t_f"
-    assert all(bar["text"] == f"{100 * bar['share']:.0f} %" for bar in minded["bars"])
-    assert all(0 <= bar["share"] <= 1 for bar in minded["bars"])
-    assert "19 answers" in minded["caption"]
-    assert "answers that it had not learned from" in minded["trust"]
+    assert found["sentence"].startswith("You seem to care most about: settling time t_f")
+    assert found["bars"][0]["title"] == "settling time t_f"
+    assert all(bar["text"] == f"{100 * bar['share']:.0f} %" for bar in found["bars"])
+    assert all(0 <= bar["share"] <= 1 for bar in found["bars"])
+    assert "19 answers" in found["caption"]
+    assert "answers that it had not learned from" in found["trust"]
 
 
 @pytest.mark.parametrize("seed", range(3, 6))
@@ -111,8 +111,8 @@ def test_nothing_stands_out_of_answers_like_coin_tosses(seed):
     interview = begin(toy, n_max=20, agent=LatinHypercube)
     while (now := proceed(interview)).question is not None:
         interview.answer(now.question.id, rng.choice([Choice.LEFT, Choice.RIGHT]))
-    minded = status_view(interview)["minded"]
-    assert minded["sentence"].startswith("Nothing stands out yet: ")
+    found = status_view(interview)["minded"]
+    assert found["sentence"].startswith("Nothing stands out yet: ")
 
 
 def test_whether_to_go_on_is_said_once_enough_is_answered():

@@ -69,7 +69,7 @@ def test_a_line_is_the_median_and_its_band_the_quartiles():
     assert (at_the_end.min(), at_the_end.max()) == (1.5, 3.0)
 
 
-def test_an_agent_has_the_same_colour_in_every_figure():
+def test_an_agent_has_the_same_color_in_every_figure():
     campaign = campaign_of(grid(FACTORS))
     regime, styles = campaign.regimes[0], looks(campaign.agents)
     for axes in panels(figures.against_experiments(campaign, regime, styles)).values():

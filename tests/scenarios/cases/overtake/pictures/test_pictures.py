@@ -91,7 +91,7 @@ def test_a_picture_shows_the_car_and_the_obstacle_and_not_only_them(folder, file
 
 
 @pytest.mark.parametrize("file", ["comparison.png", "overtaking.gif"])
-def test_the_first_run_is_there_in_its_colour(folder, file):
+def test_the_first_run_is_there_in_its_color(folder, file):
     with Image.open(folder / file) as image:
         assert pixels(image, FIRST) > 200
 
