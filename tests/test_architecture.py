@@ -21,7 +21,7 @@ PATHS = sorted(
 FOLDERS = [
     (package, name)
     for package in PACKAGES
-    for row in re.findall(rf"^\| `{package}` \|[^|]*\|(.*)\|$", TEXT, re.M)
+    for row in re.findall(rf"^\| `{package}/` \|[^|]*\|(.*)\|$", TEXT, re.M)
     for name in re.findall(r"`([\w/.]+)`", row)
 ]
 
