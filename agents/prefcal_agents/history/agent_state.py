@@ -119,7 +119,12 @@ def _unreadable(error: Exception) -> SettingsError:
     return SettingsError(f"the state of an agent cannot be read: {type(error).__name__} {error}")
 
 
-def _sample_from_dict(data: Mapping[str, Any]) -> Sample:
+def _sample_from_dict(data: Any) -> Sample:
+    if not isinstance(data, Mapping):
+        raise SettingsError(
+            f"a sample of a state must hold z and theta by name, got {data!r}: states of earlier "
+            "versions must be made anew"
+        )
     return Sample(tuple(map(float, data["z"])), tuple(map(float, data["theta"])))
 
 
