@@ -1,4 +1,4 @@
-"""Calibrators: synthetic ones that answer by a rule, and a person in Python."""
+"""Calibrators: synthetic ones that follow a rule, and people who are asked from Python."""
 
 from .human import HumanCalibrator as HumanCalibrator
 from .latent_cost import LatentCost as LatentCost

@@ -82,7 +82,7 @@ def experiment_env(
         controller: Function that makes a new controller from a physical θ, shape (n,).
         kpis: With `env`: function that returns the key performance indicators by name.
         score: Function that rates an experiment, lower is better; without it the reward is 0.
-        panels: What to draw.
+        panels: Curves to draw.
         render_mode: None or "rgb_array".
 
     Raises:

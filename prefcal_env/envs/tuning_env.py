@@ -44,7 +44,7 @@ class TuningEnv(gym.Env[Array, Array]):
         space: Space of the knobs.
         run: Function that runs one experiment of a physical θ.
         score: Function that rates an experiment; lower is better.
-        panels: What to draw; None draws all states, inputs and outputs.
+        panels: Curves to draw; None draws all states, inputs and outputs.
         title: Title of the pictures.
         render_mode: None, or "rgb_array" for a picture of the last experiment.
 

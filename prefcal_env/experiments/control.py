@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """What a controller knows at a sampling instant, in the plant's units.
+    """Everything that a controller knows at a sampling instant, in the plant's units.
 
     Args:
         t: Time since the start.

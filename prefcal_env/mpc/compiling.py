@@ -34,7 +34,7 @@ class Kernel:
     """A function to compile.
 
     Args:
-        title: What it does, in a few words.
+        title: Its purpose in a few words.
         function: The function as wrapped by numba.
         types: Types of its arguments.
     """

@@ -47,7 +47,7 @@ class Strength(IntEnum):
 
 
 class Mark(Enum):
-    """What a calibrator may say about one side besides the verdict."""
+    """Marks that a calibrator may give to one side besides the verdict."""
 
     CHALLENGER_UNSAFE = "challenger unsafe"
     INCUMBENT_UNSAFE = "incumbent unsafe"

@@ -18,7 +18,7 @@ A = TypeVar("A")
 
 
 class AskTell(Protocol):
-    """What the loop needs from an agent of any kind."""
+    """The interface that the loop needs from an agent of any kind."""
 
     @property
     def done(self) -> bool:

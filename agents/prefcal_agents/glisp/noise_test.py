@@ -41,7 +41,7 @@ class NoiseTest:
 
     @property
     def suspects(self) -> bool:
-        """Whether mistakes are much more likely than none."""
+        """Return whether mistakes are much more likely than none."""
         return self.evidence > _ENOUGH
 
 

@@ -70,7 +70,7 @@ def confirm_best(
     Args:
         models: Selections so far.
         history: Samples and answers.
-        selection: What was selected for the models.
+        selection: Selected settings of the models.
         error_rate: Probability that an answer is wrong.
         sure: A rival that is worse by more than this many standard deviations is not asked about;
             with 0, only one that is probably better is.

@@ -65,13 +65,13 @@ class Dataset:
 
     @property
     def is_strict(self) -> bool:
-        """Whether some answer says which of two samples is better."""
+        """Return whether some answer says which of two samples is better."""
         return bool(np.any(self.preferences.b))
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What was selected for the models after a number of experiments.
+    """Selected settings of the models after a number of experiments.
 
     Args:
         shape: Shape of φ, chosen by cross-validation.
@@ -94,7 +94,7 @@ class Fit:
 
     Args:
         data: Training data in the history.
-        selection: What was selected for the models.
+        selection: Selected settings of the models.
     """
 
     data: Dataset

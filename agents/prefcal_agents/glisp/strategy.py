@@ -31,7 +31,7 @@ Model = Surrogate | Composite | PreferenceGP
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What stays the same during a study.
+    """Everything that stays the same during a study.
 
     Args:
         space: The knobs.

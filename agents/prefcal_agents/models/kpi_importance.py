@@ -124,8 +124,8 @@ def _deciding(logs: list[np.ndarray], explanations: list[np.ndarray]) -> list[in
     """Return one KPI and those that explain as much alone, or two KPIs if both are needed.
 
     Args:
-        logs: For each explanation, the evidence of its s sums, shape (s,).
-        explanations: For each explanation, its sums, shape (s, p).
+        logs: Evidence of the s sums of each explanation, shape (s,).
+        explanations: Sums of each explanation, shape (s, p).
     """
     alone = logs[0]
     if len(explanations) > 1 and logs[1].max() > alone.max() + np.log(_NEEDED):

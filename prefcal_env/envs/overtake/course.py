@@ -80,7 +80,7 @@ class Course:
 
     @property
     def mishap(self) -> Mishap | None:
-        """What ended the episode early; None if nothing did."""
+        """Reason why the episode ended early; None if it did not."""
         return None if self._episode is None else self._episode.mishap
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:

@@ -23,7 +23,7 @@ _NONE = np.zeros(0)
 
 
 class Mishap(Enum):
-    """What ended an episode early."""
+    """Reason why an episode ended early."""
 
     COLLISION = "collision"
     OFF_ROAD = "off the road"
@@ -37,7 +37,7 @@ class Drive:
     Args:
         t: Instants [s], shape (M,).
         x: States at `t`, shape (M, n_x).
-        mishap: What ended it early, if anything did.
+        mishap: Reason why it ended early; None if it did not.
     """
 
     t: Times

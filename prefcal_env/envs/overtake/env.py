@@ -165,7 +165,7 @@ class OvertakeEnv(AbstractEnv):  # type: ignore[misc]
 
     @property
     def mishap(self) -> Mishap | None:
-        """What ended the episode early; None if nothing did."""
+        """Reason why the episode ended early; None if it did not."""
         return self.course.mishap
 
     def reset(

@@ -39,7 +39,7 @@ OBSTACLE_START, OBSTACLE_SPEED = (30.0, 0.0), 40 * KMH
 
 
 class Phase(IntEnum):
-    """What the ego vehicle is doing."""
+    """Phase of the drive: what the ego vehicle is doing."""
 
     LANE_KEEPING = 0
     OVERTAKING = 1

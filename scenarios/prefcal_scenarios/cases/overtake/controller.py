@@ -72,7 +72,7 @@ STEERING_LIMITS: Mapping[str, Fixed] = {
     "per second": PAPER,
     "per step": Fixed(steering_rate=inf, steering_move=0.0873),
 }
-"""What 0.0873 limits: the rate of δ_s, or its move per step, whatever the sampling time."""
+"""What 0.0873 limits: the rate of δ_s, or its move per step for any sampling time."""
 
 ESTIMATOR = EstimatorSettings(
     noise=(0.1, 0.05, 0.01), process=(0.1, 0.05, 0.02), drift=(0.01,), on_inputs=(1,)

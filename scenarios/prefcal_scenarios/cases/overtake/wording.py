@@ -19,10 +19,10 @@ CONFIGURED = (
     "scenes, the curves show all of them, the first one bold, and each number is the worst one's."
 )
 KNOBS: Mapping[str, str] = {
-    "T_s": "Sampling time: how often the controller measures and steers. Short reacts sooner, but "
-    "leaves less time to compute.",
+    "T_s": "Sampling time: how often the controller measures and steers. A short one reacts "
+    "sooner, but leaves less time to compute.",
     "ε_c": "Share of the prediction horizon in which the controller plans free moves; after that "
-    "it holds them. More plans finer and takes longer to compute.",
+    "it holds them. A larger share plans in more detail and takes longer to compute.",
     "N_p": "Prediction horizon: how many samples the controller looks ahead.",
     "log q_u11": "Weight of changes of speed, as a power of ten. High keeps the speed steady.",
     "log q_u22": "Weight of changes of the steering angle, as a power of ten. High steers gently, "
@@ -30,17 +30,18 @@ KNOBS: Mapping[str, str] = {
 }
 KPIS: Mapping[str, str] = {
     "t_comp_ratio": "Longest computation of one control step as a share of the sampling time. "
-    "Above 1 the controller is too slow for its own pace.",
+    "Above 1 the controller is too slow to run in real time.",
     "lateral_distance": "Smallest sideways distance between the center lines of the two cars "
     "while they are side by side. The reference is 3 m.",
-    "path_peak": "Largest distance from the center of the own lane; 3 m is wanted while passing.",
+    "path_peak": "Largest distance from the center of the car's lane; the target while passing "
+    "is 3 m.",
     "t_comp_worst": "Longest computation of one control step, modeled for one processor.",
-    "t_comp_99": "Computation time that 99 % of the steps stay below, modeled likewise.",
+    "t_comp_99": "Computation time that 99 % of the steps stay below, modeled in the same way.",
     "collision": "Whether the car touched the other one (1) or not (0).",
     "off_road": "How far the car's body left the road.",
     "clearance": "Smallest gap between the bodies of the two cars, in any direction.",
     "overtaking_time": "From the decision to overtake until the decision to return to the lane.",
-    "overshoot": "How far the car swung beyond the 3 m that are wanted while passing.",
+    "overshoot": "How far the car swung beyond the target of 3 m while passing.",
     "lane_deviation": "Largest distance from the center of the lane while keeping it.",
     "lane_yaw": "Largest angle between the car and its lane while keeping it.",
     "lateral_acceleration": "Largest sideways acceleration. Passengers notice 2 m/s², and above "

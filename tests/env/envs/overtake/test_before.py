@@ -10,7 +10,7 @@ import pytest
 
 from prefcal_env.envs.overtake import Course, OvertakeEnv
 from prefcal_env.experiments.rollout import rollout
-from prefcal_scenarios.cases.overtake import indicators
+from prefcal_scenarios.cases.overtake import compute_kpis
 from prefcal_scenarios.cases.overtake.controller import STEERING_LIMITS, controller
 
 BEFORE = np.load(Path(__file__).parent / "before.npz")
@@ -34,6 +34,6 @@ def test_the_same_inputs_drive_the_same_way(name, loop):
 def test_an_experiment_has_the_same_indicators(name):
     theta = BEFORE[f"{name}.theta"]
     driver = controller(theta, STEERING_LIMITS["per step"])
-    e = rollout(Course(), driver, theta, kpis=indicators)
+    e = rollout(Course(), driver, theta, kpis=compute_kpis)
     np.testing.assert_allclose(list(e.kpis.values()), BEFORE[f"{name}.kpis"], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(e.x[::9], BEFORE[f"{name}.x"], rtol=0, atol=1e-9)
