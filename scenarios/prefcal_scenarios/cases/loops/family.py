@@ -10,14 +10,27 @@ from prefcal_env.errors import ScenarioError
 from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
-from . import basic
+from . import basic, motion, processes
 from .loop import Loop
 from .vary import Vary, random
 
 LOOPS: Mapping[str, Callable[..., Loop]] = MappingProxyType(
     {
         make.__name__.replace("_", "-"): make
-        for make in (basic.lag, basic.integrating, basic.oscillatory, basic.unstable)
+        for make in (
+            basic.lag,
+            basic.integrating,
+            basic.oscillatory,
+            basic.unstable,
+            processes.tank,
+            processes.quadruple_tank,
+            processes.distillation,
+            processes.building,
+            motion.servo,
+            motion.cart_pole,
+            motion.boost_converter,
+            motion.steering,
+        )
     }
 )
 """Makers of the loops by name; each takes a `Vary`."""

@@ -23,6 +23,11 @@ def kpis_of(
         staged: Whether the input has stages.
     """
     y = controlled.name
+    calm = KPI("input_noise", f"noise in {u.name}", u.unit, better="lower",
+               about="Typical change of the input from one sample to the next.")  # fmt: skip
+    if staged:  # the typical change would be 0
+        calm = KPI("switches", f"switches of {u.name}", better="lower",
+                   about="How often the input changes its stage.")  # fmt: skip
     found = [
         KPI("overshoot", f"overshoot of {y}", "%", better="lower",
             about="How far it goes beyond its target, as a share of the step."),
@@ -34,17 +39,11 @@ def kpis_of(
             better="lower", about="Largest distance from the target after the disturbance."),
         KPI("effort", f"effort of {u.name}", u.unit, better="lower",
             about="Root mean square distance of the input from its value at the start."),
-        KPI("input_noise", f"noise in {u.name}", u.unit, better="lower",
-            about="Typical change of the input from one sample to the next."),
+        calm,
     ]  # fmt: skip
     if beside is not None:
         found.append(KPI("side_effect", f"peak of {beside.name} after the step", beside.unit,
                          better="lower", about="Largest distance from its value at the start."))  # fmt: skip
-    if staged:
-        # The median move of an input with stages is 0.
-        found[-1 if beside is None else -2] = KPI(
-            "switches", f"switches of {u.name}", better="lower", about="Number of changes of stage."
-        )
     return tuple(found)
 
 
