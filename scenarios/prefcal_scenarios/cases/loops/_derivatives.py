@@ -121,7 +121,7 @@ def _boost(p, x, u, d, dx):  # type: ignore[no-untyped-def]
 
 @inner()
 def _steering(p, x, u, d, dx):  # type: ignore[no-untyped-def]
-    """Kinematic bicycle; x = (lateral position, heading, steering angle), d = (drift to the side)."""
+    """Kinematic bicycle; x = (lateral position, heading, steering angle), d = (side drift)."""
     speed, wheelbase, lag = p[0], p[1], p[2]
     dx[0] = speed * math.sin(x[1]) + d[0]
     dx[1] = speed / wheelbase * math.tan(x[2])

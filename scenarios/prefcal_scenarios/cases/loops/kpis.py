@@ -42,8 +42,15 @@ def kpis_of(
         calm,
     ]  # fmt: skip
     if beside is not None:
-        found.append(KPI("side_effect", f"peak of {beside.name} after the step", beside.unit,
-                         better="lower", about="Largest distance from its value at the start."))  # fmt: skip
+        found.append(
+            KPI(
+                "side_effect",
+                f"peak of {beside.name} after the step",
+                beside.unit,
+                better="lower",
+                about="Largest distance from its value at the start.",
+            )
+        )
     return tuple(found)
 
 

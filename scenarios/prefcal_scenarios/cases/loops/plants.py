@@ -42,7 +42,9 @@ class Linear:
 
     def parameters(self) -> Float[np.ndarray, " n_p"]:
         """Return A, B and E, each row by row."""
-        return np.concatenate([np.ravel(np.array(m, dtype=float)) for m in (self.A, self.B, self.E)])
+        return np.concatenate(
+            [np.ravel(np.array(m, dtype=float)) for m in (self.A, self.B, self.E)]
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,7 +86,7 @@ def quadruple_tank(vary: Vary = nominal) -> Loop:
 
 
 def distillation(vary: Vary = nominal) -> Loop:
-    """Return Skogestad's distillation column (LV configuration), badly conditioned, with two PIs."""
+    """Return Skogestad's distillation column (LV configuration) with two PIs."""
     lag = vary(75.0)
     gains = ((0.878, -0.864), (1.082, -1.096))
     return Loop(

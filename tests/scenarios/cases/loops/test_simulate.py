@@ -80,7 +80,7 @@ def test_the_filter_calms_the_input():
     def moves(T_f):
         return np.diff(run(pid(K=2.0, T_d=0.05, T_f=T_f), noise=noise)[1], axis=0).std()
 
-    assert moves(0.2) < moves(0.01) / 20
+    assert moves(0.2) < moves(0.01) / 10
 
 
 def test_state_feedback_integrates_the_error_away():
