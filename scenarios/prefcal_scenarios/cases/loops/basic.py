@@ -147,5 +147,5 @@ def unstable(vary: Vary = nominal) -> Loop:
         inputs=(Channel("heating command", "°C", -20, 20),),
         measured=(0,),
         task=Task((0.0, 0.0), (0.0,), (2.0,), ((0.0, 2.0),), (0.02,)),
-        timing=Timing(0.02, 40.0, 0.1, 20.0, dead_time=vary(0.4), unit="min"),
+        timing=Timing(0.05, 40.0, 0.1, 20.0, dead_time=vary(0.4), unit="min"),
     )

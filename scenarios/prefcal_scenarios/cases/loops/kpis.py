@@ -24,8 +24,8 @@ def kpis_of(
     """
     y = controlled.name
     calm = KPI("input_noise", f"noise in {u.name}", u.unit, better="lower",
-               about="Typical change of the input from one sample to the next.")  # fmt: skip
-    if staged:  # the typical change would be 0
+               about="Mean change of the input from one sample to the next.")  # fmt: skip
+    if staged:
         calm = KPI("switches", f"switches of {u.name}", better="lower",
                    about="How often the input changes its stage.")  # fmt: skip
     found = [
@@ -76,7 +76,7 @@ def compute_kpis(
         "error": float(np.abs(error[:-1]) @ np.diff(t)),
         "disturbance_peak": float(np.abs(error[~first]).max()) if not first.all() else np.inf,
         "effort": float(np.sqrt(np.mean((u - u0) ** 2))),
-        "input_noise": float(np.median(moves)) if len(moves) else 0.0,
+        "input_noise": float(moves.mean()) if len(moves) else 0.0,
         "switches": float(np.count_nonzero(moves)),
     }
     if beside is not None:

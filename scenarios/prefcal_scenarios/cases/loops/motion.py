@@ -25,11 +25,11 @@ def servo(vary: Vary = nominal) -> Loop:
         controller=Cascade(0.0, (-20.0, 20.0)),
         space=KnobSpace(
             [
-                ratio("K_outer", 1.0, 100.0, "1/s"),
-                ratio("T_i_outer", 0.1, 10.0, "s"),
-                ratio("K_inner", 0.01, 1.0, "N m s/rad"),
-                ratio("T_i_inner", 0.01, 1.0, "s"),
-                ratio("T_f_inner", 0.001, 0.1, "s"),
+                ratio("K_outer", 2.0, 60.0, "1/s"),
+                ratio("T_i_outer", 0.3, 30.0, "s"),
+                ratio("K_inner", 0.03, 1.0, "N m s/rad"),
+                ratio("T_i_inner", 0.03, 3.0, "s"),
+                ratio("T_f_inner", 0.001, 0.03, "s"),
                 Knob("b_outer", 0.0, 1.0),
             ]
         ),
@@ -42,7 +42,7 @@ def servo(vary: Vary = nominal) -> Loop:
         inputs=(Channel("torque", "N m", -2, 2),),
         measured=(0, 1),
         task=Task((0.0,) * 4, (0.0,), (1.0, 0.0), ((0.0, 0.3),), (5e-4, 0.05)),
-        timing=Timing(0.002, 3.0, 0.004, 1.5),
+        timing=Timing(0.004, 4.0, 0.004, 2.0),
     )
 
 
@@ -62,7 +62,7 @@ def cart_pole(vary: Vary = nominal) -> Loop:
                 ratio("Q_3", 0.01, 100.0),
                 ratio("Q_4", 0.01, 100.0),
                 ratio("Q_z", 0.1, 1000.0),
-                Knob("T_s", 0.005, 0.1, "s", step=0.005),
+                Knob("T_s", 0.01, 0.1, "s", step=0.01),
             ]
         ),
         states=(
@@ -76,7 +76,7 @@ def cart_pole(vary: Vary = nominal) -> Loop:
         task=Task(
             (0.0,) * 4, (0.0,), (0.5, 0.0, 0.0, 0.0), ((0.0, 1.5),), (1e-3, 2e-3, 0.01, 0.02)
         ),
-        timing=Timing(0.005, 10.0, 0.02, 5.0),
+        timing=Timing(0.01, 10.0, 0.02, 5.0),
         beside=1,
     )
 
@@ -109,7 +109,7 @@ def boost_converter(vary: Vary = nominal) -> Loop:
         inputs=(Channel("duty cycle", "", 0.0, 0.8),),
         measured=(0, 1),
         task=Task((start, current), (1 - open_share,), (24.0, 0.0), ((0.0, 0.8),), (0.05, 0.05)),
-        timing=Timing(0.01, 20.0, 0.02, 10.0, unit="ms"),
+        timing=Timing(0.02, 20.0, 0.02, 10.0, unit="ms"),
         beside=1,
     )
 
@@ -125,10 +125,10 @@ def steering(vary: Vary = nominal) -> Loop:
         controller=Cascade(0.0, (-0.2, 0.2), fixed={"T_i_inner": inf}),
         space=KnobSpace(
             [
-                ratio("K_outer", 0.005, 0.5, "rad/m"),
-                ratio("T_i_outer", 1.0, 100.0, "s"),
+                ratio("K_outer", 0.01, 0.3, "rad/m"),
+                ratio("T_i_outer", 3.0, 300.0, "s"),
                 ratio("T_d_outer", 0.01, 1.0, "s"),
-                ratio("K_inner", 0.05, 5.0),
+                ratio("K_inner", 0.1, 5.0),
                 ratio("T_f", 0.005, 0.5, "s"),
                 Knob("b_outer", 0.0, 1.0),
             ]

@@ -102,10 +102,10 @@ def distillation(vary: Vary = nominal) -> Loop:
         controller=PID(suffixes=("_1", "_2"), signs=(1.0, -1.0)),
         space=KnobSpace(
             [
-                ratio("K_1", 1.0, 200.0, "kmol/(min %)"),
-                ratio("T_i_1", 1.0, 200.0, "min"),
-                ratio("K_2", 1.0, 200.0, "kmol/(min %)"),
-                ratio("T_i_2", 1.0, 200.0, "min"),
+                ratio("K_1", 1.0, 60.0, "kmol/(min %)"),
+                ratio("T_i_1", 3.0, 300.0, "min"),
+                ratio("K_2", 1.0, 60.0, "kmol/(min %)"),
+                ratio("T_i_2", 3.0, 300.0, "min"),
                 ratio("T_f", 0.2, 20.0, "min"),
                 _WEIGHT,
             ]

@@ -7,7 +7,7 @@ import pytest
 
 from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiments.end import End
-from prefcal_scenarios.cases.loops import LOOPS, loop, named
+from prefcal_scenarios.cases.loops import LOOPS, controllers, loop, named
 from prefcal_scenarios.cases.loops._simulate import rhs
 from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.own.checks import check_experiment
@@ -96,3 +96,15 @@ def test_random_loops_run_everywhere_in_their_spaces():
         for theta in drawn(scenario.space, 10, seed):
             run = check_experiment(scenario, theta, scenario.run(theta))
             assert not any(np.isnan(value) for value in run.kpis.values())
+
+
+def test_a_theta_without_a_controller_is_a_failed_run(monkeypatch):
+    def refuse(*matrices):
+        raise np.linalg.LinAlgError("no finite solution")
+
+    monkeypatch.setattr(controllers, "solve_discrete_are", refuse)
+    scenario = named("cart-pole")
+    run = scenario.run(scenario.space.decode(np.full(len(scenario.space), 0.5)))
+    assert run.end is End.FAILED
+    assert len(run.t) == 0
+    assert all(value == np.inf for value in outcome(scenario, run).values())

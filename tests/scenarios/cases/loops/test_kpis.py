@@ -33,7 +33,7 @@ def test_each_kpi_is_what_its_sentence_says():
     assert found["error"] == pytest.approx(1 + 0.2 + 0.02 + 0.5)
     assert found["disturbance_peak"] == pytest.approx(0.5)
     assert found["effort"] == pytest.approx(np.sqrt((9 + 3 * 16) / 6))
-    assert found["input_noise"] == 1.0  # median of 3, 1, 0, 0, 4
+    assert found["input_noise"] == pytest.approx(8 / 5)  # mean of 3, 1, 0, 0, 4
     assert found["switches"] == 3
 
 
