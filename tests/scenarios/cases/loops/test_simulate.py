@@ -90,7 +90,7 @@ def test_state_feedback_integrates_the_error_away():
 
 
 def test_stages_with_hysteresis_switch_less():
-    noise = 0.05 * np.random.default_rng(0).standard_normal((1001, 1))
+    noise = 0.02 * np.random.default_rng(0).standard_normal((1001, 1))
 
     def switches(hysteresis):
         gains = pid(K=4.0, T_i=1.0, low=0.0, high=1.0)
