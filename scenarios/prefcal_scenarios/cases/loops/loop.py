@@ -8,12 +8,13 @@ from jaxtyping import Float
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.scenario import Panel, Scenario
+from prefcal_scenarios.scenario import KPI, Panel, Scenario
 
 from ._simulate import simulate
 from .controllers import OperatingPoint, Tunable
 from .kpis import compute_kpis, kpis_of
 from .plants import Plant
+from .wording import about_knob
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +107,13 @@ class Loop:
         )
         return Channels(self.states, self.inputs, y, self.timing.unit)
 
+    @property
+    def kpis(self) -> tuple[KPI, ...]:
+        """KPIs of an experiment."""
+        beside = None if self.beside is None else self.states[self.beside]
+        first, unit = self.channels.y[0], self.timing.unit
+        return kpis_of(first, self.inputs[0], unit, beside, self.staged)
+
     def run(
         self, theta: Float[np.ndarray, " n"], seed: int = 0, space: KnobSpace | None = None
     ) -> Experiment:
@@ -138,15 +146,14 @@ class Loop:
 
     def scenario(self) -> Scenario:
         """Return the loop as a scenario."""
-        first, time_unit = self.channels.y[0], self.timing.unit
-        beside = None if self.beside is None else self.states[self.beside]
-        shown = dict.fromkeys([c.name for c in self.channels.y] + ([beside.name] if beside else []))
+        beside = () if self.beside is None else (self.states[self.beside],)
+        shown = dict.fromkeys(c.name for c in (*self.channels.y, *beside))
         return Scenario(
             name=self.name,
             title=self.title,
-            space=self.space,
+            space=self.space.described({name: about_knob(name) for name in self.space.names}),
             run=self.run,
-            kpis=kpis_of(first, self.inputs[0], time_unit, beside, self.staged),
+            kpis=self.kpis,
             panels=tuple(Panel(name) for name in [*shown, *(c.name for c in self.inputs)]),
             brief=self.brief,
         )
@@ -200,5 +207,5 @@ class Loop:
         )  # fmt: skip
         if len(steps) == 0:
             return bare
-        kpis = compute_kpis(bare, self.timing.disturbed_at, self.task.u0[0], self.beside)
-        return replace(bare, kpis=kpis)
+        values = compute_kpis(bare, self.timing.disturbed_at, self.task.u0[0], self.beside)
+        return replace(bare, kpis={kpi.name: values[kpi.name] for kpi in self.kpis})

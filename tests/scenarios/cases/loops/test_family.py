@@ -49,10 +49,13 @@ def test_a_run_follows_from_theta_and_seed(name):
 def test_random_runs_are_what_the_scenario_promises(name):
     scenario = named(name)
     assert 3 <= len(scenario.space) <= 8
+    assert all(knob.about for knob in scenario.space)
+    assert all(kpi.about and kpi.better for kpi in scenario.kpis)
     ends = []
     for theta in drawn(scenario.space, 20):
         run = check_experiment(scenario, theta, scenario.run(theta))
         assert run.end in (End.TIME_UP, End.UNSAFE)
+        assert set(run.kpis) == {kpi.name for kpi in scenario.kpis}
         assert not any(np.isnan(value) for value in run.kpis.values())
         assert not any(np.isnan(value) for value in outcome(scenario, run).values())
         ends.append(run.end)
