@@ -120,28 +120,19 @@ def distillation(vary: Vary = nominal) -> Loop:
     )
 
 
+_COLD, _ROOM = 5.0, 18.0
+"""Outdoor and room temperature at the start, °C."""
+
+
 def building(vary: Vary = nominal) -> Loop:
     """Return a heated room: the radiator is heated in four stages, the walls store heat."""
-    air, inside, leak = 1 / vary(80.0), 1 / vary(60.0), 1 / vary(400.0)
-    wall, outside, radiator, heating = 1 / 600, 1 / 3000, 1 / 15, 0.5
-    cold, room = 5.0, 18.0
-    walls = (wall * room + outside * cold) / (wall + outside)
-    hot = room + (inside * (room - walls) + leak * (room - cold)) / air
-    power = (hot - room) / heating
+    plant, start, power = _heated_room(vary)
     return Loop(
         name="building",
         title="Heating with four stages",
         brief="A room is heated from 18 °C to 21 °C; later it gets colder outside. The heater has "
         "four stages, and every switch wears it.",
-        plant=Linear(
-            A=(
-                (-air - inside - leak, air, inside),
-                (radiator, -radiator, 0.0),
-                (wall, 0.0, -wall - outside),
-            ),
-            B=((0.0,), (radiator * heating,), (0.0,)),
-            E=((leak,), (0.0,), (outside,)),
-        ),
+        plant=plant,
         controller=PID(fixed={"stages": 4.0}),
         space=KnobSpace(
             [
@@ -160,7 +151,25 @@ def building(vary: Vary = nominal) -> Loop:
         ),
         inputs=(Channel("heating power", "%", 0, 100),),
         measured=(0,),
-        task=Task((room, hot, walls), (power,), (21.0,), ((cold, -2.0),), (0.05,)),
+        task=Task(start, (power,), (21.0,), ((_COLD, -2.0),), (0.05,)),
         timing=Timing(1.0, 960.0, 2.0, 480.0, unit="min"),
         staged=True,
     )
+
+
+def _heated_room(vary: Vary) -> tuple[Linear, tuple[float, ...], float]:
+    """Return a plant with time constants in min, its state [°C] and its power [%] at the start."""
+    air, inside, leak = 1 / vary(80.0), 1 / vary(60.0), 1 / vary(400.0)
+    wall, outside, radiator, heating = 1 / 600, 1 / 3000, 1 / 15, 0.5
+    walls = (wall * _ROOM + outside * _COLD) / (wall + outside)
+    hot = _ROOM + (inside * (_ROOM - walls) + leak * (_ROOM - _COLD)) / air
+    plant = Linear(
+        A=(
+            (-air - inside - leak, air, inside),
+            (radiator, -radiator, 0.0),
+            (wall, 0.0, -wall - outside),
+        ),
+        B=((0.0,), (radiator * heating,), (0.0,)),
+        E=((leak,), (0.0,), (outside,)),
+    )
+    return plant, (_ROOM, hot, walls), (hot - _ROOM) / heating
