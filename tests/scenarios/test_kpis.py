@@ -1,4 +1,4 @@
-"""KPIs of a scenario for an agent, what they say about a person, and how he takes it along."""
+"""KPIs of a scenario for an agent, what they say about a person, and how they are exported."""
 
 import json
 

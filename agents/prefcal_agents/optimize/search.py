@@ -20,7 +20,7 @@ from prefcal_env.errors import ProtocolError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
-Box = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
+Corners = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 
 _SCALES = (1e-4, 0.3)  # smallest and largest step around the incumbent, in units of the cube
 _APART = 0.1  # minimum distance between two starts of a descent, in the cube
@@ -56,7 +56,7 @@ class Domain:
     fixed: Bool[np.ndarray, " n"]
     snap: Callable[[Float[np.ndarray, "m n"]], Float[np.ndarray, "m n"]] = field(repr=False)
     start: Float[np.ndarray, " n"]
-    corners: Box
+    corners: Corners
 
     @classmethod
     def of(cls, space: KnobSpace, history: History) -> "Domain":

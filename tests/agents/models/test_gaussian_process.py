@@ -28,7 +28,7 @@ def test_it_goes_through_the_values_and_is_sure_there():
     assert np.all(deviation < 2e-3 * np.sqrt(PROCESS.variance))
 
 
-def test_it_foretells_what_lies_between_better_than_the_mean_and_knows_how_well():
+def test_it_predicts_what_lies_between_better_than_the_mean_and_knows_how_well():
     others = RNG.random((300, 3))
     true = np.sin(5 * others[:, 0]) + others[:, 1] ** 2
     mean, deviation = PROCESS(others)
@@ -167,7 +167,7 @@ POINTS = CHANCE.random((40, 3))
 PREFERENCES = chain(POINTS, bowl(POINTS))
 
 
-def test_it_keeps_the_answers_and_foretells_others():
+def test_it_keeps_the_answers_and_predicts_others():
     process = PreferenceGP.of(PREFERENCES)
     values = process(POINTS)
     gaps = values[PREFERENCES.first] - values[PREFERENCES.second]

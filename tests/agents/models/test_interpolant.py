@@ -1,4 +1,4 @@
-"""Interpolation of scores: exact on the samples, and honest about what it foretells."""
+"""Interpolation of scores: exact on the samples, and honest about how well it predicts."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def test_the_leave_one_out_error_is_what_leaving_one_out_gives():
     assert error == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=1e-4)
 
 
-def test_the_epsilon_that_foretells_best_is_chosen():
+def test_the_epsilon_that_predicts_best_is_chosen():
     narrow = best_interpolant(SAMPLES, VALUES, (0.5, 50.0), "inverse_quadratic")
     assert narrow.epsilon == 0.5
 

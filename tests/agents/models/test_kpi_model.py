@@ -66,7 +66,7 @@ def test_shares_run_from_the_best_to_the_worst_and_one_lost_run_does_not_flatten
     )
 
 
-def test_infinite_is_as_bad_as_can_be_and_a_missing_one_is_foretold():
+def test_infinite_is_as_bad_as_can_be_and_a_missing_one_is_predicted():
     outcomes = Outcomes.of(history_of({"k": [1.0, 2.0, np.inf, None, 3.0], "l": [5, 4, 3, 2, 1]}))
     column = outcomes.columns[:, outcomes.names.index("k")]
     assert column[2] == 1.0
@@ -169,7 +169,7 @@ def test_kpis_that_mislead_do_not_for_long(kpis):
     assert cost(study(kpis, 24, options=LEAN).best) < 0.02  # a corner has 25
 
 
-def test_kpis_that_explain_the_answers_help_to_foretell_others():
+def test_kpis_that_explain_the_answers_help_to_predict_others():
     """What is preferred goes up and down over θ too often for θ alone to tell."""
     samples = np.random.default_rng(0).random((41, 2))
     wave = np.sin(40 * samples[:, 0]) + np.cos(31 * samples[:, 1])

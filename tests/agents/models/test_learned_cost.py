@@ -1,4 +1,4 @@
-"""The index that a person could not write down: found again, foretelling, and as Python."""
+"""The index that a person could not write down: found again, tested on other answers, and as Python."""
 
 import subprocess
 import sys
@@ -89,7 +89,7 @@ def test_without_kpis_or_strict_answers_there_is_none():
     assert bare.index is None
 
 
-def test_one_answer_is_enough_to_begin_with_and_says_that_it_foretells_nothing():
+def test_one_answer_is_enough_to_begin_with_and_says_that_it_predicts_nothing():
     index = index_of(study(RandomSearch(SQUARE, n_max=12), honest, 3))
     assert index is None or not index.explains
 

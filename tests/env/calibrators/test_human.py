@@ -1,4 +1,4 @@
-"""A person in Python: his answers, sides shuffled and turned back."""
+"""A person in Python: their answers, sides shuffled and turned back."""
 
 import pytest
 

@@ -37,7 +37,7 @@ def test_equal_outcomes_are_equal_and_hash_alike_whatever_their_order():
     assert len({one, two, Outcome({"a": 2, "b": 0.0})}) == 2
 
 
-def test_it_cannot_be_changed_by_whoever_gave_it():
+def test_it_cannot_be_changed_by_the_one_who_gave_it():
     given_ = {"a": 1.0}
     outcome = Outcome(given_)
     given_["a"] = 2.0

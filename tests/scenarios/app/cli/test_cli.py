@@ -165,7 +165,7 @@ def test_glis_is_told_the_score_and_asks_nobody(prefcal, tmp_path):
         (["--answer-noise", "0.1"], "takes neither --tie-band nor --answer-noise"),
     ],
 )
-def test_whoever_is_told_scores_takes_no_calibrator(prefcal, words, complaint):
+def test_agents_that_learn_from_scores_take_no_calibrator(prefcal, words, complaint):
     code, _, err = prefcal("calibrate", TOY, "--agent", "glis", *words)
     assert code == 2
     assert complaint in err

@@ -91,7 +91,7 @@ def test_both_sides_are_shown_with_curves_and_numbers(interview, width):
 
 
 def test_keys_mean_what_they_mean_on_the_page():
-    """Somebody who changes the front end must not give a verdict that he does not mean."""
+    """People who change the front end must not give a verdict that they do not mean."""
     page = (files("prefcal_scenarios.app.web") / "static" / "keys.js").read_text("utf-8")
     on_page = {k.lower(): v for k, v in re.findall(r'\["([A-Z])", "([^"]+)"', page)}
     same = {

@@ -48,7 +48,7 @@ def test_failed_and_missing_cells_are_told():
     assert "3 of 4" in text
 
 
-def test_whoever_found_the_hole_of_the_reactor_s_index_is_named():
+def test_agents_that_found_the_hole_of_the_reactor_s_index_are_named():
     text = " ".join(printed(ends("GLIS", "cstr", [-0.27, 0.01])).split())
     assert "GLIS in 1 of 2 seeds" in text
 

@@ -18,7 +18,7 @@ export async function showStatus(now, act) {
   }
   const chosen = document.activeElement?.id === "pace"; // a change redraws everything
   fill(view, title, el("div", { class: "columns" }, bestCard(status.best), answers(now, status, act)),
-    cares(status.minded),
+    cares(status.kpi_importance),
     outlook(status.outlook),
     el("h3", {}, "θ tried"), legend(),
     figures("tried", status.tried.knobs, (knob) => `${knob.name} of every experiment`),

@@ -40,7 +40,7 @@ def status_view(interview: Interview, *, report: Path | None = None) -> dict[str
         "outlook": outlook_view(interview.outlook),
         "verdicts": _verdicts(interview),
         "questions": interview.questions,
-        "minded": _kpi_importance(interview),
+        "kpi_importance": _kpi_importance(interview),
         "report": report_view(report),
     }
 

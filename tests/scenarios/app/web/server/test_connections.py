@@ -101,7 +101,7 @@ def test_half_sent_bodies_are_dropped(window, method):
         assert all_are_closed(made, within=8)
 
 
-def test_whoever_was_slow_is_told(window):
+def test_a_slow_client_is_told(window):
     with ExitStack() as stack:
         (slow,) = opened(window, half_a_body(window), stack)
         slow.settimeout(5)

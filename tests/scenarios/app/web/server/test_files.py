@@ -23,7 +23,7 @@ def test_the_page_names_the_version_of_its_files(room, static):
     assert page.get("/static/main.js").headers["cache-control"] == "no-store"
 
 
-def test_files_are_packed_for_whoever_takes_that(room):
+def test_files_are_packed_for_clients_that_accept_it(room):
     asset = room.app.state.assets.get("main.js")
     room.app.state.assets.pack_all().join()
     packed = room.page(**{"accept-encoding": "br, gzip"}).get("/static/main.js")

@@ -92,9 +92,9 @@ def test_an_earlier_question_can_be_asked_again_once_there_is_one():
 
 def test_what_counts_is_drawn_once_the_answers_tell():
     interview = begin(toy, n_max=20, agent=LatinHypercube)
-    assert status_view(interview)["minded"] is None
+    assert status_view(interview)["kpi_importance"] is None
     answer_all(interview, lambda number: None)
-    found = status_view(interview)["minded"]
+    found = status_view(interview)["kpi_importance"]
     json.dumps(found, allow_nan=False)
     # The toy's cost is its settling time, but for a trifle.
     assert found["sentence"].startswith("You seem to care most about: settling time t_f")
@@ -111,7 +111,7 @@ def test_nothing_stands_out_of_answers_like_coin_tosses(seed):
     interview = begin(toy, n_max=20, agent=LatinHypercube)
     while (now := proceed(interview)).question is not None:
         interview.answer(now.question.id, rng.choice([Choice.LEFT, Choice.RIGHT]))
-    found = status_view(interview)["minded"]
+    found = status_view(interview)["kpi_importance"]
     assert found["sentence"].startswith("Nothing stands out yet: ")
 
 
