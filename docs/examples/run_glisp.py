@@ -1,7 +1,7 @@
 """Tune the reactor's controller by preferences: GLISp asks, a synthetic judge compares.
 
-Every agent that learns from preferences has the same methods: with `RandomSearch` in place of `GLISp`
-you see the bar that it has to clear.
+Every agent that learns from preferences has the same methods: `RandomSearch` in place of `GLISp`
+shows the bar that it has to clear.
 """
 
 import gymnasium as gym

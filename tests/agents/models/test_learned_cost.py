@@ -1,4 +1,4 @@
-"""The index that a person could not write down: found again, tested on other answers, and as Python."""
+"""The index that nobody could write down: found, tested on other answers, and as Python."""
 
 import subprocess
 import sys
