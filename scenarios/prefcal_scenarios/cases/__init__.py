@@ -1,1 +1,1 @@
-"""The cases that come with prefcal: the reactor, the overtaking and test functions."""
+"""The cases that come with prefcal: the reactor, the overtaking, closed loops, test functions."""

@@ -1,0 +1,101 @@
+"""Compiled fixed-step simulation of a closed loop: dead time, noise, disturbance, saturation.
+
+numba keeps the compiled code beside this file and checks only this file to see whether it is
+stale: after a change of `_derivatives.py` or `_laws.py`, touch this one.
+"""
+
+import math
+
+import numpy as np
+
+from prefcal_env.jit import inner, kernel
+
+from ._derivatives import derivative
+from ._laws import MEMORY, decide
+
+
+@kernel()
+def simulate(plant, control, signals, timing, start):  # type: ignore[no-untyped-def]
+    """Simulate K instants and return x (K, n_x), u (K, n_u) and how many instants are valid.
+
+    The simulation stops after the first state that is outside its limits or not finite; a state
+    that is not finite is not valid.
+
+    Args:
+        plant: Kind, parameters, and indices of the measured states (n_m,).
+        control: Kind of law, and its gains (rows, columns).
+        signals: Reference (K, n_m), disturbance (K, n_d) and measurement noise (K, n_m).
+        timing: Step, steps in a sampling period, and steps of dead time of the inputs.
+        start: State (n_x,) and inputs (n_u,) at the start, and limits of the states (n_x, 2).
+    """
+    kind, p, measured = plant
+    law, gains = control
+    reference, disturbance, noise = signals
+    dt, hold, delay = timing
+    x0, u0, limits = start
+    count, n_x = len(reference), len(x0)
+    x, u = np.zeros((count, n_x)), np.zeros((count, len(u0)))
+    memory, y = np.zeros((len(gains), MEMORY)), np.zeros(len(measured))
+    work = np.zeros((5, n_x))
+    _copy(x0, x[0])
+    for k in range(count):
+        if k % hold == 0:
+            for i in range(len(measured)):
+                y[i] = x[k, measured[i]] + noise[k, i]
+            decide(law, gains, reference[k], y, memory, hold * dt, u[k])
+        else:
+            _copy(u[k - 1], u[k])
+        if k + 1 < count:
+            applied = u[k - delay] if k >= delay else u0
+            _step(kind, p, x[k], applied, disturbance[k], dt, work, x[k + 1])
+            inside, finite = _within(x[k + 1], limits)
+            if not inside:
+                if finite:
+                    _copy(u[k], u[k + 1])
+                return x, u, k + 2 if finite else k + 1
+    return x, u, count
+
+
+@inner()
+def _copy(source, target):  # type: ignore[no-untyped-def]
+    """Copy a vector: assigning to a slice would take seconds to compile."""
+    for i in range(len(source)):
+        target[i] = source[i]
+
+
+@inner()
+def _step(kind, p, x, u, d, dt, work, out):  # type: ignore[no-untyped-def]
+    """Write the state after one Runge-Kutta step of order 4 to `out`."""
+    k1, k2, k3, k4, between = work[0], work[1], work[2], work[3], work[4]
+    derivative(kind, p, x, u, d, k1)
+    for i in range(len(x)):
+        between[i] = x[i] + dt / 2 * k1[i]
+    derivative(kind, p, between, u, d, k2)
+    for i in range(len(x)):
+        between[i] = x[i] + dt / 2 * k2[i]
+    derivative(kind, p, between, u, d, k3)
+    for i in range(len(x)):
+        between[i] = x[i] + dt * k3[i]
+    derivative(kind, p, between, u, d, k4)
+    for i in range(len(x)):
+        out[i] = x[i] + dt / 6 * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i])
+
+
+@inner()
+def _within(x, limits):  # type: ignore[no-untyped-def]
+    """Return whether the state is within its limits, and whether it is finite."""
+    inside, finite = True, True
+    for i in range(len(x)):
+        if not math.isfinite(x[i]):
+            finite = False
+        if not (limits[i, 0] <= x[i] <= limits[i, 1]):
+            inside = False
+    return inside, finite
+
+
+@kernel()
+def rhs(kind, p, x, u, d):  # type: ignore[no-untyped-def]
+    """Return ẋ of the plant `kind` with parameters `p`, shape (n_x,)."""
+    dx = np.zeros(len(x))
+    derivative(kind, p, x, u, d, dx)
+    return dx

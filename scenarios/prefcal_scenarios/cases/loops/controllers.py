@@ -1,0 +1,166 @@
+"""Controllers that people tune: from the values of the knobs to the gains of a compiled law."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import expm, solve_discrete_are
+
+from . import _laws as laws
+from .plants import Plant, linearized
+
+Values = Mapping[str, float]
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class OperatingPoint:
+    """Where a loop starts, and what its inputs allow.
+
+    Args:
+        plant: Plant of the loop.
+        x: State, shape (n_x,).
+        u: Inputs, shape (n_u,).
+        d: Disturbance, shape (n_d,).
+        limits: Lowest and highest value of each input, shape (n_u, 2).
+    """
+
+    plant: Plant
+    x: Float[np.ndarray, " n_x"]
+    u: Float[np.ndarray, " n_u"]
+    d: Float[np.ndarray, " n_d"]
+    limits: Float[np.ndarray, "n_u 2"]
+
+
+class Tunable(Protocol):
+    """A kind of controller."""
+
+    @property
+    def law(self) -> int:
+        """Number of its law, see `_laws`."""
+
+    def gains(self, values: Values, T_s: float, at: OperatingPoint) -> Float[np.ndarray, "r c"]:
+        """Return the gains of the law for the values of the knobs, by name."""
+
+
+_DEFAULTS: Values = {"T_i": np.inf, "T_d": 0.0, "T_f": 0.0, "b": 1.0, "stages": 0, "hysteresis": 0}
+
+
+@dataclass(frozen=True, slots=True)
+class PID:
+    """One PID for each input: u = K (b r - y_f) + integral - K T_d dy_f/dt, limited.
+
+    The knobs are K, T_i, T_d, T_f (filter of the measurement), b (set-point weight), T_t (of the
+    anti-windup; T_i by default), stages (of the input; 0 for continuous) and hysteresis (share of
+    a stage). Times are in the loop's unit.
+
+    Args:
+        suffixes: Suffix of the knobs of each PID, such as "_1" in K_1. A value without a suffix
+            applies to every PID.
+        fixed: Values that are not tuned.
+        signs: Sign of the gain of each PID; -1 if a larger input lowers the output.
+    """
+
+    suffixes: tuple[str, ...] = ("",)
+    fixed: Values = field(default_factory=dict)
+    signs: tuple[float, ...] = ()
+
+    @property
+    def law(self) -> int:
+        """One PID for each input."""
+        return laws.PID
+
+    def gains(self, values: Values, T_s: float, at: OperatingPoint) -> Float[np.ndarray, "r c"]:
+        """Return one row for each PID."""
+        values, signs = {**self.fixed, **values}, self.signs or (1.0,) * len(self.suffixes)
+        return np.array(
+            [
+                _row(values, suffix, sign, bias, limits)
+                for suffix, sign, bias, limits in zip(
+                    self.suffixes, signs, at.u, at.limits, strict=True
+                )
+            ]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Cascade:
+    """Two PIDs: the outer one sets the reference of the inner one.
+
+    The knobs are those of `PID` with the suffixes "_outer" and "_inner".
+
+    Args:
+        inner_start: Reference of the inner loop at the start.
+        inner_range: Lowest and highest reference of the inner loop.
+        fixed: Values that are not tuned.
+    """
+
+    inner_start: float
+    inner_range: Range
+    fixed: Values = field(default_factory=dict)
+
+    @property
+    def law(self) -> int:
+        """A cascade."""
+        return laws.CASCADE
+
+    def gains(self, values: Values, T_s: float, at: OperatingPoint) -> Float[np.ndarray, "r c"]:
+        """Return the rows of the outer and of the inner PID."""
+        values = {**self.fixed, **values}
+        outer = _row(values, "_outer", 1.0, self.inner_start, self.inner_range)
+        return np.array([outer, _row(values, "_inner", 1.0, at.u[0], at.limits[0])])
+
+
+@dataclass(frozen=True, slots=True)
+class LQR:
+    """Linear quadratic regulator with integral action, for one input and all states measured.
+
+    It minimizes Σ x'Qx + q z² + R u² for the linearized plant with a zero-order hold, where z is
+    the integrated error of the first state. The knobs are the weights Q_1, Q_2, ... of the states,
+    Q_z of the integral, R, and T_s.
+
+    Args:
+        fixed: Values that are not tuned.
+    """
+
+    fixed: Values = field(default_factory=dict)
+
+    @property
+    def law(self) -> int:
+        """A state feedback."""
+        return laws.FEEDBACK
+
+    def gains(self, values: Values, T_s: float, at: OperatingPoint) -> Float[np.ndarray, "r c"]:
+        """Return the row K, K_z, bias, low, high; K solves the discrete Riccati equation."""
+        values = {**self.fixed, **values}
+        A, B = linearized(at.plant, at.x, at.u, at.d)
+        n = len(A)
+        M = np.zeros((n + 2, n + 2))  # x, z and u, with ż = x_1 and u̇ = 0
+        M[:n, :n], M[:n, n + 1 :], M[n, 0] = A, B, 1.0
+        held = expm(M * T_s)
+        A_d, B_d = held[: n + 1, : n + 1], held[: n + 1, n + 1 :]
+        weights = [*(values.get(f"Q_{i}", 0.0) for i in range(1, n + 1)), values["Q_z"]]
+        Q, R = np.diag(weights) * T_s, np.array([[values["R"] * T_s]])
+        S = solve_discrete_are(A_d, B_d, Q, R)
+        K = np.linalg.solve(R + B_d.T @ S @ B_d, B_d.T @ S @ A_d)
+        return np.hstack([K, [[at.u[0], *at.limits[0]]]])
+
+
+def _row(
+    values: Values, suffix: str, sign: float, bias: float, limits: Range | Float[np.ndarray, " 2"]
+) -> list[float]:
+    """Return the gains of one PID, in the order of the columns in `_laws`."""
+
+    def value(name: str) -> float:
+        plain = values.get(name, _DEFAULTS.get(name, np.nan))
+        return float(values.get(f"{name}{suffix}", plain))
+
+    T_i = value("T_i")
+    T_t = value("T_t")
+    return [
+        sign * value("K"), T_i, value("T_d"), value("T_f"), value("b"),
+        T_i if np.isnan(T_t) else T_t, bias, limits[0], limits[1],
+        value("stages"), value("hysteresis"),
+    ]  # fmt: skip

@@ -1,0 +1,211 @@
+"""A closed loop to tune: plant, controller and task as data, and how one experiment runs."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.experiments.end import End
+from prefcal_env.experiments.experiment import Channel, Channels, Experiment
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_scenarios.scenario import KPI, Panel, Scenario
+
+from ._simulate import simulate
+from .controllers import OperatingPoint, Tunable
+from .kpis import compute_kpis, kpis_of
+from .plants import Plant
+from .wording import about_knob
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Times of a loop, all in `unit`.
+
+    Args:
+        step: Step of the simulation.
+        horizon: Length of an experiment.
+        T_s: Sampling time of the controller; a knob called T_s replaces it. It is rounded to a
+            multiple of `step`.
+        disturbed_at: Time at which the disturbance sets in.
+        dead_time: Dead time of the inputs.
+        unit: Unit of time.
+    """
+
+    step: float
+    horizon: float
+    T_s: float
+    disturbed_at: float
+    dead_time: float = 0.0
+    unit: str = "s"
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What happens in an experiment. It starts in a steady state.
+
+    Args:
+        x0: State at the start.
+        u0: Inputs at the start.
+        target: Reference of each measured state from the start on.
+        disturbance: Disturbance before and after it sets in, for each of its components.
+        noise: Standard deviation of the noise of each measured state.
+    """
+
+    x0: tuple[float, ...]
+    u0: tuple[float, ...]
+    target: tuple[float, ...]
+    disturbance: tuple[tuple[float, float], ...]
+    noise: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A closed loop whose controller is tuned.
+
+    A run ends as unsafe if a state leaves the limits of its channel, and as failed if there is no
+    controller for θ.
+
+    Args:
+        name: Short name.
+        title: Title for headings.
+        brief: Description of the task for the person who compares.
+        plant: Plant with its parameters.
+        controller: Kind of controller.
+        space: Knobs, named as in the controller.
+        states: Channels of the states. Their limits are those of safe operation.
+        inputs: Channels of the inputs. Their limits saturate the inputs.
+        measured: Indices of the measured states; the first one's reference steps.
+        task: What happens in an experiment.
+        timing: Times.
+        controlled: Number of measured states, from the first, with a reference for people.
+        beside: Index of a state that the step should not move much; None if there is none.
+        staged: Whether the input has stages.
+    """
+
+    name: str
+    title: str
+    brief: str
+    plant: Plant
+    controller: Tunable
+    space: KnobSpace
+    states: tuple[Channel, ...]
+    inputs: tuple[Channel, ...]
+    measured: tuple[int, ...]
+    task: Task
+    timing: Timing
+    controlled: int = 1
+    beside: int | None = None
+    staged: bool = False
+
+    @property
+    def channels(self) -> Channels:
+        """Channels of an experiment."""
+        outputs = zip(self.measured[: self.controlled], self.task.target, strict=False)
+        y = tuple(
+            Channel(self.states[i].name, self.states[i].unit, target=target)
+            for i, target in outputs
+        )
+        return Channels(self.states, self.inputs, y, self.timing.unit)
+
+    @property
+    def kpis(self) -> tuple[KPI, ...]:
+        """KPIs of an experiment."""
+        beside = None if self.beside is None else self.states[self.beside]
+        first, unit = self.channels.y[0], self.timing.unit
+        return kpis_of(first, self.inputs[0], unit, beside, self.staged)
+
+    def run(
+        self, theta: Float[np.ndarray, " n"], seed: int = 0, space: KnobSpace | None = None
+    ) -> Experiment:
+        """Run one experiment of θ, physical, shape (n,); deterministic for θ and `seed`.
+
+        The seed draws the measurement noise, which does not depend on θ.
+
+        Raises:
+            KnobError: If θ has the wrong shape, is NaN, or is outside `space`.
+        """
+        theta = (space or self.space).check(theta)
+        values = dict(zip(self.space.names, theta.tolist(), strict=True))
+        hold = max(round(values.get("T_s", self.timing.T_s) / self.timing.step), 1)
+        try:
+            gains = self.controller.gains(values, hold * self.timing.step, self.start())
+        except np.linalg.LinAlgError:
+            return self._experiment(theta, np.zeros((0, 0)), np.zeros((0, 0)), hold)
+        x, u = self._simulated(gains, hold, seed)
+        return self._experiment(theta, x, u, hold)
+
+    def start(self) -> OperatingPoint:
+        """Return where the loop starts."""
+        return OperatingPoint(
+            plant=self.plant,
+            x=np.array(self.task.x0, dtype=float),
+            u=np.array(self.task.u0, dtype=float),
+            d=np.array([before for before, _ in self.task.disturbance], dtype=float),
+            limits=np.array([(c.low, c.high) for c in self.inputs], dtype=float),
+        )
+
+    def scenario(self) -> Scenario:
+        """Return the loop as a scenario."""
+        beside = () if self.beside is None else (self.states[self.beside],)
+        shown = dict.fromkeys(c.name for c in (*self.channels.y, *beside))
+        return Scenario(
+            name=self.name,
+            title=self.title,
+            space=self.space.described({name: about_knob(name) for name in self.space.names}),
+            run=self.run,
+            kpis=self.kpis,
+            panels=tuple(Panel(name) for name in [*shown, *(c.name for c in self.inputs)]),
+            brief=self.brief,
+        )
+
+    def _simulated(
+        self, gains: Float[np.ndarray, "r c"], hold: int, seed: int
+    ) -> tuple[Float[np.ndarray, "K n_x"], Float[np.ndarray, "K n_u"]]:
+        """Return states and inputs at the instants of the simulation until it stopped."""
+        timing, task, at = self.timing, self.task, self.start()
+        count = round(timing.horizon / timing.step) + 1
+        noise = np.random.default_rng(seed).standard_normal((count, len(task.noise)))
+        disturbed = np.arange(count) * timing.step >= timing.disturbed_at
+        levels = np.array(task.disturbance, dtype=float)  # (n_d, 2)
+        x, u, valid = simulate(
+            (self.plant.kind, self.plant.parameters(), np.array(self.measured, dtype=np.int64)),
+            (self.controller.law, gains),
+            (
+                np.tile(np.array(task.target, dtype=float), (count, 1)),
+                np.where(disturbed[:, None], levels[:, 1], levels[:, 0]),
+                noise * np.array(task.noise, dtype=float),
+            ),
+            (timing.step, hold, round(timing.dead_time / timing.step)),
+            (at.x, at.u, np.array([(c.low, c.high) for c in self.states], dtype=float)),
+        )
+        return x[:valid], u[:valid]
+
+    def _experiment(
+        self,
+        theta: Float[np.ndarray, " n"],
+        x: Float[np.ndarray, "K n_x"],
+        u: Float[np.ndarray, "K n_u"],
+        hold: int,
+    ) -> Experiment:
+        """Return the record with its KPIs."""
+        channels, count = self.channels, len(x)
+        steps = np.arange(0, max(count - 1, 0), hold)
+        last = x[-1] if count else []
+        safe = all(c.low <= v <= c.high for c, v in zip(self.states, last, strict=False))
+        whole = count == round(self.timing.horizon / self.timing.step) + 1
+        end = End.FAILED if not count else End.TIME_UP if whole and safe else End.UNSAFE
+        target = np.array(self.task.target[: self.controlled], dtype=float)
+        bare = Experiment(
+            theta=theta, t=np.arange(count) * self.timing.step,
+            x=x.reshape(count, len(channels.x)), u=u.reshape(count, len(channels.u)),
+            t_control=steps * self.timing.step,
+            u_control=u[steps].reshape(len(steps), len(channels.u)),
+            y_ref=np.tile(target, (len(steps), 1)),
+            iterations=np.zeros(len(steps), dtype=np.int64),
+            solve_time=np.zeros(len(steps)), solved=np.ones(len(steps), dtype=bool),
+            channels=channels, end=end,
+        )  # fmt: skip
+        if len(steps) == 0:
+            return bare
+        values = compute_kpis(bare, self.timing.disturbed_at, self.task.u0[0], self.beside)
+        return replace(bare, kpis={kpi.name: values[kpi.name] for kpi in self.kpis})

@@ -1,0 +1,175 @@
+"""Four plants of the process industry and of buildings, with several PIDs or a staged input."""
+
+from math import sqrt
+
+from prefcal_env.experiments.experiment import Channel
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
+
+from ._derivatives import GRAVITY
+from .basic import ratio
+from .controllers import PID
+from .loop import Loop, Task, Timing
+from .plants import Linear, QuadrupleTank, Tank
+from .vary import Vary, nominal
+
+_WEIGHT = Knob("b", 0.0, 1.0)
+
+
+def tank(vary: Vary = nominal) -> Loop:
+    """Return a tank that widens upwards, so that its gain depends on the level."""
+    plant = Tank(bottom=vary(0.05), widening=vary(0.25), outlet=vary(4e-4), pump_gain=4e-5)
+    start, target = 0.3, 0.6
+    flow = plant.outlet * sqrt(2 * GRAVITY * start)
+    return Loop(
+        name="tank",
+        title="PID of a tank that widens upwards",
+        brief="The level of a tank is raised from 0.3 m to 0.6 m; later a leak opens. The tank "
+        "must neither run dry nor overflow.",
+        plant=plant,
+        controller=PID(),
+        space=KnobSpace(
+            [
+                ratio("K", 20.0, 2000.0, "%/m"),
+                ratio("T_i", 10.0, 1000.0, "s"),
+                ratio("T_d", 0.2, 20.0, "s"),
+                ratio("T_f", 0.5, 50.0, "s"),
+                _WEIGHT,
+                ratio("T_t", 5.0, 500.0, "s"),
+            ]
+        ),
+        states=(Channel("level", "m", 0.0, 1.0), Channel("pump flow", "m³/s")),
+        inputs=(Channel("pump power", "%", 0, 100),),
+        measured=(0,),
+        task=Task((start, flow), (flow / plant.pump_gain,), (target,), ((0.0, -4e-4),), (0.003,)),
+        timing=Timing(1.0, 600.0, 2.0, 300.0),
+    )
+
+
+def quadruple_tank(vary: Vary = nominal) -> Loop:
+    """Return Johansson's quadruple tank with a PI for each lower tank."""
+    plant = QuadrupleTank(outlet_1=vary(7.1e-6), outlet_2=vary(5.7e-6), pump_gain=vary(3.3e-6))
+    u = 3.0
+    up_1, up_2 = (1 - plant.share_2) * u, (1 - plant.share_1) * u
+    flows = (
+        (plant.share_1 * u + up_1, plant.outlet_1),
+        (plant.share_2 * u + up_2, plant.outlet_2),
+        (up_1, plant.outlet_3),
+        (up_2, plant.outlet_4),
+    )
+    levels = tuple((plant.pump_gain * flow / a) ** 2 / (2 * GRAVITY) for flow, a in flows)
+    return Loop(
+        name="quadruple-tank",
+        title="Two PIs of four tanks",
+        brief="Two pumps fill four tanks, and each pump acts on both lower tanks. The level of "
+        "tank 1 is raised by 3 cm while that of tank 2 stays; later more water flows into tank 1.",
+        plant=plant,
+        controller=PID(suffixes=("_1", "_2")),
+        space=KnobSpace(
+            [
+                ratio("K_1", 5.0, 500.0, "V/m"),
+                ratio("T_i_1", 5.0, 500.0, "s"),
+                ratio("K_2", 5.0, 500.0, "V/m"),
+                ratio("T_i_2", 5.0, 500.0, "s"),
+                ratio("T_f", 0.5, 50.0, "s"),
+                _WEIGHT,
+            ]
+        ),
+        states=tuple(Channel(f"level {i}", "m", -0.001, 1.0) for i in range(1, 5)),
+        inputs=(Channel("pump 1", "V", 0, 10), Channel("pump 2", "V", 0, 10)),
+        measured=(0, 1),
+        task=Task(levels, (u, u), (levels[0] + 0.03, levels[1]), ((0.0, 2e-6),), (5e-4, 5e-4)),
+        timing=Timing(1.5, 900.0, 3.0, 450.0),
+        controlled=2,
+        beside=1,
+    )
+
+
+def distillation(vary: Vary = nominal) -> Loop:
+    """Return Skogestad's distillation column (LV configuration) with two PIs."""
+    lag = vary(75.0)
+    gains = ((0.878, -0.864), (1.082, -1.096))
+    return Loop(
+        name="distillation",
+        title="Two PIs of a distillation column",
+        brief="Reflux and boilup act almost alike on the purity at the top and at the bottom. The "
+        "top is raised by 0.5 % while the bottom stays; later the feed changes.",
+        plant=Linear(
+            A=((-1 / lag, 0.0), (0.0, -1 / lag)),
+            B=tuple(tuple(g / lag for g in row) for row in gains),
+            E=((0.5 / lag,), (0.6 / lag,)),
+        ),
+        controller=PID(suffixes=("_1", "_2"), signs=(1.0, -1.0)),
+        space=KnobSpace(
+            [
+                ratio("K_1", 1.0, 60.0, "kmol/(min %)"),
+                ratio("T_i_1", 3.0, 300.0, "min"),
+                ratio("K_2", 1.0, 60.0, "kmol/(min %)"),
+                ratio("T_i_2", 3.0, 300.0, "min"),
+                ratio("T_f", 0.2, 20.0, "min"),
+                _WEIGHT,
+            ]
+        ),
+        states=(Channel("top", "%", -20, 20), Channel("bottom", "%", -20, 20)),
+        inputs=(Channel("reflux", "kmol/min", -50, 50), Channel("boilup", "kmol/min", -50, 50)),
+        measured=(0, 1),
+        task=Task((0.0, 0.0), (0.0, 0.0), (0.5, 0.0), ((0.0, 1.0),), (0.005, 0.005)),
+        timing=Timing(0.5, 400.0, 1.0, 200.0, dead_time=vary(1.0), unit="min"),
+        controlled=2,
+        beside=1,
+    )
+
+
+_COLD, _ROOM = 5.0, 18.0
+"""Outdoor and room temperature at the start, °C."""
+
+
+def building(vary: Vary = nominal) -> Loop:
+    """Return a heated room: the radiator is heated in four stages, the walls store heat."""
+    plant, start, power = _heated_room(vary)
+    return Loop(
+        name="building",
+        title="Heating with four stages",
+        brief="A room is heated from 18 °C to 21 °C; later it gets colder outside. The heater has "
+        "four stages, and every switch wears it.",
+        plant=plant,
+        controller=PID(fixed={"stages": 4.0}),
+        space=KnobSpace(
+            [
+                ratio("K", 2.0, 200.0, "%/K"),
+                ratio("T_i", 10.0, 1000.0, "min"),
+                ratio("T_d", 0.5, 50.0, "min"),
+                ratio("T_f", 0.5, 50.0, "min"),
+                _WEIGHT,
+                Knob("hysteresis", 0.0, 0.5),
+            ]
+        ),
+        states=(
+            Channel("room temperature", "°C", 0, 40),
+            Channel("radiator temperature", "°C"),
+            Channel("wall temperature", "°C"),
+        ),
+        inputs=(Channel("heating power", "%", 0, 100),),
+        measured=(0,),
+        task=Task(start, (power,), (21.0,), ((_COLD, -2.0),), (0.05,)),
+        timing=Timing(1.0, 960.0, 2.0, 480.0, unit="min"),
+        staged=True,
+    )
+
+
+def _heated_room(vary: Vary) -> tuple[Linear, tuple[float, ...], float]:
+    """Return a plant with time constants in min, its state [°C] and its power [%] at the start."""
+    air, inside, leak = 1 / vary(80.0), 1 / vary(60.0), 1 / vary(400.0)
+    wall, outside, radiator, heating = 1 / 600, 1 / 3000, 1 / 15, 0.5
+    walls = (wall * _ROOM + outside * _COLD) / (wall + outside)
+    hot = _ROOM + (inside * (_ROOM - walls) + leak * (_ROOM - _COLD)) / air
+    plant = Linear(
+        A=(
+            (-air - inside - leak, air, inside),
+            (radiator, -radiator, 0.0),
+            (wall, 0.0, -wall - outside),
+        ),
+        B=((0.0,), (radiator * heating,), (0.0,)),
+        E=((leak,), (0.0,), (outside,)),
+    )
+    return plant, (_ROOM, hot, walls), (hot - _ROOM) / heating
