@@ -13,7 +13,7 @@ from prefcal_env.errors import SettingsError
 from .problems import problem
 from .roster import entry
 
-FORMAT = 1
+FORMAT = 2
 """Format of keys and results; raised when older results must not be reused."""
 T = TypeVar("T")
 

@@ -75,7 +75,7 @@ def rounds(results: Sequence[Result]) -> tuple[Round, ...]:
     groups: dict[tuple[str, str, int], dict[str, Theta]] = {}
     for result in sorted(results, key=lambda result: result.cell):
         cell = result.cell
-        if result.failure or problem(cell.problem).has_cost:
+        if result.failure or result.gaps is not None or result.worth is not None:
             continue
         group = groups.setdefault((cell.problem, cell.calibrator, cell.seed), {})
         if cell.agent in group:
@@ -87,6 +87,8 @@ def rounds(results: Sequence[Result]) -> tuple[Round, ...]:
 def play(round_: Round) -> tuple[Duel, ...]:
     """Compare all pairs of a round by the referee, which is never wrong."""
     where = problem(round_.problem)
+    referee = where.referee
+    assert referee is not None  # there is one wherever there are calibrators
     thetas = {name: np.array(theta) for name, theta in round_.thetas}
     if where.paper is not None:
         thetas[PAPER] = where.paper
@@ -95,7 +97,7 @@ def play(round_: Round) -> tuple[Duel, ...]:
     return tuple(
         Duel(
             round_.problem, round_.calibrator, agent, rival, round_.seed,
-            int(prefer(where.referee, outcomes[agent], outcomes[rival])),
+            int(prefer(referee, outcomes[agent], outcomes[rival])),
         )
         for agent, rival in combinations(outcomes, 2)
     )  # fmt: skip

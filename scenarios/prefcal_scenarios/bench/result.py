@@ -33,6 +33,12 @@ class Result:
         failure: Reason why the cell failed; all other fields are then empty.
         seconds: Time of a proposal at the end (median of the last five), measured in serial runs
             only and ignored when results are compared.
+        worth: Worth of the θ that the agent would return after each experiment, N values, see
+            `prefcal_scenarios.tastes.worth`; None if there is no pool.
+        kpi_names: Names of the scenario's KPIs.
+        kpis: KPIs of each experiment, N rows in that order; empty if the problem has none.
+        comparisons: Challenger, incumbent and answer of each question: -1 if the challenger is
+            better, 0 for a tie, 1 if the incumbent is; empty if the agent is told values.
 
     Raises:
         SettingsError: If lengths do not fit each other, or there are NaN values.
@@ -46,16 +52,22 @@ class Result:
     best: Theta
     failure: str = ""
     seconds: float | None = None
+    worth: tuple[float, ...] | None = None
+    kpi_names: tuple[str, ...] = ()
+    kpis: tuple[tuple[float, ...], ...] = ()
+    comparisons: tuple[tuple[int, int, int], ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.thetas)
-        for name in ("gaps", "visited", "questions"):
+        for name in ("gaps", "visited", "questions", "worth"):
             column = getattr(self, name)
             if column is not None and len(column) != count:
                 raise SettingsError(f"{name} must have {count} values, got {len(column)}")
         if (count == 0) != bool(self.failure):
             raise SettingsError("a result must have experiments, or else say why the cell failed")
-        rows = (*self.thetas, self.best, self.gaps or (), self.visited or ())
+        if self.kpis and len(self.kpis) != count:
+            raise SettingsError(f"kpis must have {count} rows, got {len(self.kpis)}")
+        rows = (*self.thetas, self.best, self.gaps or (), self.visited or (), self.worth or ())
         if any(isnan(value) for row in rows for value in row):
             raise SettingsError(f"a result of {self.cell} must hold numbers, got NaN")
 

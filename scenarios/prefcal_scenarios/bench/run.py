@@ -2,7 +2,7 @@
 
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from statistics import median
 from typing import Any
@@ -11,12 +11,12 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.protocol.agent import one_thread
-from prefcal_env.errors import BenchmarkError, MissingExtraError, ProtocolError, SettingsError
+from prefcal_env.errors import BenchmarkError, MissingExtraError, ProtocolError
 from prefcal_env.preferences.answer import Answer, Preference, Query, Suggestion
 from prefcal_env.preferences.loop import ask_and_tell
 
 from .cell import Cell
-from .problems import Judge, Outcome, Problem, prefer, problem
+from .problems import Outcome, Person, Problem, prefer, problem
 from .result import Result
 from .roster import entry
 
@@ -61,14 +61,9 @@ def _run(cell: Cell, clock: Clock | None, key: str) -> Result:
         raise BenchmarkError(
             f"this worker has another version of {cell.agent}, {cell.problem} or prefcal"
         )
-    if cell.calibrator not in where.calibrators:
-        raise SettingsError(
-            f"calibrator of {cell.problem} must be one of {', '.join(where.calibrators)}, "
-            f"got {cell.calibrator!r}"
-        )
-    judge = where.calibrators[cell.calibrator](cell.seed)
+    person = where.person(cell.calibrator, cell.seed)
     agent = one.make(where.space, cell.n_init, cell.n_max, cell.seed)
-    study = _Study(agent, where, judge if one.kind == "preference" else None, cell.n_max, clock)
+    study = _Study(agent, where, person, cell.n_max, clock, by_value=one.kind == "value")
     study.run()
     return study.result(cell)
 
@@ -76,40 +71,50 @@ def _run(cell: Cell, clock: Clock | None, key: str) -> Result:
 class _Study:
     """Study of one agent; outcomes are kept by θ, so that none is computed twice.
 
-    The loop asks and tells the study, which watches that the agent keeps the rules. Without a
-    judge the agent gets costs.
+    The loop asks and tells the study, which watches that the agent keeps the rules. With
+    `by_value` the agent is told costs, otherwise verdicts.
     """
 
     def __init__(
-        self, agent: Any, where: Problem, judge: Judge | None, n_max: int, clock: Clock | None
+        self,
+        agent: Any,
+        where: Problem,
+        person: Person,
+        n_max: int,
+        clock: Clock | None,
+        *,
+        by_value: bool,
     ) -> None:
-        self._agent, self._where, self._judge = agent, where, judge
-        self._n_max, self._clock = n_max, clock
+        self._agent, self._where, self._person = agent, where, person
+        self._n_max, self._clock, self._by_value = n_max, clock, by_value
         self._known: dict[bytes, Outcome] = {}
         self._thetas: list[Float[np.ndarray, " n"]] = []
         self._gaps: list[float] = []
+        self._worth: list[float] = []
+        self._comparisons: list[tuple[int, int, int]] = []
         self._questions: list[int] = []
         self._seconds: list[float] = []
         self._asked = 0
 
     def run(self) -> None:
         """Answer until the agent is done, recording its state after each answer."""
-        questions = 0
-        for step in ask_and_tell(self, self._outcome, self._answer):
-            questions += step.incumbent is not None and self._judge is not None
+        for _ in ask_and_tell(self, self._outcome, self._answer):
             row = len(self._thetas) - 1
-            self._questions[row:] = [questions]
-            if self._where.has_cost:
-                self._gaps[row:] = [self._where.gap(self._outcome(self._agent.best))]
+            self._questions[row:] = [len(self._comparisons)]
+            person = self._person
+            for score, scores in ((person.gap, self._gaps), (person.worth, self._worth)):
+                if score is not None:
+                    scores[row:] = [score(self._outcome(self._agent.best))]
 
     def _answer(self, new: Outcome, old: Outcome | None) -> Answer | Preference | float | None:
         """Return what the agent is told: a cost, a verdict, or a verdict with KPIs."""
-        if self._judge is None:
-            return new.cost
-        verdict = None if old is None else prefer(self._judge, new, old)
+        told = self._person.told
+        if self._by_value:
+            return self._person.cost(new)
+        verdict = None if old is None else prefer(self._person.judge, new, old)
         if new.kpis is None:
             return verdict
-        return Answer(verdict, outcomes=(new.kpis, None if old is None else old.kpis))
+        return Answer(verdict, outcomes=(told(new), None if old is None else told(old)))
 
     @property
     def done(self) -> bool:
@@ -117,8 +122,14 @@ class _Study:
         return bool(self._agent.done)
 
     def tell(self, query: Query, answer: Answer | Preference | float | None) -> None:
-        """Pass the answer on."""
+        """Pass the answer on, and note it if it compares two experiments."""
         self._agent.tell(query, answer)
+        if query.incumbent is None or self._by_value or isinstance(answer, float):
+            return
+        verdict = Answer.of(answer).preference
+        assert verdict is not None  # see `prefer`
+        pair = (query.challenger.index, query.incumbent.index)
+        self._comparisons.append((*pair, int(verdict)))
 
     def ask(self) -> Query:
         """Return the agent's query, timed and checked.
@@ -160,17 +171,26 @@ class _Study:
 
     def result(self, cell: Cell) -> Result:
         """Return the result of the study."""
-        gaps, visited = None, None
-        if self._where.has_cost:
-            gaps = tuple(self._gaps)
-            each = [self._where.gap(self._outcome(theta)) for theta in self._thetas]
-            visited = tuple(np.minimum.accumulate(each).tolist())
+        gap, outcomes = self._person.gap, [self._outcome(theta) for theta in self._thetas]
+        visited = None if gap is None else np.minimum.accumulate([gap(one) for one in outcomes])
+        names = self._where.kpi_names
         return Result(
             cell,
             thetas=tuple(tuple(theta.tolist()) for theta in self._thetas),
-            gaps=gaps,
-            visited=visited,
+            gaps=tuple(self._gaps) or None,
+            visited=None if visited is None else tuple(visited.tolist()),
+            worth=tuple(self._worth) or None,
+            kpi_names=names,
+            kpis=tuple(_kpis(one, names) for one in outcomes if names),
+            comparisons=tuple(self._comparisons),
             questions=tuple(self._questions),
             best=tuple(np.asarray(self._agent.best, dtype=float).tolist()),
             seconds=median(self._seconds[-_LAST:]) if self._seconds else None,
         )
+
+
+def _kpis(outcome: Outcome, names: Sequence[str]) -> tuple[float, ...]:
+    """Return the KPIs in order; one that an experiment lacks is infinite."""
+    measured = {} if outcome.experiment is None else outcome.experiment.kpis
+    values = [float(measured.get(name, np.inf)) for name in names]
+    return tuple(np.inf if np.isnan(value) else value for value in values)

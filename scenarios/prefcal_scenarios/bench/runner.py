@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
+from prefcal_scenarios.tastes import TASTES
+
 from .cell import Cell
 from .duels import Duel, Round, play, rounds
 from .engine import Lost, Workers, each
+from .problems import problem
 from .result import Result, digest
-from .run import run_cell
+from .run import alone, run_cell
 from .store import Store
 from .suite import Suite
 
@@ -61,9 +64,30 @@ def run_suite(suite: Suite, store: Store, workers: Workers, watcher: Watcher) ->
     Raises:
         BenchmarkError: If the folder or the workers can no longer be used.
     """
+    _prepare(suite, store, workers, watcher)
     results = _cells(suite, store, workers, watcher)
     duels, trouble = _duels(results, store, workers, watcher)
     return Finished(results, duels, trouble)
+
+
+def _prepare(suite: Suite, store: Store, workers: Workers, watcher: Watcher) -> None:
+    """Compute the random experiments that tastes of missing cells need; they are kept."""
+    missing = (c for c in suite.cells if c.calibrator in TASTES and not store.path(c).exists())
+    wanted = dict.fromkeys(cell.problem for cell in missing)
+    names = [name for name in wanted if not problem(name).is_prepared]
+    if names:
+        watcher.begin("random experiments", len(names), 0)
+    with closing(each([partial(_prepared, name) for name in names], workers)) as landing:
+        for number, result in landing:
+            if isinstance(result, Lost):
+                watcher.say(f"random experiments of {names[number]}: {result.why}")
+            watcher.landed(names[number])
+
+
+def _prepared(name: str) -> bool:
+    with alone():
+        problem(name).prepare()
+    return True
 
 
 def _cells(suite: Suite, store: Store, workers: Workers, watcher: Watcher) -> tuple[Result, ...]:

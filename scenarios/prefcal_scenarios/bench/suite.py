@@ -46,13 +46,14 @@ class Suite:
     n_max: int = 50
 
     def __post_init__(self) -> None:
-        for name, known in (("problems", PROBLEMS), ("calibrators", CALIBRATORS)):
-            unknown = [word for word in getattr(self, name) if word not in known]
-            if unknown:
+        for word in self.calibrators:
+            if word not in CALIBRATORS:
                 raise SettingsError(
-                    f"no {name[:-1]} is called {unknown[0]!r}.{did_you_mean(unknown[0], known)} "
-                    f"Expected {', '.join(known)}"
+                    f"no calibrator is called {word!r}.{did_you_mean(word, CALIBRATORS)} "
+                    f"Expected {', '.join(CALIBRATORS)}"
                 )
+        for name in self.problems:
+            problem(name)
         for name in ("agents", "problems", "calibrators"):
             words = list(getattr(self, name))
             if not words or len(set(words)) < len(words):
@@ -116,10 +117,8 @@ class Suite:
         one, place = entry(agent), problem(where)
         if one.missing:
             return one.missing
-        if one.kind == "value" and not place.has_cost:
-            return "it learns from values, and there is no cost"
-        if one.kind == "value" and calibrator != "perfect":
-            return "it sees exact values, as only the calibrator perfect does"
-        if calibrator not in place.calibrators:
-            return f"the calibrators there are {', '.join(place.calibrators)}"
+        if calibrator not in place.answering:
+            return f"{calibrator} does not answer there"
+        if one.kind == "value" and not place.has_value(calibrator):
+            return "it learns from exact values, which the answers do not follow"
         return ""

@@ -1,0 +1,79 @@
+"""Problems by name, and users' own problems."""
+
+import hashlib
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from prefcal_env.errors import ScenarioError, SettingsError
+from prefcal_scenarios.cases import loops
+from prefcal_scenarios.cases.functions import FUNCTIONS
+from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_scenarios.own.own_file import module_at
+from prefcal_scenarios.scenario import BUILT_IN, Scenario, load
+from prefcal_scenarios.tastes import TASTES
+
+from .cases import GUIDELINES, closed_loop, guidelines, of_function, overtaking, reactor
+from .problem import NOISES, Problem
+
+PROBLEMS = (*loops.LOOPS, *FUNCTIONS, "cstr", GUIDELINES, "overtake")
+"""Names of the problems, in the order of the tables; "loop-SEED" and own ones come on top."""
+CALIBRATORS = ("perfect", "lexicographic", *NOISES, *TASTES)
+"""Names of everyone who can answer, in the order of the tables; each problem has some of them."""
+
+_QUICK_POOL, _SLOW_POOL = 4096, 1024
+"""Numbers of random experiments for worth: of compiled loops, and of anything else."""
+_RANDOM = "loop-"
+
+
+def problem(name: str) -> Problem:
+    """Return the problem called `name`.
+
+    Args:
+        name: One of `PROBLEMS`; "loop-SEED" for a random closed loop; the name of a built-in
+            scenario; or "path/to/own.py:NAME" of a `Scenario` or a `Problem`.
+
+    Raises:
+        SettingsError: If there is no such problem, or tastes cannot judge it.
+        ScenarioError: If the file does not exist or cannot be imported.
+    """
+    path = name.rpartition(":")[0]
+    if not path.endswith(".py"):
+        return _known(name)
+    try:
+        content = Path(path).read_bytes()
+    except OSError as error:
+        raise ScenarioError(f"no file {path!r} to load a problem from") from error
+    return _own(name, hashlib.sha256(content).hexdigest())
+
+
+@cache
+def _known(name: str) -> Problem:
+    seed = name.removeprefix(_RANDOM)
+    if name.startswith(_RANDOM) and seed.isdecimal():
+        return closed_loop(name, loops.loop(int(seed)), _QUICK_POOL)
+    if name in loops.LOOPS:
+        return closed_loop(name, loops.named(name), _QUICK_POOL)
+    if name in FUNCTIONS:
+        return of_function(FUNCTIONS[name])
+    own = {"cstr": reactor, GUIDELINES: guidelines, "overtake": overtaking}
+    if name in own:
+        return own[name]()
+    if name in BUILT_IN:
+        return closed_loop(name, load(name), _SLOW_POOL)
+    raise SettingsError(
+        f"no problem is called {name!r}.{did_you_mean(name, PROBLEMS)} Expected "
+        f"{', '.join(PROBLEMS)}, {_RANDOM}SEED, or path/to/own.py:NAME"
+    )
+
+
+@cache
+def _own(name: str, version: str) -> Problem:
+    """Return a user's problem; `version` is the hash of its file, so that a change reloads it."""
+    path, _, attribute = name.rpartition(":")
+    found = getattr(module_at(Path(path)), attribute, None)
+    if isinstance(found, Scenario):
+        return closed_loop(name, found, _SLOW_POOL)
+    if isinstance(found, Problem):
+        return replace(found, name=name, version=f"{found.version}, {version[:16]}")
+    raise SettingsError(f"{name!r} must name a Scenario or a Problem, got {found!r}")

@@ -1,0 +1,98 @@
+"""Who answers in a study: the judge, what agents are told, and how the result is scored."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.preferences.answer import Calibrator
+from prefcal_scenarios.kpis import INTERRUPTED
+from prefcal_scenarios.tastes import Runs, Taste, runs_of, worth
+
+Judge = Calibrator[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Result of running a θ.
+
+    Args:
+        theta: Physical θ, shape (n,).
+        cost: Latent cost, lower is better; None if the problem has none.
+        experiment: Experiment; None for a test function.
+        kpis: KPIs that an agent can learn from besides the answers; None for a test function.
+    """
+
+    theta: Float[np.ndarray, " n"]
+    cost: float | None
+    experiment: Experiment | None = None
+    kpis: Mapping[str, float] | None = None
+
+    @property
+    def judged(self) -> "Experiment | Outcome":
+        """Return what calibrators compare: the experiment, or this outcome of a test function."""
+        return self if self.experiment is None else self.experiment
+
+
+def latent_cost(outcome: Outcome) -> float | None:
+    """Return the cost of the problem itself."""
+    return outcome.cost
+
+
+def all_kpis(outcome: Outcome) -> Mapping[str, float] | None:
+    """Return all KPIs."""
+    return outcome.kpis
+
+
+@dataclass(frozen=True)
+class Person:
+    """One person in one study.
+
+    Args:
+        judge: Calibrator that answers; a new one for each study.
+        cost: Function that returns what value-based agents are told, lower is better.
+        gap: Function that returns the difference of the cost to the best known one; None if it is
+            not known.
+        worth: Function that returns the worth, see `prefcal_scenarios.tastes.worth`; None if there
+            is no pool.
+        told: Function that returns the KPIs that agents are told besides the answers.
+    """
+
+    judge: Judge
+    cost: Callable[[Outcome], float | None] = latent_cost
+    gap: Callable[[Outcome], float] | None = None
+    worth: Callable[[Outcome], float] | None = None
+    told: Callable[[Outcome], Mapping[str, float] | None] = all_kpis
+
+
+def person_of(taste: Taste, pool: Runs) -> Person:
+    """Return the person with this taste, whose θ are compared with those of `pool`."""
+    return Person(
+        judge=taste.calibrator(),
+        cost=partial(_cost, taste),
+        worth=partial(_worth, taste, pool),
+        told=partial(_told, frozenset(taste.withheld)),
+    )
+
+
+def _cost(taste: Taste, outcome: Outcome) -> float | None:
+    assert outcome.experiment is not None
+    cost = taste.rule.cost(runs_of(taste.kpis, [outcome.experiment]))
+    return None if cost is None else float(cost[0])
+
+
+def _worth(taste: Taste, pool: Runs, outcome: Outcome) -> float:
+    assert outcome.experiment is not None
+    return worth(taste.rule, pool, runs_of(taste.kpis, [outcome.experiment]))
+
+
+def _told(withheld: frozenset[str], outcome: Outcome) -> Mapping[str, float] | None:
+    """Return the KPIs without those in `withheld`, and then without generic ones, which hint."""
+    if not withheld or outcome.kpis is None or outcome.experiment is None:
+        return outcome.kpis
+    named = {*outcome.experiment.kpis, INTERRUPTED} - withheld
+    return {name: value for name, value in outcome.kpis.items() if name in named}

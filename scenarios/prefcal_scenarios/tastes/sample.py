@@ -1,0 +1,107 @@
+"""Experiments of random θ of a scenario, computed once and kept in the user's cache folder."""
+
+import hashlib
+import os
+from pathlib import Path
+from uuid import uuid4
+from zipfile import BadZipFile
+
+import numpy as np
+from jaxtyping import Float
+from platformdirs import user_cache_path
+
+from prefcal_agents.protocol.agent import one_thread
+from prefcal_scenarios.scenario import Scenario
+
+from .runs import Runs, runs_of
+
+_CHECKED = 4
+"""Number of experiments by which a changed scenario is noticed."""
+_DIGITS = 4
+"""Digits that are compared, since the last ones differ between machines."""
+_BLOCK = 256
+
+
+def thetas(scenario: Scenario, name: str, count: int) -> list[Float[np.ndarray, " n"]]:
+    """Return `count` physical θ, each of shape (n,), uniform in the cube and allowed.
+
+    Args:
+        scenario: Scenario.
+        name: Name of the sample; another name gives other θ.
+        count: Number of θ.
+    """
+    space, found = scenario.space, list[Float[np.ndarray, " n"]]()
+    rng = np.random.default_rng(list(name.encode()))
+    while len(found) < count:
+        z = space.snap_all(space.scaled(rng.random((_BLOCK, len(space)))))
+        block = space.decode_all(z)
+        found += list(block[space.allows(block)])
+    return found[:count]
+
+
+def sample(scenario: Scenario, name: str, count: int) -> Runs:
+    """Return the KPIs of `count` random experiments of `scenario`.
+
+    They are read from the user's cache folder if they were computed before, by any process, with
+    a scenario that gives the same KPIs.
+
+    Args:
+        scenario: Scenario whose KPIs are wanted.
+        name: Name of the sample; another name gives other θ.
+        count: Number of experiments.
+    """
+    path = _path(scenario, name, count)
+    found = _read(path, count)
+    if found is None:
+        found = _run(scenario, thetas(scenario, name, count))
+        _write(path, found)
+    return found
+
+
+def is_cached(scenario: Scenario, name: str, count: int) -> bool:
+    """Return whether `sample` would read its result from the cache folder."""
+    return _read(_path(scenario, name, count), count) is not None
+
+
+def _path(scenario: Scenario, name: str, count: int) -> Path:
+    key = hashlib.sha256(f"{fingerprint(scenario)} {name} {count}".encode()).hexdigest()
+    return user_cache_path("prefcal", appauthor=False) / "samples" / f"{key[:32]}.npz"
+
+
+def fingerprint(scenario: Scenario) -> str:
+    """Return the sha256 in hex of the knobs, the KPIs, and a few experiments, rounded."""
+    runs = _run(scenario, thetas(scenario, "fingerprint", _CHECKED))
+    words = [f"{value:.{_DIGITS}g}" for value in (*runs.values.ravel(), *runs.survived)]
+    content = [repr(scenario.space.knobs), repr(runs.names), *words]
+    return hashlib.sha256("\n".join(content).encode()).hexdigest()
+
+
+def _run(scenario: Scenario, tried: list[Float[np.ndarray, " n"]]) -> Runs:
+    with one_thread():  # small matrices: more threads would wait for each other
+        rows = [runs_of(scenario.kpis, [scenario.run(theta)]) for theta in tried]
+    return Runs(
+        rows[0].names,
+        np.concatenate([row.values for row in rows]),
+        np.concatenate([row.survived for row in rows]),
+    )
+
+
+def _read(path: Path, count: int) -> Runs | None:
+    try:
+        with np.load(path) as content:
+            names = tuple(map(str, content["names"]))
+            found = Runs(names, content["values"], content["survived"])
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+        return None  # absent or damaged: it is computed again
+    return found if len(found) == count else None
+
+
+def _write(path: Path, runs: Runs) -> None:
+    """Write the file at once or not at all; a cache that cannot be written is no error."""
+    part = path.with_name(f"{uuid4().hex}.part.npz")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(part, names=runs.names, values=runs.values, survived=runs.survived)
+        os.replace(part, path)
+    except OSError:
+        part.unlink(missing_ok=True)

@@ -1,0 +1,131 @@
+"""Tastes by name and seed: who answers, what agents are told, and the referee."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from prefcal_env.calibrators import Flipping
+from prefcal_env.errors import SettingsError
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.preferences.answer import Calibrator, Preference
+from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_scenarios.scenario import KPI
+
+from .draw import KINDS
+from .rising import Standards
+from .rule import Rule
+from .runs import Runs, runs_of
+from .weighted import Weighted
+from .worth import random_search_worth
+
+WRONG = {"": 0.0, "-noisy10": 0.1, "-noisy20": 0.2}
+"""Share of wrong answers by the end of a taste's name."""
+TASTES = tuple(f"{kind}{end}" for end in WRONG for kind in KINDS)
+"""Names of all tastes."""
+VERSION = 1
+"""Raised when a taste answers differently."""
+
+_TRIES = 20
+_EXPERIMENTS, _REPLAYS = 50, 200
+_USUAL = (55.0, 100.0)
+"""Accepted worth of random search after 50 experiments, 90 where any two runs differ."""
+
+
+@dataclass(frozen=True)
+class Taste:
+    """One person's taste.
+
+    Args:
+        kpis: KPIs of the scenario.
+        rule: Rule of the noise-free referee.
+        withheld: Names of KPIs that agents are not told.
+        wrong: Share of wrong answers.
+        seed: Seed that decides which answers are wrong.
+    """
+
+    kpis: tuple[KPI, ...]
+    rule: Rule
+    withheld: tuple[str, ...] = ()
+    wrong: float = 0.0
+    seed: int = 0
+
+    def calibrator(self) -> Calibrator[Experiment]:
+        """Return the person at the start of a study."""
+        rule = self.rule.person() if isinstance(self.rule, Standards) else self.rule
+        judge = Judge(self.kpis, rule)
+        return Flipping(judge, self.wrong, self.seed) if self.wrong else judge
+
+
+@dataclass(frozen=True)
+class Judge:
+    """A `Calibrator` that compares two experiments by a rule.
+
+    Args:
+        kpis: KPIs that the rule can use.
+        rule: Rule.
+    """
+
+    kpis: tuple[KPI, ...]
+    rule: Rule
+
+    def prefer(self, challenger: Experiment, incumbent: Experiment) -> Preference:
+        """Return which one is better, as in eq. pref_fun."""
+        a, b = (runs_of(self.kpis, [one]) for one in (challenger, incumbent))
+        return Preference(int(self.rule.compare(a, b)[0]))
+
+
+def taste(name: str, kpis: Sequence[KPI], runs: Runs, seed: int) -> Taste:
+    """Return the taste called `name` of person number `seed`.
+
+    The same person sure, with 10 and with 20 % wrong answers has the same rule. A rule by which
+    random search after 50 experiments is worth less than 55 or more than 100 random experiments
+    is drawn again: then most runs are alike to the person, or the answers go round in circles, so
+    that no agent could be told from another.
+
+    Args:
+        name: One of `TASTES`.
+        kpis: KPIs of the scenario; those with a direction are judged.
+        runs: Experiments of random θ, which show what is usual.
+        seed: Number of the person, 0 or more.
+
+    Raises:
+        SettingsError: If there is no such taste, or the scenario has no KPI with a direction.
+    """
+    if name not in TASTES:
+        raise SettingsError(
+            f"taste must be one of {', '.join(TASTES)}, got {name!r}.{did_you_mean(name, TASTES)}"
+        )
+    if not runs.names:
+        raise SettingsError("a taste needs a KPI with a direction, got none")
+    kind, _, noise = name.partition("-")
+    rule = _usable(kind, runs, seed)
+    used = tuple(term.name for term in rule.terms) if isinstance(rule, Weighted) else ()
+    return Taste(
+        tuple(kpis), rule, used if kind == "hidden" else (), WRONG[f"-{noise}" if noise else ""],
+        seed,
+    )  # fmt: skip
+
+
+def has_cost(name: str) -> bool:
+    """Return whether agents can be told the cost of the taste called `name`.
+
+    Priorities have none, and where answers can be wrong the exact value would be another problem.
+    """
+    return name in KINDS and name != "priorities"
+
+
+def _usable(kind: str, runs: Runs, seed: int) -> Rule:
+    """Return the first rule drawn by which random search is worth the usual, or the nearest."""
+    nearest, smallest = None, np.inf
+    for attempt in range(_TRIES):
+        rng = np.random.default_rng([seed, list(KINDS).index(kind), attempt])
+        rule = KINDS[kind](runs, rng)
+        found = random_search_worth(rule, runs, experiments=_EXPERIMENTS, replays=_REPLAYS, rng=rng)
+        if _USUAL[0] <= found <= _USUAL[1]:
+            return rule
+        distance = abs(np.log(found / _USUAL[1]))
+        if distance < smallest:
+            nearest, smallest = rule, distance
+    assert nearest is not None
+    return nearest

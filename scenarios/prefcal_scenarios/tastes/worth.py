@@ -1,0 +1,45 @@
+"""The measure of the benchmark: how many random experiments a tuning is worth."""
+
+import numpy as np
+
+from .rule import Rule
+from .runs import Runs
+
+
+def worth(rule: Rule, pool: Runs, one: Runs) -> float:
+    """Return how many random experiments one needs on average to find a θ at least as good.
+
+    With k of the pool's N experiments at least as good, this is (N + 1) / (k + 1): at best N + 1.
+
+    Args:
+        rule: Rule that compares without errors.
+        pool: Experiments of θ drawn at random.
+        one: The experiment to judge, a single run.
+    """
+    as_good = int(np.count_nonzero(rule.compare(pool, one) <= 0))
+    return (len(pool) + 1) / (as_good + 1)
+
+
+def random_search_worth(
+    rule: Rule, runs: Runs, *, experiments: int, replays: int, rng: np.random.Generator
+) -> float:
+    """Return the geometric mean of the worth of random search after some experiments.
+
+    Each replay draws from `runs` with replacement and keeps the winner of each comparison; `runs`
+    also serve as the pool. If any two experiments differ and the rule is transitive, the result
+    is about exp(1 + 1/2 + ... + 1/n) after n experiments: 36 after 20, 90 after 50.
+
+    Args:
+        rule: Rule that compares without errors.
+        runs: Experiments of θ drawn at random.
+        experiments: Number of experiments of a search.
+        replays: Number of searches.
+        rng: Generator of the draws.
+    """
+    drawn = rng.integers(len(runs), size=(experiments, replays))
+    best = drawn[0]
+    for new in drawn[1:]:
+        best = np.where(rule.compare(runs.take(new), runs.take(best)) < 0, new, best)
+    kept, counts = np.unique(best, return_counts=True)
+    logs = [np.log(worth(rule, runs, runs.take(np.array([row])))) for row in kept]
+    return float(np.exp(np.average(logs, weights=counts)))
