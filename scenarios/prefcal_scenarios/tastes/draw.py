@@ -16,7 +16,7 @@ Draw = Callable[[Runs, np.random.Generator], Rule]
 
 _FIRST = (0.15, 0.5)
 """Share of random pairs that the first priority is meant to decide."""
-_LATER = (0.5, 0.9)
+_LATER = (0.7, 0.95)
 _ACCEPTED = (0.08, 0.55)
 """Share of random pairs that the first priority does decide; KPIs beyond that come later."""
 _LARGE = 1e9
@@ -109,7 +109,7 @@ def _weighted(runs: Runs, names: tuple[str, ...], rng: np.random.Generator) -> W
                 weight=float(share),
                 good=_good(runs, name),
                 scale=_distance(runs, name, rng.uniform(0.05, 0.4)),
-                steepness=float(rng.uniform(1.0, 2.5)),
+                steepness=float(2.0 ** rng.uniform(-1.0, 1.0)),
             )
             for name, share in zip(names, shares, strict=True)
         )

@@ -1,7 +1,7 @@
 """KPIs of many experiments side by side, as tastes compare them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,11 +19,13 @@ class Runs:
         values: KPIs, infinite where one could not be measured, shape (K, m).
         survived: Time until each experiment was interrupted, in the scenario's unit; infinite if
             it was not. Shape (K,).
+        z: θ in the unit cube, shape (K, n); empty if it is not known.
     """
 
     names: tuple[str, ...]
     values: Float[np.ndarray, "K m"]
     survived: Float[np.ndarray, " K"]
+    z: Float[np.ndarray, "K n"] = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __len__(self) -> int:
         return len(self.survived)

@@ -83,6 +83,7 @@ def _run(scenario: Scenario, tried: list[Float[np.ndarray, " n"]]) -> Runs:
         rows[0].names,
         np.concatenate([row.values for row in rows]),
         np.concatenate([row.survived for row in rows]),
+        np.array([scenario.space.encode(theta) for theta in tried]),
     )
 
 
@@ -90,7 +91,7 @@ def _read(path: Path, count: int) -> Runs | None:
     try:
         with np.load(path) as content:
             names = tuple(map(str, content["names"]))
-            found = Runs(names, content["values"], content["survived"])
+            found = Runs(names, content["values"], content["survived"], content["z"])
     except (OSError, ValueError, KeyError, EOFError, BadZipFile):
         return None  # absent or damaged: it is computed again
     return found if len(found) == count else None
@@ -101,7 +102,7 @@ def _write(path: Path, runs: Runs) -> None:
     part = path.with_name(f"{uuid4().hex}.part.npz")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(part, names=runs.names, values=runs.values, survived=runs.survived)
+        np.savez(part, names=runs.names, values=runs.values, survived=runs.survived, z=runs.z)
         os.replace(part, path)
     except OSError:
         part.unlink(missing_ok=True)

@@ -18,8 +18,9 @@ class Term:
         weight: Share of the cost, above 0.
         good: Value that could not be better, in the KPI's unit.
         scale: Distance from `good` at which half of its weight is lost, above 0, in that unit.
-        steepness: Exponent, 1 or more. Above 1, returns diminish: near `good` a further
-            improvement is worth less and less, and far from it all values are equally bad.
+        steepness: Exponent, above 0. With a large one there is a threshold at `scale`: near
+            `good` returns diminish, and far from it all values are equally bad. With a small one
+            ratios count.
     """
 
     name: str

@@ -26,7 +26,11 @@ TASTES = tuple(f"{kind}{end}" for end in WRONG for kind in KINDS)
 VERSION = 1
 """Raised when a taste answers differently."""
 
-_TRIES = 20
+_TRIES = 40
+_BEST = 12
+"""Number of best runs that must not lie at the edge."""
+_EDGE = 0.3
+"""Distance of their mean from the middle of the unit cube beyond which they lie at the edge."""
 _EXPERIMENTS, _REPLAYS = 50, 200
 _USUAL = (55.0, 100.0)
 """Accepted worth of random search after 50 experiments, 90 where any two runs differ."""
@@ -78,10 +82,11 @@ class Judge:
 def taste(name: str, kpis: Sequence[KPI], runs: Runs, seed: int) -> Taste:
     """Return the taste called `name` of person number `seed`.
 
-    The same person sure, with 10 and with 20 % wrong answers has the same rule. A rule by which
-    random search after 50 experiments is worth less than 55 or more than 100 random experiments
-    is drawn again: then most runs are alike to the person, or the answers go round in circles, so
-    that no agent could be told from another.
+    The same person sure, with 10 and with 20 % wrong answers has the same rule. A rule is drawn
+    again if by it random search after 50 experiments is worth less than 55 or more than 100
+    random experiments: then most runs are alike to the person, or the answers go round in
+    circles. It is also drawn again if the best runs lie at the edge of the box in two knobs or
+    more: such a person wants a controller that does almost nothing, or other ranges.
 
     Args:
         name: One of `TASTES`.
@@ -116,16 +121,30 @@ def has_cost(name: str) -> bool:
 
 
 def _usable(kind: str, runs: Runs, seed: int) -> Rule:
-    """Return the first rule drawn by which random search is worth the usual, or the nearest."""
+    """Return the first rule drawn that fits the box and orders the runs, or the nearest to it."""
     nearest, smallest = None, np.inf
     for attempt in range(_TRIES):
         rng = np.random.default_rng([seed, list(KINDS).index(kind), attempt])
         rule = KINDS[kind](runs, rng)
-        found = random_search_worth(rule, runs, experiments=_EXPERIMENTS, replays=_REPLAYS, rng=rng)
-        if _USUAL[0] <= found <= _USUAL[1]:
-            return rule
-        distance = abs(np.log(found / _USUAL[1]))
-        if distance < smallest:
-            nearest, smallest = rule, distance
+        faults: float = max(_at_edge(rule, runs) - 1, 0)
+        if not faults:
+            found = random_search_worth(
+                rule, runs, experiments=_EXPERIMENTS, replays=_REPLAYS, rng=rng
+            )
+            if _USUAL[0] <= found <= _USUAL[1]:
+                return rule
+            faults = max(np.log(_USUAL[0] / found), np.log(found / _USUAL[1]))
+        if faults < smallest:
+            nearest, smallest = rule, faults
     assert nearest is not None
     return nearest
+
+
+def _at_edge(rule: Rule, runs: Runs) -> int:
+    """Return the number of knobs in which the best runs lie at the edge of the box."""
+    cost = rule.cost(runs)
+    if cost is None:
+        everyone = (runs.take(np.array([row])) for row in range(len(runs)))
+        cost = np.array([np.count_nonzero(rule.compare(runs, one) <= 0) for one in everyone])
+    best = np.argsort(cost, kind="stable")[:_BEST]
+    return int(np.count_nonzero(np.abs(runs.z[best].mean(axis=0) - 0.5) > _EDGE))
