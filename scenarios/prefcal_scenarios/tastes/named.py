@@ -31,7 +31,7 @@ _BEST = 12
 """Number of best runs that must not lie at the edge."""
 _EDGE = 0.3
 """Distance of their mean from the middle of the unit cube beyond which they lie at the edge."""
-_EXPERIMENTS, _REPLAYS = 50, 200
+_EXPERIMENTS, _REPLAYS = 50, 100
 _USUAL = (55.0, 100.0)
 """Accepted worth of random search after 50 experiments, 90 where any two runs differ."""
 
