@@ -10,7 +10,7 @@ from prefcal_env.errors import ScenarioError
 from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
-from . import basic, motion, processes
+from .kinds import basic, motion, processes
 from .loop import Loop
 from .vary import Vary, random
 

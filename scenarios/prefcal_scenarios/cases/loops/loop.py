@@ -13,7 +13,7 @@ from prefcal_scenarios.scenario import KPI, Panel, Scenario
 from ._simulate import simulate
 from .controllers import OperatingPoint, Tunable
 from .kpis import compute_kpis, kpis_of
-from .plants import Plant
+from .plants import Plant, parameters_of
 from .wording import about_knob
 
 
@@ -168,7 +168,7 @@ class Loop:
         disturbed = np.arange(count) * timing.step >= timing.disturbed_at
         levels = np.array(task.disturbance, dtype=float)  # (n_d, 2)
         x, u, valid = simulate(
-            (self.plant.kind, self.plant.parameters(), np.array(self.measured, dtype=np.int64)),
+            (self.plant.kind, parameters_of(self.plant), np.array(self.measured, dtype=np.int64)),
             (self.controller.law, gains),
             (
                 np.tile(np.array(task.target, dtype=float), (count, 1)),

@@ -9,6 +9,7 @@ from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiments.end import End
 from prefcal_scenarios.cases.loops import LOOPS, controllers, loop, named
 from prefcal_scenarios.cases.loops._simulate import rhs
+from prefcal_scenarios.cases.loops.plants import parameters_of
 from prefcal_scenarios.cases.loops.vary import nominal, random
 from prefcal_scenarios.kpis import INTERRUPTED, outcome
 from prefcal_scenarios.own.checks import check_experiment
@@ -29,7 +30,7 @@ def test_a_loop_starts_in_a_steady_state_that_its_inputs_can_hold(name):
     for vary in (nominal, *(random(rng) for _ in range(20))):
         made = LOOPS[name](vary)
         at = made.start()
-        dx = rhs(made.plant.kind, made.plant.parameters(), at.x, at.u, at.d)
+        dx = rhs(made.plant.kind, parameters_of(made.plant), at.x, at.u, at.d)
         assert dx == pytest.approx(np.zeros(len(at.x)), abs=1e-9)
         assert (at.limits[:, 0] <= at.u).all()
         assert (at.u <= at.limits[:, 1]).all()
