@@ -10,7 +10,7 @@ from prefcal_env.errors import ScenarioError
 from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
-from .kinds import basic, motion, processes
+from .kinds import basic, motion, predictive, processes
 from .loop import Loop
 from .vary import Vary, random
 
@@ -30,6 +30,9 @@ LOOPS: Mapping[str, Callable[..., Loop]] = MappingProxyType(
             motion.cart_pole,
             motion.boost_converter,
             motion.steering,
+            predictive.mpc_oscillatory,
+            predictive.mpc_quadruple_tank,
+            predictive.mpc_boost_converter,
         )
     }
 )

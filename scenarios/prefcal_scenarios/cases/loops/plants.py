@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ._derivatives import BOOST, CART_POLE, LINEAR, QUADRUPLE, SERVO, STEERING, TANK
-from ._simulate import rhs
+from ._simulate import slopes
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,15 +168,5 @@ def linearized(
     d: Float[np.ndarray, " n_d"],
 ) -> tuple[Float[np.ndarray, "n_x n_x"], Float[np.ndarray, "n_x n_u"]]:
     """Return A and B of the plant around a point, by central differences."""
-
-    def slope(at: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_x"]:
-        return np.asarray(rhs(plant.kind, p, at[: len(x)].copy(), at[len(x) :].copy(), d))
-
-    p, point = parameters_of(plant), np.concatenate([x, u])
-    steps = 1e-6 * np.maximum(np.abs(point), 1.0)
-    columns = [
-        (slope(point + h * unit) - slope(point - h * unit)) / (2 * h)
-        for h, unit in zip(steps, np.eye(len(point)), strict=True)
-    ]
-    jacobian = np.column_stack(columns)
-    return jacobian[:, : len(x)], jacobian[:, len(x) :]
+    A, B = slopes(plant.kind, parameters_of(plant), x.copy(), u.copy(), d)
+    return np.asarray(A), np.asarray(B)

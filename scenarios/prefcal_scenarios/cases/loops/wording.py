@@ -15,6 +15,11 @@ _KNOBS: Mapping[str, str] = {
     "Q_3": "Weight of the third state's error.",
     "Q_4": "Weight of the fourth state's error.",
     "Q_z": "Weight of the integrated error: a larger one removes lasting errors sooner.",
+    "N_p": "Prediction horizon: how many steps the controller looks ahead.",
+    "N_u": "Control horizon: how many of these steps it may move the inputs.",
+    "Q_du": "Weight of the moves: a larger one is gentler and slower.",
+    "drift": "How fast the estimated disturbances may change: a larger one removes lasting errors "
+    "sooner, and passes more noise.",
     "T_s": "Sampling time: how often the controller measures and acts.",
 }
 _WHERE: Mapping[str, str] = {
