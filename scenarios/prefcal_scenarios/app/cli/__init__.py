@@ -87,10 +87,8 @@ def scenarios(
     for known in cases:
         scenario = load(known)
         typer.echo(f"{known:<{width}}{scenario.title}; knobs {', '.join(scenario.space.names)}")
-    typer.echo(
-        f"Closed loops: {', '.join(CLOSED_LOOPS)}; loop-1, loop-2, ... are random ones "
-        "(`prefcal scenarios servo` describes one)."
-    )
+    typer.echo(f"Closed loops: {', '.join(CLOSED_LOOPS)} (`prefcal scenarios servo` describes one)")
+    typer.echo("Random closed loops: loop-1, loop-2, ... (any seed)")
     typer.echo("Your own: path/to/own.py:name, where name is a prefcal_scenarios.Scenario.")
 
 

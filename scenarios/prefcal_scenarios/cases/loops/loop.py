@@ -14,7 +14,7 @@ from .controllers import Tunable
 from .course import Course, Driven, OperatingPoint
 from .kpis import compute_kpis, kpis_of
 from .plants import Plant
-from .wording import about_knob
+from .wording import about_knob, brief_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,24 +62,27 @@ class Task:
 class Loop:
     """A closed loop whose controller is tuned.
 
-    A run ends as unsafe if a state leaves the limits of its channel, and as failed if there is no
-    controller for θ.
+    The limits of safe operation are the `low` and `high` of the states' channels: a run ends as
+    unsafe at the first instant at which a state is outside them, and as failed if there is no
+    controller for θ. The `low` and `high` of the inputs' channels end nothing: there the inputs
+    saturate.
 
     Args:
         name: Short name.
         title: Title for headings.
-        brief: Description of the task for the person who compares.
+        brief: What happens in an experiment, for the person who compares.
         plant: Plant with its parameters.
         controller: Kind of controller.
         space: Knobs, named as in the controller.
-        states: Channels of the states. Their limits are those of safe operation.
-        inputs: Channels of the inputs. Their limits saturate the inputs.
+        states: Channels of the states, with the limits of safe operation.
+        inputs: Channels of the inputs, with the limits at which they saturate.
         measured: Indices of the measured states; the first one's reference steps.
         task: What happens in an experiment.
         timing: Times.
         controlled: Number of measured states, from the first, with a reference for people.
         beside: Index of a state that the step should not move much; None if there is none.
         staged: Whether the input has stages.
+        sample: Number of random θ that show whether the loop is worth tuning.
     """
 
     name: str
@@ -96,6 +99,7 @@ class Loop:
     controlled: int = 1
     beside: int | None = None
     staged: bool = False
+    sample: int = 64
 
     @property
     def channels(self) -> Channels:
@@ -154,7 +158,7 @@ class Loop:
             run=self.run,
             kpis=self.kpis,
             panels=tuple(Panel(name) for name in [*shown, *(c.name for c in self.inputs)]),
-            brief=self.brief,
+            brief=brief_of(self.brief, self.states),
         )
 
     def _course(self, hold: int, seed: int) -> Course:

@@ -59,7 +59,8 @@ class MPC:
             self.moves[j] for j in self.on_inputs
         ]
         estimator = EstimatorSettings(
-            noise=self.noise, process=self.process, drift=tuple(values["drift"] * scale for scale in offsets),
+            noise=self.noise, process=self.process,
+            drift=tuple(values["drift"] * scale for scale in offsets),
             on_outputs=self.on_outputs, on_inputs=self.on_inputs,
         )  # fmt: skip
         return EstimatingMPC(Model(course), settings, estimator)
