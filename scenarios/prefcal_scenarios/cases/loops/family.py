@@ -70,7 +70,7 @@ def loop(seed: int) -> Scenario:
     return _accepted(int(seed))[0].scenario()
 
 
-@lru_cache(maxsize=256)  # checking takes 64 experiments
+@lru_cache(maxsize=256)  # the check takes up to 0.5 s
 def _accepted(seed: int) -> tuple[Loop, int]:
     """Return the loop with this seed, and how many draws of its parameters were rejected."""
     rng = np.random.default_rng(seed)

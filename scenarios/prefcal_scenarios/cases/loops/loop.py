@@ -99,7 +99,7 @@ class Loop:
     controlled: int = 1
     beside: int | None = None
     staged: bool = False
-    sample: int = 64
+    sample: int = 128
 
     @property
     def channels(self) -> Channels:
