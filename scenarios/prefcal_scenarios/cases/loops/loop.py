@@ -149,16 +149,33 @@ class Loop:
 
     def scenario(self) -> Scenario:
         """Return the loop as a scenario."""
-        beside = () if self.beside is None else (self.states[self.beside],)
-        shown = dict.fromkeys(c.name for c in (*self.channels.y, *beside))
         return Scenario(
             name=self.name,
             title=self.title,
             space=self.space.described({name: about_knob(name) for name in self.space.names}),
             run=self.run,
             kpis=self.kpis,
-            panels=tuple(Panel(name) for name in [*shown, *(c.name for c in self.inputs)]),
+            panels=(*self._state_panels(), *(Panel(c.name) for c in self.inputs)),
             brief=brief_of(self.brief, self.states),
+        )
+
+    def _state_panels(self) -> tuple[Panel, ...]:
+        """Return the panels of the controlled states and of the one beside.
+
+        A limit is drawn only if it is at most twice as far from the target as the start is: the
+        others would leave the response hardly any room.
+        """
+        first, target = self.measured[0], self.task.target[0]
+        room = 2 * abs(target - self.task.x0[first])
+
+        def near(i: int, limit: float, otherwise: float) -> float:
+            return limit if i == first and abs(limit - target) <= room else otherwise
+
+        beside = () if self.beside is None else (self.beside,)
+        return tuple(
+            Panel(c.name, low=near(i, c.low, -np.inf), high=near(i, c.high, np.inf))
+            for i, c in enumerate(self.states)
+            if i in (*self.measured[: self.controlled], *beside)
         )
 
     def _course(self, hold: int, seed: int) -> Course:

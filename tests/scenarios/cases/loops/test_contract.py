@@ -129,3 +129,15 @@ def test_people_compare_its_experiments_in_the_window(name):
             assert len(view[side]["curves"]) == len(view["panels"]) == len(named(name).panels)
         interview.answer(question.id, Choice.LEFT)
     assert proceed(interview).question is None
+
+
+def test_limits_far_from_the_step_are_not_drawn_and_saturation_is():
+    servo, tank = (panels_of(named(n), named(n).run(middle(n))) for n in ("servo", "tank"))
+    assert (servo[0].channel.low, servo[0].channel.high) == (-np.inf, np.inf)
+    assert (servo[1].channel.low, servo[1].channel.high) == (-2.0, 2.0)
+    assert (tank[0].channel.low, tank[0].channel.high) == (0.0, 1.0)
+
+
+def middle(name):
+    space = LOOPS[name]().space
+    return space.decode(np.full(len(space), 0.5))
