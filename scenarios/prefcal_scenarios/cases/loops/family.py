@@ -14,7 +14,7 @@ from prefcal_scenarios.scenario import Scenario
 from .acceptance import is_worth_tuning
 from .kinds import basic, motion, predictive, processes
 from .loop import Loop
-from .vary import random
+from .vary import Vary, random
 
 LOOPS: Mapping[str, Callable[..., Loop]] = MappingProxyType(
     {
@@ -59,8 +59,9 @@ def named(name: str) -> Scenario:
 def loop(seed: int) -> Scenario:
     """Return the random loop with this seed as a scenario, called "loop-SEED".
 
-    The seed determines the kind, uniform over `LOOPS`, and the parameters. Parameters are drawn
-    again until the loop `is_worth_tuning`, at most ten times; then the nominal ones are used.
+    The seed determines the kind, uniform over `LOOPS`, and the parameters: those of the plant,
+    the size of the disturbance and of the noise. They are drawn again until the loop
+    `is_worth_tuning`, at most ten times; then the nominal ones are used.
 
     Raises:
         ScenarioError: If the seed is not an integer of 0 or more.
@@ -75,8 +76,19 @@ def _accepted(seed: int) -> tuple[Loop, int]:
     """Return the loop with this seed, and how many draws of its parameters were rejected."""
     rng = np.random.default_rng(seed)
     make = LOOPS[list(LOOPS)[int(rng.integers(len(LOOPS)))]]
-    drawn = (make(random(rng)) for _ in range(_TRIES))
+    drawn = (_varied(make, random(rng)) for _ in range(_TRIES))
     rejected, found = next(
         ((k, each) for k, each in enumerate(drawn) if is_worth_tuning(each)), (_TRIES, make())
     )
     return replace(found, name=f"loop-{seed}", title=f"{found.title} (variant {seed})"), rejected
+
+
+def _varied(make: Callable[..., Loop], vary: Vary) -> Loop:
+    """Return a loop with random parameters, disturbance and noise."""
+    made = make(vary)
+    task = replace(
+        made.task,
+        disturbance=tuple((a, a + vary(1.0) * (b - a)) for a, b in made.task.disturbance),
+        noise=tuple(vary(each) for each in made.task.noise),
+    )
+    return replace(made, task=task)
