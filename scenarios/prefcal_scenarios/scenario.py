@@ -1,5 +1,6 @@
 """A scenario: one calibration task described as data, and how to load it by name."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -29,12 +30,23 @@ if TYPE_CHECKING:
 
     from prefcal_env.mpc.computation import Processor
 
+_LOOPS = "prefcal_scenarios.cases.loops"
+CLOSED_LOOPS = (
+    "lag", "integrating", "oscillatory", "unstable", "tank", "quadruple-tank", "distillation",
+    "building", "servo", "cart-pole", "boost-converter", "steering", "mpc-oscillatory",
+    "mpc-quadruple-tank", "mpc-boost-converter",
+)  # fmt: skip
+"""Names of the closed loops of `prefcal_scenarios.cases.loops`, all of them built in."""
 BUILT_IN: Mapping[str, str] = {
     "cstr": "prefcal_scenarios.cases.cstr:cstr",
     "overtake": "prefcal_scenarios.cases.overtake:overtake",
     "overtake-robust": "prefcal_scenarios.cases.overtake:overtake_robust",
+    **{name: f"{_LOOPS}:{name}" for name in CLOSED_LOOPS},
 }
 """Scenario name to "module:attribute"; the module is imported on first use."""
+NAMES = ", ".join([*(n for n in BUILT_IN if n not in CLOSED_LOOPS), "a closed loop such as servo"])
+"""What a scenario may be called, for messages: the closed loops are too many to list."""
+_RANDOM_LOOP = re.compile(r"loop-\d+", re.ASCII)
 
 
 class Run(Protocol):
@@ -254,7 +266,12 @@ def _within(function: Any, space: KnobSpace) -> Any:
 
 def is_built_in(source: str) -> bool:
     """Return whether the scenario is built in, with or without a configuration."""
-    return source.partition("{")[0].strip() in BUILT_IN
+    return _home(source.partition("{")[0].strip()) is not None
+
+
+def _home(name: str) -> str | None:
+    """Return "module:attribute" of a built-in scenario or of a random loop such as "loop-17"."""
+    return f"{_LOOPS}:{name}" if _RANDOM_LOOP.fullmatch(name) else BUILT_IN.get(name)
 
 
 def is_own(source: str) -> bool:
@@ -264,6 +281,8 @@ def is_own(source: str) -> bool:
 
 def load(name: str) -> Scenario:
     """Return the scenario called `name`: one of `BUILT_IN`, or "path/to/own.py:attribute".
+
+    "loop-17" is the random closed loop with seed 17, see `prefcal_scenarios.cases.loops.loop`.
 
     A configuration in JSON may follow the name: 'overtake {"lanes_count": 3}'.
 
@@ -283,12 +302,13 @@ def load(name: str) -> Scenario:
         raise ScenarioError(f"{name!r} is a file: say which scenario in it, {name}:NAME")
     if is_own(name):
         return _scenario_in(module_at(Path(path)), attribute, name)
-    if name in BUILT_IN:
-        module, _, attribute = BUILT_IN[name].partition(":")
+    home = _home(name)
+    if home is not None:
+        module, _, attribute = home.partition(":")
         return _scenario_in(import_module(module), attribute, name)
     raise ScenarioError(
         f"no scenario is called {name!r}.{did_you_mean(str(name), BUILT_IN)} "
-        f"Expected {', '.join(BUILT_IN)} or path/to/own.py:NAME (see `prefcal scenarios`)"
+        f"Expected {NAMES}, or path/to/own.py:NAME (see `prefcal scenarios`)"
     )
 
 

@@ -73,7 +73,7 @@ def scenarios(
     ] = None,
 ) -> None:
     """List the scenarios that `prefcal calibrate` knows by name, or describe one."""
-    from prefcal_scenarios.scenario import BUILT_IN, load
+    from prefcal_scenarios.scenario import BUILT_IN, CLOSED_LOOPS, load
 
     if name is not None:
         from rich.console import Console
@@ -82,10 +82,13 @@ def scenarios(
 
         show_scenario(load(name), Console())
         return
-    width = max(map(len, BUILT_IN)) + 2
-    for known in BUILT_IN:
+    cases = [known for known in BUILT_IN if known not in CLOSED_LOOPS]
+    width = max(map(len, cases)) + 2
+    for known in cases:
         scenario = load(known)
         typer.echo(f"{known:<{width}}{scenario.title}; knobs {', '.join(scenario.space.names)}")
+    typer.echo(f"Closed loops: {', '.join(CLOSED_LOOPS)} (`prefcal scenarios servo` describes one)")
+    typer.echo("Random closed loops: loop-1, loop-2, ... (any seed)")
     typer.echo("Your own: path/to/own.py:name, where name is a prefcal_scenarios.Scenario.")
 
 
@@ -160,11 +163,11 @@ def _missing(error: Exception) -> str:
     """Return the message for a missing argument; empty for any other error."""
     if type(error).__name__ != "MissingParameter":
         return ""
-    from prefcal_scenarios.scenario import BUILT_IN
+    from prefcal_scenarios.scenario import NAMES
 
     parameter = getattr(error, "param", None)
     words = _MISSING.get(str(getattr(parameter, "metavar", "")), "")
-    return words.format(scenarios=", ".join(BUILT_IN))
+    return words.format(scenarios=NAMES)
 
 
 def _sentence(words: str, context: object) -> str:

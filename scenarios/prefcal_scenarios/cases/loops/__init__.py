@@ -1,5 +1,17 @@
 """Closed loops of control practice: named ones, and a generator of random ones."""
 
+from prefcal_scenarios.scenario import Scenario
+
 from .family import LOOPS as LOOPS
 from .family import loop as loop
 from .family import named as named
+
+
+def __getattr__(name: str) -> Scenario:
+    """Return the loop called `name`, such as "cart-pole" or "loop-17", for `load`."""
+    kind, _, seed = name.rpartition("-")
+    if kind == "loop" and seed.isdecimal():
+        return loop(int(seed))
+    if name in LOOPS:
+        return named(name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -94,6 +94,75 @@ def _within(x, limits):  # type: ignore[no-untyped-def]
 
 
 @kernel()
+def advance(plant, dt, delay, at, history, limits):  # type: ignore[no-untyped-def]
+    """Simulate one sampling period, writing to `x`, and return how many instants are valid.
+
+    Args:
+        plant: Kind and parameters.
+        dt: Step.
+        delay: Steps of dead time of the inputs.
+        at: First instant of the period and of the next one.
+        history: States (K, n_x), inputs (K, n_u), written up to the end of the period, inputs
+            before the start (n_u,), and disturbances (K, n_d).
+        limits: Limits of the states (n_x, 2).
+    """
+    kind, p = plant
+    first, last = at
+    x, u, u0, disturbance = history
+    work = np.zeros((5, x.shape[1]))
+    for k in range(first, last):
+        applied = u[k - delay] if k >= delay else u0
+        _step(kind, p, x[k], applied, disturbance[k], dt, work, x[k + 1])
+        inside, finite = _within(x[k + 1], limits)
+        if not inside:
+            return k + 2 if finite else k + 1
+    return last + 1
+
+
+@kernel()
+def hold(kind, p, x, u, d, times, dt):  # type: ignore[no-untyped-def]
+    """Return the states at `times`, shape (K, n_x), by steps of at most `dt`."""
+    out = np.zeros((len(times), len(x)))
+    work, now, after = np.zeros((5, len(x))), x.copy(), x.copy()
+    t = 0.0
+    for k in range(len(times)):
+        count = max(math.ceil((times[k] - t) / dt - 1e-9), 1)
+        for _ in range(count):
+            _step(kind, p, now, u, d, (times[k] - t) / count, work, after)
+            _copy(after, now)
+        t = times[k]
+        _copy(now, out[k])
+    return out
+
+
+@kernel()
+def slopes(kind, p, x, u, d):  # type: ignore[no-untyped-def]
+    """Return A = ∂ẋ/∂x and B = ∂ẋ/∂u by central differences."""
+    n, m = len(x), len(u)
+    A, B, work = np.zeros((n, n)), np.zeros((n, m)), np.zeros((2, n))
+    for j in range(n):
+        _slope(kind, p, x, u, d, (x, j), work, A)
+    for j in range(m):
+        _slope(kind, p, x, u, d, (u, j), work, B)
+    return A, B
+
+
+@inner()
+def _slope(kind, p, x, u, d, place, work, out):  # type: ignore[no-untyped-def]
+    """Write ∂ẋ over the number at `place`, in x or u, to its column of `out`."""
+    vector, j = place
+    here = vector[j]
+    h = 1e-6 * max(abs(here), 1.0)
+    vector[j] = here + h
+    derivative(kind, p, x, u, d, work[0])
+    vector[j] = here - h
+    derivative(kind, p, x, u, d, work[1])
+    vector[j] = here
+    for i in range(len(x)):
+        out[i, j] = (work[0, i] - work[1, i]) / (2 * h)
+
+
+@kernel()
 def rhs(kind, p, x, u, d):  # type: ignore[no-untyped-def]
     """Return ẋ of the plant `kind` with parameters `p`, shape (n_x,)."""
     dx = np.zeros(len(x))

@@ -9,40 +9,22 @@ from jaxtyping import Float
 from scipy.linalg import expm, solve_discrete_are
 
 from . import _laws as laws
-from .plants import Plant, linearized
+from .course import Course, Driven, OperatingPoint, by_law
+from .plants import linearized
 
 Values = Mapping[str, float]
 Range = tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class OperatingPoint:
-    """Where a loop starts, and what its inputs allow.
-
-    Args:
-        plant: Plant of the loop.
-        x: State, shape (n_x,).
-        u: Inputs, shape (n_u,).
-        d: Disturbance, shape (n_d,).
-        limits: Lowest and highest value of each input, shape (n_u, 2).
-    """
-
-    plant: Plant
-    x: Float[np.ndarray, " n_x"]
-    u: Float[np.ndarray, " n_u"]
-    d: Float[np.ndarray, " n_d"]
-    limits: Float[np.ndarray, "n_u 2"]
-
-
 class Tunable(Protocol):
     """A kind of controller."""
 
-    @property
-    def law(self) -> int:
-        """Number of its law, see `_laws`."""
+    def drive(self, values: Values, course: Course) -> Driven:
+        """Return what the controller does with these values of the knobs, by name.
 
-    def gains(self, values: Values, T_s: float, at: OperatingPoint) -> Float[np.ndarray, "r c"]:
-        """Return the gains of the law for the values of the knobs, by name."""
+        Raises:
+            LinAlgError: If there is no controller for these values.
+        """
 
 
 _DEFAULTS: Values = {"T_i": np.inf, "T_d": 0.0, "T_f": 0.0, "b": 1.0, "stages": 0, "hysteresis": 0}
@@ -67,10 +49,9 @@ class PID:
     fixed: Values = field(default_factory=dict)
     signs: tuple[float, ...] = ()
 
-    @property
-    def law(self) -> int:
-        """One PID for each input."""
-        return laws.PID
+    def drive(self, values: Values, course: Course) -> Driven:
+        """Return what the controller does with these values of the knobs."""
+        return by_law(laws.PID, self.gains(values, course.T_s, course.at), course)
 
     def gains(self, values: Values, T_s: float, at: OperatingPoint) -> Float[np.ndarray, "r c"]:
         """Return one row for each PID."""
@@ -91,6 +72,10 @@ class Cascade:
 
     The knobs are those of `PID` with the suffixes "_outer" and "_inner".
 
+    As in most cascades of practice, the outer integrator stops at `inner_range` and knows nothing
+    of the limits of the inner loop's input: while that is saturated, the outer one winds up as far
+    as its range allows. Slow anti-windup and a fast outer loop show that, for people to judge.
+
     Args:
         inner_start: Reference of the inner loop at the start.
         inner_range: Lowest and highest reference of the inner loop.
@@ -101,10 +86,9 @@ class Cascade:
     inner_range: Range
     fixed: Values = field(default_factory=dict)
 
-    @property
-    def law(self) -> int:
-        """A cascade."""
-        return laws.CASCADE
+    def drive(self, values: Values, course: Course) -> Driven:
+        """Return what the controller does with these values of the knobs."""
+        return by_law(laws.CASCADE, self.gains(values, course.T_s, course.at), course)
 
     def gains(self, values: Values, T_s: float, at: OperatingPoint) -> Float[np.ndarray, "r c"]:
         """Return the rows of the outer and of the inner PID."""
@@ -127,10 +111,9 @@ class LQR:
 
     fixed: Values = field(default_factory=dict)
 
-    @property
-    def law(self) -> int:
-        """A state feedback."""
-        return laws.FEEDBACK
+    def drive(self, values: Values, course: Course) -> Driven:
+        """Return what the controller does with these values of the knobs."""
+        return by_law(laws.FEEDBACK, self.gains(values, course.T_s, course.at), course)
 
     def gains(self, values: Values, T_s: float, at: OperatingPoint) -> Float[np.ndarray, "r c"]:
         """Return the row K, K_z, bias, low, high; K solves the discrete Riccati equation."""

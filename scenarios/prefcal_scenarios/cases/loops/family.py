@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
@@ -10,7 +11,8 @@ from prefcal_env.errors import ScenarioError
 from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
-from . import basic, motion, processes
+from .acceptance import is_worth_tuning
+from .kinds import basic, motion, predictive, processes
 from .loop import Loop
 from .vary import Vary, random
 
@@ -30,10 +32,15 @@ LOOPS: Mapping[str, Callable[..., Loop]] = MappingProxyType(
             motion.cart_pole,
             motion.boost_converter,
             motion.steering,
+            predictive.mpc_oscillatory,
+            predictive.mpc_quadruple_tank,
+            predictive.mpc_boost_converter,
         )
     }
 )
 """Makers of the loops by name; each takes a `Vary`."""
+_TRIES = 10
+"""How often the parameters of a random loop are drawn at most."""
 
 
 def named(name: str) -> Scenario:
@@ -50,9 +57,38 @@ def named(name: str) -> Scenario:
 
 
 def loop(seed: int) -> Scenario:
-    """Return a random loop as a scenario: its kind and its parameters follow from `seed`."""
+    """Return the random loop with this seed as a scenario, called "loop-SEED".
+
+    The seed determines the kind, uniform over `LOOPS`, and the parameters: those of the plant,
+    the size of the disturbance and of the noise. They are drawn again until the loop
+    `is_worth_tuning`, at most ten times; then the nominal ones are used.
+
+    Raises:
+        ScenarioError: If the seed is not an integer of 0 or more.
+    """
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise ScenarioError(f"the seed of a loop must be an integer of 0 or more, got {seed!r}")
+    return _accepted(int(seed))[0].scenario()
+
+
+@lru_cache(maxsize=256)  # the check takes up to 0.5 s
+def _accepted(seed: int) -> tuple[Loop, int]:
+    """Return the loop with this seed, and how many draws of its parameters were rejected."""
     rng = np.random.default_rng(seed)
-    kind = list(LOOPS)[int(rng.integers(len(LOOPS)))]
-    vary: Vary = random(rng)
-    found = LOOPS[kind](vary)
-    return replace(found, name=f"{found.name}-{seed}").scenario()
+    make = LOOPS[list(LOOPS)[int(rng.integers(len(LOOPS)))]]
+    drawn = (_varied(make, random(rng)) for _ in range(_TRIES))
+    rejected, found = next(
+        ((k, each) for k, each in enumerate(drawn) if is_worth_tuning(each)), (_TRIES, make())
+    )
+    return replace(found, name=f"loop-{seed}", title=f"{found.title} (variant {seed})"), rejected
+
+
+def _varied(make: Callable[..., Loop], vary: Vary) -> Loop:
+    """Return a loop with random parameters, disturbance and noise."""
+    made = make(vary)
+    task = replace(
+        made.task,
+        disturbance=tuple((a, a + vary(1.0) * (b - a)) for a, b in made.task.disturbance),
+        noise=tuple(vary(each) for each in made.task.noise),
+    )
+    return replace(made, task=task)

@@ -10,11 +10,11 @@ from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import KPI, Panel, Scenario
 
-from ._simulate import simulate
-from .controllers import OperatingPoint, Tunable
+from .controllers import Tunable
+from .course import Course, Driven, OperatingPoint
 from .kpis import compute_kpis, kpis_of
 from .plants import Plant
-from .wording import about_knob
+from .wording import about_knob, brief_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,24 +62,27 @@ class Task:
 class Loop:
     """A closed loop whose controller is tuned.
 
-    A run ends as unsafe if a state leaves the limits of its channel, and as failed if there is no
-    controller for θ.
+    The limits of safe operation are the `low` and `high` of the states' channels: a run ends as
+    unsafe at the first instant at which a state is outside them, and as failed if there is no
+    controller for θ. The `low` and `high` of the inputs' channels end nothing: there the inputs
+    saturate.
 
     Args:
         name: Short name.
         title: Title for headings.
-        brief: Description of the task for the person who compares.
+        brief: What happens in an experiment, for the person who compares.
         plant: Plant with its parameters.
         controller: Kind of controller.
         space: Knobs, named as in the controller.
-        states: Channels of the states. Their limits are those of safe operation.
-        inputs: Channels of the inputs. Their limits saturate the inputs.
+        states: Channels of the states, with the limits of safe operation.
+        inputs: Channels of the inputs, with the limits at which they saturate.
         measured: Indices of the measured states; the first one's reference steps.
         task: What happens in an experiment.
         timing: Times.
         controlled: Number of measured states, from the first, with a reference for people.
         beside: Index of a state that the step should not move much; None if there is none.
         staged: Whether the input has stages.
+        sample: Number of random θ that show whether the loop is worth tuning.
     """
 
     name: str
@@ -96,6 +99,7 @@ class Loop:
     controlled: int = 1
     beside: int | None = None
     staged: bool = False
+    sample: int = 128
 
     @property
     def channels(self) -> Channels:
@@ -128,11 +132,10 @@ class Loop:
         values = dict(zip(self.space.names, theta.tolist(), strict=True))
         hold = max(round(values.get("T_s", self.timing.T_s) / self.timing.step), 1)
         try:
-            gains = self.controller.gains(values, hold * self.timing.step, self.start())
+            driven = self.controller.drive(values, self._course(hold, seed))
         except np.linalg.LinAlgError:
-            return self._experiment(theta, np.zeros((0, 0)), np.zeros((0, 0)), hold)
-        x, u = self._simulated(gains, hold, seed)
-        return self._experiment(theta, x, u, hold)
+            driven = None
+        return self._experiment(theta, driven, hold)
 
     def start(self) -> OperatingPoint:
         """Return where the loop starts."""
@@ -146,66 +149,88 @@ class Loop:
 
     def scenario(self) -> Scenario:
         """Return the loop as a scenario."""
-        beside = () if self.beside is None else (self.states[self.beside],)
-        shown = dict.fromkeys(c.name for c in (*self.channels.y, *beside))
         return Scenario(
             name=self.name,
             title=self.title,
             space=self.space.described({name: about_knob(name) for name in self.space.names}),
             run=self.run,
             kpis=self.kpis,
-            panels=tuple(Panel(name) for name in [*shown, *(c.name for c in self.inputs)]),
-            brief=self.brief,
+            panels=(*self._state_panels(), *(Panel(c.name) for c in self.inputs)),
+            brief=brief_of(self.brief, self.states),
         )
 
-    def _simulated(
-        self, gains: Float[np.ndarray, "r c"], hold: int, seed: int
-    ) -> tuple[Float[np.ndarray, "K n_x"], Float[np.ndarray, "K n_u"]]:
-        """Return states and inputs at the instants of the simulation until it stopped."""
-        timing, task, at = self.timing, self.task, self.start()
-        count = round(timing.horizon / timing.step) + 1
+    def _state_panels(self) -> tuple[Panel, ...]:
+        """Return the panels of the controlled states and of the one beside.
+
+        A limit is drawn only if it is at most twice as far from the target as the start is: the
+        others would leave the response hardly any room.
+        """
+        first, target = self.measured[0], self.task.target[0]
+        room = 2 * abs(target - self.task.x0[first])
+
+        def near(i: int, limit: float, otherwise: float) -> float:
+            return limit if i == first and abs(limit - target) <= room else otherwise
+
+        beside = () if self.beside is None else (self.beside,)
+        return tuple(
+            Panel(c.name, low=near(i, c.low, -np.inf), high=near(i, c.high, np.inf))
+            for i, c in enumerate(self.states)
+            if i in (*self.measured[: self.controlled], *beside)
+        )
+
+    def _course(self, hold: int, seed: int) -> Course:
+        """Return what acts on the loop; the seed draws the noise of every instant."""
+        timing, task = self.timing, self.task
+        count = self._instants
         noise = np.random.default_rng(seed).standard_normal((count, len(task.noise)))
         disturbed = np.arange(count) * timing.step >= timing.disturbed_at
         levels = np.array(task.disturbance, dtype=float)  # (n_d, 2)
-        x, u, valid = simulate(
-            (self.plant.kind, self.plant.parameters(), np.array(self.measured, dtype=np.int64)),
-            (self.controller.law, gains),
-            (
-                np.tile(np.array(task.target, dtype=float), (count, 1)),
-                np.where(disturbed[:, None], levels[:, 1], levels[:, 0]),
-                noise * np.array(task.noise, dtype=float),
-            ),
-            (timing.step, hold, round(timing.dead_time / timing.step)),
-            (at.x, at.u, np.array([(c.low, c.high) for c in self.states], dtype=float)),
+        return Course(
+            at=self.start(),
+            measured=np.array(self.measured, dtype=np.int64),
+            reference=np.tile(np.array(task.target, dtype=float), (count, 1)),
+            disturbance=np.where(disturbed[:, None], levels[:, 1], levels[:, 0]),
+            noise=noise * np.array(task.noise, dtype=float),
+            safe=np.array([(c.low, c.high) for c in self.states], dtype=float),
+            step=timing.step,
+            hold=hold,
+            delay=round(timing.dead_time / timing.step),
         )
-        return x[:valid], u[:valid]
+
+    @property
+    def _instants(self) -> int:
+        """Number of instants of a whole experiment."""
+        return round(self.timing.horizon / self.timing.step) + 1
 
     def _experiment(
-        self,
-        theta: Float[np.ndarray, " n"],
-        x: Float[np.ndarray, "K n_x"],
-        u: Float[np.ndarray, "K n_u"],
-        hold: int,
+        self, theta: Float[np.ndarray, " n"], driven: Driven | None, hold: int
     ) -> Experiment:
-        """Return the record with its KPIs."""
-        channels, count = self.channels, len(x)
-        steps = np.arange(0, max(count - 1, 0), hold)
-        last = x[-1] if count else []
-        safe = all(c.low <= v <= c.high for c, v in zip(self.states, last, strict=False))
-        whole = count == round(self.timing.horizon / self.timing.step) + 1
-        end = End.FAILED if not count else End.TIME_UP if whole and safe else End.UNSAFE
+        """Return the record with its KPIs; it is empty if there was no controller."""
+        channels = self.channels
+        if driven is None:
+            none = np.zeros(0)
+            driven = Driven(
+                np.zeros((0, len(channels.x))), np.zeros((0, len(channels.u))),
+                none.astype(np.int64), none, none.astype(np.bool_),
+            )  # fmt: skip
+        steps = hold * np.arange(len(driven.solved))
         target = np.array(self.task.target[: self.controlled], dtype=float)
         bare = Experiment(
-            theta=theta, t=np.arange(count) * self.timing.step,
-            x=x.reshape(count, len(channels.x)), u=u.reshape(count, len(channels.u)),
-            t_control=steps * self.timing.step,
-            u_control=u[steps].reshape(len(steps), len(channels.u)),
+            theta=theta, t=np.arange(len(driven.x)) * self.timing.step,
+            x=driven.x, u=driven.u,
+            t_control=steps * self.timing.step, u_control=driven.u[steps],
             y_ref=np.tile(target, (len(steps), 1)),
-            iterations=np.zeros(len(steps), dtype=np.int64),
-            solve_time=np.zeros(len(steps)), solved=np.ones(len(steps), dtype=bool),
-            channels=channels, end=end,
+            iterations=driven.iterations, solve_time=driven.solve_time, solved=driven.solved,
+            channels=channels, end=self._end(driven.x),
         )  # fmt: skip
         if len(steps) == 0:
             return bare
         values = compute_kpis(bare, self.timing.disturbed_at, self.task.u0[0], self.beside)
         return replace(bare, kpis={kpi.name: values[kpi.name] for kpi in self.kpis})
+
+    def _end(self, x: Float[np.ndarray, "V n_x"]) -> End:
+        """Return why an experiment with these states ended."""
+        if not len(x):
+            return End.FAILED
+        safe = all(c.low <= v <= c.high for c, v in zip(self.states, x[-1], strict=True))
+        return End.TIME_UP if safe and len(x) == self._instants else End.UNSAFE

@@ -1,54 +1,27 @@
 """Parameters of the plants, one frozen dataclass for each kind."""
 
-from dataclasses import astuple, dataclass
-from typing import ClassVar, Protocol
+from dataclasses import dataclass, fields
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
-from . import _derivatives as kinds
-from ._simulate import rhs
-
-
-class Plant(Protocol):
-    """Plant of a closed loop."""
-
-    @property
-    def kind(self) -> int:
-        """Number of its right-hand side, see `_derivatives`."""
-
-    def parameters(self) -> Float[np.ndarray, " n_p"]:
-        """Return the parameters in the order that the right-hand side reads them."""
-
-
-class _Physical:
-    """Base of plants whose parameters are single numbers, in the order of their fields."""
-
-    __slots__ = ()
-
-    def parameters(self) -> Float[np.ndarray, " n_p"]:
-        """Return the fields, shape (n_p,)."""
-        return np.array(astuple(self), dtype=float)  # type: ignore[call-overload]
+from ._derivatives import BOOST, CART_POLE, LINEAR, QUADRUPLE, SERVO, STEERING, TANK
+from ._simulate import slopes
 
 
 @dataclass(frozen=True, slots=True)
 class Linear:
     """Linear plant ẋ = A x + B u + E d; each matrix is a tuple of rows."""
 
-    kind: ClassVar[int] = kinds.LINEAR
+    kind: ClassVar[int] = LINEAR
     A: tuple[tuple[float, ...], ...]
     B: tuple[tuple[float, ...], ...]
     E: tuple[tuple[float, ...], ...]
 
-    def parameters(self) -> Float[np.ndarray, " n_p"]:
-        """Return A, B and E, each row by row."""
-        return np.concatenate(
-            [np.ravel(np.array(m, dtype=float)) for m in (self.A, self.B, self.E)]
-        )
-
 
 @dataclass(frozen=True, slots=True)
-class Tank(_Physical):
+class Tank:
     """Tank that widens upwards, with a pump; x = (level [m], pump flow [m³/s]).
 
     Args:
@@ -59,7 +32,7 @@ class Tank(_Physical):
         pump_lag: Time constant of the pump, s.
     """
 
-    kind: ClassVar[int] = kinds.TANK
+    kind: ClassVar[int] = TANK
     bottom: float = 0.05
     widening: float = 0.25
     outlet: float = 4e-4
@@ -68,7 +41,7 @@ class Tank(_Physical):
 
 
 @dataclass(frozen=True, slots=True)
-class QuadrupleTank(_Physical):
+class QuadrupleTank:
     """Johansson's four tanks with two pumps; x = four levels [m], u = voltages [V].
 
     Args:
@@ -85,7 +58,7 @@ class QuadrupleTank(_Physical):
         share_2: Share of pump 2's flow that goes to tank 2; the rest goes to tank 3.
     """
 
-    kind: ClassVar[int] = kinds.QUADRUPLE
+    kind: ClassVar[int] = QUADRUPLE
     area_1: float = 28e-4
     area_2: float = 32e-4
     area_3: float = 28e-4
@@ -100,7 +73,7 @@ class QuadrupleTank(_Physical):
 
 
 @dataclass(frozen=True, slots=True)
-class Servo(_Physical):
+class Servo:
     """Motor and load with friction and backlash, in SI units.
 
     x = (load angle [rad], motor speed [rad/s], load speed [rad/s], twist of the shaft [rad]).
@@ -115,7 +88,7 @@ class Servo(_Physical):
         damping: Damping of the shaft, N m s/rad.
     """
 
-    kind: ClassVar[int] = kinds.SERVO
+    kind: ClassVar[int] = SERVO
     motor: float = 0.01
     load: float = 0.02
     viscous: float = 0.01
@@ -126,7 +99,7 @@ class Servo(_Physical):
 
 
 @dataclass(frozen=True, slots=True)
-class CartPole(_Physical):
+class CartPole:
     """Pole on a cart; x = (position [m], angle [rad], speed [m/s], angular speed [rad/s]).
 
     Args:
@@ -136,7 +109,7 @@ class CartPole(_Physical):
         friction: Viscous friction of the cart, N s/m.
     """
 
-    kind: ClassVar[int] = kinds.CART_POLE
+    kind: ClassVar[int] = CART_POLE
     cart: float = 1.0
     pole: float = 0.2
     length: float = 0.6
@@ -144,7 +117,7 @@ class CartPole(_Physical):
 
 
 @dataclass(frozen=True, slots=True)
-class BoostConverter(_Physical):
+class BoostConverter:
     """Averaged boost converter, time in ms; x = (output voltage [V], coil current [A]).
 
     Args:
@@ -155,7 +128,7 @@ class BoostConverter(_Physical):
         resistance: Resistance of the coil, Ω.
     """
 
-    kind: ClassVar[int] = kinds.BOOST
+    kind: ClassVar[int] = BOOST
     inductance: float = 0.2
     capacitance: float = 0.47
     load: float = 12.0
@@ -164,7 +137,7 @@ class BoostConverter(_Physical):
 
 
 @dataclass(frozen=True, slots=True)
-class Steering(_Physical):
+class Steering:
     """Kinematic bicycle; x = (lateral position [m], heading [rad], steering angle [rad]).
 
     Args:
@@ -173,10 +146,19 @@ class Steering(_Physical):
         lag: Time constant of the steering, s.
     """
 
-    kind: ClassVar[int] = kinds.STEERING
+    kind: ClassVar[int] = STEERING
     speed: float = 15.0
     wheelbase: float = 2.8
     lag: float = 0.15
+
+
+Plant = Linear | Tank | QuadrupleTank | Servo | CartPole | BoostConverter | Steering
+
+
+def parameters_of(plant: Plant) -> Float[np.ndarray, " n_p"]:
+    """Return the fields of `plant`, matrices row by row, as its right-hand side reads them."""
+    values = [getattr(plant, field.name) for field in fields(plant)]
+    return np.concatenate([np.ravel(np.array(value, dtype=float)) for value in values])
 
 
 def linearized(
@@ -186,15 +168,5 @@ def linearized(
     d: Float[np.ndarray, " n_d"],
 ) -> tuple[Float[np.ndarray, "n_x n_x"], Float[np.ndarray, "n_x n_u"]]:
     """Return A and B of the plant around a point, by central differences."""
-
-    def slope(at: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_x"]:
-        return np.asarray(rhs(plant.kind, p, at[: len(x)].copy(), at[len(x) :].copy(), d))
-
-    p, point = plant.parameters(), np.concatenate([x, u])
-    steps = 1e-6 * np.maximum(np.abs(point), 1.0)
-    columns = [
-        (slope(point + h * unit) - slope(point - h * unit)) / (2 * h)
-        for h, unit in zip(steps, np.eye(len(point)), strict=True)
-    ]
-    jacobian = np.column_stack(columns)
-    return jacobian[:, : len(x)], jacobian[:, len(x) :]
+    A, B = slopes(plant.kind, parameters_of(plant), x.copy(), u.copy(), d)
+    return np.asarray(A), np.asarray(B)

@@ -1,6 +1,14 @@
-"""Describe the knobs of the loops for the person who compares."""
+"""Describe the loops and their knobs for the person who compares."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from math import isfinite
+
+from prefcal_env.experiments.experiment import Channel
+
+_JUDGE = (
+    "Good control reaches the target soon, without overshoot or oscillation, recovers from the "
+    "disturbance, and spares the actuator. What counts more is up to you."
+)
 
 _KNOBS: Mapping[str, str] = {
     "K": "Gain: a larger one reacts more strongly to errors and to noise.",
@@ -15,6 +23,11 @@ _KNOBS: Mapping[str, str] = {
     "Q_3": "Weight of the third state's error.",
     "Q_4": "Weight of the fourth state's error.",
     "Q_z": "Weight of the integrated error: a larger one removes lasting errors sooner.",
+    "N_p": "Prediction horizon: how many steps the controller looks ahead.",
+    "N_u": "Control horizon: how many of these steps it may move the inputs.",
+    "Q_du": "Weight of the moves: a larger one is gentler and slower.",
+    "drift": "How fast the estimated disturbances may change: a larger one removes lasting errors "
+    "sooner, and passes more noise.",
     "T_s": "Sampling time: how often the controller measures and acts.",
 }
 _WHERE: Mapping[str, str] = {
@@ -31,3 +44,14 @@ def about_knob(name: str) -> str:
         return _KNOBS[name]
     suffix = next(suffix for suffix in _WHERE if name.endswith(suffix))
     return _WHERE[suffix] + _KNOBS[name.removesuffix(suffix)]
+
+
+def brief_of(brief: str, states: Sequence[Channel]) -> str:
+    """Return `brief` with what to judge by, and when an experiment stops as unsafe."""
+    bounds = [
+        f"{c.name} {c.low:g} to {c.high:g} {c.unit}".rstrip()
+        for c in states
+        if isfinite(c.low) and isfinite(c.high)
+    ]
+    stops = " An experiment stops as unsafe outside its limits: " + ", ".join(bounds) + "."
+    return f"{brief} {_JUDGE}{stops if bounds else ''}"

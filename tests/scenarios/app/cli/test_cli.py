@@ -122,7 +122,16 @@ def test_the_scenarios_are_listed(prefcal):
     assert "cstr" in out
     assert "T_s, N_p, log Q_Δu" in out
     assert "overtake-robust  Lane" in out
+    assert "Closed loops: lag, integrating" in out
     assert "own.py:name" in out
+
+
+def test_an_unknown_calibrator_of_a_closed_loop_is_refused(prefcal):
+    code, _, err = prefcal("calibrate", "servo", "--calibrator", "nobody")
+    assert code == 2
+    assert err.startswith("prefcal: --calibrator must be one of ")
+    assert "for scenario 'servo'" in err
+    assert "'nobody'" in err
 
 
 @pytest.mark.usefixtures("figures")

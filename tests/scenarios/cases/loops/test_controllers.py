@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from prefcal_scenarios.cases.loops.controllers import LQR, PID, Cascade, OperatingPoint
+from prefcal_scenarios.cases.loops.controllers import LQR, PID, Cascade
+from prefcal_scenarios.cases.loops.course import OperatingPoint
 from prefcal_scenarios.cases.loops.plants import CartPole, Linear, linearized
 
 TWICE = Linear(A=((0.0, 1.0), (0.0, 0.0)), B=((0.0,), (1.0,)), E=((0.0,), (1.0,)))

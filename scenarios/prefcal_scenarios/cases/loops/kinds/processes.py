@@ -6,12 +6,12 @@ from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 
-from ._derivatives import GRAVITY
+from .._derivatives import GRAVITY
+from ..controllers import PID
+from ..loop import Loop, Task, Timing
+from ..plants import Linear, QuadrupleTank, Tank
+from ..vary import Vary, nominal
 from .basic import ratio
-from .controllers import PID
-from .loop import Loop, Task, Timing
-from .plants import Linear, QuadrupleTank, Tank
-from .vary import Vary, nominal
 
 _WEIGHT = Knob("b", 0.0, 1.0)
 

@@ -6,11 +6,11 @@ from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 
+from ..controllers import LQR, Cascade
+from ..loop import Loop, Task, Timing
+from ..plants import BoostConverter, CartPole, Servo, Steering
+from ..vary import Vary, nominal
 from .basic import ratio
-from .controllers import LQR, Cascade
-from .loop import Loop, Task, Timing
-from .plants import BoostConverter, CartPole, Servo, Steering
-from .vary import Vary, nominal
 
 
 def servo(vary: Vary = nominal) -> Loop:

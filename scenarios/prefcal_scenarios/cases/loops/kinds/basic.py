@@ -4,10 +4,10 @@ from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 
-from .controllers import PID
-from .loop import Loop, Task, Timing
-from .plants import Linear
-from .vary import Vary, nominal
+from ..controllers import PID
+from ..loop import Loop, Task, Timing
+from ..plants import Linear
+from ..vary import Vary, nominal
 
 _WEIGHT = Knob("b", 0.0, 1.0)
 

@@ -1,0 +1,1 @@
+"""Makers of the named loops: their plants, knobs, tasks and limits as data."""
