@@ -43,7 +43,7 @@ LAYERS = {
         {"own"},
         {"scenario"},
         {"kpis", "app.isolated", "app.presentation", "app.summary"},
-        {"app.report", "app.session"},
+        {"app.report", "app.session", "tastes"},
         {"app.web", "cases"},
         {"bench", "app.terminal"},
         {"app.reproduce"},

@@ -3,10 +3,12 @@
 from .named import TASTES as TASTES
 from .named import VERSION as VERSION
 from .named import Taste as Taste
+from .named import calibrators_of as calibrators_of
 from .named import has_cost as has_cost
 from .named import taste as taste
 from .runs import Runs as Runs
 from .runs import runs_of as runs_of
+from .sample import USUAL as USUAL
 from .sample import fingerprint as fingerprint
 from .sample import is_cached as is_cached
 from .sample import sample as sample

@@ -1,7 +1,8 @@
 """Tastes by name and seed: who answers, what agents are told, and the referee."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -10,12 +11,13 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Calibrator, Preference
 from prefcal_scenarios.own.nearest import did_you_mean
-from prefcal_scenarios.scenario import KPI
+from prefcal_scenarios.scenario import KPI, Scenario
 
 from .draw import KINDS
 from .rising import Standards
 from .rule import Rule
 from .runs import Runs, runs_of
+from .sample import USUAL, sample
 from .weighted import Weighted
 from .worth import random_search_worth
 
@@ -110,6 +112,15 @@ def taste(name: str, kpis: Sequence[KPI], runs: Runs, seed: int) -> Taste:
         tuple(kpis), rule, used if kind == "hidden" else (), WRONG[f"-{noise}" if noise else ""],
         seed,
     )  # fmt: skip
+
+
+def calibrators_of(scenario: Scenario) -> Mapping[str, Callable[[int], Calibrator[Experiment]]]:
+    """Return a calibrator for each taste, as a function of the person's number."""
+    return {name: partial(_calibrator, scenario, name) for name in TASTES}
+
+
+def _calibrator(scenario: Scenario, name: str, seed: int) -> Calibrator[Experiment]:
+    return taste(name, scenario.kpis, sample(scenario, USUAL), seed).calibrator()
 
 
 def has_cost(name: str) -> bool:

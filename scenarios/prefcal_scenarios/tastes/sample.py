@@ -11,10 +11,17 @@ from jaxtyping import Float
 from platformdirs import user_cache_path
 
 from prefcal_agents.protocol.agent import one_thread
-from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.scenario import CLOSED_LOOPS, Scenario
 
 from .runs import Runs, runs_of
 
+USUAL = "usual"
+"""Name of the sample that shows tastes what is usual."""
+_USUAL = 512
+_QUICK_POOL, _SLOW_POOL = 8192, 2048
+"""Sizes of pools: of closed loops, which take a millisecond an experiment, and of others."""
+_HORIZON = "N_p"
+"""Knob of every MPC, which makes an experiment slow."""
 _CHECKED = 4
 """Number of experiments by which a changed scenario is noticed."""
 _DIGITS = 4
@@ -39,18 +46,18 @@ def thetas(scenario: Scenario, name: str, count: int) -> list[Float[np.ndarray, 
     return found[:count]
 
 
-def sample(scenario: Scenario, name: str, count: int) -> Runs:
-    """Return the KPIs of `count` random experiments of `scenario`.
+def sample(scenario: Scenario, name: str) -> Runs:
+    """Return the KPIs of random experiments of `scenario`.
 
     They are read from the user's cache folder if they were computed before, by any process, with
     a scenario that gives the same KPIs.
 
     Args:
         scenario: Scenario whose KPIs are wanted.
-        name: Name of the sample; another name gives other θ.
-        count: Number of experiments.
+        name: `USUAL` for those that show tastes what is usual, "pool" for those that the worth of
+            a θ is measured with.
     """
-    path = _path(scenario, name, count)
+    count, path = size(scenario, name), _path(scenario, name)
     found = _read(path, count)
     if found is None:
         found = _run(scenario, thetas(scenario, name, count))
@@ -58,13 +65,22 @@ def sample(scenario: Scenario, name: str, count: int) -> Runs:
     return found
 
 
-def is_cached(scenario: Scenario, name: str, count: int) -> bool:
+def size(scenario: Scenario, name: str) -> int:
+    """Return the number of experiments of a sample: more in the pool of a quick closed loop."""
+    if name == USUAL:
+        return _USUAL
+    known = scenario.name in CLOSED_LOOPS or scenario.name.startswith("loop-")
+    return _QUICK_POOL if known and _HORIZON not in scenario.space.names else _SLOW_POOL
+
+
+def is_cached(scenario: Scenario, name: str) -> bool:
     """Return whether `sample` would read its result from the cache folder."""
-    return _read(_path(scenario, name, count), count) is not None
+    return _read(_path(scenario, name), size(scenario, name)) is not None
 
 
-def _path(scenario: Scenario, name: str, count: int) -> Path:
-    key = hashlib.sha256(f"{fingerprint(scenario)} {name} {count}".encode()).hexdigest()
+def _path(scenario: Scenario, name: str) -> Path:
+    content = f"{fingerprint(scenario)} {name} {size(scenario, name)}"
+    key = hashlib.sha256(content.encode()).hexdigest()
     return user_cache_path("prefcal", appauthor=False) / "samples" / f"{key[:32]}.npz"
 
 

@@ -136,13 +136,12 @@ def overtaking() -> Problem:
     )
 
 
-def closed_loop(name: str, scenario: Scenario, pool: int) -> Problem:
+def closed_loop(name: str, scenario: Scenario) -> Problem:
     """Return the problem of a scenario that only tastes judge.
 
     Args:
         name: Name in tables and on the command line.
         scenario: Scenario with KPIs that have a direction.
-        pool: Number of random experiments that worth is measured with.
 
     Raises:
         SettingsError: If no KPI has a direction.
@@ -156,7 +155,6 @@ def closed_loop(name: str, scenario: Scenario, pool: int) -> Problem:
         calibrators={},
         version=f"{fingerprint(scenario)[:16]}, tastes {VERSION}",
         scenario=scenario,
-        pool=pool,
     )
 
 

@@ -6,24 +6,19 @@ from functools import cache
 from pathlib import Path
 
 from prefcal_env.errors import ScenarioError, SettingsError
-from prefcal_scenarios.cases import loops
 from prefcal_scenarios.cases.functions import FUNCTIONS
 from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.own.own_file import module_at
-from prefcal_scenarios.scenario import BUILT_IN, Scenario, load
+from prefcal_scenarios.scenario import CLOSED_LOOPS, Scenario, is_built_in, load
 from prefcal_scenarios.tastes import TASTES
 
 from .cases import GUIDELINES, closed_loop, guidelines, of_function, overtaking, reactor
 from .problem import NOISES, Problem
 
-PROBLEMS = (*loops.LOOPS, *FUNCTIONS, "cstr", GUIDELINES, "overtake")
+PROBLEMS = (*CLOSED_LOOPS, *FUNCTIONS, "cstr", GUIDELINES, "overtake")
 """Names of the problems, in the order of the tables; "loop-SEED" and own ones come on top."""
 CALIBRATORS = ("perfect", "lexicographic", *NOISES, *TASTES)
 """Names of everyone who can answer, in the order of the tables; each problem has some of them."""
-
-_QUICK_POOL, _SLOW_POOL = 4096, 1024
-"""Numbers of random experiments for worth: of compiled loops, and of anything else."""
-_RANDOM = "loop-"
 
 
 def problem(name: str) -> Problem:
@@ -49,21 +44,16 @@ def problem(name: str) -> Problem:
 
 @cache
 def _known(name: str) -> Problem:
-    seed = name.removeprefix(_RANDOM)
-    if name.startswith(_RANDOM) and seed.isdecimal():
-        return closed_loop(name, loops.loop(int(seed)), _QUICK_POOL)
-    if name in loops.LOOPS:
-        return closed_loop(name, loops.named(name), _QUICK_POOL)
     if name in FUNCTIONS:
         return of_function(FUNCTIONS[name])
     own = {"cstr": reactor, GUIDELINES: guidelines, "overtake": overtaking}
     if name in own:
         return own[name]()
-    if name in BUILT_IN:
-        return closed_loop(name, load(name), _SLOW_POOL)
+    if is_built_in(name):
+        return closed_loop(name, load(name))
     raise SettingsError(
         f"no problem is called {name!r}.{did_you_mean(name, PROBLEMS)} Expected "
-        f"{', '.join(PROBLEMS)}, {_RANDOM}SEED, or path/to/own.py:NAME"
+        f"{', '.join(PROBLEMS)}, loop-SEED, or path/to/own.py:NAME"
     )
 
 
@@ -73,7 +63,7 @@ def _own(name: str, version: str) -> Problem:
     path, _, attribute = name.rpartition(":")
     found = getattr(module_at(Path(path)), attribute, None)
     if isinstance(found, Scenario):
-        return closed_loop(name, found, _SLOW_POOL)
+        return closed_loop(name, found)
     if isinstance(found, Problem):
         return replace(found, name=name, version=f"{found.version}, {version[:16]}")
     raise SettingsError(f"{name!r} must name a Scenario or a Problem, got {found!r}")

@@ -12,7 +12,7 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios.scenario import Scenario
-from prefcal_scenarios.tastes import TASTES, Runs, has_cost, is_cached, sample, taste
+from prefcal_scenarios.tastes import TASTES, USUAL, Runs, has_cost, is_cached, sample, taste
 
 from .person import Judge, Outcome, Person, person_of
 
@@ -20,9 +20,7 @@ JudgeFactory = Callable[[int], Judge]
 
 NOISES: Mapping[str, float] = {"noisy10": 0.1, "noisy20": 0.2}
 """Share of answers that are flipped, by the name of the calibrator."""
-_USUAL = 512
-"""Number of experiments that show tastes what is usual; at most a quarter of the pool."""
-_READ: dict[tuple[str, str, str, int], Runs] = {}
+_READ: dict[tuple[str, str, str], Runs] = {}
 """Samples of this process: reading one takes longer than a question."""
 
 
@@ -42,7 +40,6 @@ class Problem:
         version: Version, raised when the same θ has another outcome, or calibrators answer
             differently.
         scenario: Scenario whose KPIs tastes judge; None if there are no tastes.
-        pool: Number of random experiments that the worth of a θ is measured with.
 
     Raises:
         SettingsError: If there are calibrators without a referee.
@@ -57,7 +54,6 @@ class Problem:
     paper: Float[np.ndarray, " n"] | None = None
     version: int | str = 1
     scenario: Scenario | None = None
-    pool: int = 1024
 
     def __post_init__(self) -> None:
         if self.calibrators and self.referee is None:
@@ -97,32 +93,28 @@ class Problem:
                 f"calibrator of {self.name} must be one of {', '.join(self.answering)}, "
                 f"got {calibrator!r}"
             )
-        kpis = self.scenario.kpis
-        return person_of(taste(calibrator, kpis, self._runs("usual"), seed), self._runs("pool"))
+        usual, pool = self._runs(USUAL), self._runs("pool")
+        return person_of(taste(calibrator, self.scenario.kpis, usual, seed), pool)
 
     def prepare(self) -> None:
         """Compute the random experiments that tastes need, unless they are in the cache folder."""
         if self.scenario is not None:
-            self._runs("usual")
+            self._runs(USUAL)
             self._runs("pool")
 
     @property
     def is_prepared(self) -> bool:
         """Return whether `prepare` has nothing to compute."""
         return self.scenario is None or all(
-            is_cached(self.scenario, name, count) for name, count in self._samples.items()
+            is_cached(self.scenario, name) for name in (USUAL, "pool")
         )
-
-    @property
-    def _samples(self) -> Mapping[str, int]:
-        return {"usual": min(_USUAL, self.pool // 4), "pool": self.pool}
 
     def _runs(self, name: str) -> Runs:
         """Return the random experiments called `name`, read once in each process."""
         assert self.scenario is not None
-        key = (self.name, str(self.version), name, self._samples[name])
+        key = (self.name, str(self.version), name)
         if key not in _READ:
-            _READ[key] = sample(self.scenario, name, self._samples[name])
+            _READ[key] = sample(self.scenario, name)
         return _READ[key]
 
     def outcome(self, theta: Float[np.ndarray, " n"]) -> Outcome:

@@ -10,6 +10,7 @@ import numpy as np
 from prefcal_env.errors import ScenarioError
 from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.tastes import calibrators_of
 
 from .acceptance import is_worth_tuning
 from .kinds import basic, motion, predictive, processes
@@ -53,7 +54,7 @@ def named(name: str) -> Scenario:
         raise ScenarioError(
             f"no loop is called {name!r}.{did_you_mean(name, LOOPS)} Expected {', '.join(LOOPS)}"
         )
-    return LOOPS[name]().scenario()
+    return _judged(LOOPS[name]())
 
 
 def loop(seed: int) -> Scenario:
@@ -68,7 +69,7 @@ def loop(seed: int) -> Scenario:
     """
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise ScenarioError(f"the seed of a loop must be an integer of 0 or more, got {seed!r}")
-    return _accepted(int(seed))[0].scenario()
+    return _judged(_accepted(int(seed))[0])
 
 
 @lru_cache(maxsize=256)  # the check takes up to 0.5 s
@@ -81,6 +82,12 @@ def _accepted(seed: int) -> tuple[Loop, int]:
         ((k, each) for k, each in enumerate(drawn) if is_worth_tuning(each)), (_TRIES, make())
     )
     return replace(found, name=f"loop-{seed}", title=f"{found.title} (variant {seed})"), rejected
+
+
+def _judged(loop: Loop) -> Scenario:
+    """Return the scenario with tastes as calibrators."""
+    scenario = loop.scenario()
+    return replace(scenario, calibrators=calibrators_of(scenario))
 
 
 def _varied(make: Callable[..., Loop], vary: Vary) -> Loop:
