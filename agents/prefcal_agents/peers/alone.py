@@ -1,14 +1,11 @@
 """Run torch and the packages built on it repeatably: seeded, on one thread, without warnings."""
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TypeVar
 
 from prefcal_agents.support.extras import load
 from prefcal_agents.support.global_random import seeded
-
-T = TypeVar("T")
 
 
 @contextmanager
@@ -38,16 +35,3 @@ def torch_seeded(*key: int) -> Iterator[int]:
     with seeded(*key) as seed, torch.random.fork_rng(devices=[]), alone():
         torch.default_generator.manual_seed(seed)
         yield seed
-
-
-def attempted(compute: Callable[[], T]) -> T | None:
-    """Return what `compute` returns, or None if a model of BoTorch cannot be fitted or searched.
-
-    Errors of linear algebra in torch and gpytorch are RuntimeErrors.
-    """
-    errors = load("botorch.exceptions.errors", "peers")
-    failures = (RuntimeError, ValueError, ArithmeticError)
-    try:
-        return compute()
-    except (*failures, errors.BotorchError, errors.ModelFittingError):
-        return None

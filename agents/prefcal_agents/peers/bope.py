@@ -6,20 +6,19 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.history.lessons import cube_of
-from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Pair, PreferenceBased
-from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.support.extras import load
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
-from .alone import attempted, torch_seeded
-from .eubo import challenger
+from .alone import torch_seeded
+from .eubo import challengers
 from .kpi_table import KPITable
-from .utility import Utility, maximum, strict_pairs
+from .proposal import attempted, proposed
+from .utility import Utility, maxima, strict_pairs
 
 _FIT: dict[str, Any] = {"options": {"maxiter": 50}}
-_SEARCH: dict[str, Any] = {"num_restarts": 3, "raw_samples": 64, "options": {"maxiter": 30}}
+_SEARCH: dict[str, Any] = {"num_restarts": 2, "raw_samples": 64, "options": {"maxiter": 30}}
 _RIVALS = 8
 """Number of runs, the best by expected utility, that a new one has to improve on."""
 _KPI_DRAWS, _UTILITY_DRAWS = 32, 16
@@ -41,7 +40,8 @@ class BOPE(PreferenceBased):
     compares curves; every experiment is compared with the best so far as well, and both kinds of
     questions alternate; KPIs are scaled and capped as for GLISp, and infinite ones count as a bit
     worse than the worst finite one; improvement is on the 8 runs of highest expected utility, with
-    32 draws of KPIs times 16 of utility, for speed; while there is no strict answer, or if a fit
+    32 draws of KPIs times 16 of utility, for speed; no θ runs again, so the next lower maximum
+    replaces one that ran; while there is no strict answer, or if a fit
     fails, the next sample is random.
 
     Args:
@@ -64,16 +64,7 @@ class BOPE(PreferenceBased):
         load("botorch.models.pairwise_gp", "peers")
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        index = history.answered
-        rng = np.random.default_rng([self._seed, index])
-        z: Float[np.ndarray, " n"] | None
-        if index < self.n_init:
-            z = latin_hypercube(self.space, self.n_init, self._seed)[index]
-        else:
-            with torch_seeded(self._seed, index) as seed:
-                z = attempted(lambda: _most_improving(history, seed))
-        z = rng.random(len(self.space)) if z is None else np.clip(z, 0.0, 1.0)
-        return Tried(self.space, history).fresh(z, rng)
+        return proposed(self.space, history, _most_improving, self.n_init, self._seed)
 
     def _follow_up(self, history: History) -> Pair | None:
         if history.answered < self.n_init or len(history.latest) > 1:
@@ -103,11 +94,11 @@ def _most_telling(history: History) -> Pair | None:
     return None if pair is None else (int(table.rows[pair[1]]), int(table.rows[pair[0]]))
 
 
-def _most_improving(history: History, seed: int) -> Float[np.ndarray, " n"] | None:
-    """Return the point of the cube that maximizes qNEIUU, shape (n,); EUBO's without KPIs."""
+def _most_improving(history: History, seed: int) -> Float[np.ndarray, "r n"] | None:
+    """Return the points of the cube with the highest qNEIUU, best first; EUBO's without KPIs."""
     models = _models(history)
     if models is None:
-        return challenger(history)
+        return challengers(history, seed)
     table, utility = models
     z = cube_of(history)[table.rows]
     best = np.argsort(-utility.means(), kind="stable")[:_RIVALS]
@@ -126,7 +117,7 @@ def _most_improving(history: History, seed: int) -> Float[np.ndarray, " n"] | No
         prune_baseline=False,  # independent draws would keep all of them
         cache_root=False,  # utilities of new and old runs are drawn jointly
     )
-    return maximum(improvement, z.shape[1], _SEARCH)
+    return maxima(improvement, z.shape[1], _SEARCH)
 
 
 def _kpi_model(z: Float[np.ndarray, "K n"], shares: Float[np.ndarray, "K p"]) -> Any:

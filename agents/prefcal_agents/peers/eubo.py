@@ -6,14 +6,12 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.history.lessons import cube_of
-from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import PreferenceBased
-from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.support.extras import load
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
-from .alone import attempted, torch_seeded
+from .proposal import proposed
 from .utility import Utility, strict_pairs
 
 
@@ -51,24 +49,15 @@ class EUBO(PreferenceBased):
         load("botorch.models.pairwise_gp", "peers")
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        index = history.answered
-        rng = np.random.default_rng([self._seed, index])
-        z: Float[np.ndarray, " n"] | None
-        if index < self.n_init:
-            z = latin_hypercube(self.space, self.n_init, self._seed)[index]
-        else:
-            with torch_seeded(self._seed, index):
-                z = attempted(lambda: challenger(history))
-        z = rng.random(len(self.space)) if z is None else np.clip(z, 0.0, 1.0)
-        return Tried(self.space, history).fresh(z, rng)
+        return proposed(self.space, history, challengers, self.n_init, self._seed)
 
 
-def challenger(history: History) -> Float[np.ndarray, " n"] | None:
-    """Return the point of the cube with the highest EUBO against the incumbent, shape (n,).
+def challengers(history: History, seed: int) -> Float[np.ndarray, "r n"] | None:
+    """Return the points of the cube with the highest EUBO against the incumbent, best first.
 
-    None while there is no strict answer.
+    None while there is no strict answer. The search draws from torch's global generator.
     """
     pairs, incumbent = strict_pairs(history), history.incumbent
     if not len(pairs) or incumbent is None:
         return None
-    return Utility.of(cube_of(history), pairs).challenger(incumbent)
+    return Utility.of(cube_of(history), pairs).challengers(incumbent)

@@ -11,7 +11,9 @@ from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.support.extras import load
 from prefcal_env.preferences.history import History
 
-_SEARCH = {"num_restarts": 4, "raw_samples": 128, "options": {"maxiter": 100}}
+_FIT = {"options": {"ftol": 1e-4}}
+"""Options of L-BFGS-B: a smaller tolerance takes twice as long for the same model."""
+_SEARCH = {"num_restarts": 8, "raw_samples": 128, "options": {"maxiter": 100}}
 
 
 def strict_pairs(history: History) -> Int[np.ndarray, "M 2"]:
@@ -48,17 +50,20 @@ class Utility:
         tensor = load("torch", "peers").tensor
         model = module.PairwiseGP(tensor(points), tensor(pairs))
         fit = load("botorch.fit", "peers").fit_gpytorch_mll
-        fit(module.PairwiseLaplaceMarginalLogLikelihood(model.likelihood, model))
+        fit(
+            module.PairwiseLaplaceMarginalLogLikelihood(model.likelihood, model),
+            optimizer_kwargs=_FIT,
+        )
         return cls(model, points)
 
-    def challenger(self, incumbent: int) -> Float[np.ndarray, " d"]:
-        """Return the point of the unit cube to compare with point `incumbent`, shape (d,).
+    def challengers(self, incumbent: int) -> Float[np.ndarray, "r d"]:
+        """Return points of the unit cube to compare with point `incumbent`, the best first.
 
-        It maximizes the expected utility of the better one of the two (EUBO).
+        The first one maximizes the expected utility of the better one of the two (EUBO).
         """
         acquisition = load("botorch.acquisition.preference", "peers")
         tensor = load("torch", "peers").tensor
-        return maximum(
+        return maxima(
             acquisition.AnalyticExpectedUtilityOfBestOption(
                 pref_model=self.model, previous_winner=tensor(self.points[[incumbent]])
             ),
@@ -96,10 +101,13 @@ class Utility:
         return np.array(mean), np.array(covariance)
 
 
-def maximum(acquisition: Any, n: int, search: dict[str, Any]) -> Float[np.ndarray, " n"]:
-    """Return the point of the unit cube that maximizes `acquisition`, shape (n,)."""
+def maxima(acquisition: Any, n: int, search: dict[str, Any]) -> Float[np.ndarray, "r n"]:
+    """Return local maxima of `acquisition` over the unit cube, the highest first."""
     torch = load("torch", "peers")
     box = torch.stack([torch.zeros(n, dtype=torch.float64), torch.ones(n, dtype=torch.float64)])
     optimize = load("botorch.optim", "peers").optimize_acqf
-    found, _ = optimize(acq_function=acquisition, bounds=box, q=1, **search)
-    return np.array(found[0])
+    found, values = optimize(
+        acq_function=acquisition, bounds=box, q=1, return_best_only=False, **search
+    )
+    order = np.argsort(-np.array(values).ravel(), kind="stable")
+    return np.asarray(np.array(found)[order, 0])
