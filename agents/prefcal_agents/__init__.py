@@ -23,7 +23,11 @@ if _TYPE_CHECKING:
     from .history.agent_state import AgentState as AgentState
     from .minimize import Minimum as Minimum
     from .minimize import minimize_by_preference as minimize_by_preference
+    from .peers import BOPE as BOPE
+    from .peers import EUBO as EUBO
+    from .peers import OptunaGP as OptunaGP
     from .peers import OptunaPreferential as OptunaPreferential
+    from .peers import OptunaTPE as OptunaTPE
     from .peers import ReferenceGLIS as ReferenceGLIS
     from .peers import ReferenceGLISp as ReferenceGLISp
     from .respacing import respaced as respaced

@@ -48,6 +48,8 @@ class AgentRow:
 
 _GLIS = {"glis": "glis", "pyswarm": "pyswarm", "pyDOE": "pyDOE"}
 _OPTUNA = {"optuna": "optuna", "optuna_dashboard": "optuna-dashboard", "botorch": "botorch"}
+_VALUE = {"optuna": "optuna", "torch": "torch"}
+_BOTORCH = {"botorch": "botorch", "gpytorch": "gpytorch", "torch": "torch"}
 _SB3 = {"stable_baselines3": "stable-baselines3", "torch": "torch"}
 
 AGENTS = (
@@ -62,6 +64,10 @@ AGENTS = (
     AgentRow("ReferenceGLISp", "peers", extra="peers", packages=_GLIS),
     AgentRow("ReferenceGLIS", "peers", by_value=True, extra="peers", packages=_GLIS),
     AgentRow("OptunaPreferential", "peers", extra="peers", packages=_OPTUNA),
+    AgentRow("EUBO", "peers", extra="peers", packages=_BOTORCH),
+    AgentRow("BOPE", "peers", extra="peers", packages=_BOTORCH),
+    AgentRow("OptunaTPE", "peers", by_value=True, extra="peers", packages=_VALUE),
+    AgentRow("OptunaGP", "peers", by_value=True, extra="peers", packages=_VALUE),
     AgentRow("LatinHypercube", "baselines.latin_hypercube", "lhs", learns=False),
     AgentRow("RandomSearch", "baselines.random_search", "random", learns=False),
 )  # fmt: skip

@@ -5,11 +5,22 @@ import sys
 import numpy as np
 import pytest
 
-from prefcal_agents.peers import OptunaPreferential, ReferenceGLIS, ReferenceGLISp
+from prefcal_agents.peers import (
+    BOPE,
+    EUBO,
+    OptunaGP,
+    OptunaPreferential,
+    OptunaTPE,
+    ReferenceGLIS,
+    ReferenceGLISp,
+)
 from prefcal_agents.support.global_random import seeded
 from prefcal_env.errors import MissingExtraError
 from prefcal_scenarios.cases.functions import FUNCTIONS
+from support.agents import peers
 from support.extras import quick_peers  # noqa: F401
+
+PEERS = {**peers(), **peers(by_value=True)}
 
 HARTMAN = FUNCTIONS["hartman3"]
 
@@ -63,8 +74,11 @@ def test_the_reference_glis_proposes_what_the_package_does_when_driven_by_hand()
 
 
 @pytest.mark.usefixtures("quick_peers")
-@pytest.mark.parametrize("make", [ReferenceGLISp, ReferenceGLIS, OptunaPreferential])
+@pytest.mark.parametrize("make", PEERS.values(), ids=PEERS)
 def test_two_agents_and_the_caller_do_not_disturb_each_other(make):
+    import torch
+
+    before = torch.get_rng_state()
     alone = [run(make(HARTMAN.space, n_init=4, n_max=8, seed=s)) for s in (0, 1)]
     with seeded(9):
         undisturbed = np.random.rand(8)  # noqa: NPY002
@@ -78,6 +92,7 @@ def test_two_agents_and_the_caller_do_not_disturb_each_other(make):
     for agent, samples in zip(agents, alone, strict=True):
         assert np.array_equal(agent.samples, samples)
     assert np.array_equal(own, undisturbed)
+    assert torch.equal(torch.get_rng_state(), before)
 
 
 @pytest.mark.usefixtures("quick_peers")
@@ -106,6 +121,10 @@ def test_optuna_goes_on_after_a_fit_that_diverged(monkeypatch):
         (ReferenceGLISp, "glis.solvers"),
         (ReferenceGLIS, "glis.solvers"),
         (OptunaPreferential, "optuna_dashboard.preferential.samplers.gp"),
+        (OptunaTPE, "optuna"),
+        (OptunaGP, "torch"),
+        (EUBO, "botorch.models.pairwise_gp"),
+        (BOPE, "botorch.models.pairwise_gp"),
     ],
 )
 def test_without_the_extra_the_word_is_clear(make, module, monkeypatch):

@@ -4,10 +4,12 @@ import pytest
 
 from contracts.agents import *  # noqa: F403
 from contracts.agents_memory import *  # noqa: F403
-from prefcal_agents.peers import OptunaPreferential, ReferenceGLISp
+from support.agents import peers
 from support.extras import quick_peers  # noqa: F401
 
+AGENTS = peers()
 
-@pytest.fixture(params=[ReferenceGLISp, OptunaPreferential])
+
+@pytest.fixture(params=AGENTS.values(), ids=AGENTS)
 def make_agent(request, quick_peers):  # noqa: F811
     return request.param

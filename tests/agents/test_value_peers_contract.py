@@ -1,12 +1,14 @@
-"""The other people's agent that is told scores goes through the contract suite."""
+"""The other people's agents that are told scores go through the contract suite."""
 
 import pytest
 
 from contracts.value_agents import *  # noqa: F403
-from prefcal_agents.peers import ReferenceGLIS
+from support.agents import peers
 from support.extras import quick_peers  # noqa: F401
 
+AGENTS = peers(by_value=True)
 
-@pytest.fixture
-def make_agent(quick_peers):  # noqa: F811
-    return ReferenceGLIS
+
+@pytest.fixture(params=AGENTS.values(), ids=AGENTS)
+def make_agent(request, quick_peers):  # noqa: F811
+    return request.param

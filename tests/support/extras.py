@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 MODULES = {
-    "peers": ("glis", "pyswarm", "optuna_dashboard", "botorch", "gpytorch"),
+    "peers": ("glis", "pyswarm", "optuna", "optuna_dashboard", "botorch", "gpytorch"),
     "rl": ("stable_baselines3", "torch"),
 }
 
@@ -22,6 +22,7 @@ def need(extra: str) -> None:
 def quick_peers(monkeypatch):
     """The peers with searches too short to be any good: a test sees the same promises sooner."""
     need("peers")
+    import botorch.fit
     import botorch.optim
     import glis.solvers as glis
     import optuna_dashboard.preferential.samplers.gp as gp
@@ -39,4 +40,5 @@ def quick_peers(monkeypatch):
     acquire = botorch.optim.optimize_acqf
     few = {"num_restarts": 1, "raw_samples": 8, "options": {"maxiter": 3}}
     monkeypatch.setattr(botorch.optim, "optimize_acqf", lambda **k: acquire(**{**k, **few}))
+    monkeypatch.setattr(botorch.fit, "fit_gpytorch_mll", lambda mll, **_: mll.eval())
     monkeypatch.setattr(gp._PreferentialGP, "fit_params_EP", lambda *_: None)

@@ -1,6 +1,6 @@
 """Provide Optuna's preferential sampler, a Gaussian process, as an agent."""
 
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 from jaxtyping import Float
@@ -9,12 +9,15 @@ from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import PreferenceBased
 from prefcal_agents.protocol.replay import Replay
 from prefcal_agents.space.design import latin_hypercube
+from prefcal_agents.support.extras import load
 from prefcal_agents.support.global_random import seeded
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 
 from .optuna_session import OptunaSession
+
+_GP = "optuna_dashboard.preferential.samplers.gp"
 
 
 @final
@@ -47,7 +50,8 @@ class OptunaPreferential(PreferenceBased):
         self, space: KnobSpace, *, n_init: int = 10, n_max: int = 50, seed: int = 0
     ) -> None:
         super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
-        OptunaSession.check_installed()
+        for module in ("optuna", _GP):
+            load(module, "peers")
         self._replay = Replay(self._start, self._feed)
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
@@ -62,15 +66,29 @@ class OptunaPreferential(PreferenceBased):
 
     def _start(self) -> OptunaSession:
         with seeded(self._seed) as seed:
-            return OptunaSession(len(self.space), seed)
+            return OptunaSession(len(self.space), _study, _sampler, seed)
 
     def _feed(self, session: OptunaSession, history: History) -> None:
         with seeded(self._seed, history.answered) as seed:
             session.run(np.array(history.samples[history.answered - 1].z))
             last = history.comparisons[-1]
             if last.teaches and last.answer.preference is not Preference.TIE:
-                pair = (last.challenger, last.incumbent)
+                pair = (session.trials[last.challenger], session.trials[last.incumbent or 0])
                 won = last.answer.preference is Preference.CHALLENGER
-                session.prefer(*(pair if won else reversed(pair)))
-            if history.answered >= self.n_init:
+                session.study.report_preference(*(pair if won else reversed(pair)))
+            if history.answered >= self.n_init and session.study.preferences:
                 session.ask(seed)
+
+
+def _study(sampler: Any) -> Any:
+    preferential = load("optuna_dashboard.preferential", "peers")
+    return preferential.create_study(n_generate=1, sampler=sampler)
+
+
+def _sampler(seed: int) -> Any:
+    """Return the default sampler with argument checks, so that a diverged fit stops at once.
+
+    Without these checks it would continue for minutes.
+    """
+    noise = load("gpytorch.priors", "peers").GammaPrior(5.0, 50.0, validate_args=True)
+    return load(_GP, "peers").PreferentialGPSampler(seed=seed, noise_prior=noise)
