@@ -68,12 +68,14 @@ POLICIES_MAY_USE = (*AGENTS_MAY_USE, "experiments")
 ALONE = {
     "piqp": "prefcal_env.qp",
     "daqp": "prefcal_env.qp",
-    "torch": "prefcal_agents.rl",
+    "torch": ("prefcal_agents.rl", "prefcal_agents.peers"),
     "stable_baselines3": "prefcal_agents.rl",
     "glis": "prefcal_agents.peers",
     "optuna": "prefcal_agents.peers",
+    "botorch": "prefcal_agents.peers",
+    "gpytorch": "prefcal_agents.peers",
 }
-"""Foreign packages that one place alone may import."""
+"""Foreign packages that one place alone may import, or two."""
 
 BENCHMARKS = ROOT / "benchmarks"
 TREES = {**FOLDERS, "benchmarks": BENCHMARKS}

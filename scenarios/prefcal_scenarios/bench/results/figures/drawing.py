@@ -36,6 +36,10 @@ _KNOWN: Mapping[str, Look] = {
     "ReferenceGLISp": Look("#8a4fb0", "<"),
     "ReferenceGLIS": Look("#7a2e04", "p"),
     "OptunaPreferential": Look("#b88a00", ">"),
+    "EUBO": Look("#2e6f57", "8"),
+    "BOPE": Look("#d1495b", "H"),
+    "OptunaTPE": Look("#6b7f2a", "$T$"),
+    "OptunaGP": Look("#a0522d", "$G$"),
     "LatinHypercube": Look("#4b5563", "^", _DASHED),
     "RandomSearch": Look(FIRST, "v", _DOTTED),
 }
