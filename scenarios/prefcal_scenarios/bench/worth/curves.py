@@ -99,6 +99,14 @@ def frame_of(results: Iterable[Result]) -> pd.DataFrame:
     return frame.reset_index(drop=True)
 
 
+def joined(ours: pd.DataFrame, published: pd.DataFrame | None) -> pd.DataFrame:
+    """Return a frame with our studies and published ones, of which any may be missing."""
+    if published is None or not len(published):
+        return ours
+    others = published[list(COLUMNS)]
+    return pd.concat([ours, others], ignore_index=True) if len(ours) else others
+
+
 def curves_of(frame: pd.DataFrame) -> Curves:
     """Return the curves of a frame with the columns of `frame_of`, in any order of its rows.
 

@@ -38,6 +38,14 @@ def worth_rows(curves: Curves, baseline: str, seed: int = 0) -> pd.DataFrame:
     return table.astype(object).where(table.notna(), None)
 
 
+def plain_worth(rows: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return rows in the format of `worth_table`."""
+    return [
+        {str(name): value for name, value in row.items()}
+        for row in rows.drop(columns="setting").to_dict("records")
+    ]
+
+
 def worth_table(curves: Curves, baseline: str, seed: int = 0) -> list[dict[str, Any]]:
     """Return the table of worth as plain data for JSON and CSV, with None for missing numbers.
 
@@ -47,10 +55,7 @@ def worth_table(curves: Curves, baseline: str, seed: int = 0) -> list[dict[str, 
     number given by then), improvement (probability that the agent's worth exceeds the baseline's,
     with interval), and drift (up to then).
     """
-    return [
-        {str(name): value for name, value in row.items()}
-        for row in worth_rows(curves, baseline, seed).drop(columns="setting").to_dict("records")
-    ]
+    return plain_worth(worth_rows(curves, baseline, seed))
 
 
 def _of_setting(curves: Curves, setting: Setting, baseline: str, seed: int) -> list[dict[str, Any]]:
