@@ -33,7 +33,7 @@ def walk(agent, loop, seed, strength, *, taste="weights", n_max=50, per_experime
         held.append(min(best, 4001.0))
     asked = [per_experiment * k for k in range(n_max)]
     return study(
-        agent, loop, seed, held, taste=taste, questions=asked, n_init=10, n_max=n_max,
+        agent, loop, seed, held, taste=taste, questions=asked, n_init=min(10, n_max), n_max=n_max,
         comparisons=tuple((min(k, n_max - 1), 0, 1) for k in range(1, asked[-1] + 1)),
     )  # fmt: skip
 

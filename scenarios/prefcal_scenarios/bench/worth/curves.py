@@ -147,7 +147,7 @@ def curves_of(frame: pd.DataFrame) -> Curves:
 
 def after_answers(
     worth: Float[np.ndarray, " n_max"], asked: Int[np.ndarray, " n_max"], count: int
-) -> Float[np.ndarray, " count+1"]:
+) -> Float[np.ndarray, " {count}+1"]:
     """Return the worth after 0, 1, ..., `count` answers, from the last experiment by then."""
     place = np.searchsorted(asked, np.arange(count + 1), side="right") - 1
     return np.asarray(worth[np.maximum(place, 0)])

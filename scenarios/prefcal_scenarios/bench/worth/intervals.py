@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from prefcal_scenarios.app.presentation.style import FAINT, INK, canvas
 from prefcal_scenarios.bench.results.figures.drawing import Look, drawn
 from prefcal_scenarios.bench.results.figures.summaries import DUEL
-from prefcal_scenarios.bench.results.words import percent
 from prefcal_scenarios.bench.roster import in_order
 
 from .curves import Setting
@@ -21,6 +20,8 @@ from .words import plain_number
 
 _LEVEL = 6
 """Largest number of columns whose names fit side by side."""
+_ROOMY = 9
+"""Largest number of columns in which an interval fits."""
 
 
 def summary(rows: pd.DataFrame, settings: Sequence[Setting], looks: Mapping[str, Look]) -> Figure:
@@ -80,7 +81,7 @@ def _worths(axes: Axes, ends: pd.DataFrame, looks: Mapping[str, Look]) -> None:
                       solid_capstyle="butt", zorder=3)  # fmt: skip
             text += f"  ({plain_number(row.worth_low)}–{plain_number(row.worth_high)})"
         sees = row.answers == 0
-        axes.plot(row.worth, y, look.marker, markersize=6.5, zorder=4,
+        axes.plot(row.worth, y, look.marker, markersize=9 if look.marker == "*" else 6.5, zorder=4,
                   color="white" if sees else look.color, markeredgewidth=1.4 if sees else 0.5,
                   markeredgecolor=look.color if sees else "white")  # fmt: skip
         axes.annotate(text, (1.02, y), xycoords=axes.get_yaxis_transform(), va="center",
@@ -136,8 +137,12 @@ def _write(axes: Axes, row: Any, place: tuple[int, int], columns: int) -> None:
         row.improvement_low is not None and not row.improvement_low <= 0.5 <= row.improvement_high
     )
     color = "white" if abs(row.improvement - 0.5) > 0.42 else INK
-    axes.text(x, y - 0.02, percent(row.improvement), ha="center", va="bottom", color=color,
-              fontsize=9, fontweight="bold" if sure else "normal")  # fmt: skip
-    if row.improvement_low is not None and columns <= 9:
+    text, roomy = f"{100 * row.improvement:.0f}", columns <= _ROOMY
+    axes.text(
+        x, y - 0.02 if roomy else y, f"{text} %" if roomy else text, ha="center",
+        va="bottom" if roomy else "center", color=color, fontsize=9,
+        fontweight="bold" if sure else "normal",
+    )  # fmt: skip
+    if row.improvement_low is not None and roomy:
         ends = f"{100 * row.improvement_low:.0f}–{100 * row.improvement_high:.0f}"
         axes.text(x, y + 0.04, ends, ha="center", va="top", color=color, fontsize=7, alpha=0.85)

@@ -11,7 +11,7 @@ from prefcal_env.errors import SettingsError
 CONFIDENCE = 0.95
 RESAMPLES = 2000
 """Number of bootstrap resamples; the ends of an interval then vary by about 2 % of its length."""
-Loops = Sequence[Float[np.ndarray, " S"]]
+Loops = Sequence[Float[np.ndarray, " _"]]
 """Worth of the studies of an agent, with an array over the seeds for each loop."""
 
 
@@ -79,7 +79,7 @@ def improvement(ours: Loops, theirs: Loops, *, rng: np.random.Generator) -> Esti
     return _estimate(float(np.mean(values)), np.mean(means, axis=0), [*ours, *theirs])
 
 
-def drift(curves: Iterable[Float[np.ndarray, " N"]]) -> float:
+def drift(curves: Iterable[Float[np.ndarray, " _"]]) -> float:
     """Return how many times less a θ is worth at the end of a study than the best one held before.
 
     It is the geometric mean over the studies of (highest worth along the study) / (worth at its
