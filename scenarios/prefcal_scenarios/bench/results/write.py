@@ -57,8 +57,7 @@ def write(
     from .html import Loops, Origin, page
     from .pictures import Material, draw
 
-    choices = Choices(baseline)
-    results = list(results)
+    choices, results, duels = Choices(baseline), list(results), list(duels)
     campaign, curves = campaign_of(results), curves_of(joined(frame_of(results), published))
     rows = rows_of(campaign, choices)
     material = Material(campaign, rows, tallies(duels), choices.floor, curves.agents)

@@ -32,7 +32,7 @@ _MOST_ANSWERS = 2
 _SEES_VALUES = Line2D([], [], color=FAINT, linewidth=1.2, linestyle=(0, (6, 2, 1, 2)),
                       label="sees values: at the end")  # fmt: skip
 _THEORY = Line2D([], [], color="#aab2bb", linewidth=3.2, label="random search, in theory")
-_Band = Float[np.ndarray, "3 K"]
+_Band = Float[np.ndarray, "3 _"]
 """Lower quartile, geometric mean and upper quartile of worth."""
 
 
@@ -169,7 +169,7 @@ def _lowest(studies: pd.DataFrame) -> float:
 
 
 def _theory(axes: Axes, first: int, last: int) -> None:
-    x = np.arange(first, last + 1)
+    x = range(first, last + 1)
     axes.plot(x, [random_search(n) for n in x], color=_THEORY.get_color(), zorder=1.5,
               linewidth=_THEORY.get_linewidth(), solid_capstyle="butt")  # fmt: skip
 
@@ -192,7 +192,7 @@ def _draw(
         if agent in bands:
             low, mean, high = bands[agent]
             x = np.arange(start, start + len(mean))
-            if len(looks) <= _FEW:
+            if len(looks) <= _FEW and not caps:
                 axes.fill_between(x, low, high, color=look.color, alpha=0.14, linewidth=0)
             axes.plot(
                 x, mean, label=agent, markevery=markers(len(x), i, len(looks)),

@@ -107,8 +107,8 @@ def _of_loops(worths: Worths, settings: Sequence[Setting]) -> Iterator[Shown]:
 def _improvement_caption(baseline: str) -> str:
     return (
         f"Probability that the agent's θ is worth more than that of {baseline}, for one seed of "
-        "each on any loop; a tie counts half. Small: its 95 % bootstrap interval, if there is room; "
-        "bold if that interval excludes 50 %."
+        "each on any loop; a tie counts half. Small: its 95 % bootstrap interval, if there is "
+        "room; bold if that interval excludes 50 %."
     )
 
 
