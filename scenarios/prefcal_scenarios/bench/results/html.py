@@ -28,20 +28,17 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class Loops:
-    """What the page shows of closed loops: their worth, and its figures."""
+    """What the page shows of closed loops.
+
+    Args:
+        worths: Worth of all studies, for the tables.
+        overview: Figures with all loops together, which come before the tables.
+        single: Figures with a panel for each loop.
+    """
 
     worths: Worths
-    shown: Sequence[Shown]
-
-    @property
-    def overview(self) -> list[Shown]:
-        """Return the figures with all loops together, which come before the tables."""
-        return [s for s in self.shown if not s.file.startswith(("worth-exp", "worth-ans"))]
-
-    @property
-    def single(self) -> list[Shown]:
-        """Return the figures with a panel for each loop."""
-        return [s for s in self.shown if s not in self.overview]
+    overview: Sequence[Shown]
+    single: Sequence[Shown]
 
 
 def page(

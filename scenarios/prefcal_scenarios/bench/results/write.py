@@ -65,10 +65,11 @@ def write(
         curves, worth_rows(curves, baseline, choices.seed), baseline, material.looks
     )
     target, shown = folder_for(folder), draw(material)
-    loops = Loops(worths, worth_pictures.draw(worths))
+    loops = Loops(worths, worth_pictures.draw_overview(worths), worth_pictures.draw_loops(worths))
+    every = (*loops.overview, *loops.single, *shown)
     origin = Origin(command, digest, tuple(notes))
-    _remove_others(target, {s.file for s in (*shown, *loops.shown)})
-    for picture in (*loops.shown, *shown):
+    _remove_others(target, {s.file for s in every})
+    for picture in every:
         put(target / picture.file, picture.content)
     put(target / "table.csv", as_csv(plain(material.rows)).encode())
     put(target / "worth.csv", as_csv(plain_worth(worths.rows)).encode())

@@ -56,14 +56,25 @@ class Worths:
     looks: Mapping[str, Look]
 
 
-def draw(worths: Worths) -> list[Shown]:
-    """Draw every figure of worth that there are results for."""
-    settings = worths.curves.settings
+def draw_overview(worths: Worths) -> list[Shown]:
+    """Draw the figures with all loops together, first those of answers that are never wrong."""
     with style():
-        groups = [g for noisy in (False, True) if (g := [s for s in settings if s.noisy == noisy])]
-        shown = [one for group in groups for one in _of_all(worths, group)]
-        # Wrong answers are in the other figures: with two figures for each, the page is endless.
-        return [*shown, *_of_loops(worths, groups[0] if groups else [])]
+        return [one for group in _groups(worths.curves) for one in _of_all(worths, group)]
+
+
+def draw_loops(worths: Worths) -> list[Shown]:
+    """Draw the figures with a panel for each loop.
+
+    Tastes with wrong answers have none if there are others: the page would be endless.
+    """
+    with style():
+        return [one for group in _groups(worths.curves)[:1] for one in _of_loops(worths, group)]
+
+
+def _groups(curves: Curves) -> list[list[Setting]]:
+    """Return the settings without and with wrong answers, as far as there are any."""
+    both = ([s for s in curves.settings if s.noisy == noisy] for noisy in (False, True))
+    return [group for group in both if group]
 
 
 def _of_all(worths: Worths, settings: Sequence[Setting]) -> Iterator[Shown]:

@@ -137,8 +137,15 @@ def _differences(published: pd.DataFrame) -> Iterator[str]:
         for name, group in published.groupby(column, sort=True)[version]:
             now = installed(str(name))
             if now and set(group) != {now}:
-                then = ", ".join(sorted(set(group)))
                 yield (
-                    f"{name}: the published studies are of version {then or 'unknown'}, this "
-                    f"prefcal has {now}: the comparison with them may not hold any more"
+                    f"{name}: the published studies {_apart(set(group), now)}: the comparison "
+                    "with them may not hold any more"
                 )
+
+
+def _apart(then: set[str], now: str) -> str:
+    """Return what distinguishes versions, which start with a number that settings follow."""
+    numbers = {version.split()[0] if version else "unknown" for version in then}
+    if numbers == {now.split()[0]}:
+        return "have other settings or package versions than those installed here"
+    return f"are of version {', '.join(sorted(numbers))}, this prefcal has {now.split()[0]}"

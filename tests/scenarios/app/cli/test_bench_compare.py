@@ -8,7 +8,7 @@ import pytest
 
 from prefcal_scenarios.app.cli.benchmark import run as run_module
 from prefcal_scenarios.app.cli.benchmark.compare import compare
-from prefcal_scenarios.app.cli.benchmark.options import CompareOptions
+from prefcal_scenarios.app.cli.benchmark.options import BenchOptions, CompareOptions
 from prefcal_scenarios.bench import Finished
 from prefcal_scenarios.bench.worth.published import publish
 from prefcal_scenarios.bench.worth.raw import write_raw
@@ -68,6 +68,17 @@ def test_the_page_compares_everybody_with_the_agent(published, tmp_path, monkeyp
     page = (tmp_path / "made" / "index.html").read_text(encoding="utf-8")
     assert "Beside them, 2 published agents" in page
     assert f"prefcal bench compare {mine} --published {published}" in page
+
+
+def test_the_benchmark_prints_the_worth_as_csv_if_there_are_closed_loops(
+    tmp_path, monkeypatch, capsys
+):
+    found = Finished(tuple(walks({"GLISp": 1.3, "RandomSearch": 1.0}, seeds=2, n_max=4)), ())
+    monkeypatch.setattr(run_module, "run_suite", lambda *_: found)
+    options = BenchOptions(agents="GLISp", problems="camel", csv=True, out=tmp_path / "made")
+    assert run_module.run(options) == 0
+    assert capsys.readouterr().out == (tmp_path / "made" / "worth.csv").read_text()
+    assert set(pd.read_parquet(tmp_path / "made" / "raw.parquet")["taste"]) == {"weights"}
 
 
 @pytest.mark.parametrize(

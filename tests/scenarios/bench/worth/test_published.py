@@ -66,6 +66,8 @@ def test_other_versions_are_told(frame):
     old.loc[old["loop"] == "camel", "problem_version"] = "7"
     notes = " ".join(plan("LatinHypercube", old).notes)
     assert "GLISp: the published studies are of version 0, this prefcal has" in notes
+    other = frame.assign(agent_version=frame["agent_version"] + " and more")
+    assert "have other settings" in " ".join(plan("LatinHypercube", other).notes)
     assert "camel: the published studies are of version 7, this prefcal has 1" in notes
 
 
