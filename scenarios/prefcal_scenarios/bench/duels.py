@@ -67,8 +67,7 @@ class Round:
 
 
 def rounds(results: Sequence[Result]) -> tuple[Round, ...]:
-    """Return the rounds to play in canonical order, from successful results that have
-    neither a cost nor a worth.
+    """Return the rounds to play in canonical order, from successful results without a cost.
 
     Raises:
         SettingsError: If results of one study have different numbers of experiments.
@@ -76,7 +75,7 @@ def rounds(results: Sequence[Result]) -> tuple[Round, ...]:
     groups: dict[tuple[str, str, int], dict[str, Theta]] = {}
     for result in sorted(results, key=lambda result: result.cell):
         cell = result.cell
-        if result.failure or result.worth is not None or problem(cell.problem).has_cost:
+        if result.failure or result.gaps is not None or result.worth is not None:
             continue
         group = groups.setdefault((cell.problem, cell.calibrator, cell.seed), {})
         if cell.agent in group:

@@ -33,14 +33,12 @@ class Result:
         failure: Reason why the cell failed; all other fields are then empty.
         seconds: Time of a proposal at the end (median of the last five), measured in serial runs
             only and ignored when results are compared.
-        worth: Worth of the θ that the agent would return after each experiment, N values; None
-            where the problem has no pool.
-        kpi_names: Names of the KPIs of each experiment.
-        kpis: KPIs of each experiment, N rows in the order of `kpi_names`, which may be infinite;
-            empty if the problem has none.
-        comparisons: (challenger, incumbent, answer) of each question in order; the answer is -1
-            if the challenger is better, 0 for a tie, 1 if the incumbent is. Empty for an agent
-            that is told values.
+        worth: Worth of the θ that the agent would return after each experiment, N values, see
+            `prefcal_scenarios.tastes.worth`; None if there is no pool.
+        kpi_names: Names of the scenario's KPIs.
+        kpis: KPIs of each experiment, N rows in that order; empty if the problem has none.
+        comparisons: Challenger, incumbent and answer of each question: -1 if the challenger is
+            better, 0 for a tie, 1 if the incumbent is; empty if the agent is told values.
 
     Raises:
         SettingsError: If lengths do not fit each other, or there are NaN values.
@@ -67,6 +65,8 @@ class Result:
                 raise SettingsError(f"{name} must have {count} values, got {len(column)}")
         if (count == 0) != bool(self.failure):
             raise SettingsError("a result must have experiments, or else say why the cell failed")
+        if self.kpis and len(self.kpis) != count:
+            raise SettingsError(f"kpis must have {count} rows, got {len(self.kpis)}")
         rows = (*self.thetas, self.best, self.gaps or (), self.visited or (), self.worth or ())
         if any(isnan(value) for row in rows for value in row):
             raise SettingsError(f"a result of {self.cell} must hold numbers, got NaN")

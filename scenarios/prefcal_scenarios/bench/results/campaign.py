@@ -108,7 +108,8 @@ def campaign_of(results: Iterable[Result]) -> Campaign:
     frame = frame.astype({"cost": bool, "worth": bool, **dict.fromkeys(_NUMBERS, float)})
     costly = set(frame.loc[frame["cost"], "problem"])
     for r in ordered:
-        if not r.failure and r.gaps is None and r.cell.problem in costly:
+        alone = not r.failure and r.gaps is None and r.worth is None
+        if alone and r.cell.problem in costly:
             raise SettingsError(f"other results of {r.cell.problem!r} have gaps, not so {r.cell}")
     knobs = frame.groupby("problem")["knobs"].max().fillna(0)
     orders = {

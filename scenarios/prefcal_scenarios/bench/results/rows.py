@@ -64,7 +64,7 @@ def rows_of(campaign: Campaign, choices: Choices) -> pd.DataFrame:
         place: studies.set_index("seed")["gap"]
         for place, studies in baseline.groupby(["regime", "problem"], observed=True)
     }
-    worthy = set(campaign.studies.loc[campaign.studies["worth"], "problem"])
+    worthy = campaign.studies.groupby(["regime", "problem"], observed=True)["worth"].any()
     rows = []
     for (regime, problem, agent), studies in campaign.studies.groupby(keys, observed=True):
         finished = studies[studies["failure"] == ""]
@@ -72,7 +72,7 @@ def rows_of(campaign: Campaign, choices: Choices) -> pd.DataFrame:
             "regime": regime, "problem": problem, "knobs": campaign.knobs(problem),
             **asdict(regime), "agent": agent, "seeds": len(finished),
             "failed": len(studies) - len(finished), "baseline": choices.baseline,
-            "floor": choices.floor, "average": choices.average, "worth": problem in worthy,
+            "floor": choices.floor, "average": choices.average, "worth": worthy[regime, problem],
             "questions_median": _median(finished["questions"]),
             "seconds_per_proposal": _median(finished["seconds"]),
         }  # fmt: skip

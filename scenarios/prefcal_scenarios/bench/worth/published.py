@@ -145,7 +145,11 @@ def _differences(published: pd.DataFrame) -> Iterator[str]:
 
 def _apart(then: set[str], now: str) -> str:
     """Return what distinguishes versions, which start with a number that settings follow."""
-    numbers = {version.split()[0] if version else "unknown" for version in then}
-    if numbers == {now.split()[0]}:
+    numbers = {_number(version) for version in then}
+    if numbers == {_number(now)}:
         return "have other settings or package versions than those installed here"
-    return f"are of version {', '.join(sorted(numbers))}, this prefcal has {now.split()[0]}"
+    return f"are of version {', '.join(sorted(numbers))}, this prefcal has {_number(now)}"
+
+
+def _number(version: str) -> str:
+    return version.split()[0].rstrip(",") if version else "unknown"
