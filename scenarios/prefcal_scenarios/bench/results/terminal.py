@@ -15,7 +15,7 @@ from prefcal_scenarios.bench.duels import PAPER, Duel
 from prefcal_scenarios.bench.result import Result
 from prefcal_scenarios.bench.worth.curves import Curves, Setting, curves_of, frame_of, joined
 from prefcal_scenarios.bench.worth.rows import checkpoints, worth_rows
-from prefcal_scenarios.bench.worth.words import chance, plain_number, short_name, with_interval
+from prefcal_scenarios.bench.worth.words import chance, plain_number, with_interval
 
 from .campaign import Campaign, Regime, campaign_of
 from .duelling import Tally, tallies
@@ -78,7 +78,7 @@ def _table(title: str, caption: str, words: Sequence[str], numbers: Sequence[str
 
 def _worths(curves: Curves, setting: Setting, rows: pd.DataFrame, baseline: str) -> Table:
     early, late = checkpoints(setting)
-    beats = f"beats {short_name(baseline)}"
+    beats = f"beats {baseline.rpartition(':')[2]}"
     table = _table(
         f"Worth on {_count_of(curves, setting)}, {setting.name(curves.settings)}",
         "Worth: number of random experiments that find a θ at least as good, geometric mean with "

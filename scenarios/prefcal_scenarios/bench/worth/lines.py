@@ -204,7 +204,7 @@ def _draw(
             axes.vlines(place, low, high, color=look.color, linewidth=1.8, clip_on=False)
             axes.plot(place, mean, look.marker, color=look.color, markersize=4.5,
                       markeredgewidth=0, clip_on=False)  # fmt: skip
-            if caps:
+            if caps and high > 1.02 * mean:
                 axes.plot(place, high, "_", color=look.color, markersize=5, markeredgewidth=1.6)
     axes.axvline(last + 0.5 * step, color=GRID, linewidth=0.8, zorder=0)
     axes.set_xlim(start - 0.5, last + (len(looks) + 1) * step)
