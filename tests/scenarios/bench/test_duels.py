@@ -6,6 +6,7 @@ from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench import Cell, Duel, Result
 from prefcal_scenarios.bench.duels import PAPER, Round, play, rounds
 from prefcal_scenarios.bench.problems import problem
+from support.worths import study
 
 OPTIMUM = (0.085, 0.31, 16.0, 0.261, 0.918)
 SLOW = (0.4, 1.0, 30.0, 2.0, 2.0)
@@ -26,6 +27,10 @@ def test_each_meets_each_and_the_paper_s_optimum_before_the_referee():
         Duel("overtake", "noisy10", "A", PAPER, 3, 0),
         Duel("overtake", "noisy10", "B", PAPER, 3, 1),
     )
+
+
+def test_what_has_a_worth_is_not_duelled():
+    assert rounds([study("A"), study("B")]) == ()
 
 
 def test_rounds_are_made_of_what_has_no_cost_and_has_not_failed_in_canonical_order():

@@ -7,8 +7,7 @@ from typing import Annotated
 
 import typer
 
-from prefcal_scenarios.app.cli.benchmark.command import EPILOG as BENCH_EPILOG
-from prefcal_scenarios.app.cli.benchmark.command import bench
+from prefcal_scenarios.app.cli.benchmark.command import app as bench
 from prefcal_scenarios.app.cli.studies.commands import REPORT_EPILOG, report
 from prefcal_scenarios.app.cli.studies.commands import app as studies
 
@@ -30,8 +29,8 @@ app = typer.Typer(
 app.command(epilog=EPILOG)(calibrate)
 app.command(no_args_is_help=True, epilog=CHECK_EPILOG)(check)
 app.command(epilog=REPORT_EPILOG)(report)
-app.command(epilog=BENCH_EPILOG)(bench)
 app.command(no_args_is_help=True, epilog=REPRODUCE_EPILOG)(reproduce)
+app.add_typer(bench)
 app.add_typer(studies)
 app.add_typer(processor)
 
@@ -124,6 +123,7 @@ _MISSING = {
     "OLD": "name the study to rename and its new name: `prefcal studies list` shows yours",
     "NEW": "give the new name, too",
     "FILE": "name the exported file",
+    "AGENT": "name an agent, or your own as path/to/own.py:Agent",
 }
 """Messages for missing arguments, by placeholder."""
 _PLAINER = (

@@ -157,10 +157,15 @@ def kept_by(options: type) -> Mapping[str, tuple[Parameter, Kept]]:
 
 
 def takes(options: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that gives a command the parameters declared by `options`."""
+    """Return a decorator that gives a command the parameters declared by `options`.
+
+    Parameters of its own come first, such as typer's context.
+    """
 
     def declare(command: Callable[..., None]) -> Callable[..., None]:
-        parameters = [parameter.signature for parameter in parameters_of(options).values()]
+        own = inspect.signature(command).parameters.values()
+        parameters = [p for p in own if p.kind is not inspect.Parameter.VAR_KEYWORD]
+        parameters += [parameter.signature for parameter in parameters_of(options).values()]
         command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         return command
 

@@ -19,7 +19,7 @@ _FIRST_CALIBRATORS = ("perfect", "lexicographic")
 _NUMBERS = ("knobs", "gap", "visited", "questions", "seconds")
 _COLUMNS = (
     "regime", "problem", "agent", "seed", "failure", "cost", "knobs", "gap", "visited",
-    "questions", "seconds", "curve", "asked",
+    "questions", "seconds", "curve", "asked", "worth",
 )  # fmt: skip
 
 
@@ -41,7 +41,8 @@ class Campaign:
             in the order of the tables), seed, failure (text, empty if finished), cost (whether
             gaps are known), knobs, gap (of the returned θ at the end), visited (smallest gap),
             questions (at the end), seconds, curve (gap after each experiment), asked (questions
-            by then); NaN or None for missing numbers.
+            by then), worth (whether results are judged by their worth); NaN or None for missing
+            numbers.
     """
 
     studies: pd.DataFrame
@@ -104,10 +105,11 @@ def campaign_of(results: Iterable[Result]) -> Campaign:
             raise SettingsError(f"two different results of one cell: {result.cell}")
     ordered = sorted(by_cell.values(), key=_key)
     frame = pd.DataFrame([_row(result) for result in ordered], columns=_COLUMNS)
-    frame = frame.astype({"cost": bool, **dict.fromkeys(_NUMBERS, float)})
+    frame = frame.astype({"cost": bool, "worth": bool, **dict.fromkeys(_NUMBERS, float)})
     costly = set(frame.loc[frame["cost"], "problem"])
     for r in ordered:
-        if not r.failure and r.gaps is None and r.cell.problem in costly:
+        alone = not r.failure and r.gaps is None and r.worth is None
+        if alone and r.cell.problem in costly:
             raise SettingsError(f"other results of {r.cell.problem!r} have gaps, not so {r.cell}")
     knobs = frame.groupby("problem")["knobs"].max().fillna(0)
     orders = {
@@ -130,6 +132,7 @@ def _row(result: Result) -> tuple[object, ...]:
         None if failed else len(result.best), np.nan if curve is None else curve[-1],
         np.nan if seen is None else seen[-1], np.nan if failed else result.questions[-1],
         np.nan if result.seconds is None else result.seconds, curve, result.questions,
+        result.worth is not None,
     )  # fmt: skip
 
 

@@ -6,6 +6,8 @@ from typing import Any
 
 from prefcal_scenarios.app.report.export import versions
 from prefcal_scenarios.app.report.html import environment
+from prefcal_scenarios.bench.worth.pictures import Worths
+from prefcal_scenarios.bench.worth.tables import worth_tables
 
 from .campaign import Campaign, Regime
 from .missing import beaten, failures, in_holes, missing, not_run
@@ -24,16 +26,35 @@ class Origin:
     notes: tuple[str, ...] = ()
 
 
-def page(material: Material, shown: Sequence[Shown], choices: Choices, origin: Origin) -> str:
-    """Return the text of index.html."""
+@dataclass(frozen=True, slots=True)
+class Loops:
+    """What the page shows of closed loops.
+
+    Args:
+        worths: Worth of all studies, for the tables.
+        overview: Figures with all loops together, which come before the tables.
+        single: Figures with a panel for each loop.
+    """
+
+    worths: Worths
+    overview: Sequence[Shown]
+    single: Sequence[Shown]
+
+
+def page(
+    material: Material, shown: Sequence[Shown], loops: Loops, choices: Choices, origin: Origin
+) -> str:
+    """Return the text of index.html: closed loops first, then problems with gaps, then duels."""
     campaign, ends = material.campaign, _ends(material)
     lost = failures(campaign)
     text: str = (
         environment()
         .get_template("bench/results/page.html.j2")
         .render(
-            lead=_lead(campaign),
+            lead=_lead(campaign, loops.worths),
             nothing=not len(campaign.finished),
+            loops=loops,
+            worth_tables=worth_tables(loops.worths),
             partial=bool(missing(campaign) or lost),
             overviews=[
                 (f"Median gaps{end}", overview(campaign, material.rows_of(regime), regime, choices))
@@ -49,8 +70,7 @@ def page(material: Material, shown: Sequence[Shown], choices: Choices, origin: O
             origin=origin,
             statistics={
                 "baseline": choices.baseline,
-                "floor of the gaps": short(choices.floor),
-                "average of the log ratios": choices.average,
+                **(_gap_choices(choices) if ends else {}),
                 "seed of the bootstrap": choices.seed,
             },
             versions=versions(),
@@ -59,16 +79,25 @@ def page(material: Material, shown: Sequence[Shown], choices: Choices, origin: O
     return text
 
 
-def _lead(campaign: Campaign) -> str:
+def _gap_choices(choices: Choices) -> dict[str, str]:
+    return {
+        "floor of the gaps": short(choices.floor),
+        "average of the log ratios": choices.average,
+    }
+
+
+def _lead(campaign: Campaign, worths: Worths) -> str:
     studies = campaign.studies
     if not len(studies):
         return ""
+    published = len({*worths.curves.agents} - {*campaign.agents})
+    beside = f" Beside them, {_count(published, 'published agent')}." if published else ""
     return (
         f"{_count(len(campaign.agents), 'agent')} on "
         f"{_count(studies['problem'].nunique(), 'problem')}, up to "
         f"{_count(studies['seed'].nunique(), 'seed')} each: "
         f"{_count(len(campaign.finished), 'finished study', 'finished studies')}, "
-        f"{len(campaign.failed)} failed."
+        f"{len(campaign.failed)} failed.{beside}"
     )
 
 

@@ -52,17 +52,19 @@ class Material:
         rows: Table of the results.
         tallies: Counted duels.
         floor: Gap below which all gaps are equal.
+        others: Agents of other figures on the same page, which get looks of their own.
     """
 
     campaign: Campaign
     rows: pd.DataFrame
     tallies: Sequence[Tally]
     floor: float
+    others: Sequence[str] = ()
 
     @property
     def looks(self) -> Mapping[str, Look]:
         """Return the look of each agent, the same in every figure."""
-        return looks({*self.campaign.agents, *(t.agent for t in self.tallies)})
+        return looks({*self.campaign.agents, *(t.agent for t in self.tallies), *self.others})
 
     @cached_property
     def standings(self) -> list[Standing]:
@@ -109,22 +111,22 @@ def _of_regime(material: Material, standing: Standing, end: str, file: str) -> I
     if isinstance(ranked := standing.ranking, Ranking):
         yield Shown(
             f"ranking{file}.png", f"Ranking{end}", captions.RANKING,
-            captions.ranking_alt(ranked), _png(figures.ranking(ranked, styles)),
+            captions.ranking_alt(ranked), png(figures.ranking(ranked, styles)),
         )  # fmt: skip
     yield Shown(
         f"gaps{file}.png", f"Gap against experiments{end}", captions.GAPS,
         captions.gaps_alt(rows, "experiments"),
-        _png(figures.against_experiments(campaign, regime, styles, floor)),
+        png(figures.against_experiments(campaign, regime, styles, floor)),
     )  # fmt: skip
     if isinstance(profiled := standing.profiles, Profiles):
         yield Shown(
             f"profiles{file}.png", f"Data profiles{end}", captions.profiles_caption(profiled),
-            captions.profiles_alt(profiled), _png(figures.data_profiles(profiled, styles)),
+            captions.profiles_alt(profiled), png(figures.data_profiles(profiled, styles)),
         )  # fmt: skip
     yield Shown(
         f"questions{file}.png", f"Gap against number of questions{end}", captions.QUESTIONS,
         captions.gaps_alt(rows, "questions"),
-        _png(figures.against_questions(campaign, regime, styles, floor)),
+        png(figures.against_questions(campaign, regime, styles, floor)),
     )  # fmt: skip
 
 
@@ -137,7 +139,7 @@ def _duels(material: Material) -> Iterator[Shown]:
     for ((problem, calibrator), group), file in zip(groups, files, strict=True):
         yield Shown(
             f"duels{file}.png", f"Who is preferred: {problem} ({calibrator} calibrator)",
-            captions.DUELS, captions.duels_alt(group), _png(figures.heat_map(group)), group,
+            captions.DUELS, captions.duels_alt(group), png(figures.heat_map(group)), group,
         )  # fmt: skip
 
 
@@ -148,11 +150,12 @@ def _seconds(material: Material) -> Iterator[Shown]:
     if measured:
         yield Shown(
             "seconds.png", "Seconds per proposal", captions.SECONDS,
-            captions.seconds_alt(measured), _png(figures.seconds(measured, material.looks)),
+            captions.seconds_alt(measured), png(figures.seconds(measured, material.looks)),
         )  # fmt: skip
 
 
-def _png(figure: Figure) -> bytes:
+def png(figure: Figure) -> bytes:
+    """Return a figure as the bytes of a PNG file."""
     buffer = BytesIO()
     save(figure, buffer)
     return buffer.getvalue()

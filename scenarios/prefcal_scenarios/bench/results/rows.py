@@ -22,7 +22,7 @@ _COLUMNS = (
     "gap_lower_quartile", "gap_median", "gap_upper_quartile", "gap_to_hole_median",
     "seeds_in_hole", "visited_median", "questions_median", "seconds_per_proposal", "baseline",
     "floor", "average", "pairs", "log10_ratio", "log10_ratio_low", "log10_ratio_high", "wins",
-    "ties", "losses", "p", "p_holm",
+    "ties", "losses", "p", "p_holm", "worth",
 )  # fmt: skip
 
 
@@ -55,7 +55,8 @@ class Choices:
 def rows_of(campaign: Campaign, choices: Choices) -> pd.DataFrame:
     """Return the table, sorted by regime, problem and agent, with None for missing numbers.
 
-    Infinite gaps are `HUGE`. The table has the columns of `plain`, and in addition the regime.
+    Infinite gaps are `HUGE`. The table has the columns of `plain`, and in addition the regime
+    and whether the problem is a closed loop whose results are judged by their worth.
     """
     keys = ["regime", "problem", "agent"]
     baseline = campaign.finished[campaign.finished["agent"] == choices.baseline]
@@ -63,6 +64,7 @@ def rows_of(campaign: Campaign, choices: Choices) -> pd.DataFrame:
         place: studies.set_index("seed")["gap"]
         for place, studies in baseline.groupby(["regime", "problem"], observed=True)
     }
+    worthy = campaign.studies.groupby(["regime", "problem"], observed=True)["worth"].any()
     rows = []
     for (regime, problem, agent), studies in campaign.studies.groupby(keys, observed=True):
         finished = studies[studies["failure"] == ""]
@@ -70,7 +72,7 @@ def rows_of(campaign: Campaign, choices: Choices) -> pd.DataFrame:
             "regime": regime, "problem": problem, "knobs": campaign.knobs(problem),
             **asdict(regime), "agent": agent, "seeds": len(finished),
             "failed": len(studies) - len(finished), "baseline": choices.baseline,
-            "floor": choices.floor, "average": choices.average,
+            "floor": choices.floor, "average": choices.average, "worth": worthy[regime, problem],
             "questions_median": _median(finished["questions"]),
             "seconds_per_proposal": _median(finished["seconds"]),
         }  # fmt: skip
@@ -94,7 +96,9 @@ def table(
     average: Average = "median",
     seed: int = 0,
 ) -> list[dict[str, Any]]:
-    """Return the table as plain data for JSON; infinite or unknown numbers are None.
+    """Return the table of gaps as plain data for JSON; infinite or unknown numbers are None.
+
+    Closed loops that are judged by their worth have a table of their own, see `worth_table`.
 
     Args:
         results: Results in any order; cells may be missing or failed.
@@ -111,10 +115,12 @@ def table(
 
 
 def plain(rows: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return rows in the format of `table`."""
+    """Return rows in the format of `table`, without those that have a worth and so no gap."""
     return [
         {name: _known(value) for name, value in row.items()}
-        for row in rows.drop(columns="regime").to_dict("records")
+        for row in rows[~rows["worth"].astype(bool)]
+        .drop(columns=["regime", "worth"])
+        .to_dict("records")
     ]
 
 

@@ -13,6 +13,9 @@ from rich.table import Table
 from prefcal_scenarios.app.presentation.wording import printable
 from prefcal_scenarios.bench.duels import PAPER, Duel
 from prefcal_scenarios.bench.result import Result
+from prefcal_scenarios.bench.worth.curves import Curves, Setting, curves_of, frame_of, joined
+from prefcal_scenarios.bench.worth.rows import checkpoints, worth_rows
+from prefcal_scenarios.bench.worth.words import chance, plain_number, with_interval
 
 from .campaign import Campaign, Regime, campaign_of
 from .duelling import Tally, tallies
@@ -33,17 +36,21 @@ def print_table(
     duels: Iterable[Duel] = (),
     *,
     baseline: str = BASELINE,
+    published: pd.DataFrame | None = None,
 ) -> None:
-    """Print a table for each calibrator, the duels, and what failed or is missing.
+    """Print tables of worth by taste and of gaps by calibrator, the duels, and what is missing.
 
     Prints only duels with the paper's optimum and with `baseline`; the page shows all.
 
     Raises:
         SettingsError: If results or duels contradict each other.
     """
-    choices = Choices(baseline)
-    campaign = campaign_of(results)
+    choices, results = Choices(baseline), list(results)
+    campaign, curves = campaign_of(results), curves_of(joined(frame_of(results), published))
     rows = rows_of(campaign, choices)
+    worths = worth_rows(curves, baseline, choices.seed)
+    for setting in curves.settings:
+        console.print(_worths(curves, setting, worths[worths["setting"] == setting], baseline))
     for regime in campaign.regimes:
         shown = rows[(rows["regime"] == regime) & rows["gap_median"].notna()]
         if len(shown):
@@ -67,6 +74,36 @@ def _table(title: str, caption: str, words: Sequence[str], numbers: Sequence[str
     for name in numbers:  # intervals can wrap, names cannot
         table.add_column(_safe(name), justify="right")
     return table
+
+
+def _worths(curves: Curves, setting: Setting, rows: pd.DataFrame, baseline: str) -> Table:
+    early, late = checkpoints(setting)
+    beats = f"beats {baseline.rpartition(':')[2]}"
+    table = _table(
+        f"Worth on {_count_of(curves, setting)}, {setting.name(curves.settings)}",
+        "Worth: number of random experiments that find a θ at least as good, geometric mean with "
+        "its 95 % interval. Beats: probability. Drift: best held before over end.",
+        ("agent",),
+        (f"after {early}", f"after {late} experiments", "middle half", "answers",
+         beats, "drift"),
+    )  # fmt: skip
+    by_experiments = rows[rows["unit"] == "experiments"]
+    first = by_experiments[by_experiments["after"] == early].set_index("agent")["worth"]
+    ends = by_experiments[by_experiments["after"] == late]
+    for row in ends.sort_values("worth", ascending=False, kind="stable").itertuples():
+        table.add_row(
+            _safe(row.agent), plain_number(first[row.agent]),
+            escape(with_interval(row.worth, row.worth_low, row.worth_high)),
+            plain_number(row.interquartile_mean), f"{row.answers:.0f}",
+            escape(chance(row.improvement, row.improvement_low, row.improvement_high)),
+            f"×{row.drift:.2f}",
+        )  # fmt: skip
+    return table
+
+
+def _count_of(curves: Curves, setting: Setting) -> str:
+    count = len(curves.loops(setting))
+    return f"{count} closed loop{'s' * (count != 1)}"
 
 
 def _gaps(

@@ -4,15 +4,19 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import pandas as pd
+
 from prefcal_scenarios.app.presentation.folder import folder_for, put
 from prefcal_scenarios.bench.duels import Duel
 from prefcal_scenarios.bench.result import Result
+from prefcal_scenarios.bench.worth.curves import curves_of, frame_of, joined
+from prefcal_scenarios.bench.worth.rows import plain_worth, worth_rows
 
 from .campaign import campaign_of
 from .duelling import duel_table, tallies
 from .rows import BASELINE, Choices, as_csv, plain, rows_of
 
-_OURS = re.compile(r"(ranking|gaps|profiles|questions|duels|seconds)(-[\w.-]+)?\.png")
+_OURS = re.compile(r"(ranking|gaps|profiles|questions|duels|seconds|worth)(-[\w.-]+)?\.png")
 
 
 def write(
@@ -24,8 +28,11 @@ def write(
     digest: str = "",
     notes: Sequence[str] = (),
     baseline: str = BASELINE,
+    published: pd.DataFrame | None = None,
 ) -> Path:
-    """Write index.html, its figures as PNG, table.csv and duels.csv; return the page's path.
+    """Write index.html, its figures as PNG, and the tables as CSV; return the page's path.
+
+    The tables are table.csv (gaps), worth.csv (worth on closed loops) and duels.csv.
 
     Equal results give equal bytes, regardless of their order. Figures left over from an earlier
     campaign in `folder` are removed.
@@ -38,36 +45,37 @@ def write(
         digest: Digest of the results, for the page.
         notes: Combinations that were left out on purpose, with reasons, and other remarks.
         baseline: Agent that all others are compared with.
+        published: Worth of other agents' studies to compare with, see `frame_of`.
 
     Raises:
         SettingsError: If results or duels contradict each other, or the folder cannot be written
             to.
     """
-    origin = (command, digest, tuple(notes))
-    return _write(list(results), list(duels), Path(folder), Choices(baseline), origin)
-
-
-def _write(
-    results: list[Result],
-    duels: list[Duel],
-    folder: Path,
-    choices: Choices,
-    origin: tuple[str, str, tuple[str, ...]],
-) -> Path:
     # Imported here: a table alone needs no plotting.
-    from .html import Origin, page
+    from prefcal_scenarios.bench.worth import pictures as worth_pictures
+
+    from .html import Loops, Origin, page
     from .pictures import Material, draw
 
-    campaign = campaign_of(results)
-    material = Material(campaign, rows_of(campaign, choices), tallies(duels), choices.floor)
+    choices, results, duels = Choices(baseline), list(results), list(duels)
+    campaign, curves = campaign_of(results), curves_of(joined(frame_of(results), published))
+    rows = rows_of(campaign, choices)
+    material = Material(campaign, rows, tallies(duels), choices.floor, curves.agents)
+    worths = worth_pictures.Worths(
+        curves, worth_rows(curves, baseline, choices.seed), baseline, material.looks
+    )
     target, shown = folder_for(folder), draw(material)
-    _remove_others(target, {s.file for s in shown})
-    for picture in shown:
+    loops = Loops(worths, worth_pictures.draw_overview(worths), worth_pictures.draw_loops(worths))
+    every = (*loops.overview, *loops.single, *shown)
+    origin = Origin(command, digest, tuple(notes))
+    _remove_others(target, {s.file for s in every})
+    for picture in every:
         put(target / picture.file, picture.content)
     put(target / "table.csv", as_csv(plain(material.rows)).encode())
+    put(target / "worth.csv", as_csv(plain_worth(worths.rows)).encode())
     put(target / "duels.csv", as_csv(duel_table(duels)).encode())
     index = target / "index.html"
-    put(index, page(material, shown, choices, Origin(*origin)).encode())
+    put(index, page(material, shown, loops, choices, origin).encode())
     return index
 
 

@@ -11,8 +11,10 @@ import pytest
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench.duels import PAPER
 from prefcal_scenarios.bench.results import write
+from prefcal_scenarios.bench.worth.curves import frame_of
 from support.campaigns import duel, failed, grid, result
 from support.pages import Outline, assert_accessible
+from support.worths import walks
 
 FACTORS = {"GLISp": 1.0, "<Own> & co": 3.0, "RandomSearch": 100.0}
 FIGURES = ["duels.png", "gaps.png", "profiles.png", "questions.png", "ranking.png", "seconds.png"]
@@ -50,7 +52,7 @@ def page(folder):
 
 def test_the_folder_holds_every_figure_the_tables_and_the_page(folder):
     names = sorted(p.name for p in folder.iterdir())
-    assert names == sorted(["index.html", "table.csv", "duels.csv", *FIGURES])
+    assert names == sorted(["index.html", "table.csv", "worth.csv", "duels.csv", *FIGURES])
     rows = list(csv.DictReader((folder / "table.csv").open()))
     assert len(rows) == 12
     assert {row["agent"] for row in rows} == set(FACTORS)
@@ -111,12 +113,18 @@ def test_equal_results_write_equal_bytes_in_whatever_order(folder, tmp_path, pag
 
 
 def test_a_smaller_campaign_takes_the_figures_of_a_larger_one_away(tmp_path):
-    for name in ("ranking.png", "gaps-noisy.png", "holiday.png", "duels.txt"):
+    for name in (
+        "ranking.png",
+        "gaps-noisy.png",
+        "worth-drift-noisy.png",
+        "holiday.png",
+        "duels.txt",
+    ):
         (tmp_path / name).write_bytes(b"")
     write([result("GLISp", "p", s, (1.0, 0.1)) for s in range(2)], [], tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {
-        "index.html", "table.csv", "duels.csv", "gaps.png", "profiles.png", "questions.png",
-        "holiday.png", "duels.txt",
+        "index.html", "table.csv", "worth.csv", "duels.csv", "gaps.png", "profiles.png",
+        "questions.png", "holiday.png", "duels.txt",
     }  # fmt: skip
     text = (tmp_path / "index.html").read_text()
     assert "a ranking needs two agents and two problems" in text
@@ -154,6 +162,46 @@ def test_nothing_is_written_of_impossible_results(tmp_path):
     with pytest.raises(SettingsError):
         write([result(), result(gaps=(1.0, 0.3))], [], tmp_path / "made")
     assert not (tmp_path / "made").exists()
+
+
+LOOPS = walks({"GLISp": 1.3, "GLIS": 1.6, "RandomSearch": 1.0}, seeds=2, n_max=5)
+
+
+def test_closed_loops_come_first_and_have_no_gaps(tmp_path):
+    write([*LOOPS, *grid(FACTORS)], [], tmp_path)
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert_accessible(page)
+    headings = re.findall(r"<h2>(.*?)</h2>", page)
+    assert headings[:4] == [
+        "Worth after 5 experiments", "Who beats GLISp", "Worth along the study", "Worth: weights"
+    ]  # fmt: skip
+    assert headings.index("Worth: weights") < headings.index("Median gaps")
+    assert {row["problem"] for row in csv.DictReader((tmp_path / "table.csv").open())} == {
+        "bowl", "valley", "waves"
+    }  # fmt: skip
+    rows = list(csv.DictReader((tmp_path / "worth.csv").open()))
+    assert {row["taste"] for row in rows} == {"weights"}
+    assert {row["agent"] for row in rows} == {"GLISp", "GLIS", "RandomSearch"}
+
+
+def test_of_closed_loops_alone_the_page_does_not_speak_of_gaps(tmp_path):
+    write(LOOPS, [], tmp_path)
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert " gap" not in page[page.index("</style>") :]
+    assert {p.name for p in tmp_path.glob("*.png")} == {
+        "worth-summary.png", "worth-improvement.png", "worth-drift.png",
+        "worth-experiments.png", "worth-answers.png",
+    }  # fmt: skip
+
+
+def test_published_studies_stand_beside_ours(tmp_path):
+    mine = walks({"own.py:Mine": 1.4}, seeds=2, n_max=5)
+    write(mine, [], tmp_path, baseline="own.py:Mine", published=frame_of(LOOPS))
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "Beside them, 3 published agents." in page
+    assert "Who beats own.py:Mine" in page
+    agents = {row["agent"] for row in csv.DictReader((tmp_path / "worth.csv").open())}
+    assert agents == {"own.py:Mine", "GLISp", "GLIS", "RandomSearch"}
 
 
 def test_a_table_alone_loads_no_plots():

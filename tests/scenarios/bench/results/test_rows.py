@@ -17,6 +17,7 @@ from prefcal_scenarios.bench.results.campaign import campaign_of
 from prefcal_scenarios.bench.results.missing import beaten, failures, in_holes, missing, not_run
 from prefcal_scenarios.bench.results.statistics import FLOOR
 from support.campaigns import ends, failed, grid, result
+from support.worths import study
 
 KINDS = st.sampled_from(["there", "missing", "failed"])
 
@@ -254,3 +255,8 @@ def test_results_that_contradict_themselves_are_refused(results, words):
 def test_impossible_options_are_refused(options, words):
     with pytest.raises(SettingsError, match=words):
         table([], **options)
+
+
+def test_worth_has_no_row_though_the_problem_has_gaps_with_other_calibrators():
+    rows = table([result("GLISp", "cstr"), study("GLISp", "cstr"), study("GLISp", "servo")])
+    assert [(row["problem"], row["calibrator"]) for row in rows] == [("cstr", "perfect")]

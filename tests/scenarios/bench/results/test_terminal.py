@@ -7,6 +7,7 @@ from rich.console import Console
 from prefcal_scenarios.bench.duels import PAPER
 from prefcal_scenarios.bench.results import print_table
 from support.campaigns import duel, ends, failed, grid, result
+from support.worths import study
 
 
 def printed(results, duels=(), width=120, **options):
@@ -22,6 +23,21 @@ def test_it_shows_medians_ratios_and_scores():
     for cell in ("0.035", "0.022 to 0.048", "×10 (10 to 10)", "0–0–6", "0.031"):
         assert cell in line
     assert "each at least 1e-9" in text
+
+
+def test_closed_loops_have_a_table_of_worth_for_each_taste_before_the_gaps():
+    loops = [
+        study(a, loop, s, (2, 4, 4, w))
+        for a, w in (("GLISp", 8), ("Own", 90))
+        for loop in ("servo", "boost")
+        for s in range(2)
+    ]
+    text = printed([*loops, *grid({"GLISp": 1.0})])
+    assert text.index("Worth on 2 closed loops, weights") < text.index("Gap after 3 experiments")
+    (line,) = [line for line in text.splitlines() if line.strip().startswith("Own")]
+    assert line.split() == ["Own", "4.0", "90", "[90,", "90]", "90", "3", "100", "%", "[100,",
+                            "100]", "×1.00"]  # fmt: skip
+    assert "servo" not in text
 
 
 def test_a_narrow_terminal_cuts_no_name_off():

@@ -1,10 +1,47 @@
-"""Options of `prefcal bench`, each declared once."""
+"""Options of `prefcal bench` and `prefcal bench compare`, each declared once."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        min=1, metavar="N", help="Processes on this machine.", show_default="one per core"
+    ),
+]
+CellTimeout = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SECONDS",
+        help="Time limit for one cell on this machine; a longer one is ended and "
+        "counts as failed. inf: no limit.",
+        show_default="3600, an hour",
+    ),
+]
+Dask = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Run on this Dask scheduler instead (pip install 'prefcal\\[dask]').",
+    ),
+]
+Out = Annotated[
+    Path,
+    typer.Option(
+        metavar="FOLDER", help="Folder of the results; results already in it are not run again."
+    ),
+]
+Json = Annotated[
+    bool,
+    typer.Option(
+        "--json",
+        metavar="",
+        help="Print only JSON on standard output (messages go to standard error).",
+    ),
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,43 +100,65 @@ class BenchOptions:
         int | None,
         typer.Option(min=2, metavar="N", help="Number of experiments.", show_default="50"),
     ] = None
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            min=1, metavar="N", help="Processes on this machine.", show_default="one per core"
-        ),
-    ] = None
-    cell_timeout: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS",
-            help="Time limit for one cell on this machine; a longer one is ended and "
-            "counts as failed. inf: no limit.",
-            show_default="3600, an hour",
-        ),
-    ] = None
-    dask: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Run on this Dask scheduler instead (pip install 'prefcal\\[dask]').",
-        ),
-    ] = None
-    out: Annotated[
-        Path,
-        typer.Option(
-            metavar="FOLDER", help="Folder of the results; results already in it are not run again."
-        ),
-    ] = Path("prefcal-bench")
-    json: Annotated[
-        bool,
-        typer.Option(
-            "--json",
-            metavar="",
-            help="Print only JSON on standard output (messages go to standard error).",
-        ),
-    ] = False
+    jobs: Jobs = None
+    cell_timeout: CellTimeout = None
+    dask: Dask = None
+    out: Out = Path("prefcal-bench")
+    json: Json = False
     csv: Annotated[
         bool,
-        typer.Option("--csv", metavar="", help="Print only the table, as CSV, on standard output."),
+        typer.Option(
+            "--csv",
+            metavar="",
+            help="Print only a table, as CSV, on standard output: that of worth if "
+            "closed loops were run, or else that of gaps. The folder has both.",
+        ),
     ] = False
+
+
+@dataclass(frozen=True, slots=True)
+class CompareOptions:
+    """Options of `prefcal bench compare`, in the order of its help; None means all published."""
+
+    agent: Annotated[
+        str, typer.Argument(metavar="AGENT", help="Your own agent as own.py:Agent, or a name.")
+    ]
+    published: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Published runs to compare with, such as your own: see "
+            "benchmarks/campaigns/publish.py.",
+            show_default="those that come with prefcal",
+        ),
+    ] = None
+    problems: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Closed loops to run on, separated by commas. An unknown name lists all of them.",
+            show_default="all that are published",
+        ),
+    ] = None
+    calibrators: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Tastes that answer, separated by commas. An unknown name lists all of them.",
+            show_default="all that are published",
+        ),
+    ] = None
+    seeds: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="Number of seeds: 0, 1, ..., N-1.",
+            show_default="as many as are published",
+        ),
+    ] = None
+    jobs: Jobs = None
+    cell_timeout: CellTimeout = None
+    dask: Dask = None
+    out: Out = Path("prefcal-compare")
+    json: Json = False

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from rich.console import Console
 from rich.text import Text
 
@@ -17,9 +18,12 @@ from prefcal_scenarios.bench import DaskCluster, Finished, Processes, Store, Sui
 from prefcal_scenarios.bench.engine import Workers
 from prefcal_scenarios.bench.executors import usable_cores
 from prefcal_scenarios.bench.results import as_csv, duel_table, print_table, table, write
+from prefcal_scenarios.bench.worth.curves import curves_of, frame_of, joined
+from prefcal_scenarios.bench.worth.raw import write_raw
+from prefcal_scenarios.bench.worth.rows import worth_table
 
 from .display import BenchDisplay
-from .options import BenchOptions
+from .options import BenchOptions, CompareOptions
 
 _TIMEOUT = 3600.0
 """Default time limit of a cell in seconds; the slowest agents take minutes for 50 experiments."""
@@ -66,7 +70,7 @@ def suite_of(options: BenchOptions) -> Suite:
     return suite
 
 
-def workers_of(options: BenchOptions) -> Workers:
+def workers_of(options: BenchOptions | CompareOptions) -> Workers:
     """Return the workers that run the benchmark.
 
     Raises:
@@ -96,49 +100,75 @@ def run(options: BenchOptions) -> int:
     """
     if options.json and options.csv:
         raise SettingsError("--json and --csv both need standard output: give one")
-    suite, workers = suite_of(options), workers_of(options)
-    messages = Console(stderr=True)
+    suite = suite_of(options)
+    finished = run_all(suite, options)
+    if finished is None:
+        return INTERRUPTED
+    page = write(
+        finished.results, finished.duels, options.out, command=command_of(options),
+        digest=finished.digest, notes=(*suite.left_out, *finished.trouble), baseline=suite.baseline,
+    )  # fmt: skip
+    write_raw(finished.results, options.out / "raw.parquet")
+    if options.json:
+        print(as_json(finished, suite, page))
+    elif options.csv:
+        rows = worths(finished, suite.baseline) or table(finished.results, baseline=suite.baseline)
+        print(as_csv(rows), end="")
+    else:
+        show(finished, page, suite.baseline)
+    return 1 if finished.failures or finished.trouble else 0
+
+
+def run_all(suite: Suite, options: BenchOptions | CompareOptions) -> Finished | None:
+    """Run the missing cells of a suite with a progress bar; return None after Ctrl-C.
+
+    Raises:
+        PrefcalError: If the options are invalid, or the folder or the cluster cannot be used.
+    """
+    workers, messages = workers_of(options), Console(stderr=True)
     for words in suite.left_out:
-        _say(messages, f"Left out: {words}")
+        messages.print(Text(f"Left out: {words}"), soft_wrap=True)
     with interruption() as pressed:  # from here on, Ctrl-C prints its own message
         store = Store(options.out)
         with BenchDisplay(messages) as display:
             try:
                 with pressed.allowed():
-                    finished = run_suite(suite, store, workers, display)
+                    return run_suite(suite, store, workers, display)
             except KeyboardInterrupt:
                 display.say(
                     f"Stopped; {display.done} results are kept in {options.out}. "
                     "The same command resumes."
                 )
-                return INTERRUPTED
-    page = write(
-        finished.results, finished.duels, store.folder, command=command_of(options),
-        digest=finished.digest, notes=(*suite.left_out, *finished.trouble), baseline=suite.baseline,
-    )  # fmt: skip
-    if options.json:
-        print(_as_json(finished, suite, page))
-    elif options.csv:
-        print(as_csv(table(finished.results, baseline=suite.baseline)), end="")
-    else:
-        _show(finished, page, _paper(), suite.baseline)
-    return 1 if finished.failures or finished.trouble else 0
+                return None
 
 
-def _show(finished: Finished, page: Path, console: Console, baseline: str) -> None:
+def worths(
+    finished: Finished, baseline: str, published: pd.DataFrame | None = None
+) -> list[dict[str, Any]]:
+    """Return the table of worth; empty if no closed loop was run."""
+    return worth_table(curves_of(joined(frame_of(finished.results), published)), baseline)
+
+
+def show(
+    finished: Finished, page: Path, baseline: str, published: pd.DataFrame | None = None
+) -> None:
     """Print tables that compare with `baseline`, failures, the digest, and the page's path."""
-    print_table(console, finished.results, finished.duels, baseline=baseline)
+    console = _paper()
+    print_table(console, finished.results, finished.duels, baseline=baseline, published=published)
     for words in finished.trouble:
         console.print(Text(printable(words), style="red"), soft_wrap=True)
     console.print(Text.assemble("Digest: ", (finished.digest, "bold")), soft_wrap=True)
     console.print(Text.assemble("Page: ", (str(page), "bold")), soft_wrap=True)
 
 
-def _as_json(finished: Finished, suite: Suite, page: Path) -> str:
+def as_json(
+    finished: Finished, suite: Suite, page: Path, published: pd.DataFrame | None = None
+) -> str:
     """Return the result as one strict JSON object, with null for missing numbers."""
     content: dict[str, Any] = {
         "digest": finished.digest,
         "cells": len(finished.results),
+        "worth": worths(finished, suite.baseline, published),
         "table": table(finished.results, baseline=suite.baseline),
         "duels": duel_table(finished.duels),
         "failures": [
@@ -155,7 +185,3 @@ def _paper() -> Console:
     """Return standard output, wide enough for agent names if it is not a terminal."""
     console = Console()
     return console if console.is_terminal else Console(width=_WIDTH)
-
-
-def _say(console: Console, words: str) -> None:
-    console.print(Text(words), soft_wrap=True)

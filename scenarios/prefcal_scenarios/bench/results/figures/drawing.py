@@ -44,7 +44,10 @@ _KNOWN: Mapping[str, Look] = {
     "RandomSearch": Look(FIRST, "v", _DOTTED),
 }
 """Agents that come with the project; those with dashed or dotted lines do not learn."""
-_SPARE = (Look("#00a3a3", "*"), Look("#e58fb5", "h"), Look("#94b000", "d"))
+_SPARE = (
+    Look("#00a3a3", "*"), Look("#e58fb5", "h"), Look("#94b000", "d"), Look("#1c2f7a", "H"),
+    Look("#cf2b4a", "8"), Look("#b49ae6", "p"),
+)  # fmt: skip
 
 
 def drawn(name: str) -> str:
