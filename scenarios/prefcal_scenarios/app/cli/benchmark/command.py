@@ -14,13 +14,16 @@ EPILOG = """\
 [bold]Examples[/bold]
 
 [cyan]prefcal bench --quick[/cyan]
-  Our own agents on seven problems: two and a half minutes of processor time.
+  Our own agents on three closed loops and more: about a minute of computing.
 
 [cyan]prefcal bench --out results[/cyan]
   Everything, 20 seeds. Stop with Ctrl-C; the same command resumes.
 
-[cyan]prefcal bench --agents GLISp,GLIS --problems cstr,hartman6 --seeds 10[/cyan]
-  Two agents, two problems.
+[cyan]prefcal bench --agents GLISp,GLIS --problems servo,hartman6 --seeds 10[/cyan]
+  Two agents, two problems: a closed loop with every taste, a test function.
+
+[cyan]prefcal bench --problems own.py:scenario --calibrators priorities[/cyan]
+  Your own Scenario, judged by people with priorities.
 
 [cyan]prefcal bench --quick --agents GLISp,own.py:MyAgent[/cyan]
   Your own agent: a class with ask, tell, done and best, made by

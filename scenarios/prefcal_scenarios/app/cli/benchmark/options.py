@@ -67,8 +67,9 @@ class BenchOptions:
         str | None,
         typer.Option(
             metavar="NAMES",
-            help="Problems, separated by commas: test functions, cstr, cstr-guidelines and "
-            "overtake. An unknown name lists all of them.",
+            help="Problems, separated by commas: closed loops such as servo or loop-17, test "
+            "functions, cstr, cstr-guidelines, overtake, or own.py:NAME of a Scenario or a "
+            "Problem. An unknown name lists all of them.",
             show_default="all",
         ),
     ] = None
@@ -76,8 +77,9 @@ class BenchOptions:
         str | None,
         typer.Option(
             metavar="NAMES",
-            help="Who answers: perfect (by the cost), lexicographic (by ordered criteria), "
-            "noisy10 or noisy20 (that percentage of the answers is wrong).",
+            help="Who answers: tastes (weights, priorities, limits, narrow, hidden, rising; with "
+            "-noisy10 or -noisy20 that percentage of the answers is wrong), perfect (by the "
+            "cost), lexicographic (by ordered criteria), noisy10 or noisy20.",
             show_default="all",
         ),
     ] = None

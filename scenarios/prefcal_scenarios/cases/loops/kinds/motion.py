@@ -57,11 +57,11 @@ def cart_pole(vary: Vary = nominal) -> Loop:
         controller=LQR(fixed={"R": 1.0}),
         space=KnobSpace(
             [
-                ratio("Q_1", 1.0, 1000.0),
-                ratio("Q_2", 1.0, 1000.0),
-                ratio("Q_3", 0.01, 100.0),
-                ratio("Q_4", 0.01, 100.0),
-                ratio("Q_z", 0.1, 1000.0),
+                ratio("Q_1", 10.0, 3e4),
+                ratio("Q_2", 1.0, 1e4),
+                ratio("Q_3", 0.1, 1e4),
+                ratio("Q_4", 0.1, 1e3),
+                ratio("Q_z", 1e-3, 1e4),
                 Knob("T_s", 0.01, 0.1, "s", step=0.01),
             ]
         ),
