@@ -34,6 +34,11 @@ from rich.console import Console
 
 from prefcal_scenarios import load
 from prefcal_scenarios.app.presentation.style import save, style
+from prefcal_scenarios.bench.results.figures import looks
+from prefcal_scenarios.bench.results.rows import BASELINE
+from prefcal_scenarios.bench.worth import curves_of, worth_rows
+from prefcal_scenarios.bench.worth.pictures import Worths, draw_loops, draw_overview
+from prefcal_scenarios.bench.worth.published import read_published
 
 ROOT = Path(__file__).parents[2]
 FIGURES, TABLE = ROOT / "docs" / "figures", Path(__file__).parent / "reactor_index.csv"
@@ -54,6 +59,13 @@ OWN_COMMAND = {"sensitivity.png": "python benchmarks/campaigns/sensitivity.py --
 
 REACTOR = ("best_trajectory.png", "best_so_far.png", "tried.png", "surrogate.png",
            "final_performance.png")  # fmt: skip
+WORTH = {
+    "worth_summary.png": "worth-summary.png",
+    "worth_drift.png": "worth-drift.png",
+    "worth_experiments.png": "worth-experiments-priorities.png",
+    "worth_answers.png": "worth-answers-priorities.png",
+}
+"""File of each figure of worth on the page of the benchmark."""
 ANSWERED = 7
 """Number of questions to answer before the screenshot of the query window."""
 
@@ -157,6 +169,17 @@ def window(folder: Path) -> tuple[Pictures, Story]:
     return {"query_window.png": picture}, {"answered": ANSWERED}
 
 
+def worth(folder: Path) -> tuple[Pictures, Story]:
+    """Draw the worth on closed loops from the published studies."""
+    curves = curves_of(read_published())
+    worths = Worths(curves, worth_rows(curves, BASELINE), BASELINE, looks(curves.agents))
+    drawn_now = {one.file: one.content for one in (*draw_overview(worths), *draw_loops(worths))}
+    ends = worths.rows[(worths.rows["unit"] == "experiments")]
+    ours = ends[(ends["agent"] == BASELINE) & (ends["after"] == ends["n_max"])]
+    story = {f"GLISp, {row.taste}": int(row.worth) for row in ours.itertuples()}
+    return {name: drawn_now[file] for name, file in WORTH.items()}, story
+
+
 PICTURED = {
     "environment_cstr.png": ("CSTR-v0", {}),
     "environment_cstr_tuning.png": ("CSTRTuning-v0", {}),
@@ -206,6 +229,7 @@ MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
     "environments": (environments, tuple(PICTURED)),
     "index": (reactor_index, ("reactor_index.png",)),
     "window": (window, ("query_window.png",)),
+    "worth": (worth, tuple(WORTH)),
 }
 """Functions that draw the figures, by name."""
 
