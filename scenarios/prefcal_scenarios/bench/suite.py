@@ -115,9 +115,9 @@ class Suite:
                 yield entry(agent).missing
                 continue
             for where in self.problems:
-                ran = [c for c in self.calibrators if not self._obstacle(agent, where, c)]
-                if not ran:
-                    reasons = {self._obstacle(agent, where, c) for c in self.calibrators}
+                answering = [c for c in self.calibrators if c in problem(where).answering]
+                reasons = {self._obstacle(agent, where, c) for c in answering or self.calibrators}
+                if "" not in reasons:
                     yield f"{agent} on {where}: {'; '.join(sorted(reasons))}"
 
     def _obstacle(self, agent: str, where: str, calibrator: str) -> str:
@@ -126,7 +126,7 @@ class Suite:
         if one.missing:
             return one.missing
         if calibrator not in place.answering:
-            return f"{calibrator} does not answer there"
+            return f"only {', '.join(place.answering)} answer there"
         if one.kind == "value" and not place.has_value(calibrator):
             return "it learns from exact values, which the answers do not follow"
         return ""
