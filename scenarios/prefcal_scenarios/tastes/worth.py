@@ -21,13 +21,20 @@ def worth(rule: Rule, pool: Runs, one: Runs) -> float:
 
 
 def random_search_worth(
-    rule: Rule, runs: Runs, *, experiments: int, replays: int, rng: np.random.Generator
+    rule: Rule,
+    runs: Runs,
+    *,
+    experiments: int,
+    replays: int,
+    rng: np.random.Generator,
+    pool: Runs | None = None,
 ) -> float:
     """Return the geometric mean of the worth of random search after some experiments.
 
-    Each replay draws from `runs` with replacement and keeps the winner of each comparison; `runs`
-    also serve as the pool. If any two experiments differ and the rule is transitive, the result
-    is about exp(1 + 1/2 + ... + 1/n) after n experiments: 36 after 20, 90 after 50.
+    Each replay draws from `runs` with replacement and keeps the winner of each comparison. If any
+    two experiments differ and the rule is transitive, the result is about
+    exp(1 + 1/2 + ... + 1/n) after n experiments: 36 after 20, 90 after 50. It is less if `runs`
+    are few and also serve as the pool.
 
     Args:
         rule: Rule that compares without errors.
@@ -35,11 +42,13 @@ def random_search_worth(
         experiments: Number of experiments of a search.
         replays: Number of searches.
         rng: Generator of the draws.
+        pool: Experiments of other random θ that the worth is measured with; None for `runs`.
     """
+    pool = runs if pool is None else pool
     drawn = rng.integers(len(runs), size=(experiments, replays))
     best = drawn[0]
     for new in drawn[1:]:
         best = np.where(rule.compare(runs.take(new), runs.take(best)) < 0, new, best)
     kept, counts = np.unique(best, return_counts=True)
-    logs = [np.log(worth(rule, runs, runs.take(np.array([row])))) for row in kept]
+    logs = [np.log(worth(rule, pool, runs.take(np.array([row])))) for row in kept]
     return float(np.exp(np.average(logs, weights=counts)))

@@ -1,0 +1,123 @@
+"""Check generated closed loops and their tastes: do experiments end well, and is tuning a task?
+
+    python benchmarks/checks/generated_loops.py --first 7000 --count 20
+
+For each loop it runs random θ and asks ten people with each taste. It prints what random search is
+worth to them after 50 experiments, and how often the first priority decides a random pair. It exits
+with 1 if an experiment raises or gives NaN, or if a number is outside its range.
+"""
+
+import argparse
+import os
+import sys
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy
+
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from prefcal_env.experiments.end import End
+from prefcal_scenarios import Scenario, load
+from prefcal_scenarios.tastes import USUAL, Runs, random_search_worth, sample, taste
+from prefcal_scenarios.tastes.priorities import Priorities
+
+TASTES = ("weights", "priorities")
+PEOPLE = 10
+WORTH = (40.0, 110.0)
+"""Accepted worth of random search after 50 experiments: 90 if any two runs differ."""
+DECIDED = (0.05, 0.6)
+"""Accepted share of random pairs that the first priority decides."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was found about one loop.
+
+    Args:
+        name: Name of the loop.
+        title: Its title.
+        worth: Geometric mean of what random search is worth, by taste.
+        decided: Smallest and largest share of random pairs that the first priority decides.
+        faults: What is wrong with single experiments.
+    """
+
+    name: str
+    title: str
+    worth: dict[str, float]
+    decided: tuple[float, float]
+    faults: list[str]
+
+    @property
+    def fits(self) -> bool:
+        """Return whether nothing is wrong."""
+        low, high = self.decided
+        inside = all(WORTH[0] <= worth <= WORTH[1] for worth in self.worth.values())
+        return inside and DECIDED[0] <= low and high <= DECIDED[1] and not self.faults
+
+
+def examined(name: str) -> Verdict:
+    """Return the verdict on the loop called `name`."""
+    scenario = load(name)
+    usual, pool = sample(scenario, USUAL), sample(scenario, "pool")
+    worth, shares = {}, []
+    for kind in TASTES:
+        found = []
+        for person in range(PEOPLE):
+            rule = taste(kind, scenario.kpis, usual, person).rule
+            rng = np.random.default_rng(person)
+            found.append(random_search_worth(rule, usual, experiments=50, replays=200, rng=rng,
+                                             pool=pool))  # fmt: skip
+            if isinstance(rule, Priorities):
+                shares.append(decided(rule, pool, rng))
+        worth[kind] = float(np.exp(np.mean(np.log(found))))
+    return Verdict(name, scenario.title, worth, (min(shares), max(shares)), faults(scenario))
+
+
+def decided(rule: Priorities, runs: Runs, rng: np.random.Generator) -> float:
+    """Return the share of random pairs that the first priority decides."""
+    first, second = rng.integers(len(runs), size=(2, 4000))
+    a, b = runs.take(first), runs.take(second)
+    both = np.isinf(a.survived) & np.isinf(b.survived)
+    return float(np.mean((rule.order[0].compare(a, b) != 0) & both))
+
+
+def faults(scenario: Scenario, count: int = 40) -> list[str]:
+    """Return what is wrong with `count` random experiments: NaN, or no reason for the end."""
+    rng, found = np.random.default_rng(1), []
+    for _ in range(count):
+        run = scenario.run(scenario.space.decode(rng.random(len(scenario.space))), seed=2)
+        if any(np.isnan(value) for value in run.kpis.values()):
+            found.append(f"NaN at θ = {run.theta}")
+        if not (np.isfinite(run.x).all() and np.isfinite(run.u).all()):
+            found.append(f"a curve is not finite at θ = {run.theta}")
+        if not isinstance(run.end, End):
+            found.append(f"no reason for the end at θ = {run.theta}")
+    return found
+
+
+def main() -> int:
+    """Examine the loops and print a line for each; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--first", type=int, default=7000, help="first seed")
+    parser.add_argument("--count", type=int, default=20, help="number of loops")
+    options = parser.parse_args()
+    console, bad = Console(), 0
+    seeds = range(options.first, options.first + options.count)
+    for seed in track(seeds, "loops", console=Console(stderr=True)):
+        found = examined(f"loop-{seed}")
+        bad += not found.fits
+        worths = ", ".join(f"{kind} {worth:.0f}" for kind, worth in found.worth.items())
+        low, high = found.decided
+        mark = "ok " if found.fits else "BAD"
+        console.print(f"{mark} {found.name}: {worths}; first priority decides {low:.0%} to "
+                      f"{high:.0%} of pairs; {found.title}", soft_wrap=True)  # fmt: skip
+        for words in found.faults:
+            console.print(f"    {words}", soft_wrap=True)
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
