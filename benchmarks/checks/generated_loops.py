@@ -61,14 +61,14 @@ class Verdict:
 def examined(name: str) -> Verdict:
     """Return the verdict on the loop called `name`."""
     scenario = load(name)
-    usual, pool = sample(scenario, USUAL), sample(scenario, "pool")
+    usual, pool, tried = (sample(scenario, name) for name in (USUAL, "pool", "search"))
     worth, shares = {}, []
     for kind in TASTES:
         found = []
         for person in range(PEOPLE):
             rule = taste(kind, scenario.kpis, usual, person).rule
             rng = np.random.default_rng(person)
-            found.append(random_search_worth(rule, usual, experiments=50, replays=200, rng=rng,
+            found.append(random_search_worth(rule, tried, experiments=50, replays=200, rng=rng,
                                              pool=pool))  # fmt: skip
             if isinstance(rule, Priorities):
                 shares.append(decided(rule, pool, rng))
