@@ -67,9 +67,8 @@ class BenchOptions:
         str | None,
         typer.Option(
             metavar="NAMES",
-            help="Problems, separated by commas: closed loops (also loop-SEED), test functions, "
-            "cstr, cstr-guidelines, overtake, or own.py:NAME of a Scenario or Problem. An unknown "
-            "name lists all of them.",
+            help="Problems, separated by commas: test functions, cstr, cstr-guidelines and "
+            "overtake. An unknown name lists all of them.",
             show_default="all",
         ),
     ] = None
@@ -78,8 +77,7 @@ class BenchOptions:
         typer.Option(
             metavar="NAMES",
             help="Who answers: perfect (by the cost), lexicographic (by ordered criteria), "
-            "noisy10 or noisy20 (that percentage of the answers is wrong), or a taste such as "
-            "weights or weights-noisy10. An unknown name lists all of them.",
+            "noisy10 or noisy20 (that percentage of the answers is wrong).",
             show_default="all",
         ),
     ] = None
