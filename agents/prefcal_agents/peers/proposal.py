@@ -26,6 +26,13 @@ def proposed(
 
     It is the first of the candidates that did not run. The first `n_init` samples are a Latin
     hypercube instead. Without such a candidate, or if a fit fails, the sample is random.
+
+    Args:
+        space: Knobs to tune.
+        history: Record of the study.
+        candidates: Function that fits a model to the record and searches the cube.
+        n_init: Number of samples of the start, 1 or more.
+        seed: Seed of the agent, 0 or more.
     """
     index = history.answered
     rng, tried = np.random.default_rng([seed, index]), Tried(space, history)

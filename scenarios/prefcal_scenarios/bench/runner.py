@@ -74,7 +74,8 @@ def _prepare(suite: Suite, store: Store, workers: Workers, watcher: Watcher) -> 
     """Compute the random experiments that tastes of missing cells need; they are kept."""
     missing = (c for c in suite.cells if c.calibrator in TASTES and not store.path(c).exists())
     wanted = dict.fromkeys(cell.problem for cell in missing)
-    names = [name for name in wanted if not problem(name).is_prepared]
+    with alone():  # it runs a few experiments, and people's own may print
+        names = [name for name in wanted if not problem(name).is_prepared]
     if names:
         watcher.begin("random experiments", len(names), 0)
     with closing(each([partial(_prepared, name) for name in names], workers)) as landing:

@@ -46,7 +46,7 @@ def priorities(runs: Runs, rng: np.random.Generator) -> Priorities:
     a, b = runs.take(pairs[0]), runs.take(pairs[1])
     possible = [_priority(name, a, b, _FIRST, rng) for name in names]
     decided = [_decided(priority, a, b) for priority in possible]
-    fits = [low for low, share in enumerate(decided) if _ACCEPTED[0] <= share <= _ACCEPTED[1]]
+    fits = [place for place, share in enumerate(decided) if _ACCEPTED[0] <= share <= _ACCEPTED[1]]
     middle = sum(_ACCEPTED) / 2
     first = fits[0] if fits else int(np.argmin(np.abs(np.array(decided) - middle)))
     rest = [name for place, name in enumerate(names) if place != first]

@@ -84,7 +84,7 @@ class Judge:
 def taste(name: str, kpis: Sequence[KPI], runs: Runs, seed: int) -> Taste:
     """Return the taste called `name` of person number `seed`.
 
-    The same person sure, with 10 and with 20 % wrong answers has the same rule. A rule is drawn
+    The rule does not depend on the share of wrong answers. A rule is drawn
     again if by it random search after 50 experiments is worth less than 55 or more than 100
     random experiments: then most runs are alike to the person, or the answers go round in
     circles. It is also drawn again if the best runs lie at the edge of the box in two knobs or

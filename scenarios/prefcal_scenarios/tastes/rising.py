@@ -11,7 +11,7 @@ from .weighted import Term, Weighted
 
 @dataclass(frozen=True, slots=True)
 class Standards:
-    """A `Rule` by the final standards, which are what people have come to want in the end.
+    """A `Rule` by the final standards: the referee of a person whose standards rise.
 
     Args:
         first: Standards at the start.

@@ -1,6 +1,8 @@
 """Problems by name, and users' own problems."""
 
 import hashlib
+import sys
+from contextlib import redirect_stdout
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -30,7 +32,8 @@ def problem(name: str) -> Problem:
 
     Raises:
         SettingsError: If there is no such problem, or tastes cannot judge it.
-        ScenarioError: If the file does not exist or cannot be imported.
+        ScenarioError: If the file does not exist or cannot be imported, or an experiment of its
+            `Scenario` has other KPIs when it is repeated.
     """
     path = name.rpartition(":")[0]
     if not path.endswith(".py"):
@@ -63,7 +66,19 @@ def _own(name: str, version: str) -> Problem:
     path, _, attribute = name.rpartition(":")
     found = getattr(module_at(Path(path)), attribute, None)
     if isinstance(found, Scenario):
-        return closed_loop(name, found)
+        with redirect_stdout(sys.stderr):  # it runs; `bench --json` prints only JSON
+            return _repeatable(name, found)
     if isinstance(found, Problem):
         return replace(found, name=name, version=f"{found.version}, {version[:16]}")
     raise SettingsError(f"{name!r} must name a Scenario or a Problem, got {found!r}")
+
+
+def _repeatable(name: str, scenario: Scenario) -> Problem:
+    """Return the problem of a user's scenario whose experiments have the same KPIs each time."""
+    made = closed_loop(name, scenario)
+    if made.version != closed_loop(name, scenario).version:  # which comes from a few experiments
+        raise ScenarioError(
+            f"{name}: repeated experiments of one θ have other KPIs. In the benchmark, draw noise "
+            "from a fixed seed, and leave measured times out of the KPIs"
+        )
+    return made

@@ -100,11 +100,15 @@ def frame_of(results: Iterable[Result]) -> pd.DataFrame:
 
 
 def joined(ours: pd.DataFrame, published: pd.DataFrame | None) -> pd.DataFrame:
-    """Return a frame with our studies and published ones, of which any may be missing."""
+    """Return a frame with our studies and published ones, of which any may be missing.
+
+    Our worth is rounded as the published one is (float32): otherwise equal ones would not tie.
+    """
     if published is None or not len(published):
         return ours
     others = published[list(COLUMNS)]
-    return pd.concat([ours, others], ignore_index=True) if len(ours) else others
+    rounded = ours.astype({"worth": others["worth"].dtype})
+    return pd.concat([rounded, others], ignore_index=True) if len(ours) else others
 
 
 def curves_of(frame: pd.DataFrame) -> Curves:
@@ -113,16 +117,18 @@ def curves_of(frame: pd.DataFrame) -> Curves:
     A study that ended early keeps its last worth.
 
     Raises:
-        SettingsError: If a worth is below 1 or no number, or a study occurs twice.
+        SettingsError: If a worth is below 1 or no number, a study occurs twice, or one lacks
+            experiments before its last one.
     """
     frame = frame.sort_values([*STUDY, "experiment"], kind="stable")
     keys = frame[list(STUDY)]
     if frame.duplicated([*STUDY, "experiment"]).any():
         twice = frame[frame.duplicated([*STUDY, "experiment"])].iloc[0]
         raise SettingsError(f"two studies of {twice['agent']} on {twice['loop']}, {twice['taste']}")
-    if not (frame["worth"] >= 1).all():
-        raise SettingsError(f"worth must be 1 or more, got {frame['worth'].min()}")
+    if not (valid := frame["worth"] >= 1).all():
+        raise SettingsError(f"worth must be 1 or more, got {frame['worth'][~valid].iloc[0]}")
     starts = np.flatnonzero(~keys.duplicated().to_numpy())
+    _check_complete(frame, starts)
     studies = keys.iloc[starts].reset_index(drop=True)
     budgets = [int(n) for n in studies["n_max"]]
     for column, name, kind in (("worth", "worth", float), ("answers", "asked", int)):
@@ -151,6 +157,18 @@ def after_answers(
     """Return the worth after 0, 1, ..., `count` answers, from the last experiment by then."""
     place = np.searchsorted(asked, np.arange(count + 1), side="right") - 1
     return np.asarray(worth[np.maximum(place, 0)])
+
+
+def _check_complete(frame: pd.DataFrame, starts: Int[np.ndarray, " S"]) -> None:
+    """Raise SettingsError if the rows of a study, from its start, are not experiments 0, 1, ..."""
+    counts = np.diff([*starts, len(frame)])
+    missing = frame["experiment"].to_numpy() != np.arange(len(frame)) - np.repeat(starts, counts)
+    if missing.any():
+        row = frame[missing].iloc[0]
+        raise SettingsError(
+            f"{row['agent']} on {row['loop']}, {row['taste']}, seed {row['seed']}: "
+            f"there is an experiment {row['experiment']}, but not all before it"
+        )
 
 
 def _padded(values: Float[np.ndarray, " N"], n_max: int) -> Float[np.ndarray, " n_max"]:

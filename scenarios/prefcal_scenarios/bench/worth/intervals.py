@@ -40,7 +40,7 @@ def summary(rows: pd.DataFrame, settings: Sequence[Setting], looks: Mapping[str,
     grid = figure.subplots(
         len(lines), columns, squeeze=False, height_ratios=[h + 1 for h in heights]
     )
-    theory = random_search(settings[0].n_max)
+    theory = max(random_search(s.n_max) for s in settings)
     limits = _limits(pd.concat(list(ends.values())), theory)
     names = [s.name(settings) for s in settings]
     for i, axes in enumerate(grid.flat):
@@ -52,12 +52,18 @@ def summary(rows: pd.DataFrame, settings: Sequence[Setting], looks: Mapping[str,
                      linestyle=(0, (4, 2)), zorder=1)  # fmt: skip
         axes.set_title(drawn(names[i]), fontweight="bold")
         worth_axis(axes, limits, vertical=False)
+    budgets = sorted({s.n_max for s in settings})
+    theories = [plain_number(random_search(n)) for n in budgets]
     figure.supxlabel(
-        f"worth of the θ after {settings[0].n_max} experiments, in random experiments\n"
-        f"dashed: random search in theory, {plain_number(theory)}; hollow: told values",
+        f"worth of the θ after {_listed(budgets)} experiments, in random experiments\n"
+        f"dashed: random search in theory, {_listed(theories)}; hollow: told values",
         fontsize=9,
     )
     return figure
+
+
+def _listed(values: Sequence[object]) -> str:
+    return " and ".join(map(str, values))
 
 
 def ended(rows: pd.DataFrame, setting: Setting) -> pd.DataFrame:

@@ -11,7 +11,7 @@ from prefcal_scenarios.bench.suite import Suite
 from prefcal_scenarios.own.nearest import did_you_mean
 
 from .curves import COLUMNS, curves_of
-from .raw import VERSIONS, agent_version, curves, problem_version, read
+from .raw import VERSIONS, agent_version, problem_version, read, read_curves
 
 PUBLISHED = Path(__file__).parents[1] / "published" / "worth.parquet"
 """File of the studies that are published with prefcal."""
@@ -44,7 +44,9 @@ def publish(raw: Iterable[str | Path], out: str | Path) -> pd.DataFrame:
         SettingsError: If a file cannot be read or written, there are no studies with a worth, or
             the same study has two courses.
     """
-    found = [curves(path).astype(dict.fromkeys(("agent", "loop", "taste"), str)) for path in raw]
+    found = [
+        read_curves(path).astype(dict.fromkeys(("agent", "loop", "taste"), str)) for path in raw
+    ]
     frame = pd.concat(found, ignore_index=True).drop_duplicates() if found else pd.DataFrame()
     if not len(frame):
         raise SettingsError("there are no studies with a worth to publish")

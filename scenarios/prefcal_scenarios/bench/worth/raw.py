@@ -61,7 +61,7 @@ def write_raw(results: Iterable[Result], path: Path) -> Path:
     return path
 
 
-def curves(path: str | Path) -> pd.DataFrame:
+def read_curves(path: str | Path) -> pd.DataFrame:
     """Return the curves of worth in a raw file, with a row for each experiment of each study.
 
     Its columns are agent, loop, taste, seed, experiment (from 0), answers (up to that

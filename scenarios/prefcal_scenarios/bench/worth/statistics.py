@@ -53,7 +53,7 @@ def interquartile_mean(loops: Loops) -> float:
 
 
 def improvement(ours: Loops, theirs: Loops, *, rng: np.random.Generator) -> Estimate:
-    """Return the probability that one agent's worth exceeds another's on a loop of their choice.
+    """Return the probability that one agent's worth exceeds another's on a loop drawn at random.
 
     It is the mean over the loops of the share of pairs of seeds in which `ours` is higher; a tie
     counts half. Seeds need not be paired.

@@ -19,17 +19,17 @@ def worth_tables(worths: Worths) -> list[Table]:
 
 def _of_setting(worths: Worths, setting: Setting) -> Table:
     rows = worths.rows[worths.rows["setting"] == setting]
-    spots = checkpoints(setting)
-    highest = best(rows, setting)
+    spots, loops = checkpoints(setting), len(worths.curves.loops(setting))
+    tinted = leaders(rows, setting)
     lines = []
     for agent in ranked(rows, setting):
         found = _by_spot(rows, agent)
-        line = [Cell(agent), Cell(str(found["experiments", spots[-1]].studies))]
+        line = [Cell(agent), Cell(_studies(found["experiments", spots[-1]], loops))]
         for n in spots:
             row = found["experiments", n]
             texts = row_texts(row)
-            tinted = "best" if n == spots[-1] and texts["worth"] == highest else ""
-            line += [Cell(texts["interval"], tinted), *(Cell(texts[c]) for c in list(texts)[2:])]
+            kind = "best" if n == spots[-1] and agent in tinted else ""
+            line += [Cell(texts["interval"], kind), *(Cell(texts[c]) for c in list(texts)[2:])]
         line += [Cell(_worth_of(found.get(("answers", n - 1)))) for n in spots[-1:]]
         lines.append(line)
     names = (
@@ -59,11 +59,13 @@ def ranked(rows: pd.DataFrame, setting: Setting) -> list[str]:
     return list(ends.sort_values("worth", ascending=False, kind="stable")["agent"])
 
 
-def best(rows: pd.DataFrame, setting: Setting) -> str:
-    """Return the highest worth at the end as text, of the agents that ask if there are any."""
+def leaders(rows: pd.DataFrame, setting: Setting) -> set[str]:
+    """Return the agents with the highest worth at the end, as shown: of those that ask, if any."""
     ends = rows[(rows["unit"] == "experiments") & (rows["after"] == setting.n_max)]
     asking = ends[ends["answers"].astype(float) > 0]
-    return plain_number((asking if len(asking) else ends)["worth"].max())
+    compared = asking if len(asking) else ends
+    highest = plain_number(compared["worth"].max())
+    return {row.agent for row in compared.itertuples() if plain_number(row.worth) == highest}
 
 
 def row_texts(row: Any) -> dict[str, str]:
@@ -80,6 +82,11 @@ def row_texts(row: Any) -> dict[str, str]:
 
 def _by_spot(rows: pd.DataFrame, agent: str) -> dict[tuple[str, int], Any]:
     return {(row.unit, row.after): row for row in rows[rows["agent"] == agent].itertuples()}
+
+
+def _studies(row: Any, loops: int) -> str:
+    """Return the number of studies; an agent that lacks a loop cannot be compared by its mean."""
+    return f"{row.studies}" if row.loops == loops else f"{row.studies} (on {row.loops} of {loops})"
 
 
 def _worth_of(row: Any) -> str:

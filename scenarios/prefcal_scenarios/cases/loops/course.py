@@ -1,4 +1,4 @@
-"""What acts on a loop in one experiment, and what comes of it."""
+"""What acts on a loop in one experiment, and the states and inputs that result."""
 
 from dataclasses import dataclass
 

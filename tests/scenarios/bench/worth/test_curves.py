@@ -76,6 +76,27 @@ def test_impossible_worths_are_refused(results, word):
         curves_of(frame_of(results))
 
 
+def test_a_worth_that_is_no_number_is_named():
+    frame = frame_of([study(worth=(1, 4, 2))])
+    frame.loc[1, "worth"] = np.nan
+    with pytest.raises(SettingsError, match="got nan"):
+        curves_of(frame)
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+def test_a_study_without_all_its_experiments_is_refused(lost):
+    frame = frame_of([study(seed=0), study(worth=(1, 4, 2), seed=1)])
+    with pytest.raises(SettingsError, match=r"GLISp on servo, weights, seed 1: .* not all before"):
+        curves_of(frame.drop(index=2 + lost))
+
+
+def test_our_worth_is_rounded_as_the_published_one_so_that_equal_ones_tie():
+    ours = frame_of([study("Mine", worth=(1, 8193 / 7))])
+    published = frame_of([study(worth=(1, 8193 / 7))]).astype({"worth": "float32"})
+    mine, other = curves_of(joined(ours, published)).studies["worth"]
+    assert mine[-1] == other[-1]
+
+
 def test_there_can_be_nothing_at_all():
     curves = curves_of(frame_of([]))
     assert curves.settings == curves.agents == ()

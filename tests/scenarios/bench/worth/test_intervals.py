@@ -42,6 +42,13 @@ def test_a_dashed_line_is_at_the_worth_of_random_search():
     assert theory.get_xdata()[0] == pytest.approx(random_search(50))
 
 
+def test_the_label_tells_every_number_of_experiments_and_its_theory():
+    results = [*walks({"GLISp": 1.2}, n_max=20), *walks({"GLISp": 1.2}, n_max=50)]
+    label = intervals.summary(*material(results)).get_supxlabel()
+    assert "after 20 and 50 experiments" in label
+    assert "in theory, 37 and 90;" in label
+
+
 def test_the_marker_of_an_agent_that_sees_values_is_hollow():
     axes = intervals.summary(*material([study(), study("GLIS", questions=(0, 0))])).axes[0]
     faces = {

@@ -34,7 +34,7 @@ def line(axes, label):
 
 def test_there_is_a_panel_for_each_loop_and_all_have_one_scale():
     figure, found = drawn(lines.against_experiments, walks({"GLISp": 1.3, "Own": 1.0}, n_max=12))
-    assert list(found) == ["boost", "servo", "steering"]
+    assert list(found) == ["servo", "steering", "boost"]
     assert len({axes.get_ylim() for axes in found.values()}) == 1
     assert {axes.get_yscale() for axes in found.values()} == {"log"}
     labels = [text.get_text() for text in figure.legends[0].get_texts()]

@@ -7,7 +7,7 @@ import pytest
 from prefcal_env.errors import SettingsError
 from prefcal_scenarios.bench.roster import entry
 from prefcal_scenarios.bench.worth.curves import curves_of, frame_of
-from prefcal_scenarios.bench.worth.raw import curves, write_raw
+from prefcal_scenarios.bench.worth.raw import read_curves, write_raw
 from support.campaigns import failed, result
 from support.worths import study, walks
 
@@ -67,7 +67,7 @@ def test_failures_have_no_row_and_what_has_no_worth_has_nan(tmp_path):
     found = raw(tmp_path, result(), failed(seed=9))
     assert len(found) == 2
     assert found["worth"].isna().all()
-    assert len(curves(tmp_path / "raw.parquet")) == 0
+    assert len(read_curves(tmp_path / "raw.parquet")) == 0
 
 
 def test_equal_results_give_equal_bytes_in_whatever_order(tmp_path):
@@ -79,7 +79,7 @@ def test_equal_results_give_equal_bytes_in_whatever_order(tmp_path):
 
 def test_the_curves_are_those_of_the_results(tmp_path):
     results = walks({"GLISp": 1.3, "Own": 1.1}, n_max=7, per_experiment=2)
-    read = curves(write_raw(results, tmp_path / "raw.parquet"))
+    read = read_curves(write_raw(results, tmp_path / "raw.parquet"))
     assert list(read.columns) == [
         "agent", "loop", "taste", "seed", "experiment", "answers", "worth", "agent_version",
         "problem_version", "n_init", "n_max",
@@ -95,7 +95,7 @@ def test_other_files_are_refused(tmp_path):
     pd.DataFrame({"agent": ["A"]}).to_parquet(tmp_path / "little.parquet")
     for name in ("other", "little", "missing"):
         with pytest.raises(SettingsError, match="holds no results"):
-            curves(tmp_path / f"{name}.parquet")
+            read_curves(tmp_path / f"{name}.parquet")
     with pytest.raises(SettingsError, match="cannot write"):
         write_raw([study()], tmp_path / "no" / "raw.parquet")
 

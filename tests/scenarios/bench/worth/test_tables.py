@@ -26,7 +26,7 @@ def test_each_taste_has_a_table_with_the_highest_worth_on_top():
         for t in ("weights", "limits")
     ]
     found = tables(results)
-    assert [t.label for t in found] == ["Worth: limits", "Worth: weights"]
+    assert [t.label for t in found] == ["Worth: weights", "Worth: limits"]
     assert [row[0].text for row in found[0].rows] == ["Own", "GLISp"]
     own, glisp = cells(found[0], "Own"), cells(found[0], "GLISp")
     assert own["worth [95 %] (4)"].text == "90 [90, 90]"
@@ -53,3 +53,15 @@ def test_a_full_budget_is_looked_at_after_20_and_50():
     assert "worth [95 %] (20)" in table.columns
     assert "drift (50)" in table.columns
     assert "worth after 49 answers [95 %]" in table.columns
+
+
+def test_an_agent_that_is_told_values_is_not_tinted_if_its_worth_equals_the_best():
+    (table,) = tables([study(worth=(1, 9)), study("GLIS", worth=(1, 9), questions=(0, 0))])
+    assert cells(table, "GLIS")["worth [95 %] (2)"].kind == ""
+    assert cells(table, "GLISp")["worth [95 %] (2)"].kind == "best"
+
+
+def test_an_agent_that_lacks_a_loop_is_marked():
+    (table,) = tables([study(), study(loop="tank"), study("Own")])
+    assert cells(table, "GLISp")["studies"].text == "2"
+    assert cells(table, "Own")["studies"].text == "1 (on 1 of 2)"

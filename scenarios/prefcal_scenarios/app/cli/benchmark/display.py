@@ -24,7 +24,7 @@ class BenchDisplay:
     """Progress bar with the remaining time, and messages above it. A `Watcher`."""
 
     def __init__(self, console: Console) -> None:
-        self.done = 0
+        self.done, self._kept = 0, True
         self._console = console
         self._bar = Progress(
             TextColumn("[bold]{task.fields[what]}"), BarColumn(bar_width=None),
@@ -47,6 +47,7 @@ class BenchDisplay:
         """Restart the bar with `done` of `total` results already there."""
         self._bar.remove_task(self._task)
         self._task = self._bar.add_task("", total=total, completed=done, what=escape(what))
+        self._kept = what != "random experiments"  # these are in the cache, not in the folder
         if what == "cells":
             self.done = done
             if done:
@@ -54,7 +55,7 @@ class BenchDisplay:
 
     def landed(self, what: str) -> None:
         """Advance the bar by one."""
-        self.done += 1
+        self.done += self._kept
         self._bar.update(self._task, advance=1, description=escape(printable(what)))
 
     def say(self, words: str) -> None:

@@ -9,7 +9,8 @@ from ..loop import Loop, Task, Timing
 from ..plants import Linear
 from ..vary import Vary, nominal
 
-_WEIGHT = Knob("b", 0.0, 1.0)
+SETPOINT_WEIGHT = Knob("b", 0.0, 1.0)
+"""Share of the target's step that acts at once."""
 
 
 def ratio(name: str, low: float, high: float, unit: str = "") -> Knob:
@@ -37,7 +38,7 @@ def lag(vary: Vary = nominal) -> Loop:
                 ratio("T_i", 2.0, 200.0, "s"),
                 ratio("T_d", 0.2, 40.0, "s"),
                 ratio("T_f", 0.2, 20.0, "s"),
-                _WEIGHT,
+                SETPOINT_WEIGHT,
                 ratio("T_t", 1.0, 200.0, "s"),
             ]
         ),
@@ -69,7 +70,7 @@ def integrating(vary: Vary = nominal) -> Loop:
                 ratio("T_i", 3.0, 300.0, "s"),
                 ratio("T_d", 0.05, 10.0, "s"),
                 ratio("T_f", 0.1, 10.0, "s"),
-                _WEIGHT,
+                SETPOINT_WEIGHT,
             ]
         ),
         states=(Channel("level", "%", 0, 100), Channel("inflow", "%")),
@@ -105,7 +106,7 @@ def oscillatory(vary: Vary = nominal) -> Loop:
                 ratio("T_i", 0.1, 10.0, "s"),
                 ratio("T_d", 0.03, 10.0, "s"),
                 ratio("T_f", 0.02, 2.0, "s"),
-                _WEIGHT,
+                SETPOINT_WEIGHT,
             ]
         ),
         states=(
@@ -140,7 +141,7 @@ def unstable(vary: Vary = nominal) -> Loop:
                 ratio("T_i", 1.0, 100.0, "min"),
                 ratio("T_d", 0.02, 2.0, "min"),
                 ratio("T_f", 0.02, 1.0, "min"),
-                _WEIGHT,
+                SETPOINT_WEIGHT,
             ]
         ),
         states=(Channel("temperature", "°C", -15, 15), Channel("heating", "°C")),

@@ -11,9 +11,7 @@ from ..controllers import PID
 from ..loop import Loop, Task, Timing
 from ..plants import Linear, QuadrupleTank, Tank
 from ..vary import Vary, nominal
-from .basic import ratio
-
-_WEIGHT = Knob("b", 0.0, 1.0)
+from .basic import SETPOINT_WEIGHT, ratio
 
 
 def tank(vary: Vary = nominal) -> Loop:
@@ -34,7 +32,7 @@ def tank(vary: Vary = nominal) -> Loop:
                 ratio("T_i", 10.0, 1000.0, "s"),
                 ratio("T_d", 0.2, 20.0, "s"),
                 ratio("T_f", 0.5, 50.0, "s"),
-                _WEIGHT,
+                SETPOINT_WEIGHT,
                 ratio("T_t", 5.0, 500.0, "s"),
             ]
         ),
@@ -72,7 +70,7 @@ def quadruple_tank(vary: Vary = nominal) -> Loop:
                 ratio("K_2", 5.0, 500.0, "V/m"),
                 ratio("T_i_2", 5.0, 500.0, "s"),
                 ratio("T_f", 0.5, 50.0, "s"),
-                _WEIGHT,
+                SETPOINT_WEIGHT,
             ]
         ),
         states=tuple(Channel(f"level {i}", "m", -0.001, 1.0) for i in range(1, 5)),
@@ -107,7 +105,7 @@ def distillation(vary: Vary = nominal) -> Loop:
                 ratio("K_2", 1.0, 60.0, "kmol/(min %)"),
                 ratio("T_i_2", 3.0, 300.0, "min"),
                 ratio("T_f", 0.2, 20.0, "min"),
-                _WEIGHT,
+                SETPOINT_WEIGHT,
             ]
         ),
         states=(Channel("top", "%", -20, 20), Channel("bottom", "%", -20, 20)),
@@ -140,7 +138,7 @@ def building(vary: Vary = nominal) -> Loop:
                 ratio("T_i", 10.0, 1000.0, "min"),
                 ratio("T_d", 0.5, 50.0, "min"),
                 ratio("T_f", 0.5, 50.0, "min"),
-                _WEIGHT,
+                SETPOINT_WEIGHT,
                 Knob("hysteresis", 0.0, 0.5),
             ]
         ),
