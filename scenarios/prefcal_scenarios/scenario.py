@@ -46,7 +46,7 @@ BUILT_IN: Mapping[str, str] = {
 """Scenario name to "module:attribute"; the module is imported on first use."""
 NAMES = ", ".join([*(n for n in BUILT_IN if n not in CLOSED_LOOPS), "a closed loop such as servo"])
 """What a scenario may be called, for messages: the closed loops are too many to list."""
-_RANDOM_LOOP = re.compile(r"loop-\d+", re.ASCII)
+_RANDOM_LOOP = re.compile(r"loop-(0|[1-9]\d*)", re.ASCII)
 
 
 class Run(Protocol):

@@ -2,6 +2,7 @@
 
 from .named import TASTES as TASTES
 from .named import VERSION as VERSION
+from .named import WRONG as WRONG
 from .named import Taste as Taste
 from .named import calibrators_of as calibrators_of
 from .named import has_cost as has_cost

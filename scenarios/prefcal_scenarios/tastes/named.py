@@ -88,7 +88,8 @@ def taste(name: str, kpis: Sequence[KPI], runs: Runs, seed: int) -> Taste:
     again if by it random search after 50 experiments is worth less than 55 or more than 100
     random experiments: then most runs are alike to the person, or the answers go round in
     circles. It is also drawn again if the best runs lie at the edge of the box in two knobs or
-    more: such a person wants a controller that does almost nothing, or other ranges.
+    more: such a person wants a controller that does almost nothing, or other ranges. After 40
+    draws, the one nearest to that is taken.
 
     Args:
         name: One of `TASTES`.
@@ -126,9 +127,10 @@ def _calibrator(scenario: Scenario, name: str, seed: int) -> Calibrator[Experime
 def has_cost(name: str) -> bool:
     """Return whether agents can be told the cost of the taste called `name`.
 
-    Priorities have none, and where answers can be wrong the exact value would be another problem.
+    Priorities have none, rising standards change it, and where answers can be wrong the exact value
+    would be another problem.
     """
-    return name in KINDS and name != "priorities"
+    return name in KINDS and name not in ("priorities", "rising")
 
 
 def _usable(kind: str, runs: Runs, seed: int) -> Rule:

@@ -74,7 +74,7 @@ def reactor() -> Problem:
         calibrators=judges(referee, "perfect"),
         referee=referee,
         best_known=CSTR_BROAD,
-        version=2,
+        version=f"2, tastes {VERSION}",
         scenario=_cstr(),
     )
 
@@ -131,7 +131,8 @@ def overtaking() -> Problem:
         calibrators=judges(referee, "lexicographic"),
         referee=referee,
         paper=scenario.references["paper, preferences"],
-        version=3,  # 0.0873 rad/s limit the steering, no longer 0.0873 rad a step
+        # Version 3: 0.0873 rad/s limit the steering, no longer 0.0873 rad a step.
+        version=f"3, tastes {VERSION}",
         scenario=scenario,
     )
 

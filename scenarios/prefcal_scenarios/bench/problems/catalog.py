@@ -12,7 +12,7 @@ from prefcal_scenarios.cases.functions import FUNCTIONS
 from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.own.own_file import module_at
 from prefcal_scenarios.scenario import CLOSED_LOOPS, Scenario, is_built_in, load
-from prefcal_scenarios.tastes import TASTES
+from prefcal_scenarios.tastes import TASTES, VERSION
 
 from .cases import GUIDELINES, closed_loop, guidelines, of_function, overtaking, reactor
 from .problem import NOISES, Problem
@@ -69,7 +69,9 @@ def _own(name: str, version: str) -> Problem:
         with redirect_stdout(sys.stderr):  # it runs; `bench --json` prints only JSON
             return _repeatable(name, found)
     if isinstance(found, Problem):
-        return replace(found, name=name, version=f"{found.version}, {version[:16]}")
+        return replace(
+            found, name=name, version=f"{found.version}, {version[:16]}, tastes {VERSION}"
+        )
     raise SettingsError(f"{name!r} must name a Scenario or a Problem, got {found!r}")
 
 

@@ -12,13 +12,13 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_scenarios.scenario import Scenario
-from prefcal_scenarios.tastes import TASTES, USUAL, Runs, has_cost, is_cached, sample, taste
+from prefcal_scenarios.tastes import TASTES, USUAL, WRONG, Runs, has_cost, is_cached, sample, taste
 
 from .person import Judge, Outcome, Person, person_of
 
 JudgeFactory = Callable[[int], Judge]
 
-NOISES: Mapping[str, float] = {"noisy10": 0.1, "noisy20": 0.2}
+NOISES: Mapping[str, float] = {end[1:]: share for end, share in WRONG.items() if end}
 """Share of answers that are flipped, by the name of the calibrator."""
 _READ: dict[tuple[str, str, str], Runs] = {}
 """Samples of this process: reading one takes longer than a question."""

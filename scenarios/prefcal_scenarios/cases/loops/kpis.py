@@ -24,7 +24,7 @@ def kpis_of(
     """
     y = controlled.name
     calm = KPI("input_noise", f"noise in {u.name}", u.unit, better="lower",
-               about="Mean change of the input from one sample to the next.")  # fmt: skip
+               about="How much the input moves in a sampling period of normal length.")  # fmt: skip
     if staged:
         calm = KPI("switches", f"switches of {u.name}", better="lower",
                    about="How often the input changes its stage.")  # fmt: skip
@@ -55,7 +55,11 @@ def kpis_of(
 
 
 def compute_kpis(
-    experiment: Experiment, disturbed_at: float, u0: float, beside: int | None
+    experiment: Experiment,
+    disturbed_at: float,
+    u0: float,
+    beside: int | None,
+    pace: float = 1.0,
 ) -> dict[str, float]:
     """Return the values of all KPIs, in their units; an infinite time means never.
 
@@ -64,6 +68,8 @@ def compute_kpis(
         disturbed_at: Time of the disturbance.
         u0: First input at the start.
         beside: Index of the state that the step should not move much.
+        pace: Nominal sampling time divided by that of this experiment. Moves are counted per
+            nominal one, so that many small moves are not calmer than a few large ones.
     """
     t, x, u = experiment.t, experiment.x, experiment.u_control[:, 0]
     y, target = experiment.output(0), float(experiment.y_ref[0, 0])
@@ -76,7 +82,7 @@ def compute_kpis(
         "error": float(np.abs(error[:-1]) @ np.diff(t)),
         "disturbance_peak": float(np.abs(error[~first]).max()) if not first.all() else np.inf,
         "effort": float(np.sqrt(np.mean((u - u0) ** 2))),
-        "input_noise": float(moves.mean()) if len(moves) else 0.0,
+        "input_noise": float(moves.mean()) * pace if len(moves) else 0.0,
         "switches": float(np.count_nonzero(moves)),
     }
     if beside is not None:

@@ -225,7 +225,8 @@ class Loop:
         )  # fmt: skip
         if len(steps) == 0:
             return bare
-        values = compute_kpis(bare, self.timing.disturbed_at, self.task.u0[0], self.beside)
+        pace = self.timing.T_s / (hold * self.timing.step)
+        values = compute_kpis(bare, self.timing.disturbed_at, self.task.u0[0], self.beside, pace)
         return replace(bare, kpis={kpi.name: values[kpi.name] for kpi in self.kpis})
 
     def _end(self, x: Float[np.ndarray, "V n_x"]) -> End:
