@@ -50,11 +50,11 @@ def proposed(
 def attempted(compute: Callable[[], T]) -> T | None:
     """Return what `compute` returns, or None if a model of BoTorch cannot be fitted or searched.
 
-    Errors of linear algebra in torch and gpytorch are RuntimeErrors.
+    Errors of linear algebra in torch and gpytorch are RuntimeErrors; torch's distributions raise
+    ValueError for parameters that are NaN after a failed fit.
     """
     errors = load("botorch.exceptions.errors", "peers")
-    failures = (RuntimeError, ValueError, ArithmeticError)
     try:
         return compute()
-    except (*failures, errors.BotorchError, errors.ModelFittingError):
+    except (RuntimeError, ValueError, errors.BotorchError, errors.ModelFittingError):
         return None
