@@ -38,6 +38,19 @@ hypothesis.settings.register_profile("prefcal", deadline=None, derandomize="CI" 
 hypothesis.settings.load_profile("prefcal")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _cache_home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep the cache in a folder of the session, which its workers share: no test reads yours."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MPLCONFIGDIR", mpl.get_cachedir())  # finding all fonts takes seconds
+        for name in ("XDG_CACHE_HOME", "WIN_PD_OVERRIDE_LOCAL_APPDATA"):
+            patch.setenv(name, str(folder / "cache"))
+        yield
+
+
 def checked_modules() -> list[str]:
     """Names of our modules that hold plain Python; no packages, whose names would cover all."""
     names = []

@@ -23,7 +23,8 @@ from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.protocol.agent import one_thread
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import ask_and_tell
-from prefcal_scenarios.bench.problems import NOISES, PROBLEMS, Judge, Outcome, problem
+from prefcal_scenarios.bench.problems import NOISES, Judge, Outcome, problem
+from prefcal_scenarios.cases.functions import FUNCTIONS
 
 N_INIT, N_MAX = 10, 50
 CALIBRATORS = ("perfect", *NOISES)
@@ -84,8 +85,7 @@ def cells(found: dict[str, list[Gaps]]) -> Iterator[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    functions = [name for name in PROBLEMS if problem(name).has_cost and name != "cstr"]
-    parser.add_argument("--problems", nargs="+", default=functions, choices=functions)
+    parser.add_argument("--problems", nargs="+", default=[*FUNCTIONS], choices=FUNCTIONS)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--rates", type=float, nargs="+", default=[0.1, 0.0])

@@ -22,7 +22,8 @@ from prefcal_agents.space.design import latin_hypercube
 from prefcal_env.calibrators import LatentCost
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.loop import ask_and_tell
-from prefcal_scenarios.bench.problems import PROBLEMS, Outcome, Problem, problem
+from prefcal_scenarios.bench.problems import Outcome, Problem, problem
+from prefcal_scenarios.cases.functions import FUNCTIONS
 
 N_INIT, N_MAX = 10, 50
 RECENT = 15
@@ -84,7 +85,7 @@ def against(gaps: np.ndarray, plain: np.ndarray) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    functions = [name for name in PROBLEMS if problem(name).has_cost]
+    functions = [*FUNCTIONS, "cstr"]
     parser.add_argument("--problems", nargs="+", default=functions, choices=functions)
     parser.add_argument("--seeds", type=int, default=16)
     parser.add_argument("--first", type=int, default=0)

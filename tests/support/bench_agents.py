@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from prefcal_env.preferences.answer import Query, Suggestion
+from prefcal_env.preferences.answer import Answer, Query, Suggestion
 
 
 class Own:
@@ -35,7 +35,7 @@ class Own:
         return self.open
 
     def tell(self, query, answer):
-        if query.incumbent is None or answer == -1:
+        if query.incumbent is None or Answer.of(answer).preference == -1:
             self.winner = query.challenger
         self.open = None
 

@@ -39,6 +39,7 @@ def narrow(runs: Runs, rng: np.random.Generator) -> Weighted:
 def priorities(runs: Runs, rng: np.random.Generator) -> Priorities:
     """Return three priorities or more, with absolute and relative just noticeable differences.
 
+    There are fewer if there are fewer KPIs.
     The first one decides 8 to 55 % of random pairs, the last one notices every difference.
     """
     names = _some(runs, rng, 3, len(runs.names))
@@ -50,6 +51,8 @@ def priorities(runs: Runs, rng: np.random.Generator) -> Priorities:
     middle = sum(_ACCEPTED) / 2
     first = fits[0] if fits else int(np.argmin(np.abs(np.array(decided) - middle)))
     rest = [name for place, name in enumerate(names) if place != first]
+    if not rest:  # a single KPI
+        return Priorities((Priority(names[0], 0.0),))
     later = [_priority(name, a, b, _LATER, rng) for name in rest[:-1]]
     return Priorities((possible[first], *later, Priority(rest[-1], 0.0)))
 

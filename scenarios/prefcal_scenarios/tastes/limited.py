@@ -26,7 +26,7 @@ class Limit:
 
     def excess(self, runs: Runs) -> Float[np.ndarray, " K"]:
         """Return how far the KPI is beyond the limit, from 0 to 1, shape (K,)."""
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             beyond = np.maximum(runs.column(self.name) - self.at_most, 0.0)
             return np.asarray(1.0 / (1.0 + self.scale / beyond))
 

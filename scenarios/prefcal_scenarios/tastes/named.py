@@ -98,12 +98,17 @@ def taste(name: str, kpis: Sequence[KPI], runs: Runs, seed: int) -> Taste:
         seed: Number of the person, 0 or more.
 
     Raises:
-        SettingsError: If there is no such taste, or the scenario has no KPI with a direction.
+        SettingsError: If there is no such taste or person, the scenario has no KPI with a
+            direction, or there are no runs.
     """
     if name not in TASTES:
         raise SettingsError(
             f"taste must be one of {', '.join(TASTES)}, got {name!r}.{did_you_mean(name, TASTES)}"
         )
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise SettingsError(f"the person's number must be an integer, 0 or more, got {seed!r}")
+    if not len(runs):
+        raise SettingsError("a taste needs runs that show what is usual, got none")
     if not runs.names:
         raise SettingsError("a taste needs a KPI with a direction, got none")
     kind, _, noise = name.partition("-")
@@ -154,7 +159,9 @@ def _usable(kind: str, runs: Runs, seed: int) -> Rule:
 
 
 def _at_edge(rule: Rule, runs: Runs) -> int:
-    """Return the number of knobs in which the best runs lie at the edge of the box."""
+    """Return the number of knobs in which the best runs lie at the edge; 0 if θ is unknown."""
+    if not runs.z.size:
+        return 0
     cost = rule.cost(runs)
     if cost is None:
         everyone = (runs.take(np.array([row])) for row in range(len(runs)))

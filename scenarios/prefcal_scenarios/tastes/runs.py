@@ -19,13 +19,13 @@ class Runs:
         values: KPIs, infinite where one could not be measured, shape (K, m).
         survived: Time until each experiment was interrupted, in the scenario's unit; infinite if
             it was not. Shape (K,).
-        z: θ in the unit cube, shape (K, n); empty if it is not known.
+        z: θ in the unit cube, shape (J, n), where J is K, or 0 if they are not known.
     """
 
     names: tuple[str, ...]
     values: Float[np.ndarray, "K m"]
     survived: Float[np.ndarray, " K"]
-    z: Float[np.ndarray, "K n"] = field(default_factory=lambda: np.zeros((0, 0)))
+    z: Float[np.ndarray, "J n"] = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __len__(self) -> int:
         return len(self.survived)

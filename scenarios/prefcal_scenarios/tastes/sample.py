@@ -2,6 +2,8 @@
 
 import hashlib
 import os
+import zlib
+from contextlib import suppress
 from pathlib import Path
 from uuid import uuid4
 from zipfile import BadZipFile
@@ -11,6 +13,8 @@ from jaxtyping import Float
 from platformdirs import user_cache_path
 
 from prefcal_agents.protocol.agent import one_thread
+from prefcal_env.errors import KnobError
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import CLOSED_LOOPS, Scenario
 
 from .runs import Runs, runs_of
@@ -27,6 +31,8 @@ _CHECKED = 4
 _DIGITS = 4
 """Digits that are compared, since the last ones differ between machines."""
 _BLOCK = 256
+_FRUITLESS = 1000
+"""Number of blocks without an allowed θ after which there seems to be none."""
 
 
 def thetas(scenario: Scenario, name: str, count: int) -> list[Float[np.ndarray, " n"]]:
@@ -36,13 +42,20 @@ def thetas(scenario: Scenario, name: str, count: int) -> list[Float[np.ndarray, 
         scenario: Scenario.
         name: Name of the sample; another name gives other θ.
         count: Number of θ.
+
+    Raises:
+        KnobError: If the constraints allow next to nothing of the box.
     """
     space, found = scenario.space, list[Float[np.ndarray, " n"]]()
     rng = np.random.default_rng(list(name.encode()))
+    blocks = 0
     while len(found) < count:
         z = space.snap_all(space.scaled(rng.random((_BLOCK, len(space)))))
         block = space.decode_all(z)
         found += list(block[space.allows(block)])
+        blocks += 1
+        if blocks >= _FRUITLESS and not found:
+            raise KnobError(f"none of {blocks * _BLOCK} random θ satisfies the constraints")
     return found[:count]
 
 
@@ -88,8 +101,20 @@ def fingerprint(scenario: Scenario) -> str:
     """Return the sha256 in hex of the knobs, the KPIs, and a few experiments, rounded."""
     runs = _run(scenario, thetas(scenario, "fingerprint", _CHECKED))
     words = [f"{value:.{_DIGITS}g}" for value in (*runs.values.ravel(), *runs.survived)]
-    content = [repr(scenario.space.knobs), repr(runs.names), *words]
+    content = [repr(scenario.space.knobs), repr(runs.names), *words, *_allowed(scenario.space)]
     return hashlib.sha256("\n".join(content).encode()).hexdigest()
+
+
+def _allowed(space: KnobSpace) -> list[str]:
+    """Return which of many θ the constraints allow, as words; none without constraints.
+
+    Constraints can be functions, so only their effect can be compared.
+    """
+    if not space.constraints:
+        return []
+    w = np.random.default_rng(0).random((_USUAL, len(space)))
+    allowed = space.allows(space.decode_all(space.snap_all(space.scaled(w))))
+    return [np.packbits(allowed).tobytes().hex()]
 
 
 def _run(scenario: Scenario, tried: list[Float[np.ndarray, " n"]]) -> Runs:
@@ -108,7 +133,7 @@ def _read(path: Path, count: int) -> Runs | None:
         with np.load(path) as content:
             names = tuple(map(str, content["names"]))
             found = Runs(names, content["values"], content["survived"], content["z"])
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+    except (OSError, ValueError, KeyError, EOFError, RuntimeError, BadZipFile, zlib.error):
         return None  # absent or damaged: it is computed again
     return found if len(found) == count else None
 
@@ -121,4 +146,5 @@ def _write(path: Path, runs: Runs) -> None:
         np.savez(part, names=runs.names, values=runs.values, survived=runs.survived, z=runs.z)
         os.replace(part, path)
     except OSError:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink(missing_ok=True)

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from prefcal_env.errors import SettingsError
+
 from .rule import Rule
 from .runs import Runs
 
@@ -15,7 +17,14 @@ def worth(rule: Rule, pool: Runs, one: Runs) -> float:
         rule: Rule that compares without errors.
         pool: Experiments of θ drawn at random.
         one: The experiment to judge, a single run.
+
+    Raises:
+        SettingsError: If there is no pool, or more or less than one experiment to judge.
     """
+    if not len(pool) or len(one) != 1:
+        raise SettingsError(
+            f"worth needs a pool and one experiment, got {len(pool)} and {len(one)} experiments"
+        )
     as_good = int(np.count_nonzero(rule.compare(pool, one) <= 0))
     return (len(pool) + 1) / (as_good + 1)
 
@@ -43,7 +52,15 @@ def random_search_worth(
         replays: Number of searches.
         rng: Generator of the draws.
         pool: Experiments of other random θ that the worth is measured with; None for `runs`.
+
+    Raises:
+        SettingsError: If there are no runs, experiments or replays.
     """
+    if not len(runs) or experiments < 1 or replays < 1:
+        raise SettingsError(
+            "random search needs 1 or more runs, experiments and replays, "
+            f"got {len(runs)}, {experiments} and {replays}"
+        )
     pool = runs if pool is None else pool
     drawn = rng.integers(len(runs), size=(experiments, replays))
     best = drawn[0]

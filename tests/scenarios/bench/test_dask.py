@@ -14,6 +14,7 @@ distributed = pytest.importorskip(
     "distributed", reason="Dask's distributed is not installed: pip install 'prefcal[dask]'"
 )
 OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
+LOOP = OWN.with_name("bench_loop.py")
 SLOW = Suite(
     ("GLISp", f"{OWN}:Own", f"{OWN}:Slow"), ("camel",), ("perfect", "noisy10"), seeds=2,
     n_init=2, n_max=4,
@@ -50,6 +51,18 @@ def test_a_killed_worker_changes_nothing(cluster, tmp_path):
     on_dask = run_suite(SLOW, Store(tmp_path / "dask"), workers, killer)
     assert killer.killed
     here = run_suite(SLOW, Store(tmp_path / "here"), Processes(2), Seen())
+    assert not on_dask.failures
+    assert on_dask.digest == here.digest
+
+
+def test_closed_loops_give_the_same_on_dask(cluster, tmp_path):
+    suite = Suite(
+        (f"{OWN}:Own", f"{OWN}:Sees"), (f"{LOOP}:SCENARIO",), ("weights", "hidden-noisy10"),
+        seeds=1, n_init=2, n_max=4,
+    )  # fmt: skip
+    workers = DaskCluster(cluster.scheduler_address)
+    on_dask = run_suite(suite, Store(tmp_path / "dask"), workers, Seen())
+    here = run_suite(suite, Store(tmp_path / "here"), Processes(1), Seen())
     assert not on_dask.failures
     assert on_dask.digest == here.digest
 

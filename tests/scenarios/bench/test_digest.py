@@ -1,6 +1,8 @@
 import random
 from dataclasses import replace
 
+import numpy as np
+
 from prefcal_scenarios.bench import Cell, Result, digest
 
 RESULTS = [
@@ -18,6 +20,17 @@ def test_the_order_of_the_results_does_not_matter_and_their_numbers_do():
     bit = replace(RESULTS[3], gaps=(2.0, RESULTS[3].gaps[1] + 1e-15))
     assert digest([*RESULTS[:3], bit, *RESULTS[4:]]) != total
     assert digest(RESULTS[:-1]) != total
+
+
+def test_worth_kpis_and_comparisons_matter():
+    plain = RESULTS[0]
+    richer = [
+        replace(plain, worth=(1.0, 2.0)),
+        replace(plain, worth=(1.0, 2.0 + 1e-15)),
+        replace(plain, kpi_names=("error",), kpis=((1.0,), (np.inf,))),
+        replace(plain, comparisons=((1, 0, -1),)),
+    ]
+    assert len({digest([one]) for one in (plain, *richer)}) == 5
 
 
 def test_times_and_the_words_of_a_failure_do_not_matter_but_that_it_failed():

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,6 +31,20 @@ def test_a_result_goes_through_json_to_the_last_bit(rows, costs, seconds):
     assert repr(through_json(result)) == repr(result)  # == takes -0.0 for 0.0
 
 
+@given(
+    worths=st.lists(st.floats(1, 9e3), min_size=2, max_size=2),
+    kpis=st.lists(st.tuples(NUMBERS, NUMBERS), min_size=2, max_size=2),
+    verdict=st.sampled_from([-1, 0, 1]),
+)
+def test_a_result_on_a_loop_goes_through_json_to_the_last_bit(worths, kpis, verdict):
+    result = replace(
+        RESULT, gaps=None, visited=None, worth=tuple(worths), kpi_names=("error", "effort"),
+        kpis=tuple(kpis), comparisons=((1, 0, verdict),),
+    )  # fmt: skip
+    assert through_json(result) == result
+    assert repr(through_json(result)) == repr(result)
+
+
 def test_a_failure_goes_through_json():
     failed = Result.failed(CELL, "the pump does not answer")
     assert through_json(failed) == failed
@@ -43,6 +58,10 @@ def test_a_failure_goes_through_json():
         ({"gaps": [1.0]}, "gaps must have 2"),
         ({"visited": [1.0, 2.0, 3.0]}, "visited must have 2"),
         ({"questions": []}, "questions must have 2"),
+        ({"worth": [1.0]}, "worth must have 2"),
+        ({"worth": [1.0, "nan"]}, "NaN"),
+        ({"kpis": [[1.0]]}, "kpis must have 2 rows, got 1"),
+        ({"comparisons": [[1, 0]]}, "cannot be read"),
         ({"gaps": [1.0, "nan"]}, "NaN"),
         ({"best": [np.nan, 1.0]}, "NaN"),
         ({"failure": "but it has experiments"}, "say why"),

@@ -1,13 +1,18 @@
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from prefcal_scenarios.bench import Cell, run_cell
 from prefcal_scenarios.bench.problems import problem
+from prefcal_scenarios.bench.roster import entry
 from prefcal_scenarios.cases.functions import FUNCTIONS
+from prefcal_scenarios.scenario import load
 
 OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
+LOOP = f"{OWN.with_name('bench_loop.py')}:SCENARIO"
 
 
 def cell(agent="Own", problem="camel", calibrator="perfect", seed=0, n_init=2, n_max=5):
@@ -61,9 +66,94 @@ def test_a_problem_without_a_cost_has_no_gaps():
     assert len(result.thetas) == 3
 
 
-def test_no_theta_of_a_scenario_is_run_twice(monkeypatch):
-    from dataclasses import replace
+@pytest.mark.usefixtures("small_samples")
+def test_a_cell_on_a_loop_records_worth_kpis_and_comparisons():
+    told = cell(problem=LOOP, calibrator="weights", seed=3, n_max=8)
+    result = run_cell(told)
+    assert not result.failure
+    assert result.gaps is None
+    assert result.visited is None
+    assert len(result.worth) == len(result.kpis) == len(result.questions) == 8
+    assert result.kpi_names == ("error", "effort", "margin", "score")
+    where = problem(LOOP)
+    for theta, row in zip(result.thetas, result.kpis, strict=True):
+        run = where.outcome(np.array(theta)).experiment
+        assert row == tuple(run.kpis[name] for name in result.kpi_names)
+    # It compares each θ with the winner so far, and the worth is that of the winner.
+    person, winner = where.person("weights", 3), 0
+    for k, (new, old, verdict) in enumerate(result.comparisons, start=1):
+        assert (new, old) == (k, winner)
+        winner = new if verdict == -1 else old
+        found = where.outcome(np.array(result.thetas[winner]))
+        assert result.worth[k] == person.worth(found)
+    assert result.questions == tuple(range(8))
+    assert np.all(np.diff(result.worth) >= 0)  # the answers are the referee's
+    assert run_cell(told) == result
+    assert run_cell(cell(problem=LOOP, calibrator="weights", seed=4, n_max=8)) != result
 
+
+@pytest.mark.usefixtures("small_samples")
+@pytest.mark.parametrize("taste", ["priorities", "hidden-noisy20", "rising", "limits"])
+def test_our_agent_runs_on_a_loop_with_any_taste_twice_the_same(taste):
+    asked = cell("GLISp", LOOP, taste, n_max=5)
+    result = run_cell(asked)
+    assert not result.failure
+    assert len(result.worth) == 5
+    assert min(result.worth) >= 1.0
+    assert len(result.comparisons) == result.questions[-1] >= 4
+    assert run_cell(asked) == result
+
+
+@pytest.mark.usefixtures("small_samples")
+def test_on_a_loop_a_value_based_agent_is_told_the_taste_s_cost():
+    result = run_cell(cell("Sees", LOOP, "weights", seed=3, n_max=8))
+    where = problem(LOOP)
+    person = where.person("weights", 3)
+    costs = [person.cost(where.outcome(np.array(theta))) for theta in result.thetas]
+    assert result.best == result.thetas[int(np.argmin(costs))]
+    assert result.comparisons == ()
+    assert result.questions == (0,) * 8
+    assert result.worth == run_cell(cell(problem=LOOP, calibrator="weights", seed=3, n_max=8)).worth
+
+
+@pytest.mark.usefixtures("small_samples")
+def test_where_no_cost_has_the_order_a_value_based_agent_fails():
+    assert run_cell(cell("Sees", LOOP, "priorities")).failure
+
+
+@pytest.mark.usefixtures("small_samples")
+@pytest.mark.parametrize(("taste", "told"), [("weights", True), ("hidden", False)])
+def test_agents_are_told_kpis_unless_the_taste_is_for_hidden_ones(monkeypatch, taste, told):
+    heard = []
+
+    class Hears(type(entry(f"{OWN}:Own").make(problem(LOOP).space, 1, 2, 0))):
+        def tell(self, query, answer):
+            heard.append(answer)
+            super().tell(query, answer.preference)
+
+    def make(space, n_init, n_max, seed):
+        return Hears(space, n_init=n_init, n_max=n_max, seed=seed)
+
+    made = SimpleNamespace(missing="", kind="preference", make=make)
+    monkeypatch.setattr("prefcal_scenarios.bench.run.entry", lambda name: made)
+    result = run_cell(cell("RandomSearch", LOOP, taste, seed=1))
+    assert not result.failure
+    names = {name for answer in heard for side in answer.outcomes if side for name in side}
+    used = {"error", "effort", "margin"}
+    assert (used <= names) == told
+    assert all(len(answer.outcomes) == 2 for answer in heard)
+    assert heard[0].outcomes[1] is None  # nothing to compare the first one with
+
+
+@pytest.mark.usefixtures("small_samples")
+def test_a_built_in_loop_runs():
+    result = run_cell(cell("RandomSearch", "servo", "limits-noisy10", n_max=3))
+    assert not result.failure
+    assert len(result.worth) == 3
+    assert result.kpi_names == tuple(kpi.name for kpi in load("servo").kpis)
+
+
+def test_no_theta_of_a_scenario_is_run_twice(monkeypatch):
     ran = []
 
     def run(theta):
@@ -114,7 +204,7 @@ def test_an_agent_that_breaks_the_rules_is_a_failed_result(agent, words):
 
 @pytest.mark.parametrize(
     ("change", "words"),
-    [({"problem": "nowhere"}, "problem must be one of"), ({"calibrator": "x"}, "must be one of")],
+    [({"problem": "nowhere"}, "no problem is called"), ({"calibrator": "x"}, "must be one of")],
 )
 def test_a_cell_that_cannot_be_is_a_failed_result(change, words):
     assert words in run_cell(cell(**change)).failure

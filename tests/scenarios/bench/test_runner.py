@@ -9,6 +9,20 @@ from prefcal_scenarios.bench import Processes, Store, Suite, run_suite
 from support.bench_watcher import Seen
 
 OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
+LOOP = OWN.with_name("bench_loop.py")
+LOOPS = (f"{LOOP}:SCENARIO",)
+TASTES = ("weights", "hidden-noisy20", "rising", "priorities")
+SICK = """
+
+from dataclasses import replace
+
+def sick(theta, seed=0):
+    if theta[0] > 0.9:
+        raise OSError("the pump does not answer")
+    return run(theta, seed)
+
+SICK = replace(SCENARIO, run=sick, kpis=KPIS[:2])
+"""
 SMALL = Suite(
     ("GLISp", "GLIS", "RandomSearch"), ("hartman3", "overtake"),
     ("perfect", "lexicographic", "noisy20"), seeds=1, n_init=2, n_max=4,
@@ -42,6 +56,42 @@ def test_one_process_and_two_give_the_same_and_nothing_runs_again(tmp_path):
     assert again == two
     assert seen.begun == [("cells", 9, 9)]
     assert seen.count == 0
+
+
+def test_closed_loops_give_the_same_on_one_process_and_two_and_after_a_stop(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    agents = ("GLISp", f"{OWN}:Own", f"{OWN}:Sees")
+    loops = Suite(agents, LOOPS, TASTES, seeds=1, n_init=2, n_max=4)
+    (one, seen), (two, later) = (run(loops, tmp_path / str(jobs), jobs) for jobs in (1, 2))
+    assert not one.failures
+    assert all(len(result.worth) == 4 for result in one.results)
+    assert one.digest == two.digest
+    assert one.duels == two.duels == ()
+    # Random experiments are computed once; neither they nor any cell a second time.
+    assert seen.begun == [("random experiments", 1, 0), ("cells", 10, 0)]
+    assert later.begun == [("cells", 10, 0)]
+
+    for cell in loops.cells[2:7]:
+        Store(tmp_path / "1").path(cell).unlink()
+    again, seen = run(loops, tmp_path / "1", jobs=2)
+    assert seen.begun == [("cells", 10, 5)]
+    assert seen.count == 5
+    assert again.digest == one.digest
+
+
+def test_a_pool_that_cannot_be_computed_fails_its_cells_and_no_others(tmp_path):
+    own = tmp_path / "own.py"
+    own.write_text(LOOP.read_text() + SICK)
+    suite = Suite(
+        (f"{OWN}:Own",), (f"{own}:SICK", f"{own}:SCENARIO"), ("weights",), seeds=1, n_init=2,
+        n_max=3,
+    )  # fmt: skip
+    finished, seen = run(suite, tmp_path / "out")
+    (failed,) = finished.failures
+    assert failed.cell.problem == f"{own}:SICK"
+    assert "the pump does not answer" in failed.failure
+    assert len(finished.results) == 2
+    assert any(words.startswith(f"random experiments of {own}:SICK") for words in seen.words)
 
 
 def test_results_of_a_smaller_suite_are_used_by_a_larger_one(tmp_path):

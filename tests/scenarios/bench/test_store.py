@@ -8,6 +8,7 @@ import pytest
 
 from prefcal_env.errors import BenchmarkError, SettingsError
 from prefcal_scenarios.bench import Cell, Duel, Result, Store
+from prefcal_scenarios.bench.cell import FORMAT
 from prefcal_scenarios.bench.duels import Round
 from prefcal_scenarios.bench.store import read_record, write_record
 
@@ -98,9 +99,9 @@ def test_a_sound_file_of_another_cell_or_of_no_cell_counts_as_absent(store):
 def test_a_file_of_a_newer_prefcal_is_refused_and_left_as_it_is(store):
     store.add(RESULT)
     path = store.path(CELL)
-    newer = json.dumps(json.loads(path.read_text()) | {"format": 2})
+    newer = json.dumps(json.loads(path.read_text()) | {"format": FORMAT + 1})
     path.write_text(newer)
-    with pytest.raises(BenchmarkError, match="format 2, this prefcal reads 1"):
+    with pytest.raises(BenchmarkError, match=f"format {FORMAT + 1}, this prefcal reads {FORMAT}:"):
         store.find(CELL)
     assert path.read_text() == newer
 

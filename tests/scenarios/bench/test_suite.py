@@ -9,6 +9,7 @@ from prefcal_scenarios.bench.problems import PROBLEMS
 from prefcal_scenarios.bench.roster import AGENTS, Entry
 
 OWN = Path(__file__).parents[2] / "support" / "bench_agents.py"
+LOOP = OWN.with_name("bench_loop.py")
 BOTH = Suite(
     ("GLISp", "GLIS"), ("camel", "overtake", "cstr", "cstr-guidelines"),
     ("perfect", "lexicographic", "noisy10"), seeds=2, n_init=2, n_max=4,
@@ -33,17 +34,45 @@ def test_cells_come_seed_by_seed():
 
 
 def test_what_is_left_out_is_said():
+    no_value = "it learns from exact values, which the answers do not follow"
     assert BOTH.left_out == tuple(
-        f"GLIS on {where}: it learns from values, and there is no cost"
-        for where in ("overtake", "cstr-guidelines")
+        f"GLIS on {where}: {no_value}; {others} not answer there"
+        for where, others in (
+            ("overtake", "perfect does"),
+            ("cstr-guidelines", "noisy10 does not answer there; perfect does"),
+        )
     )
     noisy = replace(BOTH, calibrators=("noisy10",))
-    assert "GLIS on camel: it sees exact values, as only the calibrator perfect does" in (
-        noisy.left_out
-    )
+    assert f"GLIS on camel: {no_value}" in noisy.left_out
     only = replace(BOTH, problems=("camel",), calibrators=("lexicographic",))
     assert only.cells == ()
-    assert "the calibrators there are perfect, noisy10, noisy20" in only.left_out[0]
+    assert only.left_out[0] == "GLISp on camel: lexicographic does not answer there"
+
+
+def test_tastes_answer_on_closed_loops_and_tell_a_value_if_they_have_one():
+    suite = replace(
+        BOTH, problems=("servo", "camel", "overtake"), seeds=1,
+        calibrators=("weights", "weights-noisy10", "priorities", "perfect"),
+    )  # fmt: skip
+    pairs = [(c.agent, c.problem, c.calibrator) for c in suite.cells]
+    assert pairs == [
+        ("GLISp", "servo", "weights"), ("GLIS", "servo", "weights"),
+        ("GLISp", "servo", "weights-noisy10"), ("GLISp", "servo", "priorities"),
+        ("GLISp", "camel", "perfect"), ("GLIS", "camel", "perfect"),
+        ("GLISp", "overtake", "weights"), ("GLIS", "overtake", "weights"),
+        ("GLISp", "overtake", "weights-noisy10"), ("GLISp", "overtake", "priorities"),
+    ]  # fmt: skip
+    assert suite.left_out == ()
+
+
+def test_problems_of_a_file_and_random_loops_are_in_a_suite():
+    suite = replace(
+        BOTH, problems=(f"{LOOP}:SCENARIO", f"{LOOP}:PROBLEM", "loop-4"), seeds=1,
+        calibrators=("perfect", "limits"),
+    )  # fmt: skip
+    assert {(c.problem, c.calibrator) for c in suite.cells} == {
+        (f"{LOOP}:SCENARIO", "limits"), (f"{LOOP}:PROBLEM", "perfect"), ("loop-4", "limits"),
+    }  # fmt: skip
 
 
 def test_an_agent_that_is_not_installed_is_left_out_with_a_word(monkeypatch):
@@ -81,7 +110,9 @@ def test_the_quick_suite_is_part_of_the_full_one_and_needs_nothing_installed():
         ({"agents": ("GLISp", "Glis")}, "no agent is called 'Glis'"),
         ({"agents": ()}, "agents must be one or more"),
         ({"agents": ("GLISp", "GLISp")}, "agents must be one or more different"),
-        ({"problems": ("camel", "dromedary")}, "no problem is called 'dromedary'. Expected camel,"),
+        ({"problems": ("camel", "dromedary")}, "no problem is called 'dromedary'. Expected lag,"),
+        ({"problems": (f"{LOOP}:NUMBER",)}, "must name a Scenario or a Problem"),
+        ({"calibrators": ("weihgts",)}, "Did you mean 'weights'"),
         ({"calibrators": ("", "perfect")}, "no calibrator is called ''. Expected perfect,"),
         ({"seeds": 0}, "seeds"),
         ({"n_max": 1}, "n_max"),

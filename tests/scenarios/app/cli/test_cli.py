@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 
 from prefcal_scenarios import load_controller
+from prefcal_scenarios.scenario import load
+from prefcal_scenarios.tastes import TASTES
 from toy_study import TOY, TOY_FILE
 
 SYNTHETIC = ["--calibrator", "synthetic"]
@@ -132,6 +134,32 @@ def test_an_unknown_calibrator_of_a_closed_loop_is_refused(prefcal):
     assert err.startswith("prefcal: --calibrator must be one of ")
     assert "for scenario 'servo'" in err
     assert "'nobody'" in err
+    assert {"human", *TASTES} <= set(err.partition("one of ")[2].partition(" for ")[0].split(", "))
+
+
+@pytest.mark.usefixtures("small_samples")
+def test_a_closed_loop_is_calibrated_by_somebody_with_a_taste(prefcal, tmp_path):
+    words = ["--calibrator", "weights", "--no-browser", "--n-max", "5", "--n-init", "2"]
+    code, out, err = prefcal("calibrate", "servo", *words, "--out", "out", "--json")
+    assert code == 0, err
+    assert list(json.loads(out)["best"]) == list(load("servo").space.names)
+    assert (tmp_path / "out" / "report.html").exists()
+    again = prefcal("calibrate", "servo", *words, "--out", "again", "--json")[1]
+    assert json.loads(again)["best"] == json.loads(out)["best"]
+
+
+@pytest.mark.usefixtures("small_samples")
+@pytest.mark.parametrize("taste", ["priorities-noisy20", "hidden", "rising"])
+def test_any_taste_answers_unattended(prefcal, taste):
+    words = ["--calibrator", taste, "--no-browser", "--n-max", "3", "--n-init", "2", "--seed", "2"]
+    code, _, err = prefcal("calibrate", "loop-4", *words, "--json")
+    assert code == 0, err
+
+
+def test_a_taste_with_a_slip_of_the_pen_is_refused_with_the_nearest_one(prefcal):
+    code, _, err = prefcal("calibrate", "servo", "--calibrator", "wieghts")
+    assert code == 2
+    assert "Did you mean 'weights'" in err
 
 
 @pytest.mark.usefixtures("figures")
