@@ -131,7 +131,7 @@ GOLDEN = {
 @pytest.mark.parametrize("name", GOLDEN)
 def test_outcomes_are_those_of_this_version(name):
     where = problem(name)
-    assert where.version == (2 if name == "cstr" else 1)
+    assert str(where.version).partition(",")[0] == ("2" if name == "cstr" else "1")
     middle = where.outcome(where.space.decode(np.full(len(where.space), 0.75)))
     assert middle.cost == pytest.approx(GOLDEN[name], rel=1e-7)
 
@@ -146,7 +146,7 @@ def test_flipped_answers_are_those_of_this_version():
 
 def test_the_overtaking_is_that_of_this_version():
     where = problem("overtake")
-    assert where.version == 3
+    assert str(where.version).partition(",")[0] == "3"
     kpis = where.outcome(where.paper).experiment.kpis
     assert kpis["lateral_distance"] == pytest.approx(2.9684877, abs=1e-6)
     assert kpis["speed_variation"] == pytest.approx(24.207157, abs=1e-4)

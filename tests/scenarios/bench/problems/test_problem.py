@@ -27,9 +27,9 @@ def tiny(small_samples, monkeypatch, tmp_path):
     [
         ("camel", {"perfect"}),
         ("cstr-guidelines", set()),
-        ("cstr", {"perfect", "weights", "limits", "narrow", "hidden", "rising"}),
-        ("overtake", {"weights", "limits", "narrow", "hidden", "rising"}),
-        ("servo", {"weights", "limits", "narrow", "hidden", "rising"}),
+        ("cstr", {"perfect", "weights", "limits", "narrow", "hidden"}),
+        ("overtake", {"weights", "limits", "narrow", "hidden"}),
+        ("servo", {"weights", "limits", "narrow", "hidden"}),
     ],
 )
 def test_agents_can_be_told_a_value_where_answers_follow_one(name, with_value):
