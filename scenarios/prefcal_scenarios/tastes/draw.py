@@ -58,7 +58,7 @@ def priorities(runs: Runs, rng: np.random.Generator) -> Priorities:
 
 
 def limits(runs: Runs, rng: np.random.Generator) -> Limited:
-    """Return limits on two or three KPIs that good runs meet, then a trade-off of all KPIs."""
+    """Return limits on two or three KPIs near what a good run reaches, then a trade-off."""
     by = weights(runs, rng).cost(runs)
     leader = rng.choice(np.argsort(by, kind="stable")[: max(int(_LEADERS * len(runs)), 1)])
     found = []

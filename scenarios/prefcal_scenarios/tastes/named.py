@@ -84,12 +84,12 @@ class Judge:
 def taste(name: str, kpis: Sequence[KPI], runs: Runs, seed: int) -> Taste:
     """Return the taste called `name` of person number `seed`.
 
-    The rule does not depend on the share of wrong answers. A rule is drawn
-    again if by it random search after 50 experiments is worth less than 55 or more than 100
-    random experiments: then most runs are alike to the person, or the answers go round in
-    circles. It is also drawn again if the best runs lie at the edge of the box in two knobs or
-    more: such a person wants a controller that does almost nothing, or other ranges. After 40
-    draws, the one nearest to that is taken.
+    The rule does not depend on the share of wrong answers. A rule is drawn again if by it random
+    search after 50 experiments is worth less than 55 or more than 100 random experiments: then
+    most runs are alike to the person, or the answers go round in circles. It is also drawn again
+    if the best runs lie at the edge of the box in two knobs or more: such a person wants a
+    controller that does almost nothing, or other ranges. After 40 draws, the one nearest to that
+    is taken.
 
     Args:
         name: One of `TASTES`.
