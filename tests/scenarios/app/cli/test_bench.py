@@ -119,7 +119,10 @@ def test_a_benchmark_that_an_agent_kills_says_what_is_kept_and_who_was_running(t
         (["--cell-timeout", "0"], "time limit of a cell"),
         (["--cell-timeout", "9", "--dask", "tcp://127.0.0.1:1"], "for this machine"),
         (["--json", "--csv"], "give one"),
-        (["--agents", "GLIS", "--problems", "overtake"], "nothing to run: GLIS on overtake"),
+        (
+            ["--agents", "GLIS", "--problems", "cstr-guidelines"],
+            "nothing to run: GLIS on cstr-guidelines",
+        ),
         (["--agents", "RandomSearch", "--out", "file"], "'file' is a file"),
     ],
 )
