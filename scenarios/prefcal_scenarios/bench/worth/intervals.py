@@ -87,7 +87,8 @@ def _worths(axes: Axes, ends: pd.DataFrame, looks: Mapping[str, Look]) -> None:
                       solid_capstyle="butt", zorder=3)  # fmt: skip
             text += f"  ({plain_number(row.worth_low)}–{plain_number(row.worth_high)})"
         sees = row.answers == 0
-        axes.plot(row.worth, y, look.marker, markersize=9 if look.marker == "*" else 6.5, zorder=4,
+        axes.plot(row.worth, y, marker=look.marker, linestyle="none", zorder=4,
+                  markersize=9 if look.marker == "*" else 6.5,
                   color="white" if sees else look.color, markeredgewidth=1.4 if sees else 0.5,
                   markeredgecolor=look.color if sees else "white")  # fmt: skip
         axes.annotate(text, (1.02, y), xycoords=axes.get_yaxis_transform(), va="center",

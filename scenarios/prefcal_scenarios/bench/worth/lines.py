@@ -202,7 +202,8 @@ def _draw(
             low, mean, high = ends[agent][:, -1]
             place = last + (i + 1.5) * step
             axes.vlines(place, low, high, color=look.color, linewidth=1.8, clip_on=False)
-            axes.plot(place, mean, look.marker, color=look.color, markersize=4.5,
+            axes.plot(place, mean, marker=look.marker, linestyle="none", color=look.color,
+                      markersize=4.5,
                       markeredgewidth=0, clip_on=False)  # fmt: skip
             if caps and high > 1.02 * mean:
                 axes.plot(place, high, "_", color=look.color, markersize=5, markeredgewidth=1.6)

@@ -3,6 +3,7 @@
 import pytest
 
 from prefcal_scenarios.bench.results.figures import looks
+from prefcal_scenarios.bench.roster import AGENTS
 from prefcal_scenarios.bench.worth.curves import curves_of, frame_of
 from prefcal_scenarios.bench.worth.pictures import Worths, draw_loops, draw_overview
 from prefcal_scenarios.bench.worth.rows import worth_rows
@@ -51,3 +52,8 @@ def test_strange_names_are_drawn_as_they_stand(name):
 def test_the_folder_of_an_own_agent_is_in_no_title():
     found = shown([study("some/where/own.py:Mine"), study()], baseline="some/where/own.py:Mine")
     assert found["worth-improvement.png"].title == "Who beats own.py:Mine"
+
+
+def test_every_agent_of_the_roster_has_a_look_that_can_be_drawn():
+    found = shown([study(agent) for agent in AGENTS])
+    assert found["worth-summary.png"].content.startswith(b"\x89PNG")

@@ -131,7 +131,8 @@ def _lines(
         )  # fmt: skip
         end = last + (i + 1.5) * step
         axes.vlines(end, low[-1], high[-1], color=look.color, linewidth=1.8, clip_on=False)
-        axes.plot(end, median[-1], look.marker, color=look.color, markersize=4.5,
+        axes.plot(end, median[-1], marker=look.marker, linestyle="none", color=look.color,
+                  markersize=4.5,
                   markeredgewidth=0, clip_on=False)  # fmt: skip
     axes.axvline(last + 0.5 * step, color=GRID, linewidth=0.8, zorder=0)
     axes.set_xlim(start - 0.5, last + (len(looks) + 1) * step)

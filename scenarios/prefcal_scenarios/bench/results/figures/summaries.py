@@ -152,7 +152,8 @@ def _time(value: float) -> str:
 
 def _point(axes: Axes, place: tuple[float, int], look: Look, text: str) -> None:
     """Draw an agent's marker, and its value to the right of the row."""
-    axes.plot(*place, look.marker, color=look.color, markersize=9, markeredgecolor="white",
+    axes.plot(*place, marker=look.marker, linestyle="none", color=look.color, markersize=9,
+              markeredgecolor="white",
               markeredgewidth=1.2, zorder=4)  # fmt: skip
     axes.annotate(text, (1.01, place[1]), xycoords=axes.get_yaxis_transform(), va="center",
                   color=INK)  # fmt: skip

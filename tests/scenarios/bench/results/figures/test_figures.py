@@ -15,6 +15,7 @@ from prefcal_scenarios.bench.results.duelling import tallies
 from prefcal_scenarios.bench.results.figures.drawing import drawn, looks
 from prefcal_scenarios.bench.results.profiles import profiles
 from prefcal_scenarios.bench.results.ranking import rank
+from prefcal_scenarios.bench.roster import AGENTS
 from support.campaigns import duel, ends, grid, result
 
 FACTORS = {"GLISp": 1.0, "Own": 3.0, "RandomSearch": 100.0}
@@ -195,6 +196,10 @@ def test_a_strange_name_is_drawn_as_it_stands(name):
     assert pixels(figure).std() > 1
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert drawn(name) in labels
+
+
+def test_every_agent_of_the_roster_has_a_look_that_can_be_drawn():
+    assert pixels(against([result(agent, "p", 0, (1.0, 0.1)) for agent in AGENTS])).std() > 1
 
 
 def test_pictures_have_ink_and_the_width_of_a_page():
