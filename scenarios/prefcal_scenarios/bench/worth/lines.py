@@ -236,7 +236,7 @@ def worth_axis(axes: Axes, limits: tuple[float, float], *, vertical: bool) -> No
     set_scale("log")
     set_limits(*limits)
     span = limits[1] / limits[0]
-    subs = (1.0,) if span > 400 else (1.0, 3.0) if span > 30 else (1.0, 2.0, 5.0)
+    subs = (1.0,) if span > 100 else (1.0, 3.0) if span > 30 else (1.0, 2.0, 5.0)
     ticks = [s * 10.0**k for k in range(5) for s in subs]
     axis.set_major_locator(FixedLocator([t for t in ticks if limits[0] <= t <= limits[1]]))
     axis.set_minor_locator(NullLocator())

@@ -38,8 +38,8 @@ _KNOWN: Mapping[str, Look] = {
     "OptunaPreferential": Look("#b88a00", ">"),
     "EUBO": Look("#2e6f57", "8"),
     "BOPE": Look("#d1495b", "H"),
-    "OptunaTPE": Look("#6b7f2a", "$T$"),
-    "OptunaGP": Look("#a0522d", "$G$"),
+    "OptunaTPE": Look("#6b7f2a", "d"),
+    "OptunaGP": Look("#a0522d", "h"),
     "LatinHypercube": Look("#4b5563", "^", _DASHED),
     "RandomSearch": Look(FIRST, "v", _DOTTED),
 }
