@@ -59,12 +59,12 @@ class Taste:
     def calibrator(self) -> Calibrator[Experiment]:
         """Return the person at the start of a study."""
         rule = self.rule.person() if isinstance(self.rule, Standards) else self.rule
-        judge = Judge(self.kpis, rule)
+        judge = RuleCalibrator(self.kpis, rule)
         return Flipping(judge, self.wrong, self.seed) if self.wrong else judge
 
 
 @dataclass(frozen=True)
-class Judge:
+class RuleCalibrator:
     """A `Calibrator` that compares two experiments by a rule.
 
     Args:
