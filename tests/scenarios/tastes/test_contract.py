@@ -1,4 +1,4 @@
-"""What every taste promises on closed loops, to agents and to whoever scores them."""
+"""The contract of tastes: rules that hold for every taste on every closed loop."""
 
 from dataclasses import replace
 from functools import cache
