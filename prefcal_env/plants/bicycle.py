@@ -92,11 +92,12 @@ class Bicycle:
 
         A chord of it has length v t sinc(ω t / 2) and points in the mean direction.
         """
-        v, steering = u.tolist()
-        turned = v * sin(steering) / self.length * times  # rad
-        chord = v * times * np.sinc(turned / (2 * pi))  # numpy's sinc is sin(πa)/(πa)
-        direction = x[2] + steering + turned / 2
-        return np.stack(
-            [x[0] + chord * np.cos(direction), x[1] + chord * np.sin(direction), x[2] + turned],
-            axis=1,
+        # Imported here so that importing the package does not load the compiler.
+        from . import _bicycle_kernels
+
+        # A copy: a read-only array is another type, for which the kernel would be compiled again.
+        at = np.array(times, dtype=float)
+        states: Float[np.ndarray, "K 3"] = _bicycle_kernels.hold(
+            *x.tolist(), *u.tolist(), self.length, at
         )
+        return states

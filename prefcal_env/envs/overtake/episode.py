@@ -15,7 +15,7 @@ from prefcal_env.experiments.control import Measurement
 from prefcal_env.experiments.experiment import Channels, End
 from prefcal_env.experiments.trajectory import Record, Trajectory
 
-from .drive import Mishap, Period, sub_steps
+from .drive import Mishap, Period, instants
 from .signals import signals_of
 
 
@@ -63,7 +63,7 @@ class Episode:
         self._trajectory = Trajectory(self.x, self.u)
         self._phases: list[tuple[Phase, int]] = []
         self._steps, self.phase = 0, Phase.LANE_KEEPING
-        self._shares = sub_steps(T_s)
+        self._times = instants(T_s, int(options.duration / T_s) + 2)
         self.vehicles = options.vehicles(rng, float(pose[0]))
         self.simulation: Any = None
         if any(isinstance(vehicle, Driver) for vehicle in self.vehicles):
@@ -74,26 +74,31 @@ class Episode:
             self.movers: tuple[Mover, ...] = self.simulation.movers
         else:
             self.movers = tuple(v for v in self.vehicles if isinstance(v, Obstacle))
-            samples = np.arange(int(options.duration / T_s) + 2) * T_s
-            self._rows = rows(self.movers, samples)  # all at once: faster than one by one
+            # All at once: faster than one by one.
+            self._rows = rows(self.movers, self._times[:, 0])
+            poses = [o.poses(self._times.ravel()) for o in self.movers]
+            self._others = np.stack([p.reshape(*self._times.shape, 3) for p in poses], axis=1)
         self._look()
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
         """Drive one period with `u` held, as far as the actuators allow."""
-        times = (self._steps + self._shares) * self.T_s
-        if self.simulation is not None:
+        times = self._times[self._steps]
+        if self.simulation is None:
+            others = self._others[self._steps]
+        else:
             self.simulation.drive(self.x, u, self.t, float(times[-1]))
+            others = np.stack([o.poses(times) for o in self.movers])
         plant, road = self.options.car.plant, self.options.road
-        period = Period(plant, self.x, u, self.t, self.movers, self.obstacles, road)
-        drive = period.drive(times)
-        self._trajectory.add(drive.t, drive.x, u, self.y_ref())
-        self._phases.append((self.phase, len(drive.t)))
-        t, x = np.append(self.t, drive.t), np.concatenate([self.x[None], drive.x])
+        period = Period(plant, self.x, u, self.movers, self.obstacles, road)
+        drive = period.drive(times, others)
+        t, x, self.mishap = drive.t, drive.x, drive.mishap
+        self._trajectory.add(t[1:], x[1:], u, self.y_ref())
+        self._phases.append((self.phase, len(t) - 1))
         driven = Driven(t, x[:, :3], u, self.phase)
         self._steps += 1
-        self.t, self.x, self.u, self.mishap = float(t[-1]), x[-1], u, drive.mishap
+        self.t, self.x, self.u = float(t[-1]), x[-1], u
         self._look()
-        if drive.mishap is not None:
+        if self.mishap is not None:
             self.end = End.UNSAFE
         elif self.t >= self.options.duration * (1 - 1e-12):
             self.end = End.TIME_UP
