@@ -59,49 +59,63 @@ def instants(T_s: float, periods: int) -> Float[np.ndarray, "periods M1"]:
 
 
 @dataclass(frozen=True, slots=True)
-class Period:
-    """One sampling period before it is driven, from state `x` with `u` held.
+class Scene:
+    """What an episode drives through, one sampling period after another.
 
-    `rows` are (x_o, y_o, v_o) of the other vehicles at its start, shape (n, 3); `road` is the
-    right and the left edge of the road, y [m].
+    Args:
+        plant: Plant that moves the ego vehicle.
+        movers: The other vehicles.
+        road: Right and left edge of the road, y [m].
     """
 
     plant: Plant
-    x: Float[np.ndarray, " n_x"]
-    u: Float[np.ndarray, " 2"]
     movers: tuple[Mover, ...]
-    rows: Float[np.ndarray, "n 3"]
     road: tuple[float, float]
 
-    def drive(self, t: Times, others: Float[np.ndarray, "n M1 3"]) -> Drive:
-        """Drive from the first of the instants `t` to the last, or to the first mishap.
+    def drive(
+        self,
+        x: Float[np.ndarray, " n_x"],
+        u: Float[np.ndarray, " 2"],
+        t: Times,
+        others: Float[np.ndarray, "n M1 3"],
+    ) -> Drive:
+        """Drive from state `x` with `u` held, from the first of `t` to the last or to a mishap.
 
         `others` are the poses of the other vehicles at `t`.
         """
         # Imported here so that importing the package does not load the compiler.
         from .road import _kernels
 
-        after = self.plant.hold(self.x, self.u, _NONE, t[1:] - t[0])
-        x = np.concatenate([self.x[None], after])
-        kept, why = _kernels.kept(x, self.road, ROAD_MARGIN)
+        states = np.concatenate([x[None], self.plant.hold(x, u, _NONE, t[1:] - t[0])])
+        kept, why = _kernels.kept(states, self.road, ROAD_MARGIN)
         mishap = _MISHAPS[why]
-        t, x = t[: kept + 1], x[: kept + 1]
-        touched = None if _kernels.surely_apart(x, others) else self._contact(t, x)
+        t, states = t[: kept + 1], states[: kept + 1]
+        touched = None
+        if not _kernels.surely_apart(states, others):
+            touched = self._contact(u, t, states, others)
         if touched is not None:
             n = int(np.searchsorted(t[1:], touched)) + 1
-            x = np.concatenate([x[:n], self._states(np.array([touched]), float(t[0]))])
+            at_contact = self._states(x, u, float(t[0]), np.array([touched]))
+            states = np.concatenate([states[:n], at_contact])
             t, mishap = np.append(t[:n], touched), Mishap.COLLISION
-        return Drive(t, x, mishap)
+        return Drive(t, states, mishap)
 
-    def _contact(self, t: Times, x: Float[np.ndarray, "M1 n_x"]) -> float | None:
+    def _contact(
+        self,
+        u: Float[np.ndarray, " 2"],
+        t: Times,
+        states: Float[np.ndarray, "K n_x"],
+        others: Float[np.ndarray, "n M1 3"],
+    ) -> float | None:
         """Return when the ego vehicle first touches one that comes near; None if it does not."""
-        start = float(t[0])
-        moved = float(travel(x[:, :3]).sum())
-        own_x, own_y, *_ = self.x.tolist()
+        x, start = states[0], float(t[0])
+        moved = float(travel(states[:, :3]).sum())
+        own_x, own_y, *_ = x.tolist()
         near = []
-        for mover, (x_o, y_o, v_o) in zip(self.movers, self.rows.tolist(), strict=True):
+        for mover, (x_o, y_o, _) in zip(self.movers, others[:, 0].tolist(), strict=True):
             straight = isinstance(mover, Obstacle) and mover.moves_to is None
             further = 0.0 if straight else _SWERVE
+            v_o = float(mover.speeds(t[:1])[0])
             reach = 2 * REACH + moved + further + abs(v_o) * (t[-1] - start)
             if hypot(x_o - own_x, y_o - own_y) <= reach:
                 near.append(mover)
@@ -109,11 +123,14 @@ class Period:
             return None
 
         def motion(at: Times) -> tuple[Poses, list[Poses]]:
-            return self._states(at, start)[:, :3], [mover.poses(at) for mover in near]
+            return self._states(x, u, start, at)[:, :3], [mover.poses(at) for mover in near]
 
         return first_contact(motion, t)
 
-    def _states(self, t: Times, start: float) -> Float[np.ndarray, "K n_x"]:
+    def _states(
+        self, x: Float[np.ndarray, " n_x"], u: Float[np.ndarray, " 2"], start: float, t: Times
+    ) -> Float[np.ndarray, "K n_x"]:
+        """Return the states at `t` [s], from `x` at `start` with `u` held."""
         later = t[t > start]
-        x = self.plant.hold(self.x, self.u, _NONE, later - start)
-        return x if len(later) == len(t) else np.concatenate([self.x[None], x])
+        after = self.plant.hold(x, u, _NONE, later - start)
+        return after if len(later) == len(t) else np.concatenate([x[None], after])

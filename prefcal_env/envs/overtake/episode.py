@@ -15,7 +15,7 @@ from prefcal_env.experiments.control import Measurement
 from prefcal_env.experiments.experiment import Channels, End
 from prefcal_env.experiments.trajectory import Record, Trajectory
 
-from .drive import Mishap, Period, instants
+from .drive import Mishap, Scene, instants
 from .signals import signals_of
 
 
@@ -59,7 +59,7 @@ class Episode:
         self.mishap: Mishap | None = None
         self.x = np.concatenate([pose, options.car.others])
         self.u = np.array([KEEPING_SPEED, 0.0])
-        self._rng, self._noise = rng, np.array(options.noise)
+        self._rng, self._noise = rng, np.array(options.noise) if any(options.noise) else None
         self._trajectory = Trajectory(self.x, self.u)
         self._phases: list[tuple[Phase, int]] = []
         self._steps, self.phase = 0, Phase.LANE_KEEPING
@@ -78,6 +78,7 @@ class Episode:
             self._rows = rows(self.movers, self._times[:, 0])
             poses = [o.poses(self._times.ravel()) for o in self.movers]
             self._others = np.stack([p.reshape(*self._times.shape, 3) for p in poses], axis=1)
+        self._scene = Scene(options.car.plant, self.movers, options.road)
         self._look()
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
@@ -88,9 +89,7 @@ class Episode:
         else:
             self.simulation.drive(self.x, u, self.t, float(times[-1]))
             others = np.stack([o.poses(times) for o in self.movers])
-        plant, road = self.options.car.plant, self.options.road
-        period = Period(plant, self.x, u, self.movers, self.obstacles, road)
-        drive = period.drive(times, others)
+        drive = self._scene.drive(self.x, u, times, others)
         t, x, self.mishap = drive.t, drive.x, drive.mishap
         self._trajectory.add(t[1:], x[1:], u, self.y_ref())
         self._phases.append((self.phase, len(t) - 1))
@@ -121,9 +120,9 @@ class Episode:
     def record(self, channels: Channels) -> Record:
         """Return the drive so far, with its signals."""
         record = self._trajectory.record(channels, self.end)
-        held = [np.full(length, phase, float) for phase, length in self._phases]
-        last = float(self._phases[-1][0] if self._phases else self.phase)
-        phases = np.append(np.concatenate([np.zeros(0), *held]), last)
+        last = self._phases[-1][0] if self._phases else self.phase
+        held = np.array([*self._phases, (last, 1)], dtype=int)
+        phases = np.repeat(held[:, 0].astype(float), held[:, 1])
         poses, road = record.x[:, :3], self.options.road
         signals = signals_of(record.t, poses, phases, self.movers, road)
         return replace(record, signals=signals)
@@ -135,5 +134,5 @@ class Episode:
         else:
             self.obstacles = rows(self.movers, np.array([self.t]))[0]
         self.phase = next_phase(self.phase, float(self.x[0]), self.obstacles)
-        noise = self._noise * self._rng.standard_normal(3) if self._noise.any() else 0.0
+        noise = 0.0 if self._noise is None else self._noise * self._rng.standard_normal(3)
         self.measured = self.x[:3] + noise

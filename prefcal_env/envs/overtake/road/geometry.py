@@ -27,12 +27,14 @@ def separation(a: Poses, b: Poses) -> Float[np.ndarray, " K"]:
     c, s = np.abs(np.cos(turned)), np.abs(np.sin(turned))
     along = _LONG * (1 + c) + _BROAD * s  # half the sum of both projections, along a body
     across = _BROAD * (1 + c) + _LONG * s  # the same across it
-    offset = centers(b) - centers(a)
+    headings = [(np.cos(pose[:, 2]), np.sin(pose[:, 2])) for pose in (a, b)]
+    (forward_a, left_a), (forward_b, left_b) = headings
+    x = (b[:, 0] - _LONG * forward_b) - (a[:, 0] - _LONG * forward_a)  # from center to center
+    y = (b[:, 1] - _LONG * left_b) - (a[:, 1] - _LONG * left_a)
     gaps = []
-    for heading in (a[:, 2], b[:, 2]):
-        forward, left = np.cos(heading), np.sin(heading)
-        ahead = np.abs(offset[:, 0] * forward + offset[:, 1] * left)
-        aside = np.abs(offset[:, 1] * forward - offset[:, 0] * left)
+    for forward, left in headings:
+        ahead = np.abs(x * forward + y * left)
+        aside = np.abs(y * forward - x * left)
         gaps += [ahead - along, aside - across]
     smallest: Float[np.ndarray, " K"] = np.max(gaps, axis=0)
     return smallest
