@@ -7,7 +7,7 @@ from math import hypot
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.envs.overtake.road.contact import Times, first_contact, travel
+from prefcal_env.envs.overtake.road.contact import BENT, Times, first_contact, travel
 from prefcal_env.envs.overtake.road.geometry import REACH, Poses
 from prefcal_env.envs.overtake.road.traffic import Mover, Obstacle
 from prefcal_env.plants.plant import Plant
@@ -91,7 +91,7 @@ class Scene:
         mishap = _MISHAPS[why]
         t, states = t[: kept + 1], states[: kept + 1]
         touched = None
-        if not _kernels.surely_apart(states, others):
+        if not _kernels.surely_apart(states, others, BENT, REACH):
             touched = self._contact(u, t, states, others)
         if touched is not None:
             n = int(np.searchsorted(t[1:], touched)) + 1

@@ -1,6 +1,6 @@
-"""Compiled checks of one sampling period: does the ego vehicle stay on the road, and apart?
+"""Compiled geometry of bodies on the road, and what can end a sampling period early.
 
-In numpy they take 20 times as long, because most periods have a few instants only. numba keeps the
+In numpy a period takes 20 times as long, because it has a few instants only. numba keeps the
 compiled code beside this file and checks only this file to see whether it is stale: after a change
 of a constant imported here, touch it.
 """
@@ -11,11 +11,37 @@ import numpy as np
 
 from prefcal_env.jit import inner, kernel
 
-from .contact import BENT, CONTACT
-from .geometry import REACH
 from .rules import LENGTH, WIDTH
 
-_BROAD = WIDTH / 2
+_LONG, _BROAD = LENGTH / 2, WIDTH / 2
+_ROUNDING = 1e-9
+
+
+@kernel()
+def separation(a, b):  # type: ignore[no-untyped-def]
+    """Return `geometry.separation`, shape (K,), of poses of shape (K, 3)."""
+    apart = np.empty(len(a))
+    for i in range(len(a)):
+        apart[i] = _separation(a[i, 0], a[i, 1], a[i, 2], b[i, 0], b[i, 1], b[i, 2])
+    return apart
+
+
+@kernel()
+def distance(a, b):  # type: ignore[no-untyped-def]
+    """Return `geometry.distance`, shape (K,), of poses of shape (K, 3)."""
+    apart = np.empty(len(a))
+    for i in range(len(a)):
+        apart[i] = _to_corners(b, a, i, _to_corners(a, b, i, np.inf))
+    return apart
+
+
+@kernel()
+def outside(poses, road):  # type: ignore[no-untyped-def]
+    """Return `geometry.outside`, shape (K,), of poses of shape (K, 3)."""
+    off = np.empty(len(poses))
+    for i in range(len(poses)):
+        off[i] = _outside(poses[i, 1], poses[i, 2], road)
+    return off
 
 
 @kernel()
@@ -31,66 +57,84 @@ def kept(x, road, margin):  # type: ignore[no-untyped-def]
         The number of instants, and 0 for all, 1 if the next state is not finite, or 2 if the last
         one of them is off the road.
     """
-    right, left = road
     for i in range(1, len(x)):
         for k in range(x.shape[1]):
             if not math.isfinite(x[i, k]):
                 return i - 1, 1
-        _, _, low, high = _box(x[i, 0], x[i, 1], x[i, 2])
-        if max(high - left, right - low) > margin:
+        if _outside(x[i, 1], x[i, 2], road) > margin:
             return i, 2
     return len(x) - 1, 0
 
 
 @kernel()
-def surely_apart(x, others):  # type: ignore[no-untyped-def]
-    """Return whether `first_contact` finds no contact, by a bound that is quick to compute.
-
-    The boxes around two bodies along the road are as far apart as `separation` says, or farther
-    apart on neither axis, if the other vehicle is straight. Of turned ones nothing is known here.
-    `CONTACT` is far above rounding errors.
+def surely_apart(x, others, bent, reach):  # type: ignore[no-untyped-def]
+    """Return whether `contact.first_contact` rules out a contact at first sight.
 
     Args:
         x: States at the M + 1 instants, shape (M + 1, n_x); the first ones are the pose.
         others: Poses of the n other vehicles at the same instants, shape (n, M + 1, 3).
+        bent: Factor by which a path may be longer than its chord.
+        reach: Distance from the front end to the farthest point of a body [m].
     """
-    before = _distance(x, others, 0) - CONTACT
-    for i in range(1, len(x)):
-        after = _distance(x, others, i) - CONTACT
-        moved = math.hypot(x[i, 0] - x[i - 1, 0], x[i, 1] - x[i - 1, 1])
-        moved += REACH * abs(x[i, 2] - x[i - 1, 2])
-        farthest = 0.0
+    before = 0.0
+    for i in range(len(x)):
+        after, farthest, moved = np.inf, 0.0, 0.0
         for j in range(len(others)):
-            dx, dy = others[j, i, 0] - others[j, i - 1, 0], others[j, i, 1] - others[j, i - 1, 1]
-            farthest = max(farthest, math.hypot(dx, dy))
-        if not (before > 0 and after > 0 and before + after > BENT * (moved + farthest)):
+            x_o, y_o, yaw_o = others[j, i, 0], others[j, i, 1], others[j, i, 2]
+            apart = _separation(x[i, 0], x[i, 1], x[i, 2], x_o, y_o, yaw_o)
+            after = min(after, apart - _ROUNDING)
+            if i > 0:
+                dx, dy = x_o - others[j, i - 1, 0], y_o - others[j, i - 1, 1]
+                turned = abs(yaw_o - others[j, i - 1, 2])
+                farthest = max(farthest, math.hypot(dx, dy) + reach * turned)
+        if i > 0:
+            dx, dy = x[i, 0] - x[i - 1, 0], x[i, 1] - x[i - 1, 1]
+            moved = math.hypot(dx, dy) + reach * abs(x[i, 2] - x[i - 1, 2]) + farthest
+            if before + after <= bent * moved:
+                return False
+        if after <= 0:
             return False
         before = after
     return True
 
 
 @inner()
-def _distance(x, others, i):  # type: ignore[no-untyped-def]
-    """Return a lower bound on the distance to the nearest vehicle at instant `i` [m]."""
-    rear, front, right, left = _box(x[i, 0], x[i, 1], x[i, 2])
-    nearest = np.inf
-    for j in range(len(others)):
-        if others[j, i, 2] != 0:
-            return 0.0
-        x_o, y_o = others[j, i, 0], others[j, i, 1]
-        along = max(rear - x_o, x_o - LENGTH - front)
-        across = max(right - (y_o + _BROAD), y_o - _BROAD - left)
-        nearest = min(nearest, max(along, across))
-    return nearest
+def _separation(x_a, y_a, yaw_a, x_b, y_b, yaw_b):  # type: ignore[no-untyped-def]
+    """Return the separation of the bodies at two poses [m]."""
+    turned = yaw_b - yaw_a
+    c, s = abs(math.cos(turned)), abs(math.sin(turned))
+    along = _LONG * (1 + c) + _BROAD * s  # half the sum of both projections, along a body
+    across = _BROAD * (1 + c) + _LONG * s  # the same across it
+    c_a, s_a, c_b, s_b = math.cos(yaw_a), math.sin(yaw_a), math.cos(yaw_b), math.sin(yaw_b)
+    x = (x_b - _LONG * c_b) - (x_a - _LONG * c_a)  # from center to center
+    y = (y_b - _LONG * s_b) - (y_a - _LONG * s_a)
+    of_a = max(abs(x * c_a + y * s_a) - along, abs(y * c_a - x * s_a) - across)
+    of_b = max(abs(x * c_b + y * s_b) - along, abs(y * c_b - x * s_b) - across)
+    return max(of_a, of_b)
 
 
 @inner()
-def _box(x, y, yaw):  # type: ignore[no-untyped-def]
-    """Return the smallest and largest x, and the smallest and largest y, of a body [m]."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    rear_x, rear_y = x - LENGTH * c, y - LENGTH * s
-    half_x, half_y = _BROAD * abs(s), _BROAD * abs(c)
-    return (
-        min(x, rear_x) - half_x, max(x, rear_x) + half_x,
-        min(y, rear_y) - half_y, max(y, rear_y) + half_y,
-    )  # fmt: skip
+def _outside(y, yaw, road):  # type: ignore[no-untyped-def]
+    """Return how far the outermost corner of a body is off the road [m]."""
+    right, left = road
+    rear, half = y - LENGTH * math.sin(yaw), _BROAD * abs(math.cos(yaw))
+    return max(max(y, rear) + half - left, right - (min(y, rear) - half))
+
+
+@inner()
+def _to_corners(a, b, i, nearest):  # type: ignore[no-untyped-def]
+    """Return the distance from the body in row `i` of `a` to the nearest corner of that of `b`.
+
+    If no corner is nearer than `nearest` [m], return that.
+    """
+    c, s = math.cos(a[i, 2]), math.sin(a[i, 2])
+    forward, left = math.cos(b[i, 2]), math.sin(b[i, 2])
+    for back in (0.0, -LENGTH):
+        for side in (_BROAD, -_BROAD):
+            x = b[i, 0] + back * forward + side * -left - a[i, 0]
+            y = b[i, 1] + back * left + side * forward - a[i, 1]
+            ahead = max(abs(c * x + s * y + _LONG) - _LONG, 0.0)
+            aside = max(abs(c * y - s * x) - _BROAD, 0.0)
+            if max(ahead, aside) < nearest:  # otherwise spare the root, which takes most time
+                nearest = min(nearest, math.hypot(ahead, aside))
+    return nearest

@@ -22,6 +22,7 @@ from prefcal_env.plants.plant import Plant
 
 _NONE = np.zeros(0)
 
+
 class Supervisor:
     """A `Controller` of the bicycle that keeps its lane and overtakes (section IV-B).
 
