@@ -95,9 +95,8 @@ class Bicycle:
         # Imported here so that importing the package does not load the compiler.
         from . import _bicycle_kernels
 
+        (x_f, y_f, yaw), (v, steering) = x.tolist(), u.tolist()
         # A copy: a read-only array is another type, for which the kernel would be compiled again.
         at = np.array(times, dtype=float)
-        states: Float[np.ndarray, "K 3"] = _bicycle_kernels.hold(
-            *x.tolist(), *u.tolist(), self.length, at
-        )
-        return states
+        states = _bicycle_kernels.hold(x_f, y_f, yaw, v, steering, self.length, at)
+        return np.asarray(states)
