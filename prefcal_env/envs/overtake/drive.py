@@ -34,21 +34,6 @@ _MISHAPS = None, Mishap.NOT_FINITE, Mishap.OFF_ROAD
 """What the second number of `_kernels.kept` means."""
 
 
-@dataclass(frozen=True, slots=True)
-class Drive:
-    """A driven period: its start and M instants after it; the last one is where it ended.
-
-    Args:
-        t: Instants [s], shape (M + 1,).
-        x: States at `t`, shape (M + 1, n_x).
-        mishap: Reason why it ended early; None if it did not.
-    """
-
-    t: Times
-    x: Float[np.ndarray, "M1 n_x"]
-    mishap: Mishap | None
-
-
 def instants(T_s: float, periods: int) -> Float[np.ndarray, "periods M1"]:
     """Return the recorded instants of each period: its start, and the ends of M equal sub-steps.
 
@@ -78,10 +63,14 @@ class Scene:
         u: Float[np.ndarray, " 2"],
         t: Times,
         others: Float[np.ndarray, "n M1 3"],
-    ) -> Drive:
+    ) -> tuple[Times, Float[np.ndarray, "K n_x"], Mishap | None]:
         """Drive from state `x` with `u` held, from the first of `t` to the last or to a mishap.
 
         `others` are the poses of the other vehicles at `t`.
+
+        Returns:
+            The instants, shape (K,), up to the one where the period ended, the states at them, and
+            the reason why it ended early; None if it did not.
         """
         # Imported here so that importing the package does not load the compiler.
         from .road import _kernels
@@ -98,7 +87,7 @@ class Scene:
             at_contact = self._states(x, u, float(t[0]), np.array([touched]))
             states = np.concatenate([states[:n], at_contact])
             t, mishap = np.append(t[:n], touched), Mishap.COLLISION
-        return Drive(t, states, mishap)
+        return t, states, mishap
 
     def _contact(
         self,

@@ -89,8 +89,7 @@ class Episode:
         else:
             self.simulation.drive(self.x, u, self.t, float(times[-1]))
             others = np.stack([o.poses(times) for o in self.movers])
-        drive = self._scene.drive(self.x, u, times, others)
-        t, x, self.mishap = drive.t, drive.x, drive.mishap
+        t, x, self.mishap = self._scene.drive(self.x, u, times, others)
         self._trajectory.add(t[1:], x[1:], u, self.y_ref())
         self._phases.append((self.phase, len(t) - 1))
         driven = Driven(t, x[:, :3], u, self.phase)
