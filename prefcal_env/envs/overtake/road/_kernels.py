@@ -15,6 +15,7 @@ from .rules import LENGTH, WIDTH
 
 _LONG, _BROAD = LENGTH / 2, WIDTH / 2
 _ROUNDING = 1e-9
+"""Distance far above rounding errors and far below any that matters [m]."""
 
 
 @kernel()

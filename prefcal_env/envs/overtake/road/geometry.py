@@ -25,7 +25,7 @@ def separation(a: Poses, b: Poses) -> Float[np.ndarray, " K"]:
     directions of their sides: never more than their distance, and positive exactly when they are
     disjoint (separating axes).
     """
-    return np.asarray(_kernels().separation(_plain(a), _plain(b)))
+    return np.asarray(_compiled().separation(_plain(a), _plain(b)))
 
 
 def distance(a: Poses, b: Poses) -> Float[np.ndarray, " K"]:
@@ -33,7 +33,7 @@ def distance(a: Poses, b: Poses) -> Float[np.ndarray, " K"]:
 
     It is always at a corner of one of them, and 0 if a corner of one is in the other.
     """
-    return np.asarray(_kernels().distance(_plain(a), _plain(b)))
+    return np.asarray(_compiled().distance(_plain(a), _plain(b)))
 
 
 def overlap(a: Poses, b: Poses) -> Bool[np.ndarray, " K"]:
@@ -54,7 +54,7 @@ def outside(poses: Poses, road: tuple[float, float] = ROAD) -> Float[np.ndarray,
 
     `road` is the right and the left edge of the road, y [m].
     """
-    return np.asarray(_kernels().outside(_plain(poses), road))
+    return np.asarray(_compiled().outside(_plain(poses), road))
 
 
 def lateral_distance(a: Poses, b: Poses) -> Float[np.ndarray, " K"]:
@@ -71,7 +71,7 @@ def _plain(poses: Poses) -> Poses:
     return np.array(poses, dtype=float, order="C")
 
 
-def _kernels() -> Any:
+def _compiled() -> Any:
     # Imported here so that importing the package does not load the compiler.
     from . import _kernels
 

@@ -97,7 +97,7 @@ def mpc_settings(
     Raises:
         KnobError: If θ has the wrong shape, is NaN, or is outside the box.
     """
-    return _settings(tuple(space.check(theta).tolist()), phase, fixed)
+    return _settings(tuple(space.check(theta).tolist()), Phase(phase), fixed)
 
 
 @lru_cache(maxsize=64)  # the KPIs of an experiment need those of its controller again
