@@ -63,13 +63,13 @@ class Scene:
         u: Float[np.ndarray, " 2"],
         t: Times,
         others: Float[np.ndarray, "n M1 3"],
-    ) -> tuple[Times, Float[np.ndarray, "K n_x"], Mishap | None]:
+    ) -> tuple[Float[np.ndarray, " D"], Float[np.ndarray, "D n_x"], Mishap | None]:
         """Drive from state `x` with `u` held, from the first of `t` to the last or to a mishap.
 
         `others` are the poses of the other vehicles at `t`.
 
         Returns:
-            The instants, shape (K,), up to the one where the period ended, the states at them, and
+            The instants, shape (D,), up to the one where the period ended, the states at them, and
             the reason why it ended early; None if it did not.
         """
         # Imported here so that importing the package does not load the compiler.
