@@ -1,0 +1,103 @@
+"""The equations of a plant for compiled kernels: its own compiled ones, or its Python methods."""
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .plant import Plant
+
+_NONE = np.zeros(0, dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class Equations:
+    """Addresses of C functions `void(x, u, d, p, out)`, see `_calls`; `p` are the parameters.
+
+    A plant that has compiled equations returns them as its attribute `equations`; then its
+    simulation and its MPC never wait for Python.
+
+    Args:
+        f: Address of the function that writes ẋ, shape (n_x,).
+        g: Address of the function that writes y, shape (n_y,); 0 means y = x.
+        jacobians: Address of the function that writes A, B, C and D, row by row.
+        parameters: The parameters p, which all three get.
+        on_outputs: Indices of outputs to which the numbers that follow the disturbances are added.
+        on_inputs: Indices of inputs to which the numbers after those are added.
+        kept: What must live as long as the addresses are used.
+    """
+
+    f: int
+    g: int
+    jacobians: int
+    parameters: Float[np.ndarray, " p"] = field(default_factory=lambda: np.zeros(0))
+    on_outputs: Int[np.ndarray, " k"] = field(default_factory=lambda: _NONE)
+    on_inputs: Int[np.ndarray, " k"] = field(default_factory=lambda: _NONE)
+    kept: Any = None
+
+
+class Callbacks:
+    """The Python methods of a plant, as C functions that compiled kernels can call.
+
+    What a method raises is kept, and NaN is written instead; `check` raises it.
+    """
+
+    def __init__(self, n_x: int, n_u: int, n_d: int) -> None:
+        self._sizes = n_x, n_u, n_d
+        self._error: BaseException | None = None
+
+    def function(self, method: Callable[[Any, Any, Any], Any], size: int) -> Any:
+        """Return a C function that writes the `size` numbers of `method`(x, u, d)."""
+        n_x, n_u, n_d = self._sizes
+
+        def called(x: int, u: int, d: int, _: int, out: int) -> None:
+            target = _array(out, size)
+            try:
+                x_, u_, d_ = _array(x, n_x), _array(u, n_u), _array(d, n_d)
+                target[:] = method(x_.copy(), u_.copy(), d_.copy())
+            except BaseException as error:  # C cannot raise; `check` does
+                self._error = self._error or error
+                target[:] = np.nan
+
+        return _TYPE(called)
+
+    def check(self) -> None:
+        """Raise what a method raised since the last check."""
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+
+
+_TYPE = ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * 5)
+
+
+def _array(address: int | None, n: int) -> Float[np.ndarray, " n"]:
+    if not n:
+        return np.zeros(0)
+    return np.frombuffer((ctypes.c_double * n).from_address(address or 0))
+
+
+def address_of(function: Any) -> int:
+    """Return the address of a C function that `Callbacks.function` made."""
+    return ctypes.cast(function, ctypes.c_void_p).value or 0
+
+
+def called_back(plant: Plant) -> tuple[Equations, Callbacks]:
+    """Return the Python methods f, g and jacobians of `plant` as equations."""
+    n_x, n_u, n_y = len(plant.states), len(plant.inputs), len(plant.outputs)
+    callbacks = Callbacks(n_x, n_u, len(plant.disturbances))
+
+    def matrices(x: Any, u: Any, d: Any) -> Float[np.ndarray, " n"]:
+        J = plant.jacobians(x, u, d)
+        return np.concatenate([J.A.ravel(), J.B.ravel(), J.C.ravel(), J.D.ravel()])
+
+    functions = (
+        callbacks.function(plant.f, n_x),
+        callbacks.function(plant.g, n_y),
+        callbacks.function(matrices, (n_x + n_y) * (n_x + n_u)),
+    )
+    f, g, jacobians = map(address_of, functions)
+    return Equations(f, g, jacobians, kept=(functions, callbacks)), callbacks
