@@ -57,7 +57,7 @@ def seconds(function: Callable[[], None]) -> float:
 
 def compare(mpc: LinearMPC, rounds: int, label: str) -> tuple[float, float, np.ndarray]:
     measured = closed_loop(mpc)
-    qps = [next(mpc.problems(m))[0] for m in measured]
+    qps = [next(mpc.problems(m)) for m in measured]
     arrays = [(q.P, q.q, None, None, np.asfortranarray(q.G), q.lower, q.upper) for q in qps]
     solver = piqp.DenseSolver()
 

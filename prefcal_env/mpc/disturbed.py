@@ -1,12 +1,14 @@
 """A plant with constant disturbances of its outputs and inputs, known or to be estimated."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Channel
+from prefcal_env.plants.equations import Equations
 from prefcal_env.plants.plant import Jacobians, Plant
 
 X = Float[np.ndarray, " n_x"]
@@ -43,6 +45,11 @@ class Disturbed:
         chosen = [plant.outputs[i] for i in on_outputs] + [plant.inputs[i] for i in on_inputs]
         self.offsets = tuple(Channel(f"disturbance of {c.name}", c.unit) for c in chosen)
         self.disturbances = (*plant.disturbances, *self.offsets)
+        compiled: Equations | None = getattr(plant, "equations", None)
+        self.equations = compiled and replace(
+            compiled, on_outputs=np.array(on_outputs, np.int64),
+            on_inputs=np.array(on_inputs, np.int64),
+        )  # fmt: skip
 
     def f(self, x: X, u: U, d: D) -> X:
         """Return the state derivative, per `time_unit`."""

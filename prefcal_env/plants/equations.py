@@ -25,9 +25,9 @@ class Equations:
         g: Address of the function that writes y, shape (n_y,); 0 means y = x.
         jacobians: Address of the function that writes A, B, C and D, row by row.
         parameters: The parameters p, which all three get.
-        on_outputs: Indices of outputs to which the numbers that follow the disturbances are added.
-        on_inputs: Indices of inputs to which the numbers after those are added.
-        kept: What must live as long as the addresses are used.
+        on_outputs: Indices of the outputs with an added disturbance; these follow in d.
+        on_inputs: Indices of the inputs with an added disturbance; these are the last of d.
+        callbacks: What calls Python, if the functions do.
     """
 
     f: int
@@ -36,7 +36,17 @@ class Equations:
     parameters: Float[np.ndarray, " p"] = field(default_factory=lambda: np.zeros(0))
     on_outputs: Int[np.ndarray, " k"] = field(default_factory=lambda: _NONE)
     on_inputs: Int[np.ndarray, " k"] = field(default_factory=lambda: _NONE)
-    kept: Any = None
+    callbacks: "Callbacks | None" = None
+
+    @property
+    def packed(self) -> tuple[Any, ...]:
+        """The equations as an argument of compiled functions."""
+        return self.f, self.g, self.jacobians, self.parameters, self.on_outputs, self.on_inputs
+
+    def check(self) -> None:
+        """Raise what a Python method raised since the last check."""
+        if self.callbacks is not None:
+            self.callbacks.check()
 
 
 class Callbacks:
@@ -48,9 +58,10 @@ class Callbacks:
     def __init__(self, n_x: int, n_u: int, n_d: int) -> None:
         self._sizes = n_x, n_u, n_d
         self._error: BaseException | None = None
+        self._functions: list[Any] = []
 
-    def function(self, method: Callable[[Any, Any, Any], Any], size: int) -> Any:
-        """Return a C function that writes the `size` numbers of `method`(x, u, d)."""
+    def address(self, method: Callable[[Any, Any, Any], Any], size: int) -> int:
+        """Return the address of a C function that writes the `size` numbers of `method`."""
         n_x, n_u, n_d = self._sizes
 
         def called(x: int, u: int, d: int, _: int, out: int) -> None:
@@ -62,7 +73,9 @@ class Callbacks:
                 self._error = self._error or error
                 target[:] = np.nan
 
-        return _TYPE(called)
+        function = _TYPE(called)
+        self._functions.append(function)  # it lives as long as these callbacks
+        return ctypes.cast(function, ctypes.c_void_p).value or 0
 
     def check(self) -> None:
         """Raise what a method raised since the last check."""
@@ -80,13 +93,11 @@ def _array(address: int | None, n: int) -> Float[np.ndarray, " n"]:
     return np.frombuffer((ctypes.c_double * n).from_address(address or 0))
 
 
-def address_of(function: Any) -> int:
-    """Return the address of a C function that `Callbacks.function` made."""
-    return ctypes.cast(function, ctypes.c_void_p).value or 0
-
-
-def called_back(plant: Plant) -> tuple[Equations, Callbacks]:
-    """Return the Python methods f, g and jacobians of `plant` as equations."""
+def equations_of(plant: Plant) -> Equations:
+    """Return the compiled equations of `plant`, or its Python methods as such."""
+    compiled: Equations | None = getattr(plant, "equations", None)
+    if compiled is not None:
+        return compiled
     n_x, n_u, n_y = len(plant.states), len(plant.inputs), len(plant.outputs)
     callbacks = Callbacks(n_x, n_u, len(plant.disturbances))
 
@@ -94,10 +105,9 @@ def called_back(plant: Plant) -> tuple[Equations, Callbacks]:
         J = plant.jacobians(x, u, d)
         return np.concatenate([J.A.ravel(), J.B.ravel(), J.C.ravel(), J.D.ravel()])
 
-    functions = (
-        callbacks.function(plant.f, n_x),
-        callbacks.function(plant.g, n_y),
-        callbacks.function(matrices, (n_x + n_y) * (n_x + n_u)),
+    return Equations(
+        callbacks.address(plant.f, n_x),
+        callbacks.address(plant.g, n_y),
+        callbacks.address(matrices, (n_x + n_y) * (n_x + n_u)),
+        callbacks=callbacks,
     )
-    f, g, jacobians = map(address_of, functions)
-    return Equations(f, g, jacobians, kept=(functions, callbacks)), callbacks
