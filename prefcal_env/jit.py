@@ -4,7 +4,7 @@ from functools import partial
 
 import numba
 
-kernel = partial(numba.njit, cache=True, no_cfunc_wrapper=True)
+kernel = partial(numba.njit, cache=True, no_cfunc_wrapper=True, error_model="numpy")
 """Decorator of a function called from Python; numba keeps the result beside the file."""
 
 inner = partial(kernel, no_cpython_wrapper=True)

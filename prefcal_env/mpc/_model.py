@@ -30,7 +30,7 @@ def _at_point(equations, x, u, d, T_s, N_p, n_y):  # type: ignore[no-untyped-def
     """
     n_x = len(x)
     C, D = np.empty((1, n_y, n_x)), np.empty((1, n_y, len(u)))
-    A_c, B_c = _jacobians(equations, x, u, d[0], C[0], D[0])
+    A_c, B_c = jacobians(equations, x, u, d[0], C[0], D[0])
     steps = min(len(d), N_p)
     A, B = np.empty((1, n_x, n_x)), np.empty((1, n_x, len(u)))
     c, e = np.empty((steps, n_x)), np.empty((N_p + 1, n_y))
@@ -44,7 +44,7 @@ def _at_point(equations, x, u, d, T_s, N_p, n_y):  # type: ignore[no-untyped-def
             c[k, i] = c_d[i]
     for k in range(N_p + 1):
         if k < len(d):
-            _g(equations, x, u, d[k], e[k])
+            outputs(equations, x, u, d[k], e[k])
         else:
             for i in range(n_y):
                 e[k, i] = e[k - 1, i]
@@ -61,8 +61,8 @@ def _along_trajectory(equations, x, u, d, nominal, T_s, n_y):  # type: ignore[no
     e, still = np.empty((N_p + 1, n_y)), np.zeros(n_x)
     for k in range(N_p + 1):
         v, d_k = V[min(k, N_p - 1)], d[min(k, len(d) - 1)]
-        A_c, B_c = _jacobians(equations, X[k], v, d_k, C[k], D[k])
-        _g(equations, X[k], v, d_k, e[k])
+        A_c, B_c = jacobians(equations, X[k], v, d_k, C[k], D[k])
+        outputs(equations, X[k], v, d_k, e[k])
         _shift(e[k], C[k], X[k], x)
         _shift(e[k], D[k], v, u)
         if k < N_p:
@@ -109,7 +109,7 @@ def _f(equations, x, u, d, out):  # type: ignore[no-untyped-def]
 
 
 @inner()
-def _g(equations, x, u, d, out):  # type: ignore[no-untyped-def]
+def outputs(equations, x, u, d, out):  # type: ignore[no-untyped-def]
     """Write y, with the disturbances that are added to it (see `Equations.on_outputs`)."""
     on_outputs = equations[4]
     if equations[1] != 0:
@@ -123,7 +123,7 @@ def _g(equations, x, u, d, out):  # type: ignore[no-untyped-def]
 
 
 @inner()
-def _jacobians(equations, x, u, d, C, D):  # type: ignore[no-untyped-def]
+def jacobians(equations, x, u, d, C, D):  # type: ignore[no-untyped-def]
     """Return A and B, and write C and D."""
     n_x, n_u, n_y = len(x), len(u), len(C)
     A, B = np.empty((n_x, n_x)), np.empty((n_x, n_u))

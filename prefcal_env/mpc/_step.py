@@ -11,7 +11,7 @@ from ._plan import forward, open_loop
 from ._riccati import backward
 from ._rows import inputs, limit_rows, trusted
 
-DECIDED, OPEN, NOT_TRUSTED = 0, 1, 2
+DECIDED, OPEN, NOT_TRUSTED, NOT_FINITE = range(4)
 
 
 @kernel()
@@ -31,13 +31,16 @@ def decide(equations, measured, nominal, horizons, weights, hard, soft, solver):
         solver: Whether it is the compiled one, its tolerances and largest number of iterations.
 
     Returns:
-        DECIDED, OPEN (the QP is to be solved) or NOT_TRUSTED; the iterations; the planned inputs
-        (N_u, n_u); U, and the rows G, low and high, of the QP min ½|z|² with low <= G z <= high.
+        DECIDED, OPEN (the QP is to be solved), NOT_TRUSTED or NOT_FINITE (what was measured); the
+        iterations; the planned inputs (N_u, n_u); U, and the rows G, low and high, of the QP
+        min ½|z|² with low <= G z <= high.
     """
-    u = measured[1]
+    x, u, d, y_ref = measured
     model, R = _feedback(equations, measured, nominal, horizons, weights)
     U, X, unit = forward(model[0], model[1], model[2], R, horizons[3])
     G, low, high = limit_rows(U, X, (model[3], model[4], model[5]), u, hard, soft, unit)
+    if not (_finite(x) and _finite(u) and _finite(d.ravel()) and _finite(y_ref.ravel())):
+        return NOT_FINITE, 0, np.zeros(U.shape[:2]), U, G, low, high
     if not trusted(U, X, horizons[3] > 0):
         return NOT_TRUSTED, 0, np.zeros(U.shape[:2]), U, G, low, high
     compiled, absolute, relative, most = solver
@@ -88,6 +91,14 @@ def _feedback(equations, measured, nominal, horizons, weights):  # type: ignore[
             relative[k, j] = u_ref[k, j] - u[j]
     R = backward(A, B, c, C, D, error, (root_y, root_u, root_du), relative, N_u)
     return (A, B, c, C, D, e), R
+
+
+@inner()
+def _finite(values):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for value in values:
+        total += value
+    return np.isfinite(total)
 
 
 @inner()

@@ -1,7 +1,6 @@
 """The linear (time-varying) model predictive controller of eq. MPC and eq. MPC_constraints."""
 
 from collections.abc import Iterator
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from .limits import Limits
 from .settings import MPCSettings
 
 _SMALLEST_MOVE_WEIGHT = 1e-10
+_MEASURED = ("x", "u", "d", "y_ref")
 
 
 class LinearMPC:
@@ -56,6 +56,7 @@ class LinearMPC:
         self._sizes = len(plant.states), n_u, n_y, len(plant.disturbances)
         self._prepare(_root(Q_y), _root(Q_u), _root(Q_du), _reference("u_ref", settings.u_ref, n_u))
         self._plan: Float[np.ndarray, "N_u n_u"] | None = None
+        self._shapes: tuple[Any, ...] = ()
 
     def _prepare(self, *weights: Float[np.ndarray, "_ _"]) -> None:
         """Arrange what does not change from step to step for the compiled functions."""
@@ -100,6 +101,8 @@ class LinearMPC:
         if how == _step.DECIDED:
             self._plan = plan
             return Move(plan[0], iterations)
+        if how == _step.NOT_FINITE:
+            raise _not_finite(measurement)
         for U, qp in self._both(how, first, data):
             solution = self._backend.solve(qp)
             iterations += solution.iterations
@@ -134,12 +137,14 @@ class LinearMPC:
             yield U, QP(P, q, *rows)
 
     def _check(self, m: Measurement) -> None:
+        """Raise PlantError if something has a wrong shape."""
+        arrays = m.x, m.u, m.d, m.y_ref
+        shapes = tuple(getattr(array, "shape", None) for array in arrays)
+        if shapes == self._shapes:  # those of the last step were right
+            return
         n_x, n_u, n_y, n_d = self._sizes
-        for name, array, n, rows in (
-            ("x", m.x, n_x, False),
-            ("u", m.u, n_u, False),
-            ("d", m.d, n_d, True),
-            ("y_ref", m.y_ref, n_y, True),
+        for name, array, n, rows in zip(
+            _MEASURED, arrays, (n_x, n_u, n_d, n_y), (False, False, True, True), strict=True
         ):
             found = np.shape(array)
             previewed = rows and len(found) == 2 and found[0] > 0 and found[1] == n
@@ -148,8 +153,7 @@ class LinearMPC:
                     f"measurement: {name} must be an array of shape {(n,)}"
                     f"{', or one row a step' if rows else ''}, got {array!r}"
                 )
-            if not isfinite(sum(array.ravel().tolist())):
-                raise PlantError(f"measurement: {name} must be finite, got {array}")
+        self._shapes = shapes
 
     def _data(self, m: Measurement) -> tuple[Any, ...]:
         """Return the plant, the measurement and the nominal trajectory for `_step`.
@@ -184,6 +188,12 @@ class LinearMPC:
             following = self.plant.hold(X[k], V[k], d[min(k, len(d) - 1)], period)[0]
             X[k + 1] = following if np.isfinite(following).all() else X[k]
         return X, V
+
+
+def _not_finite(m: Measurement) -> PlantError:
+    arrays = zip(_MEASURED, (m.x, m.u, m.d, m.y_ref), strict=True)
+    name, array = next((n, a) for n, a in arrays if not np.isfinite(a).all())
+    return PlantError(f"measurement: {name} must be finite, got {array}")
 
 
 def _weight(name: str, Q: object, n: int) -> Float[np.ndarray, "n n"]:

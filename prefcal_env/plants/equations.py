@@ -33,9 +33,9 @@ class Equations:
     f: int
     g: int
     jacobians: int
-    parameters: Float[np.ndarray, " p"] = field(default_factory=lambda: np.zeros(0))
-    on_outputs: Int[np.ndarray, " k"] = field(default_factory=lambda: _NONE)
-    on_inputs: Int[np.ndarray, " k"] = field(default_factory=lambda: _NONE)
+    parameters: Float[np.ndarray, " _"] = field(default_factory=lambda: np.zeros(0))
+    on_outputs: Int[np.ndarray, " n_p"] = field(default_factory=lambda: _NONE)
+    on_inputs: Int[np.ndarray, " n_w"] = field(default_factory=lambda: _NONE)
     callbacks: "Callbacks | None" = None
 
     @property
