@@ -71,7 +71,8 @@ def in_inputs(equations, measured, nominal, horizons, weights, hard, soft):  # t
             T[i, j] /= unit
     outputs = model[3], model[4], model[5]
     G, low, high = limit_rows(U, X, outputs, measured[1], hard, soft, unit)
-    return trusted(U, X, horizons[3] > 0), U, G, low, high, T
+    usable = _finite(T.ravel()) and trusted(U, X, horizons[3] > 0)
+    return usable, U, G, low, high, T
 
 
 @inner()

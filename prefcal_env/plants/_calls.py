@@ -12,7 +12,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-_POINTER = types.CPointer(types.float64)
+_POINTER = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
+_intrinsic: Any = intrinsic
 
 equation = partial(
     numba.cfunc, types.void(_POINTER, _POINTER, _POINTER, _POINTER, _POINTER), cache=True
@@ -20,7 +21,7 @@ equation = partial(
 """Decorator that compiles one equation of a plant."""
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@_intrinsic  # type: ignore[untyped-decorator]
 def call(typing: Any, address: Any, x: Any, u: Any, d: Any, p: Any, out: Any) -> Any:
     """Call the equation at `address` with the data of five arrays."""
     arrays = (x, u, d, p, out)

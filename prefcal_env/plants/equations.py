@@ -90,7 +90,8 @@ _TYPE = ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * 5)
 def _array(address: int | None, n: int) -> Float[np.ndarray, " n"]:
     if not n:
         return np.zeros(0)
-    return np.frombuffer((ctypes.c_double * n).from_address(address or 0))
+    data: Any = (ctypes.c_double * n).from_address(address or 0)
+    return np.frombuffer(data, dtype=float)
 
 
 def equations_of(plant: Plant) -> Equations:
