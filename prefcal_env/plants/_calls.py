@@ -15,10 +15,11 @@ from numba.extending import intrinsic
 _POINTER = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
 _intrinsic: Any = intrinsic
 
-equation = partial(
-    numba.cfunc, types.void(_POINTER, _POINTER, _POINTER, _POINTER, _POINTER), cache=True
-)
-"""Decorator that compiles one equation of a plant."""
+SIGNATURE = types.void(_POINTER, _POINTER, _POINTER, _POINTER, _POINTER)
+"""Type of an equation."""
+
+equation = partial(numba.cfunc, SIGNATURE, cache=True)
+"""Decorator, used as `@equation()`, that compiles one equation of a plant."""
 
 
 @_intrinsic  # type: ignore[untyped-decorator]
