@@ -110,6 +110,7 @@ def mpc_settings(
         du_max=[fixed.speed_move, steering_move],
         y_min=[-inf, beside, -_ANGLE], y_max=[inf, inf, _ANGLE],
         Q_eps=fixed.Q_eps, softness=fixed.softness, linearization=fixed.linearization,
+        backend="piqp",  # t_comp is modeled from its iterations (`computation_time`)
     )  # fmt: skip
 
 
