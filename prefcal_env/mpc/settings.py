@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.qp import BACKENDS, Tolerances
+from prefcal_env.qp import ACTIVE_SET, BACKENDS, Tolerances
 
 Linearization = Literal["point", "trajectory"]
 Matrix = Sequence[Sequence[float]] | np.ndarray
@@ -45,7 +45,7 @@ class MPCSettings:
         linearization: "point" uses one model, at the present state and input, for the whole
             horizon. "trajectory" uses one along the nominal trajectory of the last plan (eq.
             MPCsys).
-        backend: QP solver, "piqp" or "daqp".
+        backend: QP solver: "active-set", which is compiled into the step, "piqp" or "daqp".
         tolerances: Tolerances of the QP solver.
 
     Raises:
@@ -70,7 +70,7 @@ class MPCSettings:
     Q_eps: float = 10.0
     softness: Vector | None = None
     linearization: Linearization = "point"
-    backend: str = "piqp"
+    backend: str = ACTIVE_SET
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:
@@ -128,7 +128,7 @@ def _array(name: str, value: Any) -> np.ndarray:
 def _check_weight(name: str, Q: np.ndarray) -> None:
     if Q.ndim != 2 or Q.shape[0] != Q.shape[1] or not np.all(np.isfinite(Q)):
         raise SettingsError(f"{name} must be a finite square matrix, got shape {Q.shape}")
-    if not np.allclose(Q, Q.T, rtol=1e-12, atol=0):
+    if np.any(np.abs(Q - Q.T) > 1e-12 * np.abs(Q)):
         raise SettingsError(f"{name} must be symmetric, got {Q.tolist()}")
     smallest = float(np.linalg.eigvalsh(Q)[0])
     if smallest < -1e-12 * max(float(np.abs(Q).max()), 1e-300):

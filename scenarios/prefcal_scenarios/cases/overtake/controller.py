@@ -116,6 +116,7 @@ def _settings(theta: tuple[float, ...], phase: Phase, fixed: Fixed) -> MPCSettin
         du_max=[fixed.speed_move, steering_move],
         y_min=[-inf, beside, -_ANGLE], y_max=[inf, inf, _ANGLE],
         Q_eps=fixed.Q_eps, softness=fixed.softness, linearization=fixed.linearization,
+        backend="piqp",  # t_comp is modeled from its iterations (`computation_time`)
     )  # fmt: skip
 
 
