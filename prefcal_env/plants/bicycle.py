@@ -99,13 +99,12 @@ class Bicycle:
 
         A chord of it has length v t sinc(ω t / 2) and points in the mean direction.
         """
-        # Imported here so that importing the package does not load the compiler.
-        from . import _bicycle_kernels
+        from . import _car_kernels  # loads the compiler
 
         (x_f, y_f, yaw), (v, steering) = x.tolist(), u.tolist()
         # A copy: a read-only array is another type, for which the kernel would be compiled again.
         at = np.array(times, dtype=float)
-        states = _bicycle_kernels.hold(x_f, y_f, yaw, v, steering, self.length, at)
+        states = _car_kernels.hold_bicycle(x_f, y_f, yaw, v, steering, self.length, at)
         return np.asarray(states)
 
 
