@@ -1,12 +1,12 @@
 """Compile the kernels one by one, so that the user sees progress while they wait.
 
-numba compiles a function when it is first called and keeps the result beside the source file, or,
-if that folder is not writable, in the user's cache folder. A wheel cannot ship compiled code: it
-is valid only for one processor and one file, including the file's date.
+numba compiles a function when it is first called, and `prefcal_env.jit` keeps the result. A wheel
+cannot ship compiled code: it is valid only for one kind of processor. A module that calls kernels
+names them with `compile_ahead`, so only those are compiled that the loaded modules use.
 """
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -49,11 +49,11 @@ def compile_missing(report: Callable[[Compiling], None]) -> None:
 
     `report` is called with each part as its compilation begins; never if nothing is missing.
     """
-    if not _loaded("prefcal_env.qp"):
+    found = tuple(kernels())
+    if not found:
         return
     from numba.core import event  # takes half a second, so import it only when needed
 
-    found = tuple(kernels())
     for k, kernel in enumerate(found):
         now = Compiling(k + 1, len(found), kernel.title)
         with event.install_listener("numba:compile", _once(partial(report, now))):
@@ -80,17 +80,10 @@ def _once(report: Callable[[], None]) -> Any:
 
 
 def kernels() -> Iterator[Kernel]:
-    """Yield the kernels of all loaded modules; kernels come before their callers."""
-    if _loaded("prefcal_env.mpc.controller"):
-        yield from _of_the_mpc()
-    if _loaded("prefcal_env.qp"):
-        yield from _of_the_solver()
-    if _loaded("prefcal_env.envs.cstr"):
-        yield from _of_the_reactor()
-
-
-def _loaded(module: str) -> bool:
-    return module in sys.modules
+    """Yield the kernels of all loaded modules."""
+    for module, each in _KERNELS.items():
+        if module in sys.modules:
+            yield from each()
 
 
 def _of_the_solver() -> Iterator[Kernel]:
@@ -108,7 +101,7 @@ def _of_the_mpc() -> Iterator[Kernel]:
     import numba
     from numba import float64, int64
 
-    from . import _hold, _plan, _riccati
+    from prefcal_env.mpc import _hold, _plan, _riccati
 
     cube, matrix, vector = float64[:, :, ::1], float64[:, ::1], float64[::1]
     model = (cube, cube, matrix)
@@ -117,12 +110,9 @@ def _of_the_mpc() -> Iterator[Kernel]:
     yield Kernel("discrete model", _hold.discretize, (matrix, matrix, vector, float64))
     corner = (matrix, int64, int64, int64)
     yield Kernel("triangular factors", _riccati.triangularize, corner)
-    whole = (*model, cube, cube, matrix, roots, matrix, int64)
-    yield Kernel("optimal feedback", _riccati.backward, whole)
-    yield Kernel("prediction", _plan.forward, (*model, cube, int64))
     yield Kernel("limits", _plan.input_rows, (cube, vector, *limits))
-    every = (*whole, int64, vector, several(vector, 4))
-    yield Kernel("quadratic program", _plan.condense, every)
+    every = (*model, cube, cube, matrix, roots, matrix, int64, int64, vector, several(vector, 4))
+    yield Kernel("optimal feedback", _plan.condense, every)
     yield Kernel("inputs", _plan.inputs, (cube, vector, vector, vector, vector))
 
 
@@ -134,3 +124,16 @@ def _of_the_reactor() -> Iterator[Kernel]:
     vector = float64[::1]
     hold = (vector, vector, vector, vector, float64)
     yield Kernel("reactor", _cstr_kernels.hold, hold)
+
+
+_KERNELS: dict[str, Callable[[], Iterable[Kernel]]] = {
+    "prefcal_env.mpc.controller": _of_the_mpc,
+    "prefcal_env.qp": _of_the_solver,
+    "prefcal_env.envs.cstr": _of_the_reactor,
+}
+"""Kernels by the module that calls them; kernels come before their callers."""
+
+
+def compile_ahead(module: str, kernels: Callable[[], Iterable[Kernel]]) -> None:
+    """Let `compile_missing` compile `kernels` if `module`, which calls them, is loaded."""
+    _KERNELS[module] = kernels
