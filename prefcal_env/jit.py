@@ -32,23 +32,24 @@ inner = partial(kernel, no_cpython_wrapper=True, cache=False)
 callback = partial(numba.cfunc, cache=True)
 """Decorator of a C function with the given signature; it is compiled when it is defined."""
 
+_config: Any = numba.config
 _OURS = "prefcal_"
 _KEPT = 3
 """Number of older versions of a module whose code is kept, for other environments."""
 
 
-class _KernelFolder(_CacheLocator):  # type: ignore[misc]
+class _KernelFolder(_CacheLocator):
     """Where numba keeps the compiled functions of a module of this project."""
 
     def __init__(self, function: Any) -> None:
         self._line = function.__code__.co_firstlineno
         self._stamp = stamp(function.__module__)
-        root = Path(numba.config.CACHE_DIR or user_cache_path("prefcal", appauthor=False))
+        root = Path(_config.CACHE_DIR or user_cache_path("prefcal", appauthor=False))
         self._path = root / "kernels" / f"{function.__module__}-{self._stamp}"
         try:
             if not self._path.exists():
                 _remove_old(self._path)
-            self.ensure_cache_path()
+            self.ensure_cache_path()  # type: ignore[no-untyped-call]
         except OSError:
             self._path = Path(_temporary().name) / self._path.name
 
@@ -72,7 +73,8 @@ class _KernelFolder(_CacheLocator):  # type: ignore[misc]
 
 
 # First in numba's list, which it goes through for every function that is to be cached.
-FunctionCache._impl_class._locator_classes.insert(0, _KernelFolder)
+_cache: Any = FunctionCache
+_cache._impl_class._locator_classes.insert(0, _KernelFolder)
 
 
 @cache
