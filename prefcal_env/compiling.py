@@ -99,21 +99,24 @@ def _of_the_solver() -> Iterator[Kernel]:
 
 def _of_the_mpc() -> Iterator[Kernel]:
     import numba
-    from numba import float64, int64
+    from numba import boolean, float64, int64
 
-    from prefcal_env.mpc import _hold, _plan, _riccati
+    from prefcal_env.mpc import _riccati, _rows, _step
 
-    cube, matrix, vector = float64[:, :, ::1], float64[:, ::1], float64[::1]
-    model = (cube, cube, matrix)
     several: Any = numba.types.UniTuple
-    roots, limits = several(matrix, 3), (vector,) * 4
-    yield Kernel("discrete model", _hold.discretize, (matrix, matrix, vector, float64))
-    corner = (matrix, int64, int64, int64)
-    yield Kernel("triangular factors", _riccati.triangularize, corner)
-    yield Kernel("limits", _plan.input_rows, (cube, vector, *limits))
-    every = (*model, cube, cube, matrix, roots, matrix, int64, int64, vector, several(vector, 4))
-    yield Kernel("optimal feedback", _plan.condense, every)
-    yield Kernel("inputs", _plan.inputs, (cube, vector, vector, vector, vector))
+    mixed: Any = numba.types.Tuple
+    cube, matrix, vector, chosen = float64[:, :, ::1], float64[:, ::1], float64[::1], int64[::1]
+    yield Kernel("triangular factors", _riccati.triangularize, (matrix, int64, int64, int64))
+    yield Kernel("inputs", _rows.inputs, (cube, vector, vector, several(vector, 4)))
+    step = (
+        mixed((int64, int64, int64, vector, chosen, chosen)),
+        mixed((vector, vector, matrix, matrix)), several(matrix, 2),
+        mixed((float64, int64, int64, int64)), several(matrix, 4),
+        several(vector, 4), several(vector, 3),
+    )  # fmt: skip
+    solver = mixed((boolean, float64, float64, int64))
+    yield Kernel("quadratic program", _step.decide, (*step, solver))
+    yield Kernel("second quadratic program", _step.in_inputs, step)
 
 
 def _of_the_reactor() -> Iterator[Kernel]:
@@ -127,8 +130,8 @@ def _of_the_reactor() -> Iterator[Kernel]:
 
 
 _KERNELS: dict[str, Callable[[], Iterable[Kernel]]] = {
-    "prefcal_env.mpc.controller": _of_the_mpc,
     "prefcal_env.qp": _of_the_solver,
+    "prefcal_env.mpc.controller": _of_the_mpc,
     "prefcal_env.envs.cstr": _of_the_reactor,
 }
 """Kernels by the module that calls them; kernels come before their callers."""

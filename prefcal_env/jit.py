@@ -23,13 +23,13 @@ import numpy as np
 from numba.core.caching import FunctionCache, _CacheLocator
 from platformdirs import user_cache_path
 
-kernel = partial(numba.njit, cache=True, no_cfunc_wrapper=True)
+kernel: Any = partial(numba.njit, cache=True, no_cfunc_wrapper=True, error_model="numpy")
 """Decorator of a function called from Python; it is compiled once per machine."""
 
-inner = partial(kernel, no_cpython_wrapper=True, cache=False)
+inner: Any = partial(kernel, no_cpython_wrapper=True, cache=False)
 """Decorator of a function that only kernels call: it is part of their compiled code."""
 
-callback = partial(numba.cfunc, cache=True)
+callback: Any = partial(numba.cfunc, cache=True)
 """Decorator of a C function with the given signature; it is compiled when it is defined."""
 
 _config: Any = numba.config

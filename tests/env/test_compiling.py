@@ -44,8 +44,10 @@ def run(scenario, cache):
 def test_a_run_compiles_nothing_after_the_parts_that_were_told(cache):
     first = run("cstr", cache)
     assert first["later"] == []
-    assert len(first["told"]) == 8
-    assert first["told"][3].startswith("Compiling the solver, part 4 of 8 (optimal feedback)")
+    count = len(first["told"])
+    assert count > 3
+    for k, words in enumerate(first["told"]):
+        assert words.startswith(f"Compiling the solver, part {k + 1} of {count} (")
     for scenario in ("cstr", "overtake", "overtake-robust"):
         again = run(scenario, cache)
         assert again == {"told": [], "later": []}
