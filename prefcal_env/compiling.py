@@ -120,13 +120,14 @@ def _of_the_mpc() -> Iterator[Kernel]:
 
 
 def _of_the_reactor() -> Iterator[Kernel]:
-    from numba import float64
+    from numba import boolean, float64, int64
 
-    from prefcal_env.plants import _cstr_kernels
+    # Importing the equations compiles them.
+    from prefcal_env.plants import _cstr_kernels, _dop853  # noqa: F401
 
-    vector = float64[::1]
-    hold = (vector, vector, vector, vector, float64)
-    yield Kernel("reactor", _cstr_kernels.hold, hold)
+    arrays = (float64[::1],) * 5
+    hold = (int64, *arrays, float64, boolean)
+    yield Kernel("simulation", _dop853.integrate, hold)
 
 
 _KERNELS: dict[str, Callable[[], Iterable[Kernel]]] = {

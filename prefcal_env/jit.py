@@ -97,8 +97,13 @@ def stamp(module: str) -> str:
 
 @cache
 def _read(module: str) -> tuple[bytes, list[str]]:
-    """Return the source of a loaded module and the names of the loaded modules that it imports."""
-    source = Path(str(sys.modules[module].__file__)).read_bytes()
+    """Return the content of a loaded module, and the names of the loaded modules that it imports.
+
+    The content includes the arrays in its folder, which may be constants of its kernels.
+    """
+    path = Path(str(sys.modules[module].__file__))
+    source = path.read_bytes()
+    arrays = b"".join(each.read_bytes() for each in sorted(path.parent.glob("*.npy")))
     package = sys.modules[module].__package__
     imported = []
     for node in ast.parse(source).body:
@@ -108,7 +113,7 @@ def _read(module: str) -> tuple[bytes, list[str]]:
             origin = resolve_name("." * node.level + (node.module or ""), package)
             within = [f"{origin}.{alias.name}" for alias in node.names]
             imported += [name if name in sys.modules else origin for name in within]
-    return source, [name for name in imported if name in sys.modules]
+    return source + arrays, [name for name in imported if name in sys.modules]
 
 
 def _remove_old(folder: Path) -> None:

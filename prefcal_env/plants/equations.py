@@ -49,6 +49,11 @@ class Equations:
             self.callbacks.check()
 
 
+def compiled(f: Any, g: Any, jacobians: Any, parameters: Float[np.ndarray, " _"]) -> Equations:
+    """Return equations made by `_calls.equation`; `g` may be None: y = x."""
+    return Equations(f.address, 0 if g is None else g.address, jacobians.address, parameters)
+
+
 class Callbacks:
     """The Python methods of a plant, as C functions that compiled kernels can call.
 
@@ -59,15 +64,16 @@ class Callbacks:
         self._sizes = n_x, n_u, n_d
         self._error: BaseException | None = None
         self._functions: list[Any] = []
+        self._views: dict[tuple[int, int], Float[np.ndarray, " _"]] = {}
 
     def address(self, method: Callable[[Any, Any, Any], Any], size: int) -> int:
         """Return the address of a C function that writes the `size` numbers of `method`."""
         n_x, n_u, n_d = self._sizes
 
         def called(x: int, u: int, d: int, _: int, out: int) -> None:
-            target = _array(out, size)
+            target = self._array(out, size)
             try:
-                x_, u_, d_ = _array(x, n_x), _array(u, n_u), _array(d, n_d)
+                x_, u_, d_ = self._array(x, n_x), self._array(u, n_u), self._array(d, n_d)
                 target[:] = method(x_.copy(), u_.copy(), d_.copy())
             except BaseException as error:  # C cannot raise; `check` does
                 self._error = self._error or error
@@ -83,15 +89,19 @@ class Callbacks:
         if error is not None:
             raise error
 
+    def _array(self, address: int | None, n: int) -> Float[np.ndarray, " _"]:
+        """Return `n` numbers at `address`. Kept, since making such an array takes a microsecond."""
+        view = self._views.get((address or 0, n))
+        if view is None:
+            if len(self._views) >= _MOST_VIEWS:
+                self._views.clear()
+            data: Any = (ctypes.c_double * n).from_address(address or 0) if n else b""
+            view = self._views[address or 0, n] = np.frombuffer(data, dtype=float)
+        return view
+
 
 _TYPE = ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * 5)
-
-
-def _array(address: int | None, n: int) -> Float[np.ndarray, " n"]:
-    if not n:
-        return np.zeros(0)
-    data: Any = (ctypes.c_double * n).from_address(address or 0)
-    return np.frombuffer(data, dtype=float)
+_MOST_VIEWS = 1000
 
 
 def equations_of(plant: Plant) -> Equations:
