@@ -108,6 +108,7 @@ def _of_the_mpc() -> Iterator[Kernel]:
     cube, matrix, vector, chosen = float64[:, :, ::1], float64[:, ::1], float64[::1], int64[::1]
     yield Kernel("triangular factors", _riccati.triangularize, (matrix, int64, int64, int64))
     yield Kernel("inputs", _rows.inputs, (cube, vector, vector, several(vector, 4)))
+    # Not `in_inputs`, which is as large and hardly ever needed.
     step = (
         mixed((int64, int64, int64, vector, chosen, chosen)),
         mixed((vector, vector, matrix, matrix)), several(matrix, 2),
@@ -116,7 +117,6 @@ def _of_the_mpc() -> Iterator[Kernel]:
     )  # fmt: skip
     solver = mixed((boolean, float64, float64, int64))
     yield Kernel("quadratic program", _step.decide, (*step, solver))
-    yield Kernel("second quadratic program", _step.in_inputs, step)
 
 
 def _of_the_reactor() -> Iterator[Kernel]:

@@ -48,7 +48,7 @@ def test_a_run_compiles_nothing_after_the_parts_that_were_told(cache):
     assert count > 3
     for k, words in enumerate(first["told"]):
         assert words.startswith(f"Compiling the solver, part {k + 1} of {count} (")
-    for scenario in ("cstr", "overtake", "overtake-robust"):
+    for scenario in ("cstr", "overtake"):
         again = run(scenario, cache)
         assert again == {"told": [], "later": []}
 
