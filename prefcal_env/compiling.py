@@ -119,6 +119,24 @@ def _of_the_mpc() -> Iterator[Kernel]:
     yield Kernel("quadratic program", _step.decide, (*step, solver))
 
 
+def of_the_filter() -> Iterator[Kernel]:
+    """Yield what an MPC with an estimator calls besides."""
+    import numba
+    from numba import float64, int64
+
+    from prefcal_env.mpc import _filter
+
+    mixed: Any = numba.types.Tuple
+    matrix, vector, chosen = float64[:, ::1], float64[::1], int64[::1]
+    equations = mixed((int64, int64, int64, vector, chosen, chosen))
+    point = (vector, vector, vector)
+    yield Kernel("linearized plant", _filter.linearize, (equations, *point, int64))
+    ahead = (equations, matrix, vector, vector, matrix, matrix, float64, int64)
+    yield Kernel("prediction of the estimator", _filter.carried, ahead)
+    update = (equations, *point, matrix, matrix, vector)
+    yield Kernel("correction of the estimator", _filter.updated, update)
+
+
 def _of_the_reactor() -> Iterator[Kernel]:
     from numba import boolean, float64, int64
 

@@ -63,4 +63,4 @@ def test_a_loop_without_an_mpc_compiles_no_mpc(cache, tmp_path):
 def test_a_loop_with_an_mpc_compiles_its_plant_beforehand(cache):
     first = run("mpc-oscillatory", cache)
     assert first["later"] == []
-    assert "(linearized model)" in first["told"][-1]
+    assert "(correction of the estimator)" in first["told"][-1]

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from prefcal_env.compiling import Kernel, compile_ahead
+from prefcal_env.compiling import Kernel, compile_ahead, of_the_filter
 
 
 def _of_the_laws() -> Iterator[Kernel]:
@@ -24,17 +24,15 @@ def _of_the_mpc() -> Iterator[Kernel]:
     import numba
     from numba import float64, int64
 
-    from ._simulate import advance, hold, rhs, slopes
+    from . import _equations  # noqa: F401  # importing the equations compiles them
+    from ._simulate import advance
 
     various: Any = numba.types.Tuple
     vector, matrix = float64[::1], float64[:, ::1]
     plant, history = various((int64, vector)), various((matrix, matrix, vector, matrix))
     at = various((int64, int64))
     yield Kernel("plant", advance, (plant, float64, int64, at, history, matrix))
-    model = (int64, vector, vector, vector, vector)
-    yield Kernel("predicted states", hold, (*model, vector, float64))
-    yield Kernel("model", rhs, model)
-    yield Kernel("linearized model", slopes, model)
+    yield from of_the_filter()
 
 
 compile_ahead("prefcal_scenarios.cases.loops.controllers", _of_the_laws)
