@@ -25,13 +25,14 @@ def _of_the_mpc() -> Iterator[Kernel]:
     from numba import float64, int64
 
     from . import _equations  # noqa: F401  # importing the equations compiles them
-    from ._simulate import advance
+    from ._simulate import advance, hold
 
     various: Any = numba.types.Tuple
     vector, matrix = float64[::1], float64[:, ::1]
     plant, history = various((int64, vector)), various((matrix, matrix, vector, matrix))
     at = various((int64, int64))
     yield Kernel("plant", advance, (plant, float64, int64, at, history, matrix))
+    yield Kernel("predicted states", hold, (int64, *(vector,) * 5, float64))
     yield from of_the_filter()
 
 
