@@ -9,6 +9,10 @@ import os
 
 # Two workers share two cores: with threads of their own they wait for each other, twice as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+from platformdirs import user_cache_path
+
+# Sessions share what is compiled, although `_cache_home` gives each one a cache of its own.
+os.environ.setdefault("NUMBA_CACHE_DIR", str(user_cache_path("prefcal", appauthor=False)))
 
 from collections.abc import Iterator
 from pathlib import Path

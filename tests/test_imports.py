@@ -27,6 +27,7 @@ LAYERS = {
         {"knobs", "experiments", "qp", "plain"},
         {"preferences", "plants"},
         {"mpc", "envs", "rig", "calibrators", "study"},
+        {"compiling"},
     ),
     "prefcal_agents": (
         {"support"},

@@ -105,7 +105,7 @@ def main() -> None:
     link, shown = np.median(starts, axis=0)
     print(f"{given.scenario}: command to link {link:.2f} s, to the first question with its curves")
     print(f"  {shown:.2f} s (median of {len(starts)}; worst {starts[:, 1].max():.2f} s)")
-    print(f"  {compiled:.2f} s the first time, which compiles where NUMBA_CACHE_DIR is empty")
+    print(f"  {compiled:.2f} s the first time, which compiles if NUMBA_CACHE_DIR is empty")
     median, late = np.percentile(waits, [50, 95])
     print(f"key to next question drawn: median {median * 1e3:.0f} ms, 95 % {late * 1e3:.0f} ms "
           f"({len(waits)} answers)")  # fmt: skip

@@ -7,10 +7,11 @@ doubles, writes ẋ, y, or the matrices A, B, C, D (row by row, one after the ot
 from functools import partial
 from typing import Any
 
-import numba
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
+
+from prefcal_env.jit import callback
 
 _POINTER = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
 _intrinsic: Any = intrinsic
@@ -18,7 +19,7 @@ _intrinsic: Any = intrinsic
 SIGNATURE = types.void(_POINTER, _POINTER, _POINTER, _POINTER, _POINTER)
 """Type of an equation."""
 
-equation = partial(numba.cfunc, SIGNATURE, cache=True)
+equation = partial(callback, SIGNATURE)
 """Decorator, used as `@equation()`, that compiles one equation of a plant."""
 
 

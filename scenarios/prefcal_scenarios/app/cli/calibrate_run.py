@@ -20,8 +20,8 @@ from rich.progress import (
 )
 from rich.text import Text
 
+from prefcal_env.compiling import Compiling
 from prefcal_env.errors import RunError
-from prefcal_env.mpc.compiling import Compiling
 from prefcal_env.preferences.loop import Comparison
 from prefcal_scenarios.app.isolated import isolation
 from prefcal_scenarios.app.presentation.wording import earlier_text, theta_text

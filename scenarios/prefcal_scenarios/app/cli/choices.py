@@ -11,7 +11,6 @@ from prefcal_agents.registry import WORDS
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.mpc.processors import as_dict, processor_of, read_processor
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.rig import Rig
 from prefcal_scenarios.own.nearest import did_you_mean
@@ -246,7 +245,15 @@ def target_of(path: str | None, scenario: Scenario) -> dict[str, Any]:
             f"--processor is for scenarios that judge computation times (overtake, "
             f"overtake-robust), not {scenario.name!r}"
         )
-    return {_PROCESSOR: as_dict(read_processor(path))}
+    return {_PROCESSOR: _target(path)}
+
+
+def _target(path: str) -> dict[str, Any]:
+    """Return the processor in the file `path`."""
+    # Here, since it loads the compiler, which takes half a second.
+    from prefcal_env.mpc.processors import as_dict, read_processor
+
+    return as_dict(read_processor(path))
 
 
 def check_target(path: str | None, configuration: Mapping[str, Any]) -> None:
@@ -263,7 +270,7 @@ def check_target(path: str | None, configuration: Mapping[str, Any]) -> None:
             f"the study was started with no --processor, got --processor {path}: leave the option "
             "out, or start another study"
         )
-    if as_dict(read_processor(path)) != kept:
+    if _target(path) != kept:
         raise SettingsError(
             f"the study judges computation times on {kept.get('name')!r}, which it keeps; "
             f"--processor {path} holds another one: leave the option out, or start another study"
@@ -281,6 +288,8 @@ def on_target(scenario: Scenario, configuration: Mapping[str, Any]) -> Scenario:
         return scenario
     if scenario.on_processor is None:
         raise SettingsError(f"scenario {scenario.name!r} no longer judges computation times")
+    from prefcal_env.mpc.processors import processor_of
+
     return scenario.on_processor(scenario, processor_of(kept, "the processor of the study"))
 
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from prefcal_agents.protocol.agent import Agent
+from prefcal_env.compiling import Compiling
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.mpc.compiling import Compiling
 from prefcal_env.preferences.answer import Answer, Query
 from prefcal_env.preferences.run_facts import completed
 from prefcal_env.rig import Rig

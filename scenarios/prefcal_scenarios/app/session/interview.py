@@ -12,8 +12,8 @@ from jaxtyping import Float
 from prefcal_agents import Advice, GLISp
 from prefcal_agents.models.kpi_importance import Importance
 from prefcal_agents.models.learned_cost import LearnedCost
+from prefcal_env.compiling import Compiling, compile_missing
 from prefcal_env.experiments.experiment import End, Experiment
-from prefcal_env.mpc.compiling import Compiling, compile_missing
 from prefcal_env.preferences.answer import Answer, Strength
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.loop import Comparison as Compared

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from enum import Enum
 
+from prefcal_env.compiling import Compiling
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.mpc.compiling import Compiling
 from prefcal_env.preferences.answer import Answer, Mark, Outcomes, Preference, Strength
 from prefcal_env.preferences.run_facts import completed, counts_as_unsafe
 from prefcal_env.study import State, Suggested

@@ -1,8 +1,6 @@
 """Compiled right-hand sides ẋ = f(x, u, d) of the plants.
 
-numba keeps the compiled code beside `_simulate.py` and checks only that file to see whether it is
-stale: after a change here, touch that one. The code loops over numbers and uses no slices, which
-take seconds to compile.
+The code loops over numbers and uses no slices, which take seconds to compile.
 """
 
 import math

@@ -1,8 +1,7 @@
 """The plants of the family as compiled equations, which the MPC calls.
 
 p is (n, kind, n_x, n_u, n_d, n_y), the disturbance (n_d,), the indices of the measured states
-(n_y,), and the plant's parameters: n numbers in all. numba checks only this file to see whether its
-compiled code is stale: after a change of `_derivatives.py`, change this one.
+(n_y,), and the plant's parameters: n numbers in all.
 """
 
 from typing import Any

@@ -1,9 +1,8 @@
-"""Compiled control laws: PID, cascade of two PIDs, and linear state feedback.
-
-numba keeps the compiled code beside `_simulate.py`: after a change here, touch that one.
-"""
+"""Compiled control laws: PID, cascade of two PIDs, and linear state feedback."""
 
 import math
+
+import numpy as np
 
 from prefcal_env.jit import inner
 
@@ -24,8 +23,10 @@ MEMORY = 4
 def decide(law, gains, reference, y, memory, T_s, u):  # type: ignore[no-untyped-def]
     """Write the inputs of this sampling instant to `u`; `reference` and `y` are in one order."""
     if law == CASCADE:
-        inside = _pid(gains, 0, reference[0], y[0], memory, T_s)
-        u[0] = _pid(gains, 1, inside, y[1], memory, T_s)
+        # With literals numba would compile `_pid` again for each of them.
+        first, second = np.int64(0), np.int64(1)
+        inside = _pid(gains, first, reference[0], y[0], memory, T_s)
+        u[0] = _pid(gains, second, inside, y[1], memory, T_s)
     elif law == FEEDBACK:
         for j in range(len(u)):
             u[j] = _feedback(gains, j, reference, y, memory, T_s)

@@ -1,8 +1,4 @@
-"""Compiled fixed-step simulation of a closed loop: dead time, noise, disturbance, saturation.
-
-numba keeps the compiled code beside this file and checks only this file to see whether it is
-stale: after a change of `_derivatives.py` or `_laws.py`, touch this one.
-"""
+"""Compiled fixed-step simulation of a closed loop: dead time, noise, disturbance, saturation."""
 
 import math
 

@@ -1,12 +1,12 @@
 """Compile the kernels one by one, so that the user sees progress while they wait.
 
-numba compiles a function when it is first called and keeps the result beside the source file, or,
-if that folder is not writable, in the user's cache folder. A wheel cannot ship compiled code: it
-is valid only for one processor and one file, including the file's date.
+numba compiles a function when it is first called, and `prefcal_env.jit` keeps the result. A wheel
+cannot ship compiled code: it is valid only for one kind of processor. A module that calls kernels
+names them with `compile_ahead`, so only those are compiled that the loaded modules use.
 """
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -49,11 +49,11 @@ def compile_missing(report: Callable[[Compiling], None]) -> None:
 
     `report` is called with each part as its compilation begins; never if nothing is missing.
     """
-    if not _loaded("prefcal_env.qp"):
+    found = tuple(kernels())
+    if not found:
         return
     from numba.core import event  # takes half a second, so import it only when needed
 
-    found = tuple(kernels())
     for k, kernel in enumerate(found):
         now = Compiling(k + 1, len(found), kernel.title)
         with event.install_listener("numba:compile", _once(partial(report, now))):
@@ -80,17 +80,10 @@ def _once(report: Callable[[], None]) -> Any:
 
 
 def kernels() -> Iterator[Kernel]:
-    """Yield the kernels of all loaded modules; kernels come before their callers."""
-    if _loaded("prefcal_env.mpc.controller"):
-        yield from _of_the_mpc()
-    if _loaded("prefcal_env.qp"):
-        yield from _of_the_solver()
-    if _loaded("prefcal_env.envs.cstr"):
-        yield from _of_the_reactor()
-
-
-def _loaded(module: str) -> bool:
-    return module in sys.modules
+    """Yield the kernels of all loaded modules."""
+    for module, each in _KERNELS.items():
+        if module in sys.modules:
+            yield from each()
 
 
 def _of_the_solver() -> Iterator[Kernel]:
@@ -108,16 +101,14 @@ def _of_the_mpc() -> Iterator[Kernel]:
     import numba
     from numba import boolean, float64, int64
 
-    from . import _plan, _riccati, _rows, _step
+    from prefcal_env.mpc import _riccati, _rows, _step
 
     several: Any = numba.types.UniTuple
     mixed: Any = numba.types.Tuple
     cube, matrix, vector, chosen = float64[:, :, ::1], float64[:, ::1], float64[::1], int64[::1]
-    model = (cube, cube, matrix)
     yield Kernel("triangular factors", _riccati.triangularize, (matrix, int64, int64, int64))
-    whole = (*model, cube, cube, matrix, several(matrix, 3), matrix, int64)
-    yield Kernel("optimal feedback", _riccati.backward, whole)
-    yield Kernel("prediction", _plan.forward, (*model, cube, int64))
+    yield Kernel("inputs", _rows.inputs, (cube, vector, vector, several(vector, 4)))
+    # Not `in_inputs`, which is as large and hardly ever needed.
     step = (
         mixed((int64, int64, int64, vector, chosen, chosen)),
         mixed((vector, vector, matrix, matrix)), several(matrix, 2),
@@ -126,8 +117,24 @@ def _of_the_mpc() -> Iterator[Kernel]:
     )  # fmt: skip
     solver = mixed((boolean, float64, float64, int64))
     yield Kernel("quadratic program", _step.decide, (*step, solver))
-    yield Kernel("second quadratic program", _step.in_inputs, step)
-    yield Kernel("inputs", _rows.inputs, (cube, vector, vector, several(vector, 4)))
+
+
+def of_the_filter() -> Iterator[Kernel]:
+    """Yield what an MPC with an estimator calls besides."""
+    import numba
+    from numba import float64, int64
+
+    from prefcal_env.mpc import _filter
+
+    mixed: Any = numba.types.Tuple
+    matrix, vector, chosen = float64[:, ::1], float64[::1], int64[::1]
+    equations = mixed((int64, int64, int64, vector, chosen, chosen))
+    point = (vector, vector, vector)
+    yield Kernel("linearized plant", _filter.linearize, (equations, *point, int64))
+    ahead = (equations, matrix, vector, vector, matrix, matrix, float64, int64)
+    yield Kernel("prediction of the estimator", _filter.carried, ahead)
+    update = (equations, *point, matrix, matrix, vector)
+    yield Kernel("correction of the estimator", _filter.updated, update)
 
 
 def _of_the_reactor() -> Iterator[Kernel]:
@@ -139,3 +146,16 @@ def _of_the_reactor() -> Iterator[Kernel]:
     arrays = (float64[::1],) * 5
     hold = (int64, *arrays, float64, boolean)
     yield Kernel("simulation", _dop853.integrate, hold)
+
+
+_KERNELS: dict[str, Callable[[], Iterable[Kernel]]] = {
+    "prefcal_env.qp": _of_the_solver,
+    "prefcal_env.mpc.controller": _of_the_mpc,
+    "prefcal_env.envs.cstr": _of_the_reactor,
+}
+"""Kernels by the module that calls them; kernels come before their callers."""
+
+
+def compile_ahead(module: str, kernels: Callable[[], Iterable[Kernel]]) -> None:
+    """Let `compile_missing` compile `kernels` if `module`, which calls them, is loaded."""
+    _KERNELS[module] = kernels

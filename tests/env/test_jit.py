@@ -1,0 +1,97 @@
+"""Compiled code outlives an installation, and never the sources that it comes from."""
+
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+KERNELS = """
+from prefcal_env.jit import kernel
+from .inside import SLOPE, twice
+
+@kernel()
+def line(x):
+    return twice(x) + SLOPE
+"""
+INSIDE = """
+from prefcal_env.jit import inner
+
+SLOPE = {slope}
+
+@inner()
+def twice(x):
+    return 2.0 * x
+"""
+SCRIPT = """
+from prefcal_toy.kernels import line
+value = line(1.0)
+print(value, sum(line.stats.cache_hits.values()))
+"""
+
+
+def install(folder, slope=1.0):
+    """Write a package with a kernel that depends on another file of it; return its folder."""
+    package = folder / "prefcal_toy"
+    package.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    (package / "kernels.py").write_text(KERNELS)
+    (package / "inside.py").write_text(INSIDE.format(slope=slope))
+    return folder
+
+
+def run(folder, cache):
+    """Return the value of the kernel, and how often numba's cache held it."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    environment["PYTHONPATH"] = os.pathsep.join([str(folder), str(ROOT)])
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT], capture_output=True, text=True, check=True, env=environment
+    )
+    value, hits = done.stdout.split()
+    return float(value), int(hits)
+
+
+def test_another_installation_of_the_same_sources_compiles_nothing(tmp_path):
+    cache = tmp_path / "cache"
+    assert run(install(tmp_path / "one"), cache) == (3.0, 0)
+    assert run(install(tmp_path / "two"), cache) == (3.0, 1)
+
+
+def test_a_change_of_an_imported_file_compiles_again(tmp_path):
+    cache = tmp_path / "cache"
+    assert run(install(tmp_path / "old"), cache) == (3.0, 0)
+    assert run(install(tmp_path / "new", slope=5.0), cache) == (7.0, 0)
+    assert run(tmp_path / "old", cache) == (3.0, 1)
+
+
+def test_the_code_of_old_versions_is_removed(tmp_path):
+    cache = tmp_path / "cache"
+    for slope in range(5):
+        run(install(tmp_path / str(slope), slope=float(slope)), cache)
+    assert len(list(cache.rglob("prefcal_toy.kernels-*/*.nbc"))) == 4
+    assert run(tmp_path / "4", cache) == (6.0, 1)
+    assert run(tmp_path / "0", cache) == (2.0, 0)
+
+
+def test_a_folder_that_is_not_writable_only_costs_time(tmp_path):
+    cache = tmp_path / "file"
+    cache.touch()  # no folder can be made below a file, not even by an administrator
+    folder = install(tmp_path / "one")
+    assert run(folder, cache) == (3.0, 0)
+    assert run(folder, cache) == (3.0, 0)
+
+
+def test_a_change_of_a_file_that_kernels_do_not_import_compiles_nothing(tmp_path):
+    cache = tmp_path / "cache"
+    run(install(tmp_path / "one"), cache)
+    (install(tmp_path / "two") / "prefcal_toy" / "page.py").write_text("TITLE = 'new'")
+    assert run(tmp_path / "two", cache) == (3.0, 1)
+
+
+def test_two_processes_that_compile_at_once_leave_a_cache_that_works(tmp_path):
+    cache, folder = tmp_path / "cache", install(tmp_path / "one")
+    with ThreadPoolExecutor(2) as pool:
+        both = list(pool.map(lambda _: run(folder, cache), range(2)))
+    assert [value for value, _ in both] == [3.0, 3.0]
+    assert run(folder, cache) == (3.0, 1)
