@@ -70,14 +70,9 @@ class Constraints:
         difference = phi[preferences.first] - phi[preferences.second]
         strict, tie = np.flatnonzero(preferences.b), np.flatnonzero(preferences.b == 0)
         owner = np.concatenate([strict, tie, tie])
+        signs = np.concatenate([preferences.b[strict], np.ones(len(tie)), -np.ones(len(tie))])
         return cls(
-            rows=np.vstack(
-                [
-                    difference[strict] * preferences.b[strict, None],
-                    difference[tie],
-                    -difference[tie],
-                ]
-            ),
+            rows=difference[owner] * signs[:, None],
             margins=np.concatenate([margin[strict], -np.ones(2 * len(tie))]),
             weights=preferences.weights[owner],
             owner=owner,
@@ -186,9 +181,11 @@ class _Dual:
         length = np.maximum(np.sqrt(np.sum(rows * rows, axis=1)), _SHORTEST)
         unit = rows / length[:, None]
         gram = unit @ unit.T
-        scale = 1 / float(np.min(length, initial=np.inf))
+        scale = 1 / float(length.min(initial=np.inf))
+        symmetric = 0.5 * (gram + gram.T)
+        symmetric.flat[:: len(gram) + 1] += _RIDGE
         box = Box(
-            P=0.5 * (gram + gram.T) + _RIDGE * np.eye(len(gram)),
+            P=symmetric,
             q=-system.margins / (length * scale),
             upper=ceiling * length / scale,
         )
