@@ -86,9 +86,12 @@ class Constraints:
         Source: none; β of eq. RBF-pref gets p more entries, for `columns`, shape (N, p).
         """
         of_kpis = Constraints.of(preferences, columns, np.ones(len(preferences)))
-        n, p = self.rows.shape[1], columns.shape[1]
+        (count, n), p = self.rows.shape, columns.shape[1]
+        rows = np.zeros((count + p, n + p))
+        rows[:count, :n], rows[:count, n:] = self.rows, of_kpis.rows
+        rows[count:, n:] = np.eye(p)
         return Constraints(
-            rows=np.block([[self.rows, of_kpis.rows], [np.zeros((p, n)), np.eye(p)]]),
+            rows=rows,
             margins=np.append(self.margins, np.zeros(p)),
             weights=np.append(self.weights, np.ones(p)),
             owner=np.append(self.owner, np.full(p, _NOBODY)),
