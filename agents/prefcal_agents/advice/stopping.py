@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from jaxtyping import Float
 
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import Comparison, History
@@ -87,17 +88,27 @@ def advise(history: History) -> Advice | None:
     won = np.array([v is Preference.CHALLENGER for v in verdicts])
     against = np.where([v is Preference.TIE for v in verdicts], _TIE, 1.0) * ~won
     a, b = _PRIOR[0] + float(weights @ won), _PRIOR[1] + float(weights @ against)
-    from scipy.stats import betabinom  # takes most of a second to import
-
-    number = betabinom(AHEAD, a, b)
+    chances = _beta_binomial(AHEAD, a, b)
+    low, high = np.searchsorted(np.cumsum(chances), (0.1, 0.9))
     return Advice(
         recent=min(AHEAD, len(verdicts)),
         improved=int(won[-AHEAD:].sum()),
-        expected=float(number.mean()),
-        low=int(number.ppf(0.1)),
-        high=int(number.ppf(0.9)),
-        none=float(number.pmf(0)),
+        expected=AHEAD * a / (a + b),
+        low=int(low),
+        high=int(high),
+        none=float(chances[0]),
     )
+
+
+def _beta_binomial(n: int, a: float, b: float) -> Float[np.ndarray, " N"]:
+    """Return the beta-binomial probabilities of 0 to n, shape (n + 1,).
+
+    scipy.stats.betabinom is the same and takes 0.4 s to import.
+    """
+    from scipy.special import betaln, binom  # takes a tenth of a second to import
+
+    k = np.arange(n + 1)
+    return np.asarray(binom(n, k) * np.exp(betaln(k + a, n - k + b) - betaln(a, b)))
 
 
 def _verdicts(history: History) -> list[Preference]:

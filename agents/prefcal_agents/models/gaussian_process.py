@@ -239,7 +239,7 @@ class ExpectationPropagation:
             matched = _Rest.of(unit, sites).matched(e)
             change = np.abs(matched.precision - sites.precision) / (1 + sites.precision)
             sites = sites.toward(matched)
-            if np.max(change, initial=0.0) < _SETTLED:
+            if change.max(initial=0.0) < _SETTLED:
                 break
         rest = _Rest.of(unit, sites)
         mean, _ = dtrtrs(rest.root, rest.half, lower=1, trans=1)
@@ -270,20 +270,21 @@ class _Rest:
     half: Float[np.ndarray, " N"]
     m: Float[np.ndarray, " R"]
     precision: Float[np.ndarray, " R"]
+    z: Float[np.ndarray, " R"]
 
     @classmethod
     def of(cls, unit: Float[np.ndarray, "R N"], sites: Sites) -> "_Rest":
         from scipy.linalg.lapack import dpotrf, dtrtrs
 
         inner = (unit.T * sites.precision) @ unit
-        np.fill_diagonal(inner, inner.diagonal() + 1.0)
+        inner.flat[:: len(inner) + 1] += 1.0
         root, _ = dpotrf(inner, lower=1, clean=1)
         across, _ = dtrtrs(root, unit.T, lower=1)
         variance = np.maximum(np.einsum("ij,ij->j", across, across), 1e-10)
         half = across @ sites.shift
         precision = np.maximum(1 / variance - sites.precision, _LEAST)
         m = (across.T @ half / variance - sites.shift) / precision
-        return cls(root, half, m, precision)
+        return cls(root, half, m, precision, m * np.sqrt(precision))
 
     def probability(
         self, e: Float[np.ndarray, " R"]
@@ -291,12 +292,12 @@ class _Rest:
         """Return the probability of each answer given the error rate, and that it is right."""
         from scipy.special import ndtr
 
-        right = ndtr(self.m * np.sqrt(self.precision))
+        right = ndtr(self.z)
         return np.maximum(e + (1 - 2 * e) * right, 1e-300), right
 
     def matched(self, e: Float[np.ndarray, " R"]) -> Sites:
         """Return the sites that match the true mean and variance of each answer."""
-        z, v = self.m * np.sqrt(self.precision), 1 / self.precision
+        z, v = self.z, 1 / self.precision
         density = np.exp(-z * z / 2) / np.sqrt(2 * np.pi * v)
         slope = (1 - 2 * e) * density / self.probability(e)[0]
         after = np.maximum(v - v * v * slope * (self.m / v + slope), 1e-12)

@@ -119,7 +119,8 @@ def normalized(values: Float[np.ndarray, " N"], ceiling: float) -> Float[np.ndar
     """
     largest = float(np.abs(values).max())
     shares = values / (largest if largest > 0 else 1.0)  # differences of huge values overflow
-    best, median = shares.min(), np.median(shares)
+    ordered, middle = np.sort(shares), len(shares) // 2
+    best, median = ordered[0], 0.5 * (ordered[middle] + ordered[-1 - middle])
     if median > best:
         shares = np.minimum(shares, median + ceiling * (median - best))
     spread = float(np.ptp(shares))

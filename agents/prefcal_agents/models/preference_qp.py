@@ -70,14 +70,9 @@ class Constraints:
         difference = phi[preferences.first] - phi[preferences.second]
         strict, tie = np.flatnonzero(preferences.b), np.flatnonzero(preferences.b == 0)
         owner = np.concatenate([strict, tie, tie])
+        signs = np.concatenate([preferences.b[strict], np.ones(len(tie)), -np.ones(len(tie))])
         return cls(
-            rows=np.vstack(
-                [
-                    difference[strict] * preferences.b[strict, None],
-                    difference[tie],
-                    -difference[tie],
-                ]
-            ),
+            rows=difference[owner] * signs[:, None],
             margins=np.concatenate([margin[strict], -np.ones(2 * len(tie))]),
             weights=preferences.weights[owner],
             owner=owner,
@@ -91,9 +86,12 @@ class Constraints:
         Source: none; β of eq. RBF-pref gets p more entries, for `columns`, shape (N, p).
         """
         of_kpis = Constraints.of(preferences, columns, np.ones(len(preferences)))
-        n, p = self.rows.shape[1], columns.shape[1]
+        (count, n), p = self.rows.shape, columns.shape[1]
+        rows = np.zeros((count + p, n + p))
+        rows[:count, :n], rows[:count, n:] = self.rows, of_kpis.rows
+        rows[count:, n:] = np.eye(p)
         return Constraints(
-            rows=np.block([[self.rows, of_kpis.rows], [np.zeros((p, n)), np.eye(p)]]),
+            rows=rows,
             margins=np.append(self.margins, np.zeros(p)),
             weights=np.append(self.weights, np.ones(p)),
             owner=np.append(self.owner, np.full(p, _NOBODY)),
@@ -186,9 +184,11 @@ class _Dual:
         length = np.maximum(np.sqrt(np.sum(rows * rows, axis=1)), _SHORTEST)
         unit = rows / length[:, None]
         gram = unit @ unit.T
-        scale = 1 / float(np.min(length, initial=np.inf))
+        scale = 1 / float(length.min(initial=np.inf))
+        symmetric = 0.5 * (gram + gram.T)
+        symmetric.flat[:: len(gram) + 1] += _RIDGE
         box = Box(
-            P=0.5 * (gram + gram.T) + _RIDGE * np.eye(len(gram)),
+            P=symmetric,
             q=-system.margins / (length * scale),
             upper=ceiling * length / scale,
         )

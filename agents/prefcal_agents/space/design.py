@@ -18,10 +18,11 @@ def latin_hypercube(space: KnobSpace, count: int, seed: int) -> Float[np.ndarray
     Deviation: a plain design, one point in each stratum. The paper's lhsdesign takes the best of
     five such designs by their smallest distance between two points. Measured in docs/deviations.md.
     """
-    from scipy.stats import qmc  # takes most of a second to import
-
-    sampler = qmc.LatinHypercube(len(space), rng=np.random.default_rng([seed, 0]))
-    points = space.scaled(np.asarray(sampler.random(count), dtype=float))
+    # The same points as scipy.stats.qmc.LatinHypercube, which takes 0.4 s to import.
+    rng = np.random.default_rng([seed, 0]).spawn(1)[0]
+    within = rng.uniform(size=(count, len(space)))
+    strata = np.array([rng.permutation(count) for _ in range(len(space))]).T
+    points = space.scaled((strata + 1 - within) / count)
     return _moved_inside(points, space, seed) if space.constraints else points
 
 

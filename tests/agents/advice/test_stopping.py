@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import betabinom
 
 from contracts.agents import MIXED, judge, run
 from prefcal_agents import GLIS, Advice, GLISp, RandomSearch
@@ -34,6 +35,13 @@ def test_the_rate_is_counted_by_hand():
     won, lost = 0.2 + weights[0], 0.8 + sum(weights[1:])
     assert advice.expected == pytest.approx(10 * won / (won + lost))
     assert (advice.recent, advice.improved) == (5, 1)
+
+
+def test_the_number_of_improvements_is_beta_binomial():
+    advice, weights = advise(told(*[1] * 4, -1)), [0.5 ** (age / 7) for age in range(5)]
+    number = betabinom(10, 0.2 + weights[0], 0.8 + sum(weights[1:]))
+    assert advice.none == pytest.approx(number.pmf(0))
+    assert (advice.low, advice.high) == (number.ppf(0.1), number.ppf(0.9))
 
 
 def test_only_the_last_ten_are_told_of():

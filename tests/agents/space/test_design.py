@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import qmc
 
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.space.capacity import capacity
@@ -64,6 +65,12 @@ def test_a_latin_hypercube_has_one_sample_in_every_stratum_of_every_knob():
     points = latin_hypercube(SPACE, 10, seed=3)
     for column in points.T:
         assert sorted(np.floor(10 * column)) == list(range(10))
+
+
+@pytest.mark.parametrize(("count", "seed"), [(1, 0), (6, 0), (25, 7)])
+def test_the_points_are_those_of_scipy(count, seed):
+    sampler = qmc.LatinHypercube(len(SPACE), rng=np.random.default_rng([seed, 0]))
+    assert np.array_equal(latin_hypercube(SPACE, count, seed), SPACE.scaled(sampler.random(count)))
 
 
 def test_capacity_counts_theta():

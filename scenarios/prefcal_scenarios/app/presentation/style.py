@@ -73,6 +73,10 @@ def canvas(height: float, width: float = WIDTH) -> Figure:
 
 def save(figure: Figure, target: IO[bytes]) -> None:
     """Write a PNG whose bytes depend on the picture alone."""
+    engine = figure.get_layout_engine()
+    if engine is not None:  # otherwise `savefig` draws the figure twice, the first time for this
+        engine.execute(figure)
+        figure.set_layout_engine("none")
     figure.savefig(
         target, format="png", metadata={"Software": None}, pil_kwargs={"compress_level": 4}
     )

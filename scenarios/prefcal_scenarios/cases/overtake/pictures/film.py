@@ -66,18 +66,27 @@ class _Strip:
     axes: Axes
     words: int
 
-    def draw(self, time: float) -> list[Artist]:
-        """Draw the run at `time` [s], and return the artists."""
-        axes, (low, high) = self.axes, self.drawing.road
-        now = self.drawing.at(time)
+    def begin(self) -> None:
+        """Set the limits of the road, and write the label above it."""
+        low, high = self.drawing.road
+        self.axes.set_axis_off()
+        self.axes.set_xlim(0, SEEN)
+        self.axes.set_ylim(low - _MARGIN / _SCALE, high + self.words / _SCALE)
+        if self.words:
+            self._text(1, self.shown.label, color=self.shown.color, weight="bold")
+
+    def draw(self, time: float) -> None:
+        """Draw the run at `time` [s]."""
+        axes, now = self.axes, self.drawing.at(time)
         start = float(now.own[0]) - BEHIND
         axes.set_xlim(start, start + SEEN)
-        axes.set_ylim(low - _MARGIN / _SCALE, high + self.words / _SCALE)
         frame = self.drawing.frame(time, start, start + SEEN)
         made: list[Artist] = [*paint(axes, frame, self.shown.color), *self._marks(frame)]
         if self.words:
             made += self._write(min(time, float(self.drawing.t[-1])), now.speed)
-        return made
+        for artist in sorted(made, key=Artist.get_zorder):
+            axes.draw_artist(artist)
+            artist.remove()
 
     def _marks(self, frame: Frame) -> Iterator[Artist]:
         """Draw the distance marks below the road."""
@@ -92,21 +101,20 @@ class _Strip:
             )  # fmt: skip
 
     def _write(self, time: float, speed: float) -> Iterator[Artist]:
-        """Write label, time and speed above the road; a cross shows that the run was stopped."""
+        """Write time and speed above the road; a cross shows that the run was stopped."""
         ended = self.drawing.stopped and time >= self.drawing.t[-1]
         when = f"× stopped at {time:.1f} s" if ended else f"{time:.1f} s"
-        start, end = self.axes.get_xlim()
+        end = self.axes.get_xlim()[1]
+        yield self._text(end - 1, f"{speed:.0f} km/h", color=INK, ha="right")
+        yield self._text(end - 10, when, color=INK, ha="right")
+
+    def _text(self, x: float, words: str, **look: Any) -> Artist:
         y = self.drawing.road[1] + (self.words - 22) / _SCALE
-        look: dict[str, Any] = {"fontsize": 11, "va": "baseline"}
-        yield self.axes.text(
-            start + 1, y, self.shown.label, color=self.shown.color, weight="bold", **look
-        )
-        yield self.axes.text(end - 1, y, f"{speed:.0f} km/h", color=INK, ha="right", **look)
-        yield self.axes.text(end - 10, y, when, color=INK, ha="right", **look)
+        return self.axes.text(x, y, words, fontsize=11, va="baseline", **look)
 
 
 class _Reel:
-    """A figure with one road above the other, redrawn for each frame."""
+    """A figure with one road above the other; only what moves is redrawn for each frame."""
 
     def __init__(self, shown: Sequence[Shown], words: int = _WORDS) -> None:
         drawings = [Drawing.of(run.experiment) for run in shown]
@@ -118,14 +126,15 @@ class _Reel:
         for k, (run, drawing) in enumerate(zip(shown, drawings, strict=True)):
             bottom = (height - sum(heights[: k + 1])) / height
             axes = figure.add_axes((0, bottom, 1, heights[k] / height))
-            axes.set_axis_off()
             self._strips.append(_Strip(run, drawing, axes, words))
+            self._strips[-1].begin()
+        self._canvas.draw()  # type: ignore[no-untyped-call]
+        self._still = self._canvas.copy_from_bbox(figure.bbox)  # type: ignore[no-untyped-call]
 
     def frame(self, time: float) -> Image.Image:
         """Return the picture of all runs at `time` [s]."""
-        artists = [artist for strip in self._strips for artist in strip.draw(time)]
-        self._canvas.draw()  # type: ignore[no-untyped-call]
-        for artist in artists:
-            artist.remove()
+        self._canvas.restore_region(self._still)  # type: ignore[no-untyped-call]
+        for strip in self._strips:
+            strip.draw(time)
         pixels = np.asarray(self._canvas.buffer_rgba())  # type: ignore[no-untyped-call]
         return Image.fromarray(pixels).convert("RGB")
