@@ -112,12 +112,16 @@ class Life:
                 return str(json.loads(message[1])["line"])
         return ""
 
+    def dismiss(self) -> None:
+        """Tell the process that there is nothing more to run, so that it ends."""
+        assert self._process.stdin is not None
+        with suppress(OSError):
+            self._process.stdin.close()
+
     def leave(self) -> None:
         """End the process while nothing runs; the user's code can clean up at exit."""
-        assert self._process.stdin is not None
         try:
-            with suppress(OSError):
-                self._process.stdin.close()
+            self.dismiss()
             self._process.wait(GRACE)
         except subprocess.TimeoutExpired:
             pass
