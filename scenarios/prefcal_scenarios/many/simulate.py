@@ -1,6 +1,7 @@
 """Run many experiments of one scenario on all cores."""
 
-from collections.abc import Generator, Iterable, Iterator, Sized
+from collections.abc import Callable, Iterable, Iterator, Sized
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -51,13 +52,10 @@ def simulate_many(
         KnobError: If a θ does not fit the scenario's space; the message names its row.
         SettingsError: If `jobs`, `seed` or `timeout` is not valid.
     """
+    options = _Options(jobs, seed, timeout, progress, trajectories)
     found = _loaded(scenario)
     rows = list(_checked(found.space, _matrix(thetas, len(found.space))))
-    results = simulate_iter(
-        found, rows, jobs=jobs, seed=seed, timeout=timeout, progress=progress,
-        trajectories=trajectories,
-    )  # fmt: skip
-    return list(results)
+    return list(_results(found, rows, options, ahead=len(rows)))
 
 
 def simulate_iter(
@@ -76,44 +74,61 @@ def simulate_iter(
     each of shape (n,). It is read, and its θ are checked, as the results are taken. Closing the
     iterator ends the runs.
     """
+    options = _Options(jobs, seed, timeout, progress, trajectories)
     found = _loaded(scenario)
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
-        raise SettingsError(f"seed must be an integer, got {seed!r}")
-    if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
-        raise SettingsError(f"jobs must be an integer, 1 or more, or None, got {jobs!r}")
-    if timeout is not None and not timeout > 0:
-        raise SettingsError(f"timeout must be above 0 s, or None, got {timeout!r}")
-    task = Task(found.run, int(seed), trajectories)
-    checked = _checked(found.space, thetas)
-    total = len(thetas) if isinstance(thetas, Sized) else None
-    if jobs == 1 and timeout is None:
-        return _here(task, checked, progress, total)
     ahead = _AHEAD_WHOLE if trajectories else _AHEAD
-    dispatch = Dispatch(task, jobs or usable_cores(), np.inf if timeout is None else timeout, ahead)
-    return _elsewhere(dispatch, checked, progress, total)
+    return _results(found, thetas, options, ahead)
 
 
-def _here(
-    task: Task,
-    thetas: Iterable[Float[np.ndarray, " n"]],
-    progress: Progress | bool,
-    total: int | None,
-) -> Generator[Result, None, None]:
-    with counting(progress, total) as landed:
+@dataclass(frozen=True, slots=True)
+class _Options:
+    """Options of `simulate_many`."""
+
+    jobs: int | None
+    seed: int
+    timeout: float | None
+    progress: Progress | bool
+    trajectories: bool
+
+    def __post_init__(self) -> None:
+        jobs, seed, timeout = self.jobs, self.seed, self.timeout
+        if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
+            raise SettingsError(f"jobs must be an integer, 1 or more, or None, got {jobs!r}")
+        if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
+            raise SettingsError(f"seed must be an integer, got {seed!r}")
+        if timeout is not None and not timeout > 0:
+            raise SettingsError(f"timeout must be above 0 s, or None, got {timeout!r}")
+
+
+def _results(
+    scenario: Scenario, thetas: Iterable[Float[np.ndarray, " n"]], options: _Options, ahead: int
+) -> Iterator[Result]:
+    """Yield the results of all `thetas` in order, of which `ahead` may wait for an earlier one."""
+    task = Task(scenario.run, int(options.seed), options.trajectories)
+    limit = np.inf if options.timeout is None else options.timeout
+    here = options.jobs == 1 and options.timeout is None
+    run = _here(task) if here else Dispatch(task, options.jobs or usable_cores(), limit, ahead).run
+    total = len(thetas) if isinstance(thetas, Sized) else None
+
+    def results() -> Iterator[Result]:
+        with counting(options.progress, total) as landed:
+            yield from run(_checked(scenario.space, thetas), landed)
+
+    return results()
+
+
+def _here(task: Task) -> Callable[..., Iterator[Result]]:
+    """Return a function like `Dispatch.run` that runs each θ in this process."""
+
+    def run(
+        thetas: Iterable[Float[np.ndarray, " n"]], landed: Callable[[int], None]
+    ) -> Iterator[Result]:
         for theta in thetas:
             result = task(theta)
             landed(1)
             yield result
 
-
-def _elsewhere(
-    dispatch: Dispatch,
-    thetas: Iterable[Float[np.ndarray, " n"]],
-    progress: Progress | bool,
-    total: int | None,
-) -> Generator[Result, None, None]:
-    with counting(progress, total) as landed:
-        yield from dispatch.run(thetas, landed)
+    return run
 
 
 def _loaded(scenario: Scenario | str) -> Scenario:
