@@ -43,6 +43,7 @@ class Dispatch:
         self._alone: set[int] = set()
         self._done: dict[int, Result] = {}
         self._next = self._taken = 0
+        self._loads = False  # whether a worker has loaded the scenario
 
     def run(
         self, thetas: Iterable[Float[np.ndarray, " n"]], landed: Callable[[int], None]
@@ -109,33 +110,36 @@ class Dispatch:
         for worker in list(self._workers):
             for number, result in worker.hear():
                 self._settle(number, result)
+            self._loads |= worker.life.loaded
             if worker.life.gone:
-                self._bury(worker)
+                self._died(worker, worker.life.ended())
+            elif worker.left <= 0 and not worker.life.loaded:
+                self._died(worker, "loading the scenario took too long")
             elif worker.left <= 0:
-                self._end(worker)
+                self._late(worker)
 
     def _settle(self, number: int, result: Result) -> None:
         self._done[number] = result
         del self._thetas[number]
         self._alone.discard(number)
 
-    def _bury(self, worker: Worker) -> None:
-        """Run what a dead worker had at hand again, unless it died twice of the same θ."""
+    def _died(self, worker: Worker, words: str) -> None:
+        """Run again what a dead worker had at hand, unless it was a θ that ran alone."""
         self._remove(worker)
+        if not self._loads:
+            raise ScenarioError(f"no process can load the scenario: {words}")
         first = worker.given[0] if worker.given else None
         if first in self._alone:
-            words = f"the run crashed, and again when it ran alone: {worker.life.ended()}"
+            words = f"the run crashed, and again when it ran alone: {words}"
             self._settle(first, FailedRun(self._thetas[first], "died", words))
         else:
             self._again.extend(worker.given)
             self._alone.update(worker.given)
 
-    def _end(self, worker: Worker) -> None:
+    def _late(self, worker: Worker) -> None:
         """End a worker whose experiment takes too long. It has no other one, see `Worker`."""
         self._remove(worker)
-        if not worker.life.loaded:
-            raise ScenarioError("a worker took too long to load the scenario and was ended")
-        number = worker.given[0]
+        (number,) = worker.given
         words = f"the run took longer than {self._timeout:g} s and was ended (timeout)"
         self._settle(number, FailedRun(self._thetas[number], "late", words))
 

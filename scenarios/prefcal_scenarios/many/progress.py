@@ -30,16 +30,11 @@ def counting(progress: Progress | bool, total: int | None) -> Iterator[Callable[
 def bar() -> Iterator[Progress]:
     """Show a progress bar with the remaining time on standard error."""
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
 
     columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
-    with Progress(*columns, console=Console(stderr=True)) as display:
+    with Bar(*columns, console=Console(stderr=True)) as display:
         task = display.add_task("experiments", total=None)
         yield lambda arrived, total: display.update(task, completed=arrived, total=total)
 

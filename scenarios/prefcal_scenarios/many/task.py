@@ -6,7 +6,9 @@ import traceback
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.machinery import PathFinder
+from io import BytesIO
 from pathlib import Path
+from typing import Any, final
 
 import cloudpickle
 import numpy as np
@@ -67,24 +69,37 @@ def packed(task: Task) -> bytes:
             f"the run cannot be sent to other processes: {type(error).__name__}: {error}. "
             "jobs=1 runs it in this one"
         ) from error
-    return pickle.dumps((list(_files(content)), content))
+    return pickle.dumps((dict(_files(content)), content))
 
 
 def unpacked(content: bytes) -> Task:
     """Return the task that `packed` packed; its files run in this process."""
     files, task = pickle.loads(content)
-    for path in files:
-        module_at(Path(path))
-    found: Task = pickle.loads(task)
+    found: Task = _Unpickler(BytesIO(task), files).load()
     return found
 
 
-def _files(content: bytes) -> Iterator[str]:
-    """Yield the files of modules that `content` may name and that an import would not find."""
+@final
+class _Unpickler(pickle.Unpickler):
+    """Unpickler that loads the files of modules that an import would not find."""
+
+    def __init__(self, content: BytesIO, files: dict[str, str]) -> None:
+        super().__init__(content)
+        self._files = files
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Return what `module` calls `name`."""
+        if module in self._files:
+            module_at(Path(self._files.pop(module)))
+        return super().find_class(module, name)
+
+
+def _files(content: bytes) -> Iterator[tuple[str, str]]:
+    """Yield names and files of modules that `content` may need and that an import does not find."""
     for name, module in list(sys.modules.items()):
         path = getattr(module, "__file__", None)
         if not path or Path(path).stem != name or name.encode() not in content:
             continue
         spec = PathFinder.find_spec(name)
         if spec is None or spec.origin is None or Path(spec.origin) != Path(path).absolute():
-            yield str(Path(path).absolute())
+            yield name, str(Path(path).absolute())

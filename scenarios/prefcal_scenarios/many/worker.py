@@ -60,14 +60,12 @@ class Worker:
         """Return the numbers and results that have arrived.
 
         Raises:
-            ScenarioError: If the process cannot load the scenario.
+            ScenarioError: If loading the scenario raises an error in the process.
         """
         found: list[tuple[int, Result]] = []
         while (message := self.life.hear(0.0)) is not None:
             self._since = time.monotonic()
             found += self._read(message)
-        if self.life.gone and not self.life.loaded:
-            raise ScenarioError(f"the scenario cannot be loaded: {self.life.ended()}")
         return found
 
     def _read(self, message: Message) -> list[tuple[int, Result]]:

@@ -212,6 +212,36 @@ def test_a_file_of_ones_own_is_loaded_in_every_process(tmp_path, monkeypatch):
         assert found.kpis["gain"] == 2.25
 
 
+def test_two_files_of_one_name_do_not_mix(tmp_path):
+    scenarios = []
+    for lift in (1.0, 2.0):
+        folder = tmp_path / str(lift)
+        folder.mkdir()
+        (folder / "own_twin.py").write_text(
+            OWN.replace("from helping import LIFT", f"LIFT = {lift}")
+        )
+        scenarios.append(load(f"{folder / 'own_twin.py'}:plant"))
+    found = [simulate_many(scenario, [[0, 0.25]], jobs=2)[0] for scenario in scenarios]
+    assert [result.kpis["gain"] for result in found] == [1.25, 2.25]
+
+
+@pytest.mark.parametrize(
+    ("by_now", "words"),
+    [
+        ("raise OSError('no such port')", "in another process: .*no such port.*jobs=1"),
+        ("import os; os._exit(4)", "no process can load the scenario: .*exit code 4"),
+    ],
+)
+def test_a_file_that_loads_only_here_is_told(tmp_path, by_now, words):
+    path = tmp_path / f"{tmp_path.name}.py"  # a name of its own
+    path.write_text(OWN.replace("from helping import LIFT", "LIFT = 2.0"))
+    scenario = load(f"{path}:plant")
+    path.write_text(by_now)
+    with pytest.raises(ScenarioError, match=words):
+        simulate_many(scenario, thetas(0, 0), jobs=2)
+    assert no_workers()
+
+
 MAIN = """
 from dataclasses import replace
 from prefcal_scenarios import simulate_many
