@@ -80,9 +80,13 @@ class Dispatch:
         for worker in self._workers:
             if not worker.given or worker.given[0] not in self._alone:
                 self._give(worker, self._chosen(source, worker.room, idle=not worker.given))
+        started: list[tuple[Worker, list[int]]] = []
         while len(self._workers) < self._jobs and (chosen := self._chosen(source, 1, idle=True)):
-            self._workers.append(Worker(self._task, self._timeout, self._bell))
-            self._give(self._workers[-1], chosen)
+            self._workers.append(Worker(self._timeout, self._bell))
+            started.append((self._workers[-1], chosen))
+        for worker, chosen in started:  # all are starting: sending a large task waits for that
+            worker.life.ask(self._task)
+            self._give(worker, chosen)
         return any(worker.given for worker in self._workers)
 
     def _give(self, worker: Worker, numbers: Sequence[int]) -> None:

@@ -1,7 +1,8 @@
 """Run many experiments of one scenario on all cores."""
 
-from collections.abc import Callable, Iterable, Iterator, Sized
+from collections.abc import Callable, Generator, Iterable, Iterator, Sized
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -67,7 +68,7 @@ def simulate_iter(
     timeout: float | None = None,
     progress: Progress | bool = False,
     trajectories: bool = False,
-) -> Iterator[Result]:
+) -> Generator[Result, None, None]:
     """Run every θ, and yield the results in the same order: for more than memory can hold.
 
     Arguments and errors are those of `simulate_many`, but `thetas` can be any iterable of θ,
@@ -102,33 +103,30 @@ class _Options:
 
 def _results(
     scenario: Scenario, thetas: Iterable[Float[np.ndarray, " n"]], options: _Options, ahead: int
-) -> Iterator[Result]:
+) -> Generator[Result, None, None]:
     """Yield the results of all `thetas` in order, of which `ahead` may wait for an earlier one."""
     task = Task(scenario.run, int(options.seed), options.trajectories)
     limit = np.inf if options.timeout is None else options.timeout
     here = options.jobs == 1 and options.timeout is None
-    run = _here(task) if here else Dispatch(task, options.jobs or usable_cores(), limit, ahead).run
+    jobs = options.jobs or usable_cores()
+    run = partial(_here, task) if here else Dispatch(task, jobs, limit, ahead).run
     total = len(thetas) if isinstance(thetas, Sized) else None
 
-    def results() -> Iterator[Result]:
+    def results() -> Generator[Result, None, None]:
         with counting(options.progress, total) as landed:
             yield from run(_checked(scenario.space, thetas), landed)
 
     return results()
 
 
-def _here(task: Task) -> Callable[..., Iterator[Result]]:
-    """Return a function like `Dispatch.run` that runs each θ in this process."""
-
-    def run(
-        thetas: Iterable[Float[np.ndarray, " n"]], landed: Callable[[int], None]
-    ) -> Iterator[Result]:
-        for theta in thetas:
-            result = task(theta)
-            landed(1)
-            yield result
-
-    return run
+def _here(
+    task: Task, thetas: Iterable[Float[np.ndarray, " n"]], landed: Callable[[int], None]
+) -> Generator[Result, None, None]:
+    """Run each θ in this process, as `Dispatch.run` does elsewhere."""
+    for theta in thetas:
+        result = task(theta)
+        landed(1)
+        yield result
 
 
 def _loaded(scenario: Scenario | str) -> Scenario:

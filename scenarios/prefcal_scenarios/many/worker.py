@@ -29,17 +29,17 @@ _LOADING = 120.0
 class Worker:
     """A process with the numbers of the θ that it has not answered, in order.
 
+    The first thing that its `life` is asked is the packed task.
+
     Args:
-        task: Task of `prefcal_scenarios.many.task`, packed.
         timeout: Time limit of an experiment in seconds; infinite for no limit.
         bell: Event that is set when there is something to `hear`.
     """
 
-    def __init__(self, task: bytes, timeout: float, bell: threading.Event) -> None:
+    def __init__(self, timeout: float, bell: threading.Event) -> None:
         # With a time limit each result is sent at once: so the first of `given` is the late one.
         period = _PERIOD if timeout == np.inf else 0.0
         self.life = Life(_INSIDE, period, threads=1, bell=bell)
-        self.life.ask(task)
         self.given: deque[int] = deque()
         self._timeout, self._room = timeout, 1
         self._since = time.monotonic()

@@ -185,6 +185,16 @@ def test_scenarios_made_on_the_spot_are_sent_too():
     assert found.kpis["gain"] == 24.0
 
 
+def test_a_scenario_with_much_data_is_sent_too():
+    data = np.arange(1e6)  # more than a pipe holds
+
+    def run(theta, seed=0):
+        return replace(many.run(theta, seed), kpis={"sum": data.sum()})
+
+    found = simulate_many(replace(many, kpis=(), run=run), thetas(0, 0, 0), jobs=2)
+    assert [result.kpis["sum"] for result in found] == [data.sum()] * 3
+
+
 OWN = """
 import numpy as np
 from dataclasses import dataclass, replace
