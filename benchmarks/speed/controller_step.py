@@ -1,15 +1,16 @@
 """Compare the time of a controller step with that of the bare QP solve called from Python.
 
-    python benchmarks/speed/controller_step.py [--rounds 200] [--backend piqp]
+    python benchmarks/speed/controller_step.py [--rounds 60]
 
-Every round takes the steps of one closed-loop experiment twice: complete (linearize, build, solve,
-check), and with the bare solver on the same QPs (set up, solve). The result is the ratio of each
-pair.
+Every round takes the steps of one closed-loop experiment with each backend, complete (linearize,
+build, solve, check), and with the bare solver on the same QPs (set up, solve), in processor time.
+The result is the ratio of each step to the bare solve of its round.
 """
 
 import argparse
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import piqp
@@ -20,7 +21,9 @@ from rich.table import Table
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.mpc import LinearMPC, MPCSettings, control_horizon
 from prefcal_env.plants.cstr import CSTR, FEED
+from prefcal_env.qp import BACKENDS
 
+STDERR = Console(stderr=True)
 THETAS = ((0.25, 26, -0.91), (0.31, 26, -1.79), (0.25, 40, -0.91), (0.5, 12, 1.0))
 
 
@@ -50,18 +53,20 @@ def closed_loop(mpc: LinearMPC) -> list[Measurement]:
 
 
 def seconds(function: Callable[[], None]) -> float:
-    start = time.perf_counter()
+    start = time.process_time()
     function()
-    return time.perf_counter() - start
+    return time.process_time() - start
 
 
-def compare(mpc: LinearMPC, rounds: int, label: str) -> tuple[float, float, np.ndarray]:
-    measured = closed_loop(mpc)
-    qps = [next(mpc.problems(m))[0] for m in measured]
+def compare(theta: tuple[float, int, float], rounds: int, label: str) -> np.ndarray:
+    """Return µs of a step with each backend and of the bare solver, one row a round."""
+    measured = closed_loop(controller(*theta, "piqp"))
+    mpcs = [controller(*theta, backend) for backend in BACKENDS]
+    qps = [next(mpcs[0].problems(m)) for m in measured]
     arrays = [(q.P, q.q, None, None, np.asfortranarray(q.G), q.lower, q.upper) for q in qps]
     solver = piqp.DenseSolver()
 
-    def whole() -> None:
+    def whole(mpc: LinearMPC) -> None:
         for m in measured:
             mpc.move(m)
 
@@ -70,26 +75,29 @@ def compare(mpc: LinearMPC, rounds: int, label: str) -> tuple[float, float, np.n
             solver.setup(*a)
             solver.solve()
 
-    whole(), bare()
-    times = np.array([(seconds(whole), seconds(bare)) for _ in track(range(rounds), label)])
-    step, solve = np.median(times, axis=0) / len(measured) * 1e6
-    return float(step), float(solve), times[:, 0] / times[:, 1]
+    jobs = [*(partial(whole, mpc) for mpc in mpcs), bare]
+    for job in jobs:
+        job()
+    times = [[seconds(job) for job in jobs] for _ in track(range(rounds), label, console=STDERR)]
+    return np.array(times) / len(measured) * 1e6
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=60)
-    parser.add_argument("--backend", default="piqp", choices=("piqp", "daqp"))
-    arguments = parser.parse_args()
-    table = Table("T_s [h]", "N_p", "log Q", "step [µs]", "bare PIQP [µs]", "ratio (quartiles)")
+    rounds = parser.parse_args().rounds
+    columns = [f"{b} [µs] (times PIQP, quartiles)" for b in BACKENDS]
+    table = Table("T_s [h]", "N_p", "log Q", "bare PIQP [µs]", *columns)
     for theta in THETAS:
-        step, solve, ratio = compare(
-            controller(*theta, arguments.backend), arguments.rounds, str(theta)
-        )
-        low, middle, high = np.percentile(ratio, [25, 50, 75])
-        ratios = f"{middle:.2f} ({low:.2f} to {high:.2f})"
-        table.add_row(*map(str, theta), f"{step:.1f}", f"{solve:.1f}", ratios)
-    Console().print(table)
+        times = compare(theta, rounds, str(theta))
+        *steps, solve = np.median(times, axis=0)
+        ratios = np.percentile(times[:, :-1] / times[:, -1:], [25, 50, 75], axis=0).T
+        cells = [
+            f"{step:.1f} ({middle:.2f}, {low:.2f} to {high:.2f})"
+            for step, (low, middle, high) in zip(steps, ratios, strict=True)
+        ]
+        table.add_row(*map(str, theta), f"{solve:.1f}", *cells)
+    Console(width=120).print(table)
 
 
 if __name__ == "__main__":

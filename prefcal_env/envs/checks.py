@@ -1,6 +1,7 @@
 """Checks of the values that a caller passes to an environment."""
 
 from collections.abc import Mapping, Sequence
+from math import isfinite, isnan
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,8 @@ def vector(value: Any, n: int, what: str, *, finite: bool = True) -> Float[np.nd
     array = numbers(value, what)
     if array.shape != (n,):
         raise PlantError(f"{what} must have shape ({n},), got {array.shape}")
-    if np.any(np.isnan(array)) or (finite and not np.all(np.isfinite(array))):
+    values = array.tolist()  # a few numbers: faster than array operations
+    if not all(map(isfinite, values)) if finite else any(map(isnan, values)):
         raise PlantError(f"{what} must be finite, got {array}")
     return array
 

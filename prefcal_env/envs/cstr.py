@@ -1,6 +1,7 @@
 """`prefcal/CSTR-v0`: the reactor of section IV-A as an environment."""
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -29,9 +30,9 @@ SETTLED_RATES = (0.04, 0.004, 0.04)
 """Rates of T, C_A and T_c below which the plant is settled: K/h, kgmol/(m³ h), K/h."""
 
 
-def unsafe(x: Float[np.ndarray, " 2"]) -> bool:
-    """Return whether the reactor is hotter than `UNSAFE_TEMPERATURE`."""
-    return bool(x[0] > UNSAFE_TEMPERATURE)
+def unsafe(x: Float[np.ndarray, "2 ..."]) -> Any:
+    """Return whether the reactor is hotter than `UNSAFE_TEMPERATURE`, in one state or in each."""
+    return x[0] > UNSAFE_TEMPERATURE
 
 
 def settled(step: Step) -> bool:
@@ -42,11 +43,11 @@ def settled(step: Step) -> bool:
     the lowest index is elsewhere (docs/deviations.md). A run that never leaves its start is outside
     the band: not settled.
     """
-    dT, dC_A = np.abs(step.x[-1] - step.x[0]) / step.T_s
-    dT_c = abs(step.u[0] - step.u_before[0]) / step.T_s
-    inside = abs(step.x[-1, 1] - TARGET) <= BAND
-    T_rate, C_A_rate, T_c_rate = SETTLED_RATES
-    return bool(inside and dC_A < C_A_rate and dT < T_rate and dT_c < T_c_rate)
+    (T_before, C_A_before), (T, C_A) = step.x[0].tolist(), step.x[-1].tolist()
+    if not abs(C_A - TARGET) <= BAND:
+        return False
+    changes = T - T_before, C_A - C_A_before, float(step.u[0] - step.u_before[0])
+    return all(abs(c) / step.T_s < rate for c, rate in zip(changes, SETTLED_RATES, strict=True))
 
 
 def stage_cost(step: Step) -> float:
@@ -62,6 +63,7 @@ def stage_cost(step: Step) -> float:
     return float(tracking + 0.1 * move)
 
 
+@lru_cache(maxsize=8)
 def cstr_task(plant: CSTR | None = None) -> Task:
     """Return the task: from the steady state with C_A = 8.56 to C_A = 2 kgmol/m³ within 48 h.
 
@@ -78,7 +80,7 @@ def cstr_task(plant: CSTR | None = None) -> Task:
         tracked=(1,), bands={1: BAND},
         # T, C_A, last T_c, reference of C_A, T_f, C_Af
         observed=np.array([(280, 400), (0, 10), (284, 310), (0, 10), (280, 320), (5, 15)]),
-        unsafe=unsafe, settled=settled, stage_cost=stage_cost,
+        unsafe=unsafe, vectorized=True, settled=settled, stage_cost=stage_cost,
         unsafe_cost=10.0,  # the stage cost of reasonable states is below 2
     )  # fmt: skip
 
@@ -118,4 +120,4 @@ def cstr_env(
         task = replace(task, x0=vector(x0, 2, "initial state x0"))
     if max_move is not None:
         task = replace(task, max_move=np.array([max_move]))
-    return PlantEnv(plant, task, render_mode)
+    return PlantEnv(plant, task, render_mode, outputs_are_states=type(plant).g is CSTR.g)

@@ -1,6 +1,7 @@
 """A plant and a task as a Gymnasium environment: one step is one sampling period."""
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import gymnasium as gym
@@ -40,6 +41,7 @@ class PlantEnv(gym.Env[Array, Array]):
         plant: Plant to control.
         task: Task to do.
         render_mode: None or "rgb_array".
+        outputs_are_states: Whether y = x at any time. `plant.g` is then not called to record y.
 
     Raises:
         SettingsError: If the task does not fit the plant or the render mode is unknown.
@@ -49,23 +51,39 @@ class PlantEnv(gym.Env[Array, Array]):
     signals: tuple[str, ...] = ()
     """Additional signals of its experiments beside states, inputs and outputs: none."""
 
-    def __init__(self, plant: Plant, task: Task, render_mode: str | None = None) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        task: Task,
+        render_mode: str | None = None,
+        *,
+        outputs_are_states: bool = False,
+    ) -> None:
         check_fit(plant, task)
         check_render_mode(render_mode, self.metadata)
         self.plant, self.task, self.render_mode = plant, task, render_mode
         self.channels = channels_of(plant, task)
         self._low = np.array([c.low for c in plant.inputs])
         self._high = np.array([c.high for c in plant.inputs])
+        self._outputs_are_states = outputs_are_states
         self._tracked, self._observed = tracked_of(task), observed_of(plant, task)
-        n_u, n_o = len(plant.inputs), len(self._observed)
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (n_u,), np.float32)
-        self.observation_space = gym.spaces.Box(-1.0, 1.0, (n_o,), np.float32)
-        panels = len(self._tracked) + n_u
+        panels = len(self._tracked) + len(plant.inputs)
         self._canvas = Canvas(plant.name, f"time [{plant.time_unit}]", panels)
         self._episode: Trajectory | None = None
         self._end: End | None = None
         self._T_s, self._steps = task.T_s, 0
         self._t, self._x, self._u = 0.0, task.x0, task.u0
+
+    # Spaces are made when they are first used: a rollout needs none, and they take a while.
+    @cached_property
+    def action_space(self) -> gym.spaces.Space[Array]:  # type: ignore[override]
+        """Space of the actions."""
+        return gym.spaces.Box(-1.0, 1.0, (len(self._low),), np.float32)
+
+    @cached_property
+    def observation_space(self) -> gym.spaces.Space[Array]:  # type: ignore[override]
+        """Space of the observations."""
+        return gym.spaces.Box(-1.0, 1.0, (len(self._observed),), np.float32)
 
     @property
     def T_s(self) -> float:
@@ -135,17 +153,14 @@ class PlantEnv(gym.Env[Array, Array]):
         u = self._saturated(vector(u, len(self._low), "input u", finite=False))
         y_ref, d = self.task.reference(self._t), self.task.disturbance(self._t)
         self._steps += 1
-        t, after = instants(self._t, self._steps * self._T_s, self.task.dense_step)
-        x = self.plant.hold(self._x, u, d, after)
+        t = instants(self._t, self._steps * self._T_s, self.task.dense_step)
+        x = np.concatenate([self._x[None], self.plant.hold(self._x, u, d, t[1:] - self._t)])
         kept, stopped = self._survived(x)
-        t, x = t[:kept], x[:kept]
-        self._episode.add(t, x, u, y_ref)
-        step = Step(
-            t=np.append(self._t, t),
-            x=np.concatenate([self._x[None], x]),
-            u_before=self._u, u=u, y_ref=y_ref, T_s=self._T_s,
-        )  # fmt: skip
-        self._t, self._x, self._u = float(step.t[-1]), step.x[-1], u
+        if stopped:
+            t, x = t[:kept], x[:kept]
+        self._episode.add(t[1:], x[1:], u, y_ref)
+        step = Step(t, x, u_before=self._u, u=u, y_ref=y_ref, T_s=self._T_s)
+        self._t, self._x, self._u = float(t[-1]), x[-1], u
         if stopped:
             self._end = End.UNSAFE
         elif self.task.settled(step):
@@ -159,8 +174,8 @@ class PlantEnv(gym.Env[Array, Array]):
         tracked, t = self.task.reference(self._t)[list(self._tracked)], self._t
         raw = np.concatenate([self._x, self._u, tracked, self.task.disturbance(t)])
         low, high = self._observed.T
-        scaled: Array = np.clip(2 * (raw - low) / (high - low) - 1, -1, 1)
-        return scaled.astype(np.float32)
+        scaled: Array = 2 * (raw - low) / (high - low) - 1
+        return scaled.clip(-1, 1).astype(np.float32)
 
     def measurement(self) -> Measurement:
         """Return what a controller knows at this sampling instant."""
@@ -184,6 +199,8 @@ class PlantEnv(gym.Env[Array, Array]):
 
     def _outputs(self, record: Record) -> Float[np.ndarray, "K n_y"]:
         """Return y = g(x, u, d) at every instant, with d held as it acted on the plant."""
+        if self._outputs_are_states:
+            return record.x.copy()
         held = np.searchsorted(record.t_control, record.t, side="right") - 1
         sampled = record.t_control if len(record.t_control) else record.t
         d = [self.task.disturbance(t) for t in sampled.tolist()]
@@ -208,17 +225,16 @@ class PlantEnv(gym.Env[Array, Array]):
         if self.task.max_move is not None:
             low = np.maximum(low, self._u - self.task.max_move)
             high = np.minimum(high, self._u + self.task.max_move)
-        saturated: Array = np.clip(u, low, high)
-        return saturated
+        return u.clip(low, high)
 
     def _survived(self, x: Float[np.ndarray, "M n_x"]) -> tuple[int, bool]:
         """Return how many rows to keep, to the first unsafe or last finite, and if it failed."""
-        broken = np.flatnonzero(~np.isfinite(x).all(axis=1))
-        n_finite = int(broken[0]) if len(broken) else len(x)
-        for i in range(n_finite):
-            if self.task.unsafe(x[i]):
-                return i + 1, True
-        return n_finite, n_finite < len(x)
+        finite = np.isfinite(x)
+        whole = bool(finite.all())
+        if not whole:
+            x = x[: np.argmin(finite.all(axis=1))]
+        unsafe = self.task.first_unsafe(x)
+        return (len(x), not whole) if unsafe is None else (unsafe + 1, True)
 
     def _info(self) -> dict[str, Any]:
         info: dict[str, Any] = {"t": self._t, "x": self._x.copy(), "u": self._u.copy()}

@@ -88,6 +88,8 @@ class Task:
         max_move: Largest change of each input from step to step, shape (n_u,); None for no limit.
         preview: Number of future rows of references and disturbances that a controller gets; 0
             gives only the present values.
+        vectorized: Whether `unsafe` also takes M states as columns, shape (n_x, M), and returns an
+            array of shape (M,), as in scipy's `solve_ivp`. A period is then checked in one call.
 
     Raises:
         SettingsError: If a time is not positive, T_s is outside its range, a value is not finite,
@@ -106,12 +108,13 @@ class Task:
     d: Signal | None = None
     tracked: tuple[int, ...] | None = None
     bands: Mapping[int, float] | None = None
-    unsafe: Callable[[Vector], bool] = never
+    unsafe: Callable[[Vector], Any] = never
     settled: Callable[[Step], bool] = never
     stage_cost: Callable[[Step], float] = free
     unsafe_cost: float = 0.0
     max_move: Float[np.ndarray, " n_u"] | None = None
     preview: int = 0
+    vectorized: bool = False
 
     def __post_init__(self) -> None:
         if self.d is None:
@@ -154,6 +157,23 @@ class Task:
         if not _is_number(T_s) or not (0 < low <= T_s <= high):
             raise SettingsError(f"T_s must be a number in [{low}, {high}], above 0, got {T_s!r}")
         return float(T_s)
+
+    def first_unsafe(self, x: Float[np.ndarray, "M n_x"]) -> int | None:
+        """Return the index of the first of the states `x` that is unsafe; None if all are safe.
+
+        Raises:
+            SettingsError: If `unsafe` is vectorized and returns another shape than (M,).
+        """
+        if not self.vectorized:
+            return next((i for i, state in enumerate(x) if self.unsafe(state)), None)
+        found = np.asarray(self.unsafe(x.T))
+        if found.shape != (len(x),):
+            raise SettingsError(
+                "task: a vectorized unsafe must return one value for each state, "
+                f"shape ({len(x)},), got {found.shape}"
+            )
+        hits = found.nonzero()[0]
+        return int(hits[0]) if len(hits) else None
 
     def reference(self, t: float) -> Vector:
         """Return the output references at time `t`, shape (n_y,)."""

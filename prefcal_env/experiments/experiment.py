@@ -1,6 +1,7 @@
 """The record of one closed-loop run of one θ, frozen."""
 
 from collections.abc import Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -139,14 +140,10 @@ class Experiment:
             object.__setattr__(self, name, _frozen(getattr(self, name), dtype))
         if self.y is not None:
             object.__setattr__(self, "y", _frozen(self.y, float))
-        for name in ("kpis", "signals"):
-            if not isinstance(getattr(self, name), Mapping):
-                raise ExperimentError(
-                    f"{name} must be a mapping from names, got {getattr(self, name)!r}"
-                )
-        object.__setattr__(self, "kpis", FrozenMapping(self.kpis))
-        signals = {k: _frozen(v, float) for k, v in self.signals.items()}
-        object.__setattr__(self, "signals", FrozenMapping(signals))
+        signals = _mapping("signals", self.signals)
+        frozen = FrozenMapping({k: _frozen(v, float) for k, v in signals.items()})
+        object.__setattr__(self, "signals", frozen)
+        object.__setattr__(self, "kpis", _checked_kpis(self.kpis))
         self._check()
 
     def _check(self) -> None:
@@ -166,22 +163,24 @@ class Experiment:
             if shapes[name] != shape:
                 raise ExperimentError(f"{name} must have shape {shape}, got {shapes[name]}")
         for name in ("theta", "t", "x", "u", "t_control", "u_control"):
-            if not np.all(np.isfinite(getattr(self, name))):
+            if not np.isfinite(getattr(self, name)).all():
                 raise ExperimentError(f"{name} must be finite, even in a run that was stopped")
         if self.theta.ndim != 1 or not len(self.theta):
             raise ExperimentError(f"theta must have shape (n,), got {self.theta.shape}")
         if not isinstance(self.end, End):
             raise ExperimentError(f"end must be one of {list(End)}, got {self.end!r}")
-        if np.any(np.diff(self.t) <= 0):
+        if not (self.t[1:] > self.t[:-1]).all():
             raise ExperimentError("t must increase strictly")
-        self._check_kpis()
 
-    def _check_kpis(self) -> None:
-        """Check here, where the run is to blame, rather than when the study is saved."""
-        for name, value in self.kpis.items():
-            found = np.asarray(value)
-            if not isinstance(name, str) or found.ndim or found.dtype.kind not in "biuf":
-                raise ExperimentError(f"a KPI must be a name and a number, got {name!r}: {value!r}")
+    def with_kpis(self, kpis: Mapping[str, float]) -> "Experiment":
+        """Return this experiment with other KPIs; it shares the arrays, which are checked already.
+
+        Raises:
+            ExperimentError: If `kpis` is not a mapping from names to numbers.
+        """
+        other = copy(self)
+        object.__setattr__(other, "kpis", _checked_kpis(kpis))
+        return other
 
     @property
     def duration(self) -> float:
@@ -228,6 +227,28 @@ _ARRAYS: dict[str, Any] = {
     "u_control": float, "y_ref": float, "iterations": np.int64, "solve_time": float,
     "solved": bool,
 }  # fmt: skip
+
+
+def _mapping(name: str, value: object) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise ExperimentError(f"{name} must be a mapping from names, got {value!r}")
+    return value
+
+
+def _checked_kpis(kpis: object) -> FrozenMapping:
+    """Check here, where the run is to blame, rather than when the study is saved."""
+    found = _mapping("kpis", kpis)
+    for name, value in found.items():
+        if not isinstance(name, str) or not _is_number(value):
+            raise ExperimentError(f"a KPI must be a name and a number, got {name!r}: {value!r}")
+    return FrozenMapping(found)
+
+
+def _is_number(value: object) -> bool:
+    if isinstance(value, float):
+        return True
+    found = np.asarray(value)
+    return not found.ndim and found.dtype.kind in "biuf"
 
 
 def _frozen(values: Any, dtype: Any) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -77,7 +76,7 @@ def rollout(
     env.reset(seed=seed, options={"T_s": _sampling_time(controller)})
     steps = _driven(loop, controller, clock)
     experiment = _experiment(loop.record(), theta, steps)
-    return experiment if kpis is None else replace(experiment, kpis=computed(kpis, experiment))
+    return experiment if kpis is None else experiment.with_kpis(computed(kpis, experiment))
 
 
 def _driven(
@@ -96,7 +95,7 @@ def _driven(
                 f"return a prefcal_env.Move, got {_what(move)}: write return Move(u), with u an "
                 "array of shape (n_u,)"
             )
-        usable = move.solved and not np.any(np.isnan(move.u))
+        usable = move.solved and not np.isnan(move.u).any()
         loop.apply(move.u if usable else measurement.u)
         steps.append((move.iterations, took, usable))
     return steps

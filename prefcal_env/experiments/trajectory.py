@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import ceil, floor
 
 import numpy as np
 from jaxtyping import Float
@@ -12,21 +13,15 @@ _SAME_INSTANT = 1e-9
 """Share of the grid's step below which two instants count as one."""
 
 
-def instants(
-    t: float, end: float, dense_step: float
-) -> tuple[Float[np.ndarray, " M"], Float[np.ndarray, " M"]]:
-    """Return the instants to record after `t` up to `end`: multiples of `dense_step`, then `end`.
+def instants(t: float, end: float, dense_step: float) -> Float[np.ndarray, " M"]:
+    """Return the instants to record: `t`, the multiples of `dense_step` in between, and `end`.
 
     Multiples that coincide with `t` or `end` are left out, so that no instant appears twice.
-
-    Returns:
-        The instants, shape (M,), and the same instants relative to `t`.
     """
     close = _SAME_INSTANT * dense_step
-    first = int(np.floor((t + close) / dense_step)) + 1
-    last = int(np.ceil((end - close) / dense_step))
-    absolute = np.append(np.arange(first, last) * dense_step, end)
-    return absolute, absolute - t
+    first = floor((t + close) / dense_step) + 1
+    last = ceil((end - close) / dense_step)
+    return np.array([t, *(k * dense_step for k in range(first, last)), end])
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +85,7 @@ class Trajectory:
         t = np.concatenate([np.zeros(1), *self._t])
         lengths = np.array([len(period) for period in self._t], dtype=int)
         starts = np.concatenate([[0], np.cumsum(lengths)])  # index of every period's start in t
-        u_control = np.array(self._u).reshape(n_steps, n_u)
+        u_control = np.concatenate([np.zeros(0), *self._u]).reshape(n_steps, n_u)
         u = np.repeat(u_control, lengths, axis=0)  # each period's input, until before its end
         last = self._u[-1] if n_steps else self.u0
         return Record(
@@ -99,7 +94,7 @@ class Trajectory:
             u=np.concatenate([u, last[None]]),
             t_control=t[starts[:n_steps]],
             u_control=u_control,
-            y_ref=np.array(self._y_ref).reshape(n_steps, n_y),
+            y_ref=np.concatenate([np.zeros(0), *self._y_ref]).reshape(n_steps, n_y),
             channels=channels,
             end=end,
         )

@@ -226,7 +226,7 @@ class KnobSpace:
                 an integer knob.
         """
         theta = self._vector(theta, "theta")
-        for knob, value in zip(self.knobs, theta, strict=True):
+        for knob, value in zip(self.knobs, theta.tolist(), strict=True):
             if not knob.low <= value <= knob.high:
                 raise KnobError(
                     f"theta of knob {knob.name!r} must be in [{knob.low}, {knob.high}] "
@@ -294,7 +294,7 @@ class KnobSpace:
                 f"{what} must have shape ({len(self)},), one value each of {self.names}, "
                 f"got shape {vector.shape}"
             )
-        if not np.all(np.isfinite(vector)):
+        if not np.isfinite(vector).all():
             raise KnobError(
                 f"{what} must be finite, got {dict(zip(self.names, vector.tolist(), strict=True))}"
             )

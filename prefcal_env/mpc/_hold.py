@@ -1,9 +1,7 @@
 """The exact zero-order hold of an affine model, compiled.
 
-numba keeps the compiled code beside each file and checks only that file to see whether it is
-stale: after a change here, touch the files that import this one. The code loops over numbers and
-uses no slices: a single assignment to a slice takes 4 s to compile, while the user waits (see
-`compiling`).
+The code loops over numbers and uses no slices: a single assignment to a slice takes 4 s to compile,
+while the user waits (see `compiling`).
 """
 
 import numpy as np

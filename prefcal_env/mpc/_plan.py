@@ -1,16 +1,12 @@
-"""The plan of one MPC step as rows of a QP, compiled: prediction and limits.
+"""The plan of one MPC step, compiled: inputs and states as affine functions of the variables.
 
-numba keeps the compiled code beside each file and checks only that file to see whether it is
-stale: after a change here, touch the files that import this one. The code loops over numbers, uses
-no slices, and each argument has one type: the user waits while all of this compiles (see
-`compiling`).
+The code loops over numbers, uses no slices, and each argument has one type: the user waits while
+all of this compiles (see `compiling`).
 """
 
 import numpy as np
 
-from prefcal_env.jit import inner, kernel
-
-from ._riccati import backward
+from prefcal_env.jit import inner
 
 _LARGEST_WEIGHT_RATIO = 1e4
 
@@ -83,7 +79,7 @@ def forward(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
     return U, X, unit
 
 
-@kernel()
+@inner()
 def open_loop(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
     """Return the plan of `forward` with the inputs themselves as variables, and the cost rows T.
 
@@ -114,73 +110,3 @@ def open_loop(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
                     W[j, q] = U[k, j, q]
         _step(A, B, c, k, X, W)
     return U, X, T
-
-
-@kernel()
-def input_rows(U, u_last, u_min, u_max, du_min, du_max):  # type: ignore[no-untyped-def]
-    """Return rows l <= G v <= h for the limits of inputs and moves of eq. MPC_constraints.
-
-    The first move is its input, so one row holds both limits. If the last input lies outside its
-    limits (they may have changed), the move limits may allow no input inside: then the nearest
-    reachable one is the bound, and the problem stays feasible.
-    """
-    N_u, n_u, width = U.shape
-    n_v = width - 1
-    G = np.empty(((2 * N_u - 1) * n_u, n_v))
-    low, high = np.empty(G.shape[0]), np.empty(G.shape[0])
-    for k in range(N_u):
-        for j in range(n_u):
-            r = k * n_u + j
-            for i in range(n_v):
-                G[r, i] = U[k, j, i]
-            low[r] = u_min[j] - u_last[j]
-            high[r] = u_max[j] - u_last[j]
-            if low[r] > 0.0:
-                low[r] = min(low[r], (k + 1) * du_max[j])
-            if high[r] < 0.0:
-                high[r] = max(high[r], (k + 1) * du_min[j])
-            if k == 0:
-                low[r] = max(low[r], du_min[j])
-                high[r] = min(high[r], du_max[j])
-            else:
-                q = r + (N_u - 1) * n_u
-                for i in range(n_v):
-                    G[q, i] = U[k, j, i] - U[k - 1, j, i]
-                constant = U[k, j, n_v] - U[k - 1, j, n_v]
-                low[q] = du_min[j] - constant
-                high[q] = du_max[j] - constant
-            low[r] -= U[k, j, n_v]
-            high[r] -= U[k, j, n_v]
-    return G, low, high
-
-
-@kernel()
-def condense(A, B, c, C, D, e, roots, u_ref, N_u, N_y, u_last, limits):  # type: ignore[no-untyped-def]
-    """Run `backward`, `forward` and `input_rows` in one call: every step needs all three.
-
-    `u_ref` is relative to `u_last`, shape (k, n_u).
-    """
-    R = backward(A, B, c, C, D, e, roots, u_ref, N_u)
-    U, X, unit = forward(A, B, c, R, N_y)
-    rows = input_rows(U, u_last, limits[0], limits[1], limits[2], limits[3])
-    return R, U, X, unit, rows
-
-
-@kernel()
-def inputs(U, v, u_last, low, high):  # type: ignore[no-untyped-def]
-    """Return the inputs (N_u, n_u) of the solution v, with the first exactly within its limits.
-
-    Rounding may violate a limit by 1e-9 of a unit, but an actuator's limit is hard.
-    """
-    N_u, n_u, width = U.shape
-    n_v = width - 1
-    out = np.empty((N_u, n_u))
-    for k in range(N_u):
-        for j in range(n_u):
-            move = 0.0
-            for q in range(n_v):
-                move += U[k, j, q] * v[q]
-            if k == 0:
-                move = min(max(move, low[j]), high[j])
-            out[k, j] = u_last[j] + (U[k, j, n_v] + move)
-    return out

@@ -8,10 +8,8 @@ rows are in size. The plan is then the optimal feedback plus deviations v, whose
 identity (`_plan`). This is pre-stabilized prediction by the array form of the Riccati recursion
 (Kailath, Sayed, Hassibi, "Linear Estimation", 2000, ch. 12, there for its dual, the filter).
 
-numba keeps the compiled code beside each file and checks only that file to see whether it is
-stale: after a change here, touch the files that import this one. The code loops over numbers, uses
-no slices, and each argument has one type: the user waits while all of this compiles (see
-`compiling`).
+The code loops over numbers, uses no slices, and each argument has one type: the user waits while
+all of this compiles (see `compiling`).
 """
 
 import numpy as np
@@ -42,20 +40,21 @@ def triangularize(M, rows, columns, left):  # type: ignore[no-untyped-def]
             for q in range(left, width):
                 M[j, q], M[pivot, q] = M[pivot, q], M[j, q]
         largest = M[j, at]
-        total = 0.0
-        for i in range(j, rows):
-            total += (M[i, at] / largest) ** 2
-        length = np.sqrt(total)  # of the column divided by its largest entry, so head is 1
-        # v = column / largest + length e_j, reflection I - v vᵀ / (length (length + 1)).
+        total = 1.0
+        for i in range(j + 1, rows):  # the column divided by its largest entry
+            M[i, at] /= largest
+            total += M[i, at] ** 2
+        length = np.sqrt(total)
+        # v = column + length e_j, reflection I - v vᵀ / (length (length + 1)).
         factor = 1.0 / (length * (length + 1.0))
         for q in range(at + 1, width):
             dot = (1.0 + length) * M[j, q]
             for i in range(j + 1, rows):
-                dot += M[i, at] / largest * M[i, q]
+                dot += M[i, at] * M[i, q]
             dot *= factor
             M[j, q] -= (1.0 + length) * dot
             for i in range(j + 1, rows):
-                M[i, q] -= M[i, at] / largest * dot
+                M[i, q] -= M[i, at] * dot
         M[j, at] = -length * largest
         for i in range(j + 1, rows):
             M[i, at] = 0.0

@@ -106,31 +106,36 @@ def _of_the_solver() -> Iterator[Kernel]:
 
 def _of_the_mpc() -> Iterator[Kernel]:
     import numba
-    from numba import float64, int64
+    from numba import boolean, float64, int64
 
-    from . import _hold, _plan, _riccati
+    from . import _plan, _riccati, _rows, _step
 
-    cube, matrix, vector = float64[:, :, ::1], float64[:, ::1], float64[::1]
-    model = (cube, cube, matrix)
     several: Any = numba.types.UniTuple
-    roots, limits = several(matrix, 3), (vector,) * 4
-    yield Kernel("discrete model", _hold.discretize, (matrix, matrix, vector, float64))
-    corner = (matrix, int64, int64, int64)
-    yield Kernel("triangular factors", _riccati.triangularize, corner)
-    whole = (*model, cube, cube, matrix, roots, matrix, int64)
+    mixed: Any = numba.types.Tuple
+    cube, matrix, vector, chosen = float64[:, :, ::1], float64[:, ::1], float64[::1], int64[::1]
+    model = (cube, cube, matrix)
+    yield Kernel("triangular factors", _riccati.triangularize, (matrix, int64, int64, int64))
+    whole = (*model, cube, cube, matrix, several(matrix, 3), matrix, int64)
     yield Kernel("optimal feedback", _riccati.backward, whole)
     yield Kernel("prediction", _plan.forward, (*model, cube, int64))
-    yield Kernel("limits", _plan.input_rows, (cube, vector, *limits))
-    every = (*whole, int64, vector, several(vector, 4))
-    yield Kernel("quadratic program", _plan.condense, every)
-    yield Kernel("inputs", _plan.inputs, (cube, vector, vector, vector, vector))
+    step = (
+        mixed((int64, int64, int64, vector, chosen, chosen)),
+        mixed((vector, vector, matrix, matrix)), several(matrix, 2),
+        mixed((float64, int64, int64, int64)), several(matrix, 4),
+        several(vector, 4), several(vector, 3),
+    )  # fmt: skip
+    solver = mixed((boolean, float64, float64, int64))
+    yield Kernel("quadratic program", _step.decide, (*step, solver))
+    yield Kernel("second quadratic program", _step.in_inputs, step)
+    yield Kernel("inputs", _rows.inputs, (cube, vector, vector, several(vector, 4)))
 
 
 def _of_the_reactor() -> Iterator[Kernel]:
-    from numba import float64
+    from numba import boolean, float64, int64
 
-    from prefcal_env.plants import _cstr_kernels
+    # Importing the equations compiles them.
+    from prefcal_env.plants import _cstr_kernels, _dop853  # noqa: F401
 
-    vector = float64[::1]
-    hold = (vector, vector, vector, vector, float64)
-    yield Kernel("reactor", _cstr_kernels.hold, hold)
+    arrays = (float64[::1],) * 5
+    hold = (int64, *arrays, float64, boolean)
+    yield Kernel("simulation", _dop853.integrate, hold)

@@ -1,22 +1,23 @@
 """The linear (time-varying) model predictive controller of eq. MPC and eq. MPC_constraints."""
 
 from collections.abc import Iterator
-from math import isfinite
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.control import Measurement, Move
+from prefcal_env.plants.equations import equations_of
 from prefcal_env.plants.plant import Plant
-from prefcal_env.qp import QP, make_backend
+from prefcal_env.qp import ACTIVE_SET, QP, make_backend
 
-from . import _plan
+from . import _rows, _step
 from .limits import Limits
-from .model import Prediction, along_trajectory, at_point
 from .settings import MPCSettings
 
 _SMALLEST_MOVE_WEIGHT = 1e-10
+_MEASURED = ("x", "u", "d", "y_ref")
 
 
 class LinearMPC:
@@ -52,14 +53,26 @@ class LinearMPC:
             raise SettingsError("Q_y, Q_u and Q_du must not all be zero: there is nothing to weigh")
         if np.linalg.eigvalsh(Q_u + Q_du)[0] < floor:
             Q_du = Q_du + floor * np.eye(n_u)
-        self._roots = (_root(Q_y), _root(Q_u), _root(Q_du))
-        self._u_ref = _rows("u_ref", settings.u_ref, n_u)
-        self._limits = Limits.of(plant, settings)
         self._sizes = len(plant.states), n_u, n_y, len(plant.disturbances)
-        self._backend = make_backend(settings.backend, settings.tolerances)
-        n = settings.N_u * n_u + (1 if self._limits.soft else 0)
+        self._prepare(_root(Q_y), _root(Q_u), _root(Q_du), _reference("u_ref", settings.u_ref, n_u))
+        self._plan: Float[np.ndarray, "N_u n_u"] | None = None
+        self._shapes: tuple[Any, ...] = ()
+
+    def _prepare(self, *weights: Float[np.ndarray, "_ _"]) -> None:
+        """Arrange what does not change from step to step for the compiled functions."""
+        s, n_x, n_u = self.settings, self._sizes[0], self._sizes[1]
+        limits = Limits.of(self.plant, s)
+        self._equations = equations_of(self.plant)
+        self._point = np.zeros((0, n_x)), np.zeros((0, n_u))
+        horizons = float(s.T_s), s.N_p, s.N_u, s.N_p if limits.soft else 0
+        self._problem = horizons, weights, limits.hard, limits.give
+        self._solver = (
+            s.backend == ACTIVE_SET, float(s.tolerances.absolute), float(s.tolerances.relative),
+            s.tolerances.max_iterations,
+        )  # fmt: skip
+        self._backend = make_backend(s.backend, s.tolerances)
+        n = s.N_u * n_u + (1 if limits.soft else 0)
         self._cost = QP(np.eye(n), np.zeros(n), np.zeros((0, n)), np.zeros(0), np.zeros(0))
-        self._plan: Float[np.ndarray, "N_p n_u"] | None = None
 
     @property
     def T_s(self) -> float:
@@ -82,84 +95,105 @@ class LinearMPC:
             PlantError: If a measurement has the wrong shape or is not finite.
         """
         self._check(measurement)
-        iterations = 0
-        for qp, U in self.problems(measurement):
+        data = self._data(measurement)
+        how, iterations, plan, *first = _step.decide(*data, *self._problem, self._solver)
+        self._equations.check()
+        if how == _step.DECIDED:
+            self._plan = plan
+            return Move(plan[0], iterations)
+        if how == _step.NOT_FINITE:
+            raise _not_finite(measurement)
+        for U, qp in self._both(how, first, data):
             solution = self._backend.solve(qp)
             iterations += solution.iterations
             if solution.solved:
-                u = measurement.u.copy()
-                self._plan = _plan.inputs(U, solution.z, u, qp.lower, qp.upper)
+                self._plan = _rows.inputs(U, solution.z, data[1][1], self._problem[2])
                 return Move(self._plan[0], iterations)
         self._plan = None
         return Move(measurement.u, iterations, solved=False)
 
-    def problems(self, m: Measurement) -> Iterator[tuple[QP, Float[np.ndarray, "N_u n_u n_v1"]]]:
-        """Yield the QP of one step, first in deviations and then in inputs.
+    def problems(self, measurement: Measurement) -> Iterator[QP]:
+        """Yield the QP of one step, first in deviations and then in inputs, the slack last.
 
-        Yields:
-            The QP in its variables (then the slack), and U, shape (N_u, n_u, n_v + 1): the inputs
-            relative to the last one as affine functions of the variables, the last column
-            constant. Nothing if limited outputs grow beyond what can be trusted.
+        Yields nothing if limited outputs grow beyond what can be trusted.
         """
-        s, limits = self.settings, self._limits
-        model = self._predict(m)
-        dynamics = model.A, model.B, model.c
-        N_y = s.N_p if limits.soft else 0
-        # Copied because a measurement's array may be read-only: another type, compiled again.
-        u = m.u.copy()
-        R, U, X, unit, rows = _plan.condense(
-            *dynamics, model.C, model.D, model.e - self._references(m.y_ref),
-            self._roots, self._u_ref - u, s.N_u, N_y, u, limits.hard,
-        )  # fmt: skip
-        if limits.trusted(X):
-            yield self._cost.under(*limits.rows(rows, model, U, X, unit)), U
-        U, X, T = _plan.open_loop(*dynamics, R, N_y)
-        if not limits.trusted(X):
-            return
-        unit = float(np.abs(T).max())
-        T = T / unit
-        P, q = self._cost.P.copy(), self._cost.q.copy()
-        n_v = len(T)
-        P[:n_v, :n_v], q[:n_v] = T[:, :-1].T @ T[:, :-1], T[:, :-1].T @ T[:, -1]
-        rows = _plan.input_rows(U, u, *limits.hard)
-        yield QP(P, q, *limits.rows(rows, model, U, X, unit)), U
+        data = self._data(measurement)
+        how, _, _, *first = _step.decide(*data, *self._problem, self._solver)
+        self._equations.check()
+        for _, qp in self._both(how, first, data):
+            yield qp
+
+    def _both(
+        self, how: int, first: list[np.ndarray], data: tuple[Any, ...]
+    ) -> Iterator[tuple[Float[np.ndarray, "N_u n_u n_v1"], QP]]:
+        """Yield U and the QP in deviations, whose arrays are `first`, then those in inputs."""
+        if how != _step.NOT_TRUSTED:
+            yield first[0], self._cost.under(*first[1:])
+        trusted, U, *rows, T = _step.in_inputs(*data, *self._problem)
+        if trusted:
+            P, q = self._cost.P.copy(), self._cost.q.copy()
+            n_v = len(T)
+            P[:n_v, :n_v], q[:n_v] = T[:, :-1].T @ T[:, :-1], T[:, :-1].T @ T[:, -1]
+            yield U, QP(P, q, *rows)
 
     def _check(self, m: Measurement) -> None:
+        """Raise PlantError if something has a wrong shape."""
+        arrays = m.x, m.u, m.d, m.y_ref
+        shapes = tuple(getattr(array, "shape", None) for array in arrays)
+        if shapes == self._shapes:  # those of the last step were right
+            return
         n_x, n_u, n_y, n_d = self._sizes
-        for name, array, shape, rows in (
-            ("x", m.x, (n_x,), False),
-            ("u", m.u, (n_u,), False),
-            ("d", m.d, (n_d,), True),
-            ("y_ref", m.y_ref, (n_y,), True),
+        for name, array, n, rows in zip(
+            _MEASURED, arrays, (n_x, n_u, n_d, n_y), (False, False, True, True), strict=True
         ):
             found = np.shape(array)
-            previewed = rows and len(found) == 2 and found[0] > 0 and found[1:] == shape
-            if not (isinstance(array, np.ndarray) and (found == shape or previewed)):
+            previewed = rows and len(found) == 2 and found[0] > 0 and found[1] == n
+            if not (isinstance(array, np.ndarray) and (found == (n,) or previewed)):
                 raise PlantError(
-                    f"measurement: {name} must be an array of shape {shape}"
+                    f"measurement: {name} must be an array of shape {(n,)}"
                     f"{', or one row a step' if rows else ''}, got {array!r}"
                 )
-            if not isfinite(array.sum()):
-                raise PlantError(f"measurement: {name} must be finite, got {array}")
+        self._shapes = shapes
 
-    def _predict(self, m: Measurement) -> Prediction:
-        s = self.settings
-        d = m.d if m.d.ndim == 2 else m.d[None]
-        if s.linearization == "point":
-            return at_point(self.plant, m.x, m.u, d, s.T_s, s.N_p)
-        plan = np.tile(m.u, (s.N_p, 1))
-        if self._plan is not None:  # shift the last plan by one step and hold its last input
+    def _data(self, m: Measurement) -> tuple[Any, ...]:
+        """Return the plant, the measurement and the nominal trajectory for `_step`.
+
+        The arrays are copies: a read-only one is another type, for which numba compiles again.
+        """
+        x, u = np.array(m.x, dtype=float), np.array(m.u, dtype=float)
+        d, y_ref = np.array(m.d, dtype=float, ndmin=2), np.array(m.y_ref, dtype=float, ndmin=2)
+        nominal = self._point
+        if self.settings.linearization == "trajectory":
+            nominal = self._nominal(x, u, d)
+        return self._equations.packed, (x, u, d, y_ref), nominal
+
+    def _nominal(
+        self,
+        x: Float[np.ndarray, " n_x"],
+        u: Float[np.ndarray, " n_u"],
+        d: Float[np.ndarray, "N n_d"],
+    ) -> tuple[Float[np.ndarray, "N_p1 n_x"], Float[np.ndarray, "N_p n_u"]]:
+        """Return the states and inputs of the last plan, shifted by one step (eq. MPCsys).
+
+        If the nominal trajectory diverges, the last finite state is kept for the rest of the
+        horizon, so that the model stays usable.
+        """
+        N_p, period = self.settings.N_p, np.array([self.settings.T_s])
+        V = np.tile(u, (N_p, 1))
+        if self._plan is not None:
             shifted = self._plan[1:]
-            plan[: len(shifted)] = shifted
-            plan[len(shifted) :] = self._plan[-1]
-        return along_trajectory(self.plant, m.x, plan, m.u, d, s.T_s)
+            V[: len(shifted)], V[len(shifted) :] = shifted, self._plan[-1]
+        X = np.tile(x, (N_p + 1, 1))
+        for k in range(N_p):
+            following = self.plant.hold(X[k], V[k], d[min(k, len(d) - 1)], period)[0]
+            X[k + 1] = following if np.isfinite(following).all() else X[k]
+        return X, V
 
-    def _references(self, y_ref: Float[np.ndarray, "*y"]) -> Float[np.ndarray, "*rows"]:
-        """Return rows for y_0 ... y_Np; a preview starts at y_1, and its last row is repeated."""
-        if y_ref.ndim == 1:
-            return y_ref
-        rows = np.minimum(np.arange(-1, self.settings.N_p), len(y_ref) - 1)
-        return np.asarray(y_ref[np.maximum(rows, 0)])
+
+def _not_finite(m: Measurement) -> PlantError:
+    arrays = zip(_MEASURED, (m.x, m.u, m.d, m.y_ref), strict=True)
+    name, array = next((n, a) for n, a in arrays if not np.isfinite(a).all())
+    return PlantError(f"measurement: {name} must be finite, got {array}")
 
 
 def _weight(name: str, Q: object, n: int) -> Float[np.ndarray, "n n"]:
@@ -176,7 +210,7 @@ def _root(Q: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "r n"]:
     return np.ascontiguousarray((vectors[:, kept] * np.sqrt(values[kept])).T)
 
 
-def _rows(name: str, value: object, n: int) -> Float[np.ndarray, "k n"]:
+def _reference(name: str, value: object, n: int) -> Float[np.ndarray, "k n"]:
     rows = np.zeros((1, n)) if value is None else np.atleast_2d(np.array(value, dtype=float))
     if rows.ndim != 2 or rows.shape[1] != n or not np.all(np.isfinite(rows)):
         raise SettingsError(f"{name} must be finite, shape ({n},) or (N, {n}), got {value!r}")

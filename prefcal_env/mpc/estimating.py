@@ -12,7 +12,7 @@ from prefcal_env.plants.plant import Plant
 
 from ._hold import discretize
 from .controller import LinearMPC
-from .disturbed import Augmented, Disturbed
+from .disturbed import Disturbed
 from .estimator import Estimate, ExtendedKalmanFilter
 from .settings import MPCSettings
 
@@ -87,15 +87,15 @@ class DisturbanceEstimator:
     def __init__(self, plant: Plant, settings: EstimatorSettings, T_s: float) -> None:
         s = settings
         self.model = Disturbed(plant, s.on_outputs, s.on_inputs)
-        self._augmented = Augmented(self.model)
         n_x, n_y, n_o = len(plant.states), len(plant.outputs), len(self.model.offsets)
         if n_o > n_y:
             raise SettingsError(f"estimator: {n_o} disturbances are too many for {n_y} outputs")
         process, drift = _vector("process", s.process, n_x), _vector("drift", s.drift, n_o)
         noise = _vector("noise", s.noise, n_y)
         start = process if s.start is None else _vector("start", s.start, n_x)
+        self._n_x = n_x
         self._filter = ExtendedKalmanFilter(
-            self._augmented, T_s,
+            self.model, T_s,
             Q=np.diag(np.concatenate([process, drift]) ** 2) * T_s, R=np.diag(noise**2),
         )  # fmt: skip
         self._P0 = np.diag(np.concatenate([start, drift]) ** 2)
@@ -125,7 +125,7 @@ class DisturbanceEstimator:
             self._check_rank(m, d[0])
         predicted = self._predicted(m)
         self._estimate, self._d = self._filter.update(predicted, y, m.u, d[0]), d[0]
-        x, offsets = self._augmented.split(self._estimate.mean)
+        x, offsets = self._estimate.mean[: self._n_x], self._estimate.mean[self._n_x :]
         extended = np.concatenate([d, np.tile(offsets, (len(d), 1))], axis=1)
         return replace(m, x=x, d=extended if m.d.ndim == 2 else extended[0])
 
@@ -141,9 +141,10 @@ class DisturbanceEstimator:
     def _check_rank(self, m: Measurement, d: Float[np.ndarray, " n_d"]) -> None:
         """Raise SettingsError unless [A - 1, B_d; C, C_d], columns scaled to 1, has full rank."""
         n = len(self._P0)
-        J = self._augmented.jacobians(np.concatenate([m.x, np.zeros(n - len(m.x))]), m.u, d)
-        A = discretize(J.A, J.B, np.zeros(n), self._filter.T_s)[0]
-        matrix = np.concatenate([A - np.eye(n), J.C])
+        start = Estimate(np.concatenate([m.x, np.zeros(n - len(m.x))]), self._P0)
+        A_c, C = self._filter.linearized(start, m.u, d)
+        A = discretize(A_c, np.zeros((n, 0)), np.zeros(n), self._filter.T_s)[0]
+        matrix = np.concatenate([A - np.eye(n), C])
         norms = np.linalg.norm(matrix, axis=0)
         if np.any(norms == 0) or np.linalg.svd(matrix / norms)[1][-1] < _LEAST_RANK:
             raise SettingsError(

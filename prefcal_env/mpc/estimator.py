@@ -8,7 +8,8 @@ from jaxtyping import Float
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.plant import Plant
 
-from ._hold import discretize
+from . import _filter
+from .disturbed import Disturbed
 
 _PIECES = 4
 """Pieces of a sampling period, each linearized in its middle, for strongly nonlinear plants."""
@@ -50,7 +51,7 @@ class ExtendedKalmanFilter:
     """A filter for x⁺ = hold(x, u, d) + w, y = g(x, u, d) + v, with white noise w and v.
 
     The filter has no memory: it takes an `Estimate` and returns the next one. You provide the
-    first one.
+    first one. Of a `Disturbed` plant it also estimates the disturbances, which follow x.
 
     Source: Anderson, Moore (1979), Optimal Filtering, section 8.2.
     Deviation: the mean follows the nonlinear hold exactly; the covariance its Jacobian, a product
@@ -60,7 +61,8 @@ class ExtendedKalmanFilter:
     Args:
         plant: Plant that the filter uses as its model.
         T_s: Sampling time, in the plant's unit of time.
-        Q: Covariance of w, the error of the model in one period, shape (n_x, n_x).
+        Q: Covariance of w, the error of the model in one period, shape (n, n); n is n_x, and for a
+            `Disturbed` plant n_x plus the number of its disturbances.
         R: Covariance of v, the measurement noise, shape (n_y, n_y), positive definite.
 
     Raises:
@@ -78,8 +80,10 @@ class ExtendedKalmanFilter:
         if not 0 < T_s < np.inf:
             raise SettingsError(f"T_s must be positive and finite, got {T_s}")
         self.plant, self.T_s = plant, T_s
-        self._Q = _covariance("Q", Q, len(plant.states))
-        self._R = _covariance("R", R, len(plant.outputs))
+        model = self._model = plant if isinstance(plant, Disturbed) else Disturbed(plant)
+        self._n_x, n_y = len(plant.states), len(plant.outputs)
+        self._Q = _covariance("Q", Q, self._n_x + len(model.offsets))
+        self._R = _covariance("R", R, n_y)
         if np.linalg.eigvalsh(self._R)[0] <= 0:
             raise SettingsError("R must be positive definite: every output has some noise")
         # Middle and end of each piece.
@@ -92,15 +96,18 @@ class ExtendedKalmanFilter:
 
         It is not `finite` if the model diverges.
         """
-        states = self.plant.hold(estimate.mean, u, d, self._instants)
-        n = len(estimate.mean)
+        x, u, d = self._point(estimate, u, d)
+        states = self._model.hold(x, u, d, self._instants)
+        mean = np.concatenate([states[-1], estimate.mean[self._n_x :]])
         if not np.isfinite(states).all():
-            return Estimate(states[-1], np.full((n, n), np.inf))
-        F, no_drift = np.eye(n), np.zeros(n)
-        for middle in states[::2]:
-            J = self.plant.jacobians(middle, u, d)
-            F = discretize(J.A, J.B, no_drift, self.T_s / _PIECES)[0] @ F
-        return Estimate(states[-1], F @ estimate.covariance @ F.T + self._Q)
+            return Estimate(mean, np.full_like(self._Q, np.inf))
+        equations, middles = self._model.equations, np.ascontiguousarray(states[::2])
+        covariance = _filter.carried(
+            equations.packed, middles, u, d, estimate.covariance.copy(), self._Q,
+            self.T_s / _PIECES, len(self._R),
+        )  # fmt: skip
+        equations.check()
+        return Estimate(mean, covariance)
 
     def update(
         self,
@@ -110,13 +117,27 @@ class ExtendedKalmanFilter:
         d: Float[np.ndarray, " n_d"],
     ) -> Estimate:
         """Return the estimate updated with the measured outputs `y`, shape (n_y,)."""
-        x, P = estimate.mean, estimate.covariance
-        C = self.plant.jacobians(x, u, d).C
-        S = C @ P @ C.T + self._R
-        K = np.linalg.solve(S, C @ P).T
-        kept = np.eye(len(x)) - K @ C
-        P = kept @ P @ kept.T + K @ self._R @ K.T
-        return Estimate(x + K @ (y - self.plant.g(x, u, d)), (P + P.T) / 2)
+        equations, P, measured = self._model.equations, estimate.covariance.copy(), np.array(y)
+        point = self._point(estimate, u, d)
+        mean, covariance = _filter.updated(equations.packed, *point, P, self._R, measured)
+        equations.check()
+        return Estimate(mean, covariance)
+
+    def linearized(
+        self, estimate: Estimate, u: Float[np.ndarray, " n_u"], d: Float[np.ndarray, " n_d"]
+    ) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n_y n"]]:
+        """Return A = ∂ẋ/∂(x, p, w) and C = ∂y/∂(x, p, w) at an estimate."""
+        equations, point = self._model.equations, self._point(estimate, u, d)
+        A, C = _filter.linearize(equations.packed, *point, len(self._R))
+        equations.check()
+        return A, C
+
+    def _point(
+        self, estimate: Estimate, u: Float[np.ndarray, " n_u"], d: Float[np.ndarray, " n_d"]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return x, u, and d followed by the disturbances, as writable copies."""
+        mean = estimate.mean
+        return mean[: self._n_x].copy(), np.array(u), np.concatenate([d, mean[self._n_x :]])
 
 
 def _covariance(name: str, value: object, n: int) -> Float[np.ndarray, "n n"]:

@@ -8,13 +8,7 @@ from jaxtyping import Float
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.plant import Plant
 
-from .model import Prediction
 from .settings import MPCSettings
-
-Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""G (m, n), low (m,) and high (m,) of low <= G z <= high."""
-
-_LARGEST_TRUSTED_GROWTH = 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,58 +63,10 @@ class Limits:
         """Limits of the inputs and of the moves."""
         return self.u_min, self.u_max, self.du_min, self.du_max
 
-    def rows(
-        self,
-        of_inputs: Rows,
-        model: Prediction,
-        U: Float[np.ndarray, "N_u n_u n_v1"],
-        X: Float[np.ndarray, "N n_x n_v1"],
-        unit: float,
-    ) -> Rows:
-        """Return the inputs' rows low <= G z <= high and, for limited outputs, their soft rows.
-
-        y_min - ε <= y_k <= y_max + ε for k = 1 ... N_p, and ε >= 0. The slack variable is
-        √Q_ε ε / `unit`, so that its weight is 1 like that of a deviation.
-
-        Use the soft rows only if `trusted` returns True.
-        """
-        if not self.soft:
-            return of_inputs
-        G, low, high = of_inputs
-        n_v = G.shape[1]
-        steps = len(X) - 1
-        C, D = (M if len(M) == 1 else M[1 : steps + 1] for M in (model.C, model.D))
-        Y = C @ X[1:]  # (steps, n_y, n_v + 1)
-        if D.any():
-            Y += D @ U[np.minimum(np.arange(1, steps + 1), len(U) - 1)]
-        Y[:, :, n_v] += model.e[1 : steps + 1]
-        give = self.softness * unit / np.sqrt(self.Q_eps)
-        n_rows = len(G) + steps * int(np.isfinite([self.y_max, self.y_min]).sum()) + 1
-        matrix = np.zeros((n_rows, n_v + 1))
-        lows, highs = np.full(n_rows, -np.inf), np.full(n_rows, np.inf)
-        r = len(G)
-        matrix[:r, :n_v], lows[:r], highs[:r] = G, low, high
-        for bound, sign in ((self.y_max, 1.0), (self.y_min, -1.0)):
-            limited = np.flatnonzero(np.isfinite(bound))
-            rows = sign * Y[:, limited].reshape(-1, n_v + 1)
-            end = r + len(rows)
-            matrix[r:end, :n_v], matrix[r:end, n_v] = rows[:, :n_v], np.tile(-give[limited], steps)
-            highs[r:end] = np.tile(sign * bound[limited], steps) - rows[:, n_v]
-            r = end
-        matrix[r, n_v], lows[r] = 1.0, 0.0  # ε >= 0
-        return matrix, lows, highs
-
-    def trusted(self, X: Float[np.ndarray, "N n_x n_v1"]) -> bool:
-        """Return whether the soft rows contain more than rounding errors.
-
-        If the inputs are held for long, an unstable model grows until only the growing mode is
-        left in an output's row. Rows of the inputs do not have this problem: their feedback is
-        stable.
-        """
-        if not self.soft:
-            return True
-        growth = float(np.abs(X).max()) / max(1.0, float(np.abs(X[1]).max()))
-        return growth < _LARGEST_TRUSTED_GROWTH
+    @property
+    def give(self) -> tuple[Float[np.ndarray, " n_y"], ...]:
+        """Limits of the outputs, and how far each gives way: softness / √Q_ε."""
+        return self.y_min, self.y_max, self.softness / np.sqrt(self.Q_eps)
 
 
 def _vector(name: str, value: object, n: int, default: float) -> Float[np.ndarray, " n"]:

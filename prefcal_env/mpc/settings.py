@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.qp import BACKENDS, Tolerances
+from prefcal_env.qp import ACTIVE_SET, BACKENDS, Tolerances
 
 Linearization = Literal["point", "trajectory"]
 Matrix = Sequence[Sequence[float]] | np.ndarray
@@ -45,7 +45,7 @@ class MPCSettings:
         linearization: "point" uses one model, at the present state and input, for the whole
             horizon. "trajectory" uses one along the nominal trajectory of the last plan (eq.
             MPCsys).
-        backend: QP solver, "piqp" or "daqp".
+        backend: QP solver: "active-set", which is compiled into the step, "piqp" or "daqp".
         tolerances: Tolerances of the QP solver.
 
     Raises:
@@ -70,7 +70,7 @@ class MPCSettings:
     Q_eps: float = 10.0
     softness: Vector | None = None
     linearization: Linearization = "point"
-    backend: str = "piqp"
+    backend: str = ACTIVE_SET
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:

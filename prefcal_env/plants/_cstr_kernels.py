@@ -1,35 +1,26 @@
-"""Compiled right-hand side and simulation of the CSTR.
-
-In Python one experiment of 48 h takes about 25 times as long. numba keeps the compiled code beside
-this file and checks only this file to see whether it is stale: after a change of `integrate.py`,
-touch this one.
-"""
+"""Compiled equations of the CSTR; p are its parameters, in the order of `CSTRParams`."""
 
 import math
 
-import numba
-import numpy as np
-
-from prefcal_env.jit import kernel
-
-from .integrate import integrate
-
-_integrate = numba.njit(integrate, inline="always")
+from ._calls import equation
 
 
-@kernel()
-def rhs(x, u, d):  # type: ignore[no-untyped-def]
-    """Return ẋ of eq. cstr_system_eqn; `d` is (T_f, C_Af) followed by the parameters."""
-    T, C_A = x
-    T_f, C_Af, F_V, k_0, H, E, rho_Cp, US_V, R = d
-    r = k_0 * math.exp(-E / (R * T)) * C_A if T > 0 else 0.0
-    out = np.empty(2)
-    out[0] = F_V * (T_f - T) + H / rho_Cp * r - US_V / rho_Cp * (T - u[0])
-    out[1] = F_V * (C_Af - C_A) - r
-    return out
+@equation()
+def f(x, u, d, p, out):  # type: ignore[no-untyped-def]
+    """Write ẋ of eq. cstr_system_eqn."""
+    r = p[1] * math.exp(-p[3] / (p[6] * x[0])) * x[1] if x[0] > 0 else 0.0
+    out[0] = p[0] * (d[0] - x[0]) + p[2] / p[4] * r - p[5] / p[4] * (x[0] - u[0])
+    out[1] = p[0] * (d[1] - x[1]) - r
 
 
-@kernel()
-def hold(x, u, d, times, max_step):  # type: ignore[no-untyped-def]
-    """Run `integrate` with `rhs`."""
-    return _integrate(rhs, x, u, d, times, max_step)
+@equation()
+def jacobians(x, u, d, p, out):  # type: ignore[no-untyped-def]
+    """Write A, B, C = 1 and D = 0."""
+    k = p[1] * math.exp(-p[3] / (p[6] * x[0])) if x[0] > 0 else 0.0
+    slope = k * x[1] * p[3] / (p[6] * x[0] ** 2)
+    heat, cooling = p[2] / p[4], p[5] / p[4]
+    out[0], out[1] = -p[0] + heat * slope - cooling, heat * k
+    out[2], out[3] = -slope, -p[0] - k
+    out[4], out[5] = cooling, 0.0
+    out[6], out[7], out[8], out[9] = 1.0, 0.0, 0.0, 1.0
+    out[10], out[11] = 0.0, 0.0

@@ -1,6 +1,7 @@
 """The kinematic bicycle of section IV-B, with an exact hold."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import cos, pi, sin
 
 import numpy as np
@@ -9,6 +10,7 @@ from jaxtyping import Float
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 
+from .equations import Equations, compiled
 from .plant import Jacobians
 
 KMH = 1 / 3.6
@@ -81,6 +83,11 @@ class Bicycle:
         B = np.array([[c, -v * s], [s, v * c], [turn, bend]])
         return Jacobians(A, B, np.eye(3), np.zeros((3, 2)))
 
+    @property
+    def equations(self) -> Equations:
+        """Return the compiled equations."""
+        return _equations(self.length)
+
     def hold(
         self,
         x: Float[np.ndarray, " 3"],
@@ -100,3 +107,11 @@ class Bicycle:
             [x[0] + chord * np.cos(direction), x[1] + chord * np.sin(direction), x[2] + turned],
             axis=1,
         )
+
+
+@lru_cache(maxsize=64)
+def _equations(length: float) -> Equations:
+    from . import _car_kernels  # loads the compiler
+
+    jacobians = _car_kernels.bicycle_jacobians
+    return compiled(_car_kernels.bicycle, None, jacobians, np.array([length]))

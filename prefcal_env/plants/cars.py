@@ -4,8 +4,8 @@ They take the inputs of `Bicycle`, and their first three states are its (x_f, y_
 the bicycle neglects: the speed v [m/s] lags behind its reference, and tires slip.
 """
 
-from dataclasses import dataclass, fields
-from functools import partial
+from dataclasses import astuple, dataclass, fields
+from functools import lru_cache, partial
 from math import atan, atan2, cos, sin, tan
 
 import numpy as np
@@ -15,6 +15,7 @@ from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 
 from .bicycle import Bicycle
+from .equations import Equations
 from .function_plant import FunctionPlant
 
 _SPEED = Channel("speed", "m/s", symbol="v")
@@ -55,10 +56,11 @@ def slip_bicycle(params: SlipParams | None = None) -> FunctionPlant:
     v follows its reference with the lag of highway-env's speed controller. The paths are those of
     the kinematic bicycle, driven faster: the front wheel at v cos(β)/cos(δ_s).
     """
+    params = params or SlipParams()
     return FunctionPlant(
-        partial(_slip, params or SlipParams()), _front_end,
+        partial(_slip, params), _front_end,
         states=(*_POSE, _SPEED), inputs=Bicycle.inputs, outputs=_POSE,
-        name="slip bicycle", max_step=0.02,
+        name="slip bicycle", compiled=partial(_compiled, "slip", params),
     )  # fmt: skip
 
 
@@ -76,14 +78,15 @@ def dynamic_bicycle(params: DynamicParams | None = None) -> FunctionPlant:
             Channel("yaw rate", "rad/s", symbol="r"),
         ),
         inputs=Bicycle.inputs, outputs=_POSE, name="dynamic bicycle",
-        max_step=min(0.02, 1 / _fastest(params)),
+        compiled=partial(_compiled, "dynamic", params),
     )  # fmt: skip
 
 
-def _fastest(p: DynamicParams) -> float:
-    """Return a bound on how fast yaw and lateral speed settle at the lowest speed [1/s]."""
-    yaw = (p.front_stiffness * p.front**2 + p.rear_stiffness * p.rear**2) / p.inertia
-    return (yaw + (p.front_stiffness + p.rear_stiffness) / p.mass) / Bicycle.inputs[0].low
+@lru_cache(maxsize=64)
+def _compiled(name: str, params: SlipParams | DynamicParams) -> Equations:
+    from . import _car_kernels  # loads the compiler
+
+    return Equations(getattr(_car_kernels, name).address, 0, 0, np.array(astuple(params)))
 
 
 def _slip(

@@ -1,5 +1,6 @@
 """A plant defined by its equations only."""
 
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 
 from .derivative import derivative
+from .equations import Callbacks, Equations
 from .integrate import integrate
 from .plant import Jacobians
 
@@ -24,6 +26,9 @@ class FunctionPlant:
     analytic. Where f overflows or divides by zero, the derivative is NaN, so that the experiment
     ends there instead of raising.
 
+    If f, and g if given, are compiled by `numba.njit`, the simulation and the MPC never wait for
+    Python: @@ times as fast. They must return an array, or a tuple of floats.
+
     Args:
         f: State derivative per `time_unit`, n_x numbers.
         g: Controlled outputs, n_y numbers; None means y = x.
@@ -33,7 +38,9 @@ class FunctionPlant:
         disturbances: The n_d measured disturbances.
         name: Name of the plant, as shown to people.
         time_unit: Unit of time.
-        max_step: Largest step of the integrator (Runge-Kutta of order 4), in `time_unit`.
+        max_step: Largest step of the integrator, in `time_unit`; None means that only the error
+            counts. Set it if f is so different in a short range that a step could miss it.
+        compiled: Function that returns f as a C function, for a faster simulation.
 
     Raises:
         PlantError: If there is no state or no input, only one of `g` and `outputs` is given, or
@@ -52,19 +59,23 @@ class FunctionPlant:
         disturbances: Sequence[Channel] = (),
         name: str = "plant",
         time_unit: str = "s",
-        max_step: float = 0.01,
+        max_step: float | None = None,
+        compiled: Callable[[], Equations] | None = None,
     ) -> None:
         if not states or not inputs:
             raise PlantError("a plant needs at least one state and one input")
         if (g is None) != (not outputs):
             raise PlantError("a plant needs both g and its outputs, or neither: then y = x")
-        if not 0 < max_step < np.inf:
+        if max_step is not None and not 0 < max_step < np.inf:
             raise PlantError(f"max_step must be positive and finite, got {max_step}")
         self.name, self.time_unit, self.max_step = name, time_unit, max_step
         self.states, self.inputs = tuple(states), tuple(inputs)
         self.outputs = tuple(outputs) if g is not None else self.states
         self.disturbances = tuple(disturbances)
         self._f, self._g = f, g
+        self._compiled = compiled
+        self._equations: Equations | None = None
+        self._called_back: Equations | None = None
 
     def f(
         self,
@@ -105,14 +116,44 @@ class FunctionPlant:
         times: Float[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K n_x"]:
         """Return the states at `times` after x, with u and d held; NaN once they blow up."""
+        step = np.inf if self.max_step is None else self.max_step
+        equations = self.equations if self._compiled is None else self._compiled()
+        if equations is not None:
+            states = integrate(equations, x, u, d, times, step)
+            if np.isnan(states[:1]).any():
+                self._f_or_nan(x, u, d)  # raises if the number of values is wrong
+            return states
+        if self._called_back is None:
+            sizes = len(self.states), len(self.inputs), len(self.disturbances)
+            callbacks = Callbacks(*sizes)
+            f = callbacks.address(self._f_or_nan, sizes[0])
+            self._called_back = Equations(f, 0, 0, callbacks=callbacks)
         with np.errstate(all="ignore"):
-            return integrate(self._f_or_nan, x, u, d, times, self.max_step)
+            states = integrate(self._called_back, x, u, d, times, step)
+        self._called_back.check()
+        return states
 
-    def _f_or_nan(self, x: Any, u: Any, d: Any) -> Float[np.ndarray, " n_x"]:
+    @property
+    def equations(self) -> Equations | None:
+        """Return the compiled equations, or None if f or g is plain Python."""
+        if self._equations is None and "numba" in sys.modules:  # else nobody has compiled f
+            from ._compiled import all_compiled, equations_of
+
+            if all_compiled(self._f, self._g):
+                n_x, n_u = len(self.states), len(self.inputs)
+                sizes = n_x, n_u, len(self.disturbances), len(self.outputs)
+                self._equations = equations_of(self._f, self._g, sizes)
+        return self._equations
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out addresses: they mean nothing in another process."""
+        return self.__dict__ | {"_equations": None, "_called_back": None}
+
+    def _f_or_nan(self, x: Any, u: Any, d: Any) -> Any:
         try:
-            return self.f(x, u, d)
+            return self._values("f", x, u, d)
         except ArithmeticError:
-            return np.full(len(self.states), np.nan)
+            return np.nan
 
     def _values(self, name: str, x: Any, u: Any, d: Any) -> Any:
         """Return the result of f or g as a float or complex array of the right shape."""

@@ -1,4 +1,4 @@
-"""Quadratic programs: one problem type, two backends, and checked solutions."""
+"""Quadratic programs: one problem type, three backends, and checked solutions."""
 
 from prefcal_env.errors import SettingsError
 
@@ -9,7 +9,8 @@ from .problem import Solution as Solution
 from .problem import Status as Status
 from .problem import Tolerances as Tolerances
 
-BACKENDS = ("piqp", "daqp")
+ACTIVE_SET = "active-set"
+BACKENDS = (ACTIVE_SET, "piqp", "daqp")
 
 
 def make_backend(name: str = "piqp", tolerances: Tolerances | None = None) -> Backend:
@@ -19,6 +20,10 @@ def make_backend(name: str = "piqp", tolerances: Tolerances | None = None) -> Ba
         SettingsError: If the name is unknown.
         MissingExtraError: If "daqp" is requested but its extra is not installed.
     """
+    if name == ACTIVE_SET:
+        from .active_set_backend import ActiveSetBackend
+
+        return ActiveSetBackend(tolerances)
     if name == "piqp":
         from .piqp_backend import PIQPBackend
 

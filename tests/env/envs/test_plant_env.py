@@ -99,6 +99,41 @@ def test_an_unsafe_state_ends_the_episode_where_it_appears_and_costs_the_rest():
     assert env.record().x[-1, 0] > 6.0 >= env.record().x[-2, 0]
 
 
+def overflows(x):
+    return x[0] > 6.0
+
+
+@pytest.mark.parametrize("T_s", [0.5, 3.0])
+def test_a_vectorized_rule_ends_the_episode_at_the_same_state(T_s):
+    records = []
+    for vectorized in (False, True):
+        env = tank_env(unsafe=overflows, vectorized=vectorized)
+        env.reset(options={"T_s": T_s, "x0": [4.0]})
+        while env.end is None:
+            env.apply(np.array([4.0]))
+        records.append(env.record())
+    assert [record.end for record in records] == [End.UNSAFE] * 2
+    assert records[0].t.tolist() == records[1].t.tolist()
+    assert records[0].x.tolist() == records[1].x.tolist()
+
+
+def test_a_vectorized_rule_must_judge_each_state():
+    env = tank_env(unsafe=lambda x: bool(np.any(x > 6.0)), vectorized=True)
+    env.reset()
+    with pytest.raises(SettingsError, match=r"one value for each state, shape \(6,\), got \(\)"):
+        env.apply(np.zeros(1))
+
+
+def test_outputs_that_are_the_states_are_recorded_without_calling_g():
+    def records(**changes):
+        env = PlantEnv(TANK, tank_task(), **changes)
+        env.reset()
+        env.apply(np.ones(1))
+        return env.record()
+
+    assert records().y.tolist() == records(outputs_are_states=True).y.tolist()
+
+
 @pytest.mark.parametrize("T_s", [0.5, 3.0])
 def test_a_state_that_is_not_finite_is_unsafe_and_not_recorded(T_s):
     bomb = FunctionPlant(

@@ -43,6 +43,15 @@ def test_equal_by_value_timings_excluded():
     assert experiment() != "experiment"
 
 
+def test_other_kpis_leave_the_rest_of_an_experiment_as_it_is():
+    e = experiment()
+    assert e.with_kpis({"peak": 3.0}) == experiment(kpis={"peak": 3.0})
+    assert e.kpis == {"peak": 2.0}
+    for wrong in (None, {"peak": "high"}, {1: 2.0}):
+        with pytest.raises(ExperimentError, match=r"a mapping|a name and a number"):
+            e.with_kpis(wrong)
+
+
 def test_survives_pickling():
     assert pickle.loads(pickle.dumps(experiment())) == experiment()
 

@@ -24,7 +24,7 @@ SLOW = Processor("slow", step=2.0, iteration=0.5, building=1e3, solving=1e4)
 def test_sizes_are_those_of_the_problem_that_the_mpc_solves(change):
     settings = replace(CAR, **change)
     m = Measurement(0.0, np.zeros(3), np.array([13.0, 0.0]), np.zeros(0), np.zeros(3))
-    qp, _ = next(LinearMPC(Bicycle(), settings).problems(m))
+    qp = next(LinearMPC(Bicycle(), settings).problems(m))
     size = StepSize.of(Bicycle(), settings)
     assert (size.rows, size.variables) == qp.G.shape
     assert size.models == (12 if settings.linearization == "trajectory" else 1)

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from prefcal_env.errors import SettingsError
-from prefcal_env.mpc.disturbed import Augmented, Disturbed
+from prefcal_env.mpc.disturbed import Disturbed
 from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.plants.cstr import CSTR, FEED
-from support.linear_plant import random_plant
 
 H = 1e-6
 
@@ -35,26 +34,6 @@ def test_a_disturbance_of_an_input_is_a_different_input():
                                   plant.hold(x, penalized, np.zeros(0), times))  # fmt: skip
     np.testing.assert_array_equal(disturbed.jacobians(x, u, w).B,
                                   plant.jacobians(x, penalized, np.zeros(0)).B)  # fmt: skip
-
-
-def test_augmented_its_jacobians_are_those_of_its_equations():
-    rng = np.random.default_rng(3)
-    plant = Augmented(Disturbed(random_plant(3), on_outputs=(1,), on_inputs=(0,)))
-    x, u, d = rng.normal(size=5), rng.normal(size=2), rng.normal(size=1)
-    J = plant.jacobians(x, u, d)
-    for found, function, point in (
-        (J.A, lambda x: plant.f(x, u, d), x), (J.B, lambda u: plant.f(x, u, d), u),
-        (J.C, lambda x: plant.g(x, u, d), x), (J.D, lambda u: plant.g(x, u, d), u),
-    ):  # fmt: skip
-        np.testing.assert_allclose(found, differences(function, point), atol=1e-7)
-
-
-def test_augmented_its_disturbances_stay_while_its_state_moves():
-    plant = Augmented(Disturbed(Bicycle(), on_outputs=(2,), on_inputs=(0,)))
-    x = np.array([0.0, 0.0, 0.0, 0.1, -1.0])
-    states = plant.hold(x, np.array([14.0, 0.0]), np.zeros(0), np.array([0.5, 1.0]))
-    np.testing.assert_allclose(states, [[6.5, 0, 0, 0.1, -1.0], [13.0, 0, 0, 0.1, -1.0]])
-    assert len(plant.states) == 5
 
 
 @pytest.mark.parametrize("chosen", [{"on_outputs": (2,)}, {"on_outputs": (0, 0)},

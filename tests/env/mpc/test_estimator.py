@@ -7,6 +7,8 @@ import pytest
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.mpc import Estimate, ExtendedKalmanFilter
+from prefcal_env.mpc.disturbed import Disturbed
+from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.plants.cstr import CSTR, FEED
 from support.linear_plant import random_plant
 
@@ -58,6 +60,27 @@ def test_the_covariance_follows_the_derivative_of_the_hold():
     ekf = ExtendedKalmanFilter(plant, T_S, Q=np.zeros((2, 2)), R=np.eye(2))
     predicted = ekf.predict(Estimate(x, np.diag([1.0, 0.01])), u, FEED)
     np.testing.assert_allclose(predicted.covariance, F @ np.diag([1.0, 0.01]) @ F.T, rtol=0.02)
+
+
+def test_the_model_of_a_disturbed_plant_has_the_derivatives_of_its_disturbances():
+    rng, plain = np.random.default_rng(3), random_plant(3)
+    plant = Disturbed(plain, on_outputs=(1,), on_inputs=(0,))
+    x, u, d = rng.normal(size=5), rng.normal(size=2), rng.normal(size=1)
+    ekf = ExtendedKalmanFilter(plant, T_S, Q=np.eye(5), R=np.eye(2))
+    A, C = ekf.linearized(Estimate(x, np.eye(5)), u, d)
+    for i, e in enumerate(1e-6 * np.eye(5)):
+        up, down = ((x[:3] + s * e[:3], u, np.concatenate([d, x[3:] + s * e[3:]])) for s in (1, -1))
+        np.testing.assert_allclose(A[:3, i], (plant.f(*up) - plant.f(*down)) / 2e-6, atol=1e-7)
+        np.testing.assert_allclose(C[:, i], (plant.g(*up) - plant.g(*down)) / 2e-6, atol=1e-7)
+    np.testing.assert_array_equal(A[3:], 0)
+
+
+def test_disturbances_stay_as_they_are_while_the_state_moves():
+    plant = Disturbed(Bicycle(), on_outputs=(2,), on_inputs=(0,))
+    ekf = ExtendedKalmanFilter(plant, 0.5, Q=np.eye(5), R=np.eye(3))
+    before = Estimate(np.array([0.0, 0.0, 0.0, 0.1, -1.0]), np.eye(5))
+    after = ekf.predict(before, np.array([14.0, 0.0]), np.zeros(0))
+    np.testing.assert_allclose(after.mean, [6.5, 0, 0, 0.1, -1.0], atol=1e-12)
 
 
 def test_the_covariance_stays_symmetric_and_positive_over_a_thousand_updates():

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from prefcal_env.errors import PlantError
 from prefcal_env.plants.cstr import CSTR, FEED, CSTRParams
-from prefcal_env.plants.integrate import integrate
+from support.equations import evaluated
 
 PLANT = CSTR()
 states = st.tuples(st.floats(290, 400), st.floats(0.05, 9.95)).map(np.array)
@@ -86,11 +86,15 @@ def test_every_interval_agrees_with_dop853(x, u, T_s):
     np.testing.assert_allclose(ours[0], precise[0], rtol=1e-6)  # K, also in an explosion
 
 
-def test_compiled_and_plain_simulation_are_one():
-    x, u = np.array([345.0, 5.0]), np.array([305.0])
-    times = np.array([0.05, 0.1, 0.37])
-    plain = integrate(PLANT.f, x, u, FEED, times, PLANT.max_step)
-    np.testing.assert_allclose(PLANT.hold(x, u, FEED, times), plain, rtol=1e-12)
+@given(x=states, u=inputs)
+def test_the_compiled_equations_are_the_plain_ones(x, u):
+    compiled = PLANT.equations
+    J = PLANT.jacobians(x, u, FEED)
+    matrices = np.concatenate([J.A.ravel(), J.B.ravel(), J.C.ravel(), J.D.ravel()])
+    np.testing.assert_allclose(evaluated(compiled, "f", 2, x, u, FEED), PLANT.f(x, u, FEED), 1e-12)
+    np.testing.assert_allclose(
+        evaluated(compiled, "jacobians", 12, x, u, FEED), matrices, rtol=1e-13
+    )
 
 
 def test_every_asked_instant_is_hit_whatever_the_others_are():

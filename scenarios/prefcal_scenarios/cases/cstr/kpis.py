@@ -64,7 +64,7 @@ def performance_index(experiment: Experiment) -> float:
 
 def _moves(experiment: Experiment) -> np.ndarray:
     """Return ΔT_c of the N_T steps, K, shape (N_T,)."""
-    return np.diff(experiment.u_control[:, 0], prepend=_T_C_START)
+    return np.diff(np.concatenate([_T_C_START, experiment.u_control[:, 0]]))
 
 
 def _band_entry(experiment: Experiment) -> float:

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channel
+from prefcal_env.plants.equations import Equations
 from prefcal_env.plants.plant import Jacobians
 
 from .._simulate import hold, rhs, slopes
@@ -34,10 +35,18 @@ class Model:
         )
         self.outputs = tuple(self.states[i] for i in course.measured)
         self.disturbances: tuple[Channel, ...] = ()
+        self._course = course
         self._plant = at.plant.kind, parameters_of(at.plant)
         self._d, self._step = at.d, course.step
         self._C = np.eye(len(at.x))[course.measured]
         self._D = np.zeros((len(self.outputs), len(self.inputs)))
+
+    @property
+    def equations(self) -> Equations:
+        """Return the compiled equations."""
+        from .._equations import equations_of  # compiles them, the first time
+
+        return equations_of(self._course)
 
     def f(self, x: X, u: U, d: D) -> X:
         """Return the state derivative."""

@@ -6,6 +6,7 @@ import pytest
 from prefcal_env.plants.derivative import derivative
 from prefcal_scenarios.cases.loops import LOOPS
 from prefcal_scenarios.cases.loops.mpc.model import Model
+from support.equations import evaluated
 
 NONE = np.zeros(0)
 
@@ -19,6 +20,19 @@ def test_it_rests_where_the_loop_starts_and_holds_like_the_plant(name):
     times = course.step * np.array([1.0, 2.5, 6.0])
     resting = model.hold(at.x, at.u, NONE, times)
     assert resting == pytest.approx(np.tile(at.x, (3, 1)), abs=1e-9)
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_its_compiled_equations_are_its_own(name):
+    course = LOOPS[name]()._course(1, 0)
+    model, x, u = Model(course), course.at.x + 0.1, course.at.u
+    J = model.jacobians(x, u, NONE)
+    matrices = np.concatenate([m.ravel() for m in (J.A, J.B, J.C, J.D)])
+    for equation, values in (
+        ("f", model.f(x, u, NONE)), ("g", model.g(x, u, NONE)), ("jacobians", matrices),
+    ):  # fmt: skip
+        found = evaluated(model.equations, equation, len(values), x, u, NONE)
+        np.testing.assert_array_equal(found, values)
 
 
 def test_its_jacobians_are_those_of_the_equations():

@@ -1,0 +1,51 @@
+"""Compiled equations of the bicycle and of the cars."""
+
+import math
+
+from ._calls import equation
+
+
+@equation()
+def bicycle(x, u, d, p, out):  # type: ignore[no-untyped-def]
+    """Write ẋ of eq. nonlin_bicyclemodel; p is the length L."""
+    heading = x[2] + u[1]
+    out[0], out[1] = u[0] * math.cos(heading), u[0] * math.sin(heading)
+    out[2] = u[0] * math.sin(u[1]) / p[0]
+
+
+@equation()
+def bicycle_jacobians(x, u, d, p, out):  # type: ignore[no-untyped-def]
+    """Write A, B, C = 1 and D = 0."""
+    v, c, s = u[0], math.cos(x[2] + u[1]), math.sin(x[2] + u[1])
+    for i in range(30):
+        out[i] = 0.0
+    out[2], out[5] = -v * s, v * c
+    out[9], out[10] = c, -v * s
+    out[11], out[12] = s, v * c
+    out[13], out[14] = math.sin(u[1]) / p[0], v * math.cos(u[1]) / p[0]
+    out[15], out[19], out[23] = 1.0, 1.0, 1.0
+
+
+@equation()
+def slip(x, u, d, p, out):  # type: ignore[no-untyped-def]
+    """Write ẋ of `slip_bicycle`; p are its parameters."""
+    yaw, v, beta = x[2], x[3], math.atan(math.tan(u[1]) / 2)
+    rate = v * math.sin(beta) / (p[0] / 2)
+    swing = rate * p[0] / 2
+    out[0] = v * math.cos(yaw + beta) - swing * math.sin(yaw)
+    out[1] = v * math.sin(yaw + beta) + swing * math.cos(yaw)
+    out[2], out[3] = rate, (u[0] - v) / p[1]
+
+
+@equation()
+def dynamic(x, u, d, p, out):  # type: ignore[no-untyped-def]
+    """Write ẋ of `dynamic_bicycle`; p are its parameters."""
+    yaw, v, rate = x[2], x[3], x[5]
+    front_speed, rear_speed = x[4] + p[0] * rate, x[4] - p[1] * rate
+    lateral = -p[4] * (math.atan2(front_speed, v) - u[1]) * math.cos(u[1])
+    rear = -p[5] * math.atan2(rear_speed, v)
+    out[0] = v * math.cos(yaw) - front_speed * math.sin(yaw)
+    out[1] = v * math.sin(yaw) + front_speed * math.cos(yaw)
+    out[2], out[3] = rate, (u[0] - v) / p[6]
+    out[4] = (lateral + rear) / p[2] - v * rate
+    out[5] = (p[0] * lateral - p[1] * rear) / p[3]

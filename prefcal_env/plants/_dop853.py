@@ -1,0 +1,169 @@
+"""The Runge-Kutta method of order 8 by Dormand and Prince, compiled once for all plants.
+
+Source: Hairer, Nørsett, Wanner, "Solving Ordinary Differential Equations I" (1993), section II.5:
+DOP853 with its errors of order 5 and 3, its dense output of order 7, and its test of stiffness.
+Deviation: the first step is the whole interval, which has to pass the test of the error; periods of
+a controller are often that short, and no derivative has to be estimated.
+
+The coefficients are those of scipy, which takes half a second to import:
+
+    from scipy.integrate import DOP853 as D
+    table = np.zeros((22, 16))
+    table[:12, :12], table[12, :12], table[13:16] = D.A, D.B, D.A_EXTRA
+    table[16, :13], table[17, :13], table[18:] = D.E5, D.E3, D.D
+    np.save("dop853.npy", table)
+"""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from prefcal_env.jit import inner, kernel
+
+from ._calls import call
+
+TABLE = np.load(Path(__file__).with_name("dop853.npy"))
+"""Constant for numba, which does not notice if the file changes: change this one, too.
+
+Rows: 0 to 11 stages, 12 the result, 13 to 15 stages of the dense output, 16 and 17 the errors
+of order 5 and 3, 18 to 21 the dense output."""
+
+RELATIVE, ABSOLUTE = 1e-10, 1e-12
+"""Tolerances of the error of a step, relative to a state and absolute."""
+JUMPS = 30
+"""Steps rejected twice, less 3 % of those accepted, from which on the equations are taken to jump
+again and again, as with dry friction: then steps of a thousandth of the interval are accepted."""
+STEPS = 100_000
+"""Steps after which the rest is NaN."""
+MANY = 1000
+"""Steps to go from which on stiff equations are left to an implicit method; also, see `JUMPS`."""
+
+
+@kernel()
+def integrate(f, x, u, d, p, times, max_step, explicit):  # type: ignore[no-untyped-def]
+    """Return the states at `times`, shape (K, n_x), and whether the equations are too stiff.
+
+    States that are not reached are NaN.
+
+    Args:
+        f: Address of the equation of ẋ, whose arguments are x, u, d and p.
+        x: State at time 0 (n_x,).
+        u: Inputs (n_u,); `d`, `p`: disturbances and parameters.
+        times: Increasing instants (K,).
+        max_step: Largest step.
+        explicit: Whether to go on although the equations are too stiff.
+    """
+    n, count = len(x), len(times)
+    out = np.full((count, n), np.nan)
+    k, y, dense = np.zeros((16, n)), np.zeros((16, n)), np.zeros((7, n))
+    now, end, done = 0.0, times[count - 1] if count else 0.0, 0
+    h, grow, jumps, stiff = min(end, max_step), 10.0, 0.0, 0.0
+    _copy(x, y[0])
+    call(f, y[0], u, d, p, k[0])
+    for _ in range(STEPS):
+        if done == count or not h > 1e-14 * end:
+            break
+        least = end / MANY if jumps > JUMPS else 0.0
+        error = _step(f, h, k, y, u, d, p)
+        change = 0.9 * max(error, 1e-16) ** -0.125
+        if not (error < 1 or (h <= least and error < math.inf)):
+            jumps += 1.0 if grow == 1.0 else 0.0
+            h, grow = h * (max(change, 0.1) if change > 0 else 0.1), 1.0
+            continue
+        after = now + h if end - now > h else end
+        if after < end or times[done] < after:
+            call(f, y[12], u, d, p, k[12])
+        if times[done] < after:
+            _interpolate(f, h, k, y, u, d, p, dense)
+        while done < count and times[done] <= after:
+            if times[done] < after:
+                _read((times[done] - now) / h, y[0], dense, out[done])
+            else:
+                _copy(y[12], out[done])
+            done += 1
+        stiff = stiff + 1.0 if _ratio(h, k, y) > 6.1 else max(stiff - 0.25, 0.0)
+        if stiff > 15 and end - after > MANY * h and not explicit:
+            return out, True
+        _copy(y[12], y[0])
+        _copy(k[12], k[0])
+        h, grow = min(max(h * min(change, grow), least), max_step), 10.0
+        now, jumps = after, max(jumps - 0.03, 0.0)
+        if end - now < 1.01 * h:
+            h = min(end - now, max_step)
+    return out, False
+
+
+@inner()
+def _step(f, h, k, y, u, d, p):  # type: ignore[no-untyped-def]
+    """Write the stages of a step h to `k`, the result to y[12], and return the error."""
+    n = y.shape[1]
+    for s in range(1, 12):
+        _stage(s, h, k, y)
+        call(f, y[s], u, d, p, k[s])
+    _stage(12, h, k, y)
+    fifth, third = 0.0, 0.0
+    for i in range(n):
+        scale = ABSOLUTE + RELATIVE * max(abs(y[0, i]), abs(y[12, i]))
+        fifth += (_weighted(16, 12, k, i) / scale) ** 2
+        third += (_weighted(17, 12, k, i) / scale) ** 2
+    if fifth == 0:
+        return 0.0
+    return h * fifth / math.sqrt((fifth + 0.01 * third) * n)
+
+
+@inner()
+def _stage(s, h, k, y):  # type: ignore[no-untyped-def]
+    """Write the state of stage `s` to y[s]."""
+    for i in range(y.shape[1]):
+        y[s, i] = y[0, i] + h * _weighted(s, s, k, i)
+
+
+@inner()
+def _weighted(row, m, k, i):  # type: ignore[no-untyped-def]
+    """Return the sum of the first m stages of state i with the weights of a row of the table."""
+    total = 0.0
+    for j in range(m):
+        total += TABLE[row, j] * k[j, i]
+    return total
+
+
+@inner()
+def _ratio(h, k, y):  # type: ignore[no-untyped-def]
+    """Return h times a lower bound of the fastest rate: both stages are at the end of the step."""
+    above, below = 0.0, 0.0
+    for i in range(y.shape[1]):
+        above += (k[12, i] - k[11, i]) ** 2
+        below += (y[12, i] - y[11, i]) ** 2
+    return h * math.sqrt(above / below) if below > 0 else 0.0
+
+
+@inner()
+def _interpolate(f, h, k, y, u, d, p, dense):  # type: ignore[no-untyped-def]
+    """Write the coefficients of the dense output of a step to `dense`."""
+    for s in range(13, 16):
+        _stage(s, h, k, y)
+        call(f, y[s], u, d, p, k[s])
+    for i in range(y.shape[1]):
+        change = y[12, i] - y[0, i]
+        dense[0, i] = change
+        dense[1, i] = h * k[0, i] - change
+        dense[2, i] = 2 * change - h * (k[0, i] + k[12, i])
+        for j in range(4):
+            dense[3 + j, i] = h * _weighted(18 + j, 16, k, i)
+
+
+@inner()
+def _read(s, x, dense, out):  # type: ignore[no-untyped-def]
+    """Write the state at the fraction `s` of a step from x to `out`."""
+    for i in range(len(x)):
+        total = 0.0
+        for j in range(6, -1, -1):
+            total = (total + dense[j, i]) * (s if j % 2 == 0 else 1 - s)
+        out[i] = x[i] + total
+
+
+@inner()
+def _copy(source, target):  # type: ignore[no-untyped-def]
+    for i in range(len(source)):
+        target[i] = source[i]

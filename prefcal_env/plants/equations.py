@@ -1,0 +1,124 @@
+"""The equations of a plant for compiled kernels: its own compiled ones, or its Python methods."""
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .plant import Plant
+
+_NONE = np.zeros(0, dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class Equations:
+    """Addresses of C functions `void(x, u, d, p, out)`, see `_calls`; `p` are the parameters.
+
+    A plant that has compiled equations returns them as its attribute `equations`; then its
+    simulation and its MPC never wait for Python.
+
+    Args:
+        f: Address of the function that writes ẋ, shape (n_x,).
+        g: Address of the function that writes y, shape (n_y,); 0 means y = x.
+        jacobians: Address of the function that writes A, B, C and D, row by row.
+        parameters: The parameters p, which all three get.
+        on_outputs: Indices of the outputs with an added disturbance; these follow in d.
+        on_inputs: Indices of the inputs with an added disturbance; these are the last of d.
+        callbacks: What calls Python, if the functions do.
+    """
+
+    f: int
+    g: int
+    jacobians: int
+    parameters: Float[np.ndarray, " _"] = field(default_factory=lambda: np.zeros(0))
+    on_outputs: Int[np.ndarray, " n_p"] = field(default_factory=lambda: _NONE)
+    on_inputs: Int[np.ndarray, " n_w"] = field(default_factory=lambda: _NONE)
+    callbacks: "Callbacks | None" = None
+
+    @property
+    def packed(self) -> tuple[Any, ...]:
+        """The equations as an argument of compiled functions."""
+        return self.f, self.g, self.jacobians, self.parameters, self.on_outputs, self.on_inputs
+
+    def check(self) -> None:
+        """Raise what a Python method raised since the last check."""
+        if self.callbacks is not None:
+            self.callbacks.check()
+
+
+def compiled(f: Any, g: Any, jacobians: Any, parameters: Float[np.ndarray, " _"]) -> Equations:
+    """Return equations made by `_calls.equation`; `g` may be None: y = x."""
+    return Equations(f.address, 0 if g is None else g.address, jacobians.address, parameters)
+
+
+class Callbacks:
+    """The Python methods of a plant, as C functions that compiled kernels can call.
+
+    What a method raises is kept, and NaN is written instead; `check` raises it.
+    """
+
+    def __init__(self, n_x: int, n_u: int, n_d: int) -> None:
+        self._sizes = n_x, n_u, n_d
+        self._error: BaseException | None = None
+        self._functions: list[Any] = []
+        self._views: dict[tuple[int, int], Float[np.ndarray, " _"]] = {}
+
+    def address(self, method: Callable[[Any, Any, Any], Any], size: int) -> int:
+        """Return the address of a C function that writes the `size` numbers of `method`."""
+        n_x, n_u, n_d = self._sizes
+
+        def called(x: int, u: int, d: int, _: int, out: int) -> None:
+            target = self._array(out, size)
+            try:
+                x_, u_, d_ = self._array(x, n_x), self._array(u, n_u), self._array(d, n_d)
+                target[:] = method(x_.copy(), u_.copy(), d_.copy())
+            except BaseException as error:  # C cannot raise; `check` does
+                self._error = self._error or error
+                target[:] = np.nan
+
+        function = _TYPE(called)
+        self._functions.append(function)  # it lives as long as these callbacks
+        return ctypes.cast(function, ctypes.c_void_p).value or 0
+
+    def check(self) -> None:
+        """Raise what a method raised since the last check."""
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+
+    def _array(self, address: int | None, n: int) -> Float[np.ndarray, " _"]:
+        """Return `n` numbers at `address`. Kept, since making such an array takes a microsecond."""
+        view = self._views.get((address or 0, n))
+        if view is None:
+            if len(self._views) >= _MOST_VIEWS:
+                self._views.clear()
+            data: Any = (ctypes.c_double * n).from_address(address or 0) if n else b""
+            view = self._views[address or 0, n] = np.frombuffer(data, dtype=float)
+        return view
+
+
+_TYPE = ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * 5)
+_MOST_VIEWS = 1000
+
+
+def equations_of(plant: Plant) -> Equations:
+    """Return the compiled equations of `plant`, or its Python methods as such."""
+    compiled: Equations | None = getattr(plant, "equations", None)
+    if compiled is not None:
+        return compiled
+    n_x, n_u, n_y = len(plant.states), len(plant.inputs), len(plant.outputs)
+    callbacks = Callbacks(n_x, n_u, len(plant.disturbances))
+
+    def matrices(x: Any, u: Any, d: Any) -> Float[np.ndarray, " n"]:
+        J = plant.jacobians(x, u, d)
+        return np.concatenate([J.A.ravel(), J.B.ravel(), J.C.ravel(), J.D.ravel()])
+
+    return Equations(
+        callbacks.address(plant.f, n_x),
+        callbacks.address(plant.g, n_y),
+        callbacks.address(matrices, (n_x + n_y) * (n_x + n_u)),
+        callbacks=callbacks,
+    )

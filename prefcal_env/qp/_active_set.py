@@ -1,0 +1,174 @@
+"""A compiled dual active-set method for the nearest point to the origin within linear limits.
+
+Source: Goldfarb, Idnani (1983), A numerically stable dual method for solving strictly convex
+quadratic programs, Mathematical Programming 27, with the identity as Hessian: an MPC in deviations
+from its optimal feedback (`prefcal_env.mpc._riccati`) is such a problem.
+"""
+
+import math
+
+import numpy as np
+
+from prefcal_env.jit import inner, kernel
+
+SOLVED, INFEASIBLE, ITERATION_LIMIT = 0, 1, 2
+_ZERO = 1e-13
+"""Share of a normal, outside the span of the active ones, below which it counts as inside."""
+
+
+@kernel()
+def nearest(G, low, high, absolute, relative, most):  # type: ignore[no-untyped-def]
+    """Minimize ½|z|² subject to low <= G z <= high.
+
+    A row may be violated by `absolute` + `relative` times the size of its terms. Each row that
+    becomes active or inactive is an iteration, at most `most`.
+
+    Returns:
+        How it ended, z (n,), multipliers (m,), positive at upper limits, and iterations.
+    """
+    m, n = G.shape
+    z, y = np.zeros(n), np.zeros(m)
+    if _at_origin(low, high):
+        return SOLVED, z, y, 0
+    a, mu, d, r, step = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    J, R = np.zeros((n, n)), np.zeros((n, n))
+    rows, sides, norms = np.zeros(n, np.int64), np.zeros(n), np.zeros(m)
+    for i in range(m):
+        for j in range(n):
+            norms[i] += G[i, j] * G[i, j]
+        norms[i] = math.sqrt(norms[i])
+    for j in range(n):
+        J[j, j] = 1.0
+    k, iterations = 0, 0
+    while True:
+        p, side, violation = _most_violated(G, low, high, norms, z, absolute, relative)
+        if p < 0:
+            for j in range(k):
+                y[rows[j]] += sides[j] * mu[j]
+            return SOLVED, z, y, iterations
+        for j in range(n):
+            a[j] = -side * G[p, j]
+        push = 0.0
+        added = False
+        while not added:
+            if iterations >= most:
+                return ITERATION_LIMIT, z, y, iterations
+            iterations += 1
+            free = _directions(J, R, a, k, d, r, step)
+            partial, blocking = np.inf, -1
+            for j in range(k):
+                if r[j] > 0.0 and mu[j] < partial * r[j]:
+                    partial, blocking = mu[j] / r[j], j
+            full = np.inf
+            if free > _ZERO * _ZERO * norms[p] * norms[p]:
+                full = violation / free
+            t = min(partial, full)
+            if t == np.inf:
+                return INFEASIBLE, z, y, iterations
+            for j in range(k):
+                mu[j] -= t * r[j]
+            push += t
+            if full < np.inf:
+                for j in range(n):
+                    z[j] += t * step[j]
+                violation -= t * free
+            if full <= partial:
+                _add(J, R, d, k)
+                rows[k], sides[k], mu[k] = p, side, push
+                k += 1
+                added = True
+            else:
+                _drop(J, R, rows, sides, mu, blocking, k)
+                k -= 1
+
+
+@inner()
+def _at_origin(low, high):  # type: ignore[no-untyped-def]
+    """Return whether the origin is within all limits."""
+    for i in range(len(low)):  # noqa: SIM110 (numba compiles no generator)
+        if not (low[i] <= 0.0 <= high[i]):
+            return False
+    return True
+
+
+@inner()
+def _most_violated(G, low, high, norms, z, absolute, relative):  # type: ignore[no-untyped-def]
+    """Return the most violated row or -1, its side (1: above its limit), and by how much."""
+    worst, side, violation, largest = -1, 1.0, 0.0, 0.0
+    for i in range(G.shape[0]):
+        value, size = 0.0, 0.0
+        for j in range(G.shape[1]):
+            term = G[i, j] * z[j]
+            value += term
+            size += abs(term)
+        over, under = value - high[i], low[i] - value
+        excess = max(over, under)
+        if excess > absolute + relative * size and excess > largest * norms[i]:
+            largest = excess / norms[i] if norms[i] > 0.0 else np.inf
+            worst, violation = i, excess
+            side = 1.0 if over > under else -1.0
+    return worst, side, violation
+
+
+@inner()
+def _directions(J, R, a, k, d, r, step):  # type: ignore[no-untyped-def]
+    """Write d = Jᵀa, the steps of z and of the k multipliers; return the squared step of z."""
+    n = len(a)
+    for j in range(n):
+        d[j] = 0.0
+    for i in range(n):
+        if a[i] != 0.0:
+            for j in range(n):
+                d[j] += J[i, j] * a[i]
+    free = 0.0
+    for j in range(k, n):
+        free += d[j] * d[j]
+    for i in range(n):
+        step[i] = 0.0
+        for j in range(k, n):
+            step[i] += J[i, j] * d[j]
+    for i in range(k - 1, -1, -1):
+        r[i] = d[i]
+        for j in range(i + 1, k):
+            r[i] -= R[i, j] * r[j]
+        r[i] /= R[i, i]
+    return free
+
+
+@inner()
+def _rotate(M, i, j, c, s):  # type: ignore[no-untyped-def]
+    """Rotate the columns i and j of M."""
+    for q in range(M.shape[0]):
+        one, other = M[q, i], M[q, j]
+        M[q, i] = c * one + s * other
+        M[q, j] = c * other - s * one
+
+
+@inner()
+def _add(J, R, d, k):  # type: ignore[no-untyped-def]
+    """Make d the column k of R, and J the orthogonal matrix that goes with it."""
+    for j in range(len(d) - 1, k, -1):
+        if d[j] != 0.0:
+            length = math.hypot(d[j - 1], d[j])
+            c, s = d[j - 1] / length, d[j] / length
+            d[j - 1], d[j] = length, 0.0
+            _rotate(J, j - 1, j, c, s)
+    for i in range(k + 1):
+        R[i, k] = d[i]
+
+
+@inner()
+def _drop(J, R, rows, sides, mu, gone, k):  # type: ignore[no-untyped-def]
+    """Remove the active row number `gone` of k, and restore R to a triangle."""
+    for j in range(gone, k - 1):
+        rows[j], sides[j], mu[j] = rows[j + 1], sides[j + 1], mu[j + 1]
+        for i in range(k):
+            R[i, j] = R[i, j + 1]
+    for j in range(gone, k - 1):
+        length = math.hypot(R[j, j], R[j + 1, j])
+        c, s = R[j, j] / length, R[j + 1, j] / length
+        for q in range(j, k - 1):
+            one, other = R[j, q], R[j + 1, q]
+            R[j, q] = c * one + s * other
+            R[j + 1, q] = c * other - s * one
+        _rotate(J, j, j + 1, c, s)

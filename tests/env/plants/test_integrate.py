@@ -1,0 +1,182 @@
+"""Every plant is simulated by one integrator: it is precise, never stuck, and NaN after a blow-up."""
+
+import time
+
+import numpy as np
+import pytest
+from scipy.integrate import DOP853, solve_ivp
+
+from prefcal_env.plants._dop853 import TABLE
+from prefcal_env.plants.cstr import CSTR, FEED
+from prefcal_env.plants.equations import Callbacks, Equations
+from prefcal_env.plants.integrate import integrate
+
+NONE = np.zeros(0)
+U = np.ones(1)
+
+
+def simulated(f, x, times, max_step=np.inf):
+    """Return the states and the number of evaluations of ẋ."""
+    evaluations = []
+
+    def counted(x, u, d):
+        evaluations.append(1)
+        return f(x)
+
+    callbacks = Callbacks(len(x), 1, 0)
+    equations = Equations(callbacks.address(counted, len(x)), 0, 0, callbacks=callbacks)
+    with np.errstate(all="ignore"):
+        states = integrate(equations, np.array(x, float), U, NONE, np.array(times, float), max_step)
+    callbacks.check()
+    return states, len(evaluations)
+
+
+def precise(f, x, times, method="DOP853"):
+    rtol = 1e-13 if method == "DOP853" else 1e-11
+    return np.array([
+        solve_ivp(lambda t, x: f(x), (0, t), x, method, rtol=rtol, atol=1e-14).y[:, -1]
+        for t in times
+    ])  # fmt: skip
+
+
+def pendulum(x):
+    return [x[1], -9.81 * np.sin(x[0]) - 0.1 * x[1] + 1]
+
+
+def lorenz(x):
+    return [10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]]
+
+
+def orbit(x):
+    return [x[2], x[3], *(-x[:2] / np.hypot(x[0], x[1]) ** 3)]
+
+
+def robertson(x):
+    slow, fast = 0.04 * x[0] - 1e4 * x[1] * x[2], 3e7 * x[1] ** 2
+    return [-slow, slow - fast, fast]
+
+
+def van_der_pol(x):
+    return [x[1], 1e4 * (1 - x[0] ** 2) * x[1] - x[0]]
+
+
+def test_the_coefficients_are_those_of_scipy():
+    table = np.zeros((22, 16))
+    table[:12, :12], table[12, :12], table[13:16] = DOP853.A, DOP853.B, DOP853.A_EXTRA
+    table[16, :13], table[17, :13], table[18:] = DOP853.E5, DOP853.E3, DOP853.D
+    np.testing.assert_array_equal(TABLE, table)
+
+
+@pytest.mark.parametrize(
+    ("f", "x"),
+    [
+        (pendulum, [0.5, 0.0]),
+        (lorenz, [1.0, 2.0, 20.0]),
+        (orbit, [1.0, 0.0, 0.0, 1.2]),
+        (lambda x: [0.0, -x[1]], [0.0, 1.0]),
+    ],
+)
+def test_ends_and_instants_between_them_are_precise(f, x):
+    times = [0.01, 0.3, 0.31, 1.0, 2.0]
+    states, _ = simulated(f, x, times)
+    np.testing.assert_allclose(states, precise(f, np.array(x), times), rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("x", "u", "T"),
+    [([400.0, 9.95], 310.0, 0.05), ([356.0, 9.0], 310.0, 0.25), ([311.0, 8.5], 298.0, 1.5)],
+)
+def test_the_reactor_is_precise_even_when_it_runs_away(x, u, T):
+    plant, x, u = CSTR(), np.array(x), np.array([u])
+    times = np.linspace(T / 7, T, 7)
+    states = integrate(plant.equations, x, u, FEED, times)
+    exact = precise(lambda x: plant.f(x, u, FEED), x, times)
+    np.testing.assert_allclose(states, exact, rtol=3e-9)
+
+
+def test_other_instants_change_nothing_but_the_last_digits():
+    many, _ = simulated(pendulum, [0.5, 0.0], np.linspace(0.001, 3.0, 3000))
+    one, _ = simulated(pendulum, [0.5, 0.0], [3.0])
+    np.testing.assert_allclose(many[-1], one[0], rtol=1e-12)
+
+
+def test_the_same_call_gives_the_same_bits():
+    runs = [simulated(lorenz, [1.0, 2.0, 20.0], [1.0, 5.0])[0] for _ in range(2)]
+    np.testing.assert_array_equal(*runs)
+
+
+def test_no_instant_is_no_state():
+    states, _ = simulated(pendulum, [0.5, 0.0], [])
+    assert states.shape == (0, 2)
+
+
+def test_read_only_arrays_stay_as_they_are():
+    plant, x, u, times = CSTR(), np.array([311.0, 8.5]), np.array([298.0]), np.array([0.1, 0.2])
+    for array in (x, u, times):
+        array.setflags(write=False)
+    integrate(plant.equations, x, u, FEED, times)
+    assert x.tolist() == [311.0, 8.5]
+
+
+@pytest.mark.parametrize(
+    ("f", "until"),
+    [
+        (lambda x: x**2, 1.0),
+        (lambda x: x**3, 0.5),
+        (lambda x: np.exp(x), np.exp(-1)),
+        (lambda x: [np.nan], 0.0),
+        (lambda x: [np.inf], 0.0),
+        (lambda x: np.sqrt(2 - x) - 2, np.inf),
+    ],
+)
+def test_after_a_blow_up_there_is_no_number(f, until):
+    times = np.linspace(0.03, 3.03, 61)
+    states, evaluations = simulated(f, [1.0], times)
+    np.testing.assert_array_equal(np.isfinite(states[:, 0]), times < until)
+    assert evaluations < 20_000
+
+
+@pytest.mark.parametrize(
+    ("f", "x", "T", "method"),
+    [
+        (lambda x: [-1e5 * (x[0] - x[1]), -x[1]], [0.0, 1.0], 3.0, "Radau"),
+        (robertson, [1.0, 0.0, 0.0], 1e4, "Radau"),
+        (van_der_pol, [2.0, 0.0], 2e4, "Radau"),
+    ],
+)
+def test_stiff_plants_take_few_evaluations(f, x, T, method):
+    started = time.process_time()
+    states, evaluations = simulated(f, x, [0.3 * T, T])
+    assert evaluations < 10_000
+    assert time.process_time() - started < 5
+    exact = solve_ivp(
+        lambda t, x: f(x), (0, T), x, method, [0.3 * T, T], rtol=1e-10, atol=1e-13
+    ).y.T
+    np.testing.assert_allclose(states, exact, rtol=1e-5)
+
+
+def test_a_long_oscillation_is_not_taken_for_stiff():
+    states, _ = simulated(lambda x: [x[1], -x[0]], [1.0, 0.0], [2000.0])
+    np.testing.assert_allclose(states[0], [np.cos(2000), -np.sin(2000)], atol=1e-6)
+
+
+def test_dry_friction_ends_soon_and_sticks():
+    states, evaluations = simulated(lambda x: [-np.sign(x[0])], [0.5], [0.25, 0.5, 1.0])
+    np.testing.assert_allclose(states[:, 0], [0.25, 0.0, 0.0], atol=1e-3)
+    assert evaluations < 40_000
+
+
+def test_no_step_is_longer_than_the_largest():
+    def bump(x):  # a peak of width 0.01 that a long step would miss
+        return [1.0, np.exp(-(((x[0] - 0.7) / 0.01) ** 2))]
+
+    states, _ = simulated(bump, [0.0, 0.0], [2.0], max_step=0.02)
+    assert states[0, 1] == pytest.approx(0.01 * np.sqrt(np.pi), rel=1e-6)
+
+
+def test_what_interrupts_the_equations_passes():
+    def interrupted(x):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulated(interrupted, [1.0], [1.0])
