@@ -17,7 +17,6 @@ plant = FunctionPlant(
     states=[ANGLE, Channel("speed", "rad/s"), Channel("current", "A")],
     inputs=[VOLTAGE],
     outputs=[ANGLE],
-    max_step=0.005,
 )
 # The experiment: turn by 1 rad within 3 s.
 task = Task(x0=np.zeros(3), u0=np.zeros(1), y_ref=np.array([1.0]), horizon=3.0)

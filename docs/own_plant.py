@@ -14,7 +14,6 @@ motor = FunctionPlant(
     states=[Channel("angle", "rad"), Channel("speed", "rad/s"), Channel("current", "A")],
     inputs=[Channel("voltage", "V", low=-12, high=12)],
     outputs=[Channel("angle", "rad")],
-    max_step=0.005,
 )
 # Turn by 1 rad within 3 s.
 turn = Task(x0=np.zeros(3), u0=np.zeros(1), y_ref=np.array([1.0]), horizon=3.0)

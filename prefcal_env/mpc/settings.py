@@ -128,7 +128,7 @@ def _array(name: str, value: Any) -> np.ndarray:
 def _check_weight(name: str, Q: np.ndarray) -> None:
     if Q.ndim != 2 or Q.shape[0] != Q.shape[1] or not np.all(np.isfinite(Q)):
         raise SettingsError(f"{name} must be a finite square matrix, got shape {Q.shape}")
-    if not np.allclose(Q, Q.T, rtol=1e-12, atol=0):
+    if np.any(np.abs(Q - Q.T) > 1e-12 * np.abs(Q)):
         raise SettingsError(f"{name} must be symmetric, got {Q.tolist()}")
     smallest = float(np.linalg.eigvalsh(Q)[0])
     if smallest < -1e-12 * max(float(np.abs(Q).max()), 1e-300):

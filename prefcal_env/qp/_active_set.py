@@ -30,56 +30,69 @@ def nearest(G, low, high, absolute, relative, most):  # type: ignore[no-untyped-
     z, y = np.zeros(n), np.zeros(m)
     if _at_origin(low, high):
         return SOLVED, z, y, 0
-    a, mu, d, r, step = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
-    J, R = np.zeros((n, n)), np.zeros((n, n))
-    rows, sides, norms = np.zeros(n, np.int64), np.zeros(n), np.zeros(m)
-    for i in range(m):
-        for j in range(n):
+    # J is orthogonal, and JᵀN = (R, 0) for the normals N of the k active rows.
+    factors = np.eye(n), np.zeros((n, n))
+    active = np.zeros(n, np.int64), np.zeros(n), np.zeros(n)  # row, side and multiplier
+    norms, k, iterations = _norms(G), 0, 0
+    while True:
+        worst = _most_violated(G, low, high, norms, z, absolute, relative)
+        if worst[0] < 0:
+            for j in range(k):
+                y[active[0][j]] += active[1][j] * active[2][j]
+            return SOLVED, z, y, iterations
+        how, k, iterations = _activate(G, worst, norms, z, factors, active, k, iterations, most)
+        if how != SOLVED:
+            return how, z, y, iterations
+
+
+@inner()
+def _activate(G, worst, norms, z, factors, active, k, iterations, most):  # type: ignore[no-untyped-def]
+    """Move z to the limit of a violated row, and drop active rows that are in the way.
+
+    Returns how it ended, the number of active rows, and the iterations so far.
+    """
+    p, side, violation = worst
+    (J, R), (rows, sides, mu), n = factors, active, len(z)
+    a, d, r, step = np.empty(n), np.empty(n), np.zeros(n), np.empty(n)
+    for j in range(n):
+        a[j] = -side * G[p, j]
+    push = 0.0
+    while iterations < most:
+        iterations += 1
+        free = _directions(J, R, a, k, d, r, step)
+        partial, blocking = np.inf, -1
+        for j in range(k):
+            if r[j] > 0.0 and mu[j] < partial * r[j]:
+                partial, blocking = mu[j] / r[j], j
+        full = violation / free if free > (_ZERO * norms[p]) ** 2 else np.inf
+        t = min(partial, full)
+        if t == np.inf:
+            return INFEASIBLE, k, iterations
+        for j in range(k):
+            mu[j] -= t * r[j]
+        push += t
+        if full < np.inf:
+            violation -= t * free
+            for j in range(n):
+                z[j] += t * step[j]
+        if full <= partial:
+            _add(J, R, d, k)
+            rows[k], sides[k], mu[k] = p, side, push
+            return SOLVED, k + 1, iterations
+        _drop(J, R, rows, sides, mu, blocking, k)
+        k -= 1
+    return ITERATION_LIMIT, k, iterations
+
+
+@inner()
+def _norms(G):  # type: ignore[no-untyped-def]
+    """Return the length of each row."""
+    norms = np.zeros(G.shape[0])
+    for i in range(G.shape[0]):
+        for j in range(G.shape[1]):
             norms[i] += G[i, j] * G[i, j]
         norms[i] = math.sqrt(norms[i])
-    for j in range(n):
-        J[j, j] = 1.0
-    k, iterations = 0, 0
-    while True:
-        p, side, violation = _most_violated(G, low, high, norms, z, absolute, relative)
-        if p < 0:
-            for j in range(k):
-                y[rows[j]] += sides[j] * mu[j]
-            return SOLVED, z, y, iterations
-        for j in range(n):
-            a[j] = -side * G[p, j]
-        push = 0.0
-        added = False
-        while not added:
-            if iterations >= most:
-                return ITERATION_LIMIT, z, y, iterations
-            iterations += 1
-            free = _directions(J, R, a, k, d, r, step)
-            partial, blocking = np.inf, -1
-            for j in range(k):
-                if r[j] > 0.0 and mu[j] < partial * r[j]:
-                    partial, blocking = mu[j] / r[j], j
-            full = np.inf
-            if free > _ZERO * _ZERO * norms[p] * norms[p]:
-                full = violation / free
-            t = min(partial, full)
-            if t == np.inf:
-                return INFEASIBLE, z, y, iterations
-            for j in range(k):
-                mu[j] -= t * r[j]
-            push += t
-            if full < np.inf:
-                for j in range(n):
-                    z[j] += t * step[j]
-                violation -= t * free
-            if full <= partial:
-                _add(J, R, d, k)
-                rows[k], sides[k], mu[k] = p, side, push
-                k += 1
-                added = True
-            else:
-                _drop(J, R, rows, sides, mu, blocking, k)
-                k -= 1
+    return norms
 
 
 @inner()

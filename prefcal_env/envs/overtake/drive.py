@@ -7,8 +7,8 @@ from math import hypot
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.envs.overtake.road.contact import Times, first_contact, travel
-from prefcal_env.envs.overtake.road.geometry import REACH, Poses, outside
+from prefcal_env.envs.overtake.road.contact import BENT, Times, first_contact, travel
+from prefcal_env.envs.overtake.road.geometry import REACH, Poses
 from prefcal_env.envs.overtake.road.traffic import Mover, Obstacle
 from prefcal_env.plants.plant import Plant
 
@@ -30,86 +30,96 @@ class Mishap(Enum):
     NOT_FINITE = "not finite"
 
 
-@dataclass(frozen=True, slots=True)
-class Drive:
-    """A driven period: M instants after its start; the last one is where it ended.
-
-    Args:
-        t: Instants [s], shape (M,).
-        x: States at `t`, shape (M, n_x).
-        mishap: Reason why it ended early; None if it did not.
-    """
-
-    t: Times
-    x: Float[np.ndarray, "M n_x"]
-    mishap: Mishap | None
+_MISHAPS = None, Mishap.NOT_FINITE, Mishap.OFF_ROAD
+"""What the second number of `_kernels.kept` means."""
 
 
-def sub_steps(T_s: float) -> Times:
-    """Return the shares of a period at which it is recorded: n sub-steps of T_s/n; the last is 1.
+def instants(T_s: float, periods: int) -> Float[np.ndarray, "periods M1"]:
+    """Return the recorded instants of each period: its start, and the ends of M equal sub-steps.
 
-    The instants of step k are (k + shares) T_s: none is a sum of others, so time is exact.
+    None is a sum of others, so time is exact.
     """
     n = max(1, int(np.ceil(T_s / SUB_STEP - 1e-9)))
-    return np.arange(1, n + 1) / n
+    return np.asarray((np.arange(periods)[:, None] + np.arange(n + 1) / n) * T_s)
 
 
 @dataclass(frozen=True, slots=True)
-class Period:
-    """One sampling period before it is driven: from state `x` at time `start` [s], with `u` held.
+class Scene:
+    """What an episode drives through, one sampling period after another.
 
-    `rows` are (x_o, y_o, v_o) of the other vehicles at its start, shape (n, 3); `road` is the
-    right and the left edge of the road, y [m].
+    Args:
+        plant: Plant that moves the ego vehicle.
+        movers: The other vehicles.
+        road: Right and left edge of the road, y [m].
     """
 
     plant: Plant
-    x: Float[np.ndarray, " n_x"]
-    u: Float[np.ndarray, " 2"]
-    start: float
     movers: tuple[Mover, ...]
-    rows: Float[np.ndarray, "n 3"]
     road: tuple[float, float]
 
-    def drive(self, t: Times) -> Drive:
-        """Drive to the instants `t`, or to the first mishap."""
-        x = self.plant.hold(self.x, self.u, _NONE, t - self.start)
-        mishap: Mishap | None = None
-        finite = np.isfinite(x).all(axis=1)
-        if not finite.all():
-            n = int(np.argmin(finite))
-            t, x, mishap = t[:n], x[:n], Mishap.NOT_FINITE
-        left = np.flatnonzero(outside(x[:, :3], self.road) > ROAD_MARGIN)
-        if len(left):
-            n = int(left[0]) + 1
-            t, x, mishap = t[:n], x[:n], Mishap.OFF_ROAD
-        touched = self._contact(t, x) if len(t) else None
-        if touched is not None:
-            n = int(np.searchsorted(t, touched))
-            t = np.append(t[:n], touched)
-            x = np.concatenate([x[:n], self._states(np.array([touched]))])
-            mishap = Mishap.COLLISION
-        return Drive(t, x, mishap)
+    def drive(
+        self,
+        x: Float[np.ndarray, " n_x"],
+        u: Float[np.ndarray, " 2"],
+        t: Times,
+        others: Float[np.ndarray, "n M1 3"],
+    ) -> tuple[Float[np.ndarray, " D"], Float[np.ndarray, "D n_x"], Mishap | None]:
+        """Drive from state `x` with `u` held, from the first of `t` to the last or to a mishap.
 
-    def _contact(self, t: Times, x: Float[np.ndarray, "M n_x"]) -> float | None:
+        `others` are the poses of the other vehicles at `t`.
+
+        Returns:
+            The instants, shape (D,), up to the one where the period ended, the states at them, and
+            the reason why it ended early; None if it did not.
+        """
+        # Imported here so that importing the package does not load the compiler.
+        from .road import _kernels
+
+        states = np.concatenate([x[None], self.plant.hold(x, u, _NONE, t[1:] - t[0])])
+        kept, why = _kernels.kept(states, self.road, ROAD_MARGIN)
+        mishap = _MISHAPS[why]
+        t, states = t[: kept + 1], states[: kept + 1]
+        touched = None
+        if not _kernels.surely_apart(states, others, BENT, REACH):
+            touched = self._contact(u, t, states, others)
+        if touched is not None:
+            n = int(np.searchsorted(t[1:], touched)) + 1
+            at_contact = self._states(x, u, float(t[0]), np.array([touched]))
+            states = np.concatenate([states[:n], at_contact])
+            t, mishap = np.append(t[:n], touched), Mishap.COLLISION
+        return t, states, mishap
+
+    def _contact(
+        self,
+        u: Float[np.ndarray, " 2"],
+        t: Times,
+        states: Float[np.ndarray, "K n_x"],
+        others: Float[np.ndarray, "n M1 3"],
+    ) -> float | None:
         """Return when the ego vehicle first touches one that comes near; None if it does not."""
-        times = np.append(self.start, t)
-        moved = float(travel(np.concatenate([self.x[None, :3], x[:, :3]])).sum())
-        own_x, own_y, *_ = self.x.tolist()
+        x, start = states[0], float(t[0])
+        moved = float(travel(states[:, :3]).sum())
+        own_x, own_y, *_ = x.tolist()
         near = []
-        for mover, (x_o, y_o, v_o) in zip(self.movers, self.rows.tolist(), strict=True):
+        for mover, (x_o, y_o, _) in zip(self.movers, others[:, 0].tolist(), strict=True):
             straight = isinstance(mover, Obstacle) and mover.moves_to is None
             further = 0.0 if straight else _SWERVE
-            reach = 2 * REACH + moved + further + abs(v_o) * (times[-1] - self.start)
+            v_o = float(mover.speeds(t[:1])[0])
+            reach = 2 * REACH + moved + further + abs(v_o) * (t[-1] - start)
             if hypot(x_o - own_x, y_o - own_y) <= reach:
                 near.append(mover)
         if not near:
             return None
-        return first_contact(lambda at: (self._poses(at), [o.poses(at) for o in near]), times)
 
-    def _poses(self, t: Times) -> Poses:
-        return self._states(t)[:, :3]
+        def motion(at: Times) -> tuple[Poses, list[Poses]]:
+            return self._states(x, u, start, at)[:, :3], [mover.poses(at) for mover in near]
 
-    def _states(self, t: Times) -> Float[np.ndarray, "K n_x"]:
-        later = t[t > self.start]
-        x = self.plant.hold(self.x, self.u, _NONE, later - self.start)
-        return x if len(later) == len(t) else np.concatenate([self.x[None], x])
+        return first_contact(motion, t)
+
+    def _states(
+        self, x: Float[np.ndarray, " n_x"], u: Float[np.ndarray, " 2"], start: float, t: Times
+    ) -> Float[np.ndarray, "K n_x"]:
+        """Return the states at `t` [s], from `x` at `start` with `u` held."""
+        later = t[t > start]
+        after = self.plant.hold(x, u, _NONE, later - start)
+        return after if len(later) == len(t) else np.concatenate([x[None], after])

@@ -15,7 +15,7 @@ from prefcal_env.experiments.control import Measurement
 from prefcal_env.experiments.experiment import Channels, End
 from prefcal_env.experiments.trajectory import Record, Trajectory
 
-from .drive import Mishap, Period, sub_steps
+from .drive import Mishap, Scene, instants
 from .signals import signals_of
 
 
@@ -59,11 +59,11 @@ class Episode:
         self.mishap: Mishap | None = None
         self.x = np.concatenate([pose, options.car.others])
         self.u = np.array([KEEPING_SPEED, 0.0])
-        self._rng, self._noise = rng, np.array(options.noise)
+        self._rng, self._noise = rng, np.array(options.noise) if any(options.noise) else None
         self._trajectory = Trajectory(self.x, self.u)
         self._phases: list[tuple[Phase, int]] = []
         self._steps, self.phase = 0, Phase.LANE_KEEPING
-        self._shares = sub_steps(T_s)
+        self._times = instants(T_s, int(options.duration / T_s) + 2)
         self.vehicles = options.vehicles(rng, float(pose[0]))
         self.simulation: Any = None
         if any(isinstance(vehicle, Driver) for vehicle in self.vehicles):
@@ -74,26 +74,29 @@ class Episode:
             self.movers: tuple[Mover, ...] = self.simulation.movers
         else:
             self.movers = tuple(v for v in self.vehicles if isinstance(v, Obstacle))
-            samples = np.arange(int(options.duration / T_s) + 2) * T_s
-            self._rows = rows(self.movers, samples)  # all at once: faster than one by one
+            # All at once: faster than one by one.
+            self._rows = rows(self.movers, self._times[:, 0])
+            poses = [o.poses(self._times.ravel()) for o in self.movers]
+            self._others = np.stack([p.reshape(*self._times.shape, 3) for p in poses], axis=1)
+        self._scene = Scene(options.car.plant, self.movers, options.road)
         self._look()
 
     def apply(self, u: Float[np.ndarray, " 2"]) -> Driven:
         """Drive one period with `u` held, as far as the actuators allow."""
-        times = (self._steps + self._shares) * self.T_s
-        if self.simulation is not None:
+        times = self._times[self._steps]
+        if self.simulation is None:
+            others = self._others[self._steps]
+        else:
             self.simulation.drive(self.x, u, self.t, float(times[-1]))
-        plant, road = self.options.car.plant, self.options.road
-        period = Period(plant, self.x, u, self.t, self.movers, self.obstacles, road)
-        drive = period.drive(times)
-        self._trajectory.add(drive.t, drive.x, u, self.y_ref())
-        self._phases.append((self.phase, len(drive.t)))
-        t, x = np.append(self.t, drive.t), np.concatenate([self.x[None], drive.x])
+            others = np.stack([o.poses(times) for o in self.movers])
+        t, x, self.mishap = self._scene.drive(self.x, u, times, others)
+        self._trajectory.add(t[1:], x[1:], u, self.y_ref())
+        self._phases.append((self.phase, len(t) - 1))
         driven = Driven(t, x[:, :3], u, self.phase)
         self._steps += 1
-        self.t, self.x, self.u, self.mishap = float(t[-1]), x[-1], u, drive.mishap
+        self.t, self.x, self.u = float(t[-1]), x[-1], u
         self._look()
-        if drive.mishap is not None:
+        if self.mishap is not None:
             self.end = End.UNSAFE
         elif self.t >= self.options.duration * (1 - 1e-12):
             self.end = End.TIME_UP
@@ -116,9 +119,9 @@ class Episode:
     def record(self, channels: Channels) -> Record:
         """Return the drive so far, with its signals."""
         record = self._trajectory.record(channels, self.end)
-        held = [np.full(length, phase, float) for phase, length in self._phases]
-        last = float(self._phases[-1][0] if self._phases else self.phase)
-        phases = np.append(np.concatenate([np.zeros(0), *held]), last)
+        last = self._phases[-1][0] if self._phases else self.phase
+        held = np.array([*self._phases, (last, 1)], dtype=int)
+        phases = np.repeat(held[:, 0].astype(float), held[:, 1])
         poses, road = record.x[:, :3], self.options.road
         signals = signals_of(record.t, poses, phases, self.movers, road)
         return replace(record, signals=signals)
@@ -130,5 +133,5 @@ class Episode:
         else:
             self.obstacles = rows(self.movers, np.array([self.t]))[0]
         self.phase = next_phase(self.phase, float(self.x[0]), self.obstacles)
-        noise = self._noise * self._rng.standard_normal(3) if self._noise.any() else 0.0
+        noise = 0.0 if self._noise is None else self._noise * self._rng.standard_normal(3)
         self.measured = self.x[:3] + noise

@@ -1,5 +1,6 @@
 """A plant from its equations alone."""
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,6 +10,7 @@ from scipy.integrate import solve_ivp
 from prefcal_env.errors import PlantError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants import CSTR, FunctionPlant
+from support.equations import evaluated
 
 X = (Channel("angle", "rad"), Channel("speed", "rad/s"))
 U = (Channel("torque", "Nm", low=-2.0, high=2.0),)
@@ -107,3 +109,29 @@ def test_equations_that_return_the_wrong_number_are_refused():
 def test_an_incomplete_plant_is_refused(change, reason):
     with pytest.raises(PlantError, match=reason):
         FunctionPlant(**{"f": pendulum, "states": X, "inputs": U} | change)
+
+
+def test_compiled_equations_give_the_same_states_and_jacobians():
+    f = numba.njit(lambda x, u, d: (x[1], -9.81 * np.sin(x[0]) - 0.1 * x[1] + u[0]))
+    plant = FunctionPlant(f, states=X, inputs=U)
+    x, u, times = np.array([0.5, 0.0]), np.array([1.0]), np.array([0.3, 1.0, 2.5])
+    np.testing.assert_allclose(
+        plant.hold(x, u, NONE, times), PENDULUM.hold(x, u, NONE, times), rtol=1e-12
+    )
+    J = PENDULUM.jacobians(x, u, NONE)
+    found = evaluated(plant.equations, "jacobians", 12, x, u, NONE)
+    np.testing.assert_allclose(
+        found, np.concatenate([m.ravel() for m in (J.A, J.B, J.C, J.D)]), atol=1e-11
+    )
+    np.testing.assert_allclose(plant.jacobians(x, u, NONE).A, J.A, atol=1e-11)
+
+
+def test_compiled_equations_that_return_the_wrong_number_are_refused():
+    plant = FunctionPlant(numba.njit(lambda x, u, d: (x[0],)), states=X, inputs=U)
+    with pytest.raises(PlantError, match="must return 2 values"):
+        plant.hold(np.ones(2), np.ones(1), NONE, np.ones(1))
+
+
+def test_a_compiled_division_by_zero_is_not_an_error():
+    plant = FunctionPlant(numba.njit(lambda x, u, d: (1 / (x[0] - x[0]),)), states=X[:1], inputs=U)
+    assert np.isnan(plant.hold(np.ones(1), np.ones(1), NONE, np.ones(1))).all()

@@ -1,4 +1,4 @@
-"""Every plant is simulated by one integrator: it is precise, never stuck, and NaN after a blow-up."""
+"""Every plant is simulated by one integrator: precise, never stuck, and NaN after a blow-up."""
 
 import time
 

@@ -9,7 +9,7 @@ from .geometry import REACH, Poses, separation
 
 CONTACT = 1e-3
 """Distance below which bodies have touched [m]."""
-_BENT = 1.1
+BENT = 1.1
 """Factor by which a path between two close instants may be longer than its chord."""
 
 Times = Float[np.ndarray, " K"]
@@ -53,4 +53,4 @@ def first_contact(motion: Motion, times: Times) -> float | None:
 def travel(poses: Poses) -> Float[np.ndarray, " K-1"]:
     """Return a lower bound on the motion of any point of a body between instants [m]."""
     step = np.diff(poses, axis=0)
-    return np.asarray(_BENT * (np.hypot(step[:, 0], step[:, 1]) + REACH * np.abs(step[:, 2])))
+    return np.asarray(BENT * (np.hypot(step[:, 0], step[:, 1]) + REACH * np.abs(step[:, 2])))

@@ -4,6 +4,8 @@ A pose is that of the front end on the center line, so the body's center is 2.25
 Headings are counterclockwise from the road's direction; y is to the left.
 """
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -11,7 +13,7 @@ from .rules import LENGTH, ROAD, WIDTH
 
 REACH = float(np.hypot(LENGTH, WIDTH / 2))
 """Distance from the front end to the farthest point of the body [m]."""
-_LONG, _BROAD = LENGTH / 2, WIDTH / 2
+_BROAD = WIDTH / 2
 
 Poses = Float[np.ndarray, "K 3"]
 
@@ -23,30 +25,20 @@ def separation(a: Poses, b: Poses) -> Float[np.ndarray, " K"]:
     directions of their sides: never more than their distance, and positive exactly when they are
     disjoint (separating axes).
     """
-    turned = b[:, 2] - a[:, 2]
-    c, s = np.abs(np.cos(turned)), np.abs(np.sin(turned))
-    along = _LONG * (1 + c) + _BROAD * s  # half the sum of both projections, along a body
-    across = _BROAD * (1 + c) + _LONG * s  # the same across it
-    offset = centers(b) - centers(a)
-    gaps = []
-    for heading in (a[:, 2], b[:, 2]):
-        forward, left = np.cos(heading), np.sin(heading)
-        ahead = np.abs(offset[:, 0] * forward + offset[:, 1] * left)
-        aside = np.abs(offset[:, 1] * forward - offset[:, 0] * left)
-        gaps += [ahead - along, aside - across]
-    smallest: Float[np.ndarray, " K"] = np.max(gaps, axis=0)
-    return smallest
+    return np.asarray(_compiled().separation(_plain(a), _plain(b)))
+
+
+def distance(a: Poses, b: Poses) -> Float[np.ndarray, " K"]:
+    """Return the distance of the outlines of the bodies at `a` and `b` [m], shape (K,).
+
+    It is always at a corner of one of them, and 0 if a corner of one is in the other.
+    """
+    return np.asarray(_compiled().distance(_plain(a), _plain(b)))
 
 
 def overlap(a: Poses, b: Poses) -> Bool[np.ndarray, " K"]:
     """Return whether the bodies at `a` and `b` touch, exactly, shape (K,)."""
     return np.asarray(separation(a, b) <= 0)
-
-
-def centers(poses: Poses) -> Float[np.ndarray, "K 2"]:
-    """Return the centers of the bodies, (x, y) [m], shape (K, 2)."""
-    heading = poses[:, 2]
-    return poses[:, :2] - _LONG * np.stack([np.cos(heading), np.sin(heading)], axis=1)
 
 
 def corners(poses: Poses) -> Float[np.ndarray, "K 4 2"]:
@@ -62,11 +54,7 @@ def outside(poses: Poses, road: tuple[float, float] = ROAD) -> Float[np.ndarray,
 
     `road` is the right and the left edge of the road, y [m].
     """
-    front, rear = poses[:, 1], poses[:, 1] - LENGTH * np.sin(poses[:, 2])
-    half = _BROAD * np.abs(np.cos(poses[:, 2]))
-    leftmost, rightmost = np.maximum(front, rear) + half, np.minimum(front, rear) - half
-    right_edge, left_edge = road
-    return np.asarray(np.maximum(leftmost - left_edge, right_edge - rightmost))
+    return np.asarray(_compiled().outside(_plain(poses), road))
 
 
 def lateral_distance(a: Poses, b: Poses) -> Float[np.ndarray, " K"]:
@@ -76,3 +64,15 @@ def lateral_distance(a: Poses, b: Poses) -> Float[np.ndarray, " K"]:
     """
     alongside = np.abs(a[:, 0] - b[:, 0]) < LENGTH
     return np.where(alongside, np.abs(a[:, 1] - b[:, 1]), np.nan)
+
+
+def _plain(poses: Poses) -> Poses:
+    """Return a copy: for read-only or strided arrays, kernels would be compiled again."""
+    return np.array(poses, dtype=float, order="C")
+
+
+def _compiled() -> Any:
+    # Imported here so that importing the package does not load the compiler.
+    from . import _kernels
+
+    return _kernels

@@ -80,9 +80,13 @@ def beside(x_f: float, obstacles: Float[np.ndarray, "n 3"]) -> Float[np.ndarray,
         Rows of the obstacles in the right lane at most 10 m ahead or behind, shape (m, 3); m may
         be 0.
     """
-    x_o, y_o = obstacles[:, 0], obstacles[:, 1]
-    near = (gap(x_f, x_o) < SAFETY_DISTANCE) & (clearance(x_f, x_o) <= SAFETY_DISTANCE)
-    return obstacles[near & (y_o < LANE_WIDTH / 2)]
+    near = [
+        gap(x_f, x_o) < SAFETY_DISTANCE
+        and clearance(x_f, x_o) <= SAFETY_DISTANCE
+        and y_o < LANE_WIDTH / 2
+        for x_o, y_o, _ in obstacles.tolist()
+    ]
+    return obstacles[near]
 
 
 def gap(x_f: float, x_o: Position) -> Position:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from math import inf, pi
 from typing import Any
 
@@ -96,7 +97,12 @@ def mpc_settings(
     Raises:
         KnobError: If θ has the wrong shape, is NaN, or is outside the box.
     """
-    T_s, share, N_p, log_q11, log_q22 = (float(v) for v in space.check(theta))
+    return _settings(tuple(space.check(theta).tolist()), Phase(phase), fixed)
+
+
+@lru_cache(maxsize=64)  # the KPIs of an experiment need those of its controller again
+def _settings(theta: tuple[float, ...], phase: Phase, fixed: Fixed) -> MPCSettings:
+    T_s, share, N_p, log_q11, log_q22 = theta
     overtaking = phase is Phase.OVERTAKING
     low, high = OVERTAKING_SPEEDS if overtaking else KEEPING_SPEEDS
     beside = MIN_LATERAL_DISTANCE if overtaking else -inf
@@ -110,6 +116,7 @@ def mpc_settings(
         du_max=[fixed.speed_move, steering_move],
         y_min=[-inf, beside, -_ANGLE], y_max=[inf, inf, _ANGLE],
         Q_eps=fixed.Q_eps, softness=fixed.softness, linearization=fixed.linearization,
+        backend="piqp",  # t_comp is modeled from its iterations (`computation_time`)
     )  # fmt: skip
 
 

@@ -3,11 +3,9 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from prefcal_env.envs.overtake.road.geometry import Poses, corners
-from prefcal_env.envs.overtake.road.rules import LANE_WIDTH, LENGTH, ROAD, WIDTH, Phase
+from prefcal_env.envs.overtake.road.geometry import distance
+from prefcal_env.envs.overtake.road.rules import LANE_WIDTH, ROAD, Phase
 from prefcal_env.experiments.experiment import Experiment
-
-Points = Float[np.ndarray, "K 4 2"]
 
 
 def phases(experiment: Experiment) -> Int[np.ndarray, " K"]:
@@ -59,23 +57,7 @@ def lines_of(road: tuple[float, float]) -> list[float]:
 def clearance(experiment: Experiment) -> float:
     """Return the smallest distance of the outlines [m]: 0 on contact, inf without an obstacle."""
     pose = experiment.x[:, :3]
-    return min((float(_between(pose, o).min()) for o in bodies(experiment)), default=np.inf)
-
-
-def _between(x: Poses, o: Poses) -> Float[np.ndarray, " K"]:
-    """Return the distance of the outlines, which is always at a corner of one of them."""
-    return np.asarray(np.minimum(_to_corners(o, corners(x)), _to_corners(x, corners(o))))
-
-
-def _to_corners(pose: Poses, points: Points) -> Float[np.ndarray, " K"]:
-    """Return the distance from the rectangle at `pose` (front end, yaw) to the nearest point."""
-    c, s = np.cos(pose[:, 2:]), np.sin(pose[:, 2:])
-    dx, dy = points[:, :, 0] - pose[:, :1], points[:, :, 1] - pose[:, 1:2]
-    along, across = c * dx + s * dy + LENGTH / 2, c * dy - s * dx
-    outside = np.hypot(
-        np.maximum(np.abs(along) - LENGTH / 2, 0), np.maximum(np.abs(across) - WIDTH / 2, 0)
-    )
-    return np.asarray(outside.min(axis=1))
+    return min((float(distance(pose, o).min()) for o in bodies(experiment)), default=np.inf)
 
 
 def in_lane(experiment: Experiment, tolerance: float = 0.1) -> Bool[np.ndarray, " K"]:

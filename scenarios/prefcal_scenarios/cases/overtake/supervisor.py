@@ -20,6 +20,8 @@ from prefcal_env.mpc import DisturbanceEstimator, EstimatorSettings, LinearMPC, 
 from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.plants.plant import Plant
 
+_NONE = np.zeros(0)
+
 
 class Supervisor:
     """A `Controller` of the bicycle that keeps its lane and overtakes (section IV-B).
@@ -92,22 +94,23 @@ class Supervisor:
                 f"d must hold x_o, y_o and v_o of each obstacle, shape (3 n,), got {m.d.shape}"
             )
         obstacles = m.d.reshape(-1, 3)
-        m = replace(m, d=np.zeros(0))
+        x, d = m.x, _NONE
         if self._estimator is not None:
-            m = self._estimator.see(replace(m, x=m.x[:3]))
-        phase = next_phase(self._phase, float(m.x[0]), obstacles)
+            seen = self._estimator.see(replace(m, x=x[:3], d=d))
+            x, d = seen.x, seen.d
+        x_f, y_f, yaw, *_ = x.tolist()  # a richer plant has its pose first
+        phase = next_phase(self._phase, x_f, obstacles)
         if phase is not self._phase:
             self._mpc[phase].forget()
         self._phase = phase
         line = 0.0
-        if self._phase is Phase.OVERTAKING:
-            near = beside(float(m.x[0]), obstacles)
+        if phase is Phase.OVERTAKING:
+            near = beside(x_f, obstacles)
             if len(near):  # otherwise keep the last one
                 self._y_o = float(near[:, 1].max())
             line = self._y_o
-        x = np.array([0.0, m.x[1] - line, m.x[2]])  # a richer plant has its pose first
-        y_ref = self._ahead[self._phase]
-        return self._mpc[self._phase].move(replace(m, x=x, y_ref=y_ref))
+        x = np.array([0.0, y_f - line, yaw])
+        return self._mpc[phase].move(Measurement(m.t, x, m.u, d, self._ahead[phase]))
 
 
 def _ahead(settings: MPCSettings, speed: float, y: float) -> Float[np.ndarray, "N_p 3"]:

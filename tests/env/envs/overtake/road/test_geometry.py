@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_env.envs.overtake.road.geometry import (
-    centers,
     corners,
+    distance,
     lateral_distance,
     outside,
     overlap,
@@ -70,6 +70,16 @@ def test_bodies_are_never_closer_than_their_separation(a, b):
 
 
 @given(a=poses, b=poses)
+def test_the_distance_is_that_of_the_nearest_points(a, b):
+    points = boundary(a)[:, None] - boundary(b)[None]
+    nearest = np.hypot(*np.moveaxis(points, -1, 0)).min()
+    found = distance(a, b)[0]
+    assert found >= separation(a, b)[0] - 1e-9
+    if not overlap(a, b)[0]:
+        assert nearest - 0.12 <= found <= nearest + 1e-9  # points are 0.12 m apart
+
+
+@given(a=poses, b=poses)
 def test_separation_is_mutual(a, b):
     assert separation(a, b) == pytest.approx(separation(b, a), abs=1e-12)
 
@@ -91,7 +101,6 @@ def test_separations_by_hand(x, y, heading, apart):
 
 def test_the_body_is_behind_its_front_end():
     pose = np.array([[10.0, 1.0, pi / 2]])
-    assert centers(pose) == pytest.approx(np.array([[10.0, -1.25]]))
     expected = np.array([[9.1, 1.0], [9.1, -3.5], [10.9, -3.5], [10.9, 1.0]])
     assert corners(pose)[0] == pytest.approx(expected)
 
