@@ -41,10 +41,10 @@ LAYERS = {
         {"minimize", "respacing"},
     ),
     "prefcal_scenarios": (
-        {"own"},
+        {"own", "processes"},
         {"scenario"},
         {"kpis", "app.isolated", "app.presentation", "app.summary"},
-        {"app.report", "app.session", "tastes"},
+        {"app.report", "app.session", "many", "tastes"},
         {"app.web", "cases"},
         {"bench", "app.terminal"},
         {"app.reproduce"},

@@ -11,6 +11,10 @@ if TYPE_CHECKING:
     from prefcal_scenarios.app.report.trajectories import figure as figure
 
     from .kpis import outcome as outcome
+    from .many.results import FailedRun as FailedRun
+    from .many.results import Simulated as Simulated
+    from .many.simulate import simulate_iter as simulate_iter
+    from .many.simulate import simulate_many as simulate_many
     from .scenario import KPI as KPI
     from .scenario import Panel as Panel
     from .scenario import Scenario as Scenario
@@ -20,6 +24,10 @@ _HOMES = {
     "figure": "app.report.trajectories",
     "load_controller": "app.report.export",
     "outcome": "kpis",
+    "FailedRun": "many.results",
+    "Simulated": "many.results",
+    "simulate_iter": "many.simulate",
+    "simulate_many": "many.simulate",
     "KPI": "scenario",
     "Panel": "scenario",
     "Scenario": "scenario",

@@ -173,13 +173,6 @@ def _postponed() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-def usable_cores() -> int:
-    """Return the number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 _PIDS: Any = None
 """Array of `Processes` that maps slots to processes, in a worker."""
 

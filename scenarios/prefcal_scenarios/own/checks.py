@@ -105,20 +105,30 @@ def check_experiment(
         ScenarioError: If anything is wrong; the message lists every problem and the names that
             exist.
     """
-    if not isinstance(result, Experiment):
-        forgotten = ": is a return missing?" if result is None else ""
-        raise ScenarioError(
-            f"run must return an Experiment, got {type(result).__name__}{forgotten}"
-        )
+    experiment = returned(result)
     wrong = [
-        *theta_problems(scenario.space, theta, result),
-        *panel_problems(scenario, result),
-        *([] if result.end.interrupted else kpi_problems(scenario, result.kpis)),
+        *theta_problems(scenario.space, theta, experiment),
+        *panel_problems(scenario, experiment),
+        *([] if experiment.end.interrupted else kpi_problems(scenario, experiment.kpis)),
     ]
     if wrong:
         raise ScenarioError(
             f"scenario {scenario.name!r} does not fit its own experiment: {'; '.join(wrong)}. "
             "Fix its file and start again"
+        )
+    return experiment
+
+
+def returned(result: object) -> Experiment:
+    """Return what a run returned if it is an experiment.
+
+    Raises:
+        ScenarioError: If it is not.
+    """
+    if not isinstance(result, Experiment):
+        forgotten = ": is a return missing?" if result is None else ""
+        raise ScenarioError(
+            f"run must return an Experiment, got {type(result).__name__}{forgotten}"
         )
     return result
 

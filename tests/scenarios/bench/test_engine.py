@@ -11,7 +11,7 @@ import pytest
 
 from prefcal_env.errors import BenchmarkError, SettingsError
 from prefcal_scenarios.bench.engine import Lost, each
-from prefcal_scenarios.bench.executors import Processes, usable_cores
+from prefcal_scenarios.bench.executors import Processes
 from support import bench_tasks as tasks
 
 
@@ -163,7 +163,3 @@ def test_an_impossible_number_of_processes_is_refused(jobs):
 def test_an_impossible_time_limit_is_refused(limit):
     with pytest.raises(SettingsError, match="time limit"):
         Processes(1, limit=limit)
-
-
-def test_the_cores_that_may_be_used_are_counted():
-    assert 1 <= usable_cores() <= (os.cpu_count() or 1)

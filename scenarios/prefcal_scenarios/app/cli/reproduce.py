@@ -76,7 +76,7 @@ def _run(seeds: int, jobs: int | None, out: Path, *, json: bool) -> int:
     from prefcal_scenarios.app.cli.benchmark.display import BenchDisplay
     from prefcal_scenarios.app.presentation.folder import folder_for
     from prefcal_scenarios.app.reproduce import write_page
-    from prefcal_scenarios.bench.executors import usable_cores
+    from prefcal_scenarios.processes.cores import usable_cores
 
     from .interrupt import INTERRUPTED, interruption
 

@@ -14,10 +14,10 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study.codec import decode
 from prefcal_env.study.spaces import knobs_as_dicts, within_as_dict
+from prefcal_scenarios.processes.life import GRACE, Life
+from prefcal_scenarios.processes.messages import Kind, Message
 
-from .life import GRACE, Life
-from .messages import Kind, Message
-
+_INSIDE = "prefcal_scenarios.app.isolated.inside"
 DEFAULT_LIMIT = 3600.0
 """Default time limit of a run in seconds, longer than most simulations."""
 _LOADING = 120.0
@@ -59,7 +59,7 @@ class Worker:
         """Start the process if there is none, so that it loads the user's file meanwhile."""
         with self._lock:
             if self._life is None and not self._closed:
-                self._life = Life(self._source, self.limit)
+                self._life = Life(_INSIDE, self._source, self.limit)
 
     def reserve(self, theta: Float[np.ndarray, " n"]) -> None:
         """Announce the next run: from now on `busy_with` says so, and `stop` stops it."""

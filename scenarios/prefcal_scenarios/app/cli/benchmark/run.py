@@ -16,11 +16,11 @@ from prefcal_scenarios.app.presentation.wording import printable
 from prefcal_scenarios.app.report.export import jsonable
 from prefcal_scenarios.bench import DaskCluster, Finished, Processes, Store, Suite, run_suite
 from prefcal_scenarios.bench.engine import Workers
-from prefcal_scenarios.bench.executors import usable_cores
 from prefcal_scenarios.bench.results import as_csv, duel_table, print_table, table, write
 from prefcal_scenarios.bench.worth.curves import curves_of, frame_of, joined
 from prefcal_scenarios.bench.worth.raw import write_raw
 from prefcal_scenarios.bench.worth.rows import worth_table
+from prefcal_scenarios.processes.cores import usable_cores
 
 from .display import BenchDisplay
 from .options import BenchOptions, CompareOptions

@@ -11,11 +11,11 @@ class Kind(Enum):
     """The kind of a message."""
 
     RUN = b"R"
-    """To the process: θ, seed and space, as JSON."""
+    """To the process: what to run, for example θ, seed and space as JSON."""
     READY = b"L"
-    """From it: the user's file is loaded."""
+    """From it: the user's code is loaded."""
     EXPERIMENT = b"E"
-    """From it: the bytes of an experiment."""
+    """From it: the bytes of an experiment, or of several."""
     ERROR = b"X"
     """From it: what the code raised, as JSON."""
 

@@ -1,4 +1,4 @@
-"""Start, use and end one process of the user's code, with everything that it started."""
+"""Start, use and end one worker process, with everything that its code started."""
 
 import json
 import os
@@ -16,36 +16,48 @@ GRACE = 2.0
 """Seconds for the user's code to stop its plant (finally, with) before it is killed."""
 _LAST_WORDS = 0.2
 """Seconds for reading the last messages of an ended process."""
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""Variables from which libraries of linear algebra read their number of threads."""
 _BOOT = (
-    "import json, sys; args = json.loads(sys.argv[1]); sys.path[:] = args['path']; "
-    "from prefcal_scenarios.app.isolated.inside import main; main(args['source'], args['limit'])"
+    "import importlib, json, sys; module, path, args = json.loads(sys.argv[1]); "
+    "sys.path[:] = path; importlib.import_module(module).main(*args)"
 )
 
 
 @final
 class Life:
-    """A process from its start to its end; `loaded` says whether the user's file is loaded.
+    """A process from its start to its end; `loaded` says whether the user's code is loaded.
 
     Args:
-        source: Source of the scenario, path/to/own.py:NAME.
-        limit: Maximum number of seconds of a run.
+        module: Name of the module whose `main` the process runs.
+        args: Arguments of `main`, plain data.
+        threads: Number of threads of linear algebra; None for as many as in this process.
+        bell: Event that is set when there is something to `hear`.
     """
 
-    def __init__(self, source: str, limit: float) -> None:
-        args = json.dumps({"path": sys.path, "source": source, "limit": limit})
+    def __init__(
+        self,
+        module: str,
+        *args: str | float,
+        threads: int | None = None,
+        bell: threading.Event | None = None,
+    ) -> None:
+        limited = {} if threads is None else dict.fromkeys(_THREADS, str(threads))
         # In its own process group, it gets no Ctrl-C from the terminal and ends with its children.
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _BOOT, args],
+            [sys.executable, "-c", _BOOT, json.dumps([module, sys.path, args])],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=os.name == "posix",
+            env=os.environ | limited,
         )  # fmt: skip
         self._inbox: Queue[Message | None] = Queue()
+        self._bell = bell or threading.Event()
         self._silent = False
         self.loaded = False
         self._thread = threading.Thread(target=self._listen, name="own code", daemon=True)
         self._thread.start()
 
     def ask(self, request: bytes) -> None:
-        """Request a run of θ; `hear` returns the answer."""
+        """Send a request, for example a run of θ; `hear` returns the answer."""
         assert self._process.stdin is not None
         with suppress(OSError):  # it is gone: `hear` will say so
             send(self._process.stdin, Kind.RUN, request)
@@ -70,6 +82,7 @@ class Life:
     def wake(self) -> None:
         """Let `hear` return."""
         self._inbox.put(None)
+        self._bell.set()
 
     def ended(self) -> str:
         """Wait for the process to end, and return how it ended."""
@@ -99,12 +112,16 @@ class Life:
                 return str(json.loads(message[1])["line"])
         return ""
 
+    def dismiss(self) -> None:
+        """Tell the process that there is nothing more to run, so that it ends."""
+        assert self._process.stdin is not None
+        with suppress(OSError):
+            self._process.stdin.close()
+
     def leave(self) -> None:
         """End the process while nothing runs; the user's code can clean up at exit."""
-        assert self._process.stdin is not None
         try:
-            with suppress(OSError):
-                self._process.stdin.close()
+            self.dismiss()
             self._process.wait(GRACE)
         except subprocess.TimeoutExpired:
             pass
@@ -125,5 +142,6 @@ class Life:
         with suppress(OSError, ValueError), self._process.stdout as pipe:
             while (message := receive(pipe)) is not None:
                 self._inbox.put(message)
+                self._bell.set()
         self._silent = True
         self.wake()

@@ -1,0 +1,1 @@
+"""Worker processes: their start and end, and messages between them and prefcal."""
