@@ -111,7 +111,8 @@ def _of_the_mpc() -> Iterator[Kernel]:
     # Not `in_inputs`, which is as large and hardly ever needed.
     step = (
         mixed((int64, int64, int64, vector, chosen, chosen)),
-        mixed((vector, vector, matrix, matrix)), several(matrix, 2),
+        mixed((vector, vector, matrix, matrix)),
+        mixed((cube, cube, matrix, cube, cube, matrix)),
         mixed((float64, int64, int64, int64)), several(matrix, 4),
         several(vector, 4), several(vector, 3),
     )  # fmt: skip

@@ -33,6 +33,9 @@ callback: Any = partial(numba.cfunc, cache=True)
 """Decorator of a C function with the given signature; it is compiled when it is defined."""
 
 _config: Any = numba.config
+inlined: Any = partial(numba.njit, inline="always")
+"""Decorator of a function that one kernel calls in one place: it costs no compilation of its own."""
+
 _OURS = "prefcal_"
 _KEPT = 3
 """Number of older versions of a module whose code is kept, for other environments."""
@@ -42,7 +45,7 @@ class _KernelFolder(_CacheLocator):
     """Where numba keeps the compiled functions of a module of this project."""
 
     def __init__(self, function: Any) -> None:
-        self._line = function.__code__.co_firstlineno
+        self._py_file, self._lineno = function.__code__.co_filename, function.__code__.co_firstlineno
         self._stamp = stamp(function.__module__)
         root = Path(_config.CACHE_DIR or user_cache_path("prefcal", appauthor=False))
         self._path = root / "kernels" / f"{function.__module__}-{self._stamp}"
@@ -69,7 +72,7 @@ class _KernelFolder(_CacheLocator):
 
     def get_disambiguator(self) -> str:
         """Return what tells functions of one name apart."""
-        return str(self._line)
+        return str(self._lineno)
 
 
 # First in numba's list, which it goes through for every function that is to be cached.

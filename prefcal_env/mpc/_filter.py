@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from prefcal_env.jit import inner, kernel
+from prefcal_env.jit import inlined, inner, kernel
 
 from ._hold import discretize, multiply
 from ._model import jacobians, outputs
@@ -95,7 +95,7 @@ def _sum(A, B):  # type: ignore[no-untyped-def]
     return out
 
 
-@inner()
+@inlined()
 def _gain(S, CP):  # type: ignore[no-untyped-def]
     """Return K = (S⁻¹ CP)ᵀ, by a Cholesky factor of S."""
     n_y, n = CP.shape

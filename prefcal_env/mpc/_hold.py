@@ -6,7 +6,7 @@ while the user waits (see `compiling`).
 
 import numpy as np
 
-from prefcal_env.jit import inner, kernel
+from prefcal_env.jit import inlined, inner, kernel
 
 _TAYLOR_ORDER = 14
 _SMALLEST_SCALED_NORM = 0.25
@@ -54,7 +54,7 @@ def discretize(A, B, c, T):  # type: ignore[no-untyped-def]
     return _parts(E, n, m)
 
 
-@inner()
+@inlined()
 def _parts(E, n, m):  # type: ignore[no-untyped-def]
     """Return A_d, B_d and c_d, the blocks of the exponential."""
     A, B, c = np.empty((n, n)), np.empty((n, m)), np.empty(n)

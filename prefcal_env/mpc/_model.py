@@ -7,22 +7,14 @@ for the outputs. An array with one entry is used for all k; e always has N_p + 1
 
 import numpy as np
 
-from prefcal_env.jit import inner
+from prefcal_env.jit import inlined, inner, kernel
 from prefcal_env.plants._calls import call
 
 from ._hold import discretize
 
 
-@inner()
-def predict(equations, x, u, d, nominal, T_s, N_p, n_y):  # type: ignore[no-untyped-def]
-    """Return A, B, c, C, D and e, around x and u or, if there are any, the `nominal` points."""
-    if len(nominal[0]):
-        return _along_trajectory(equations, x, u, d, nominal, T_s, n_y)
-    return _at_point(equations, x, u, d, T_s, N_p, n_y)
-
-
-@inner()
-def _at_point(equations, x, u, d, T_s, N_p, n_y):  # type: ignore[no-untyped-def]
+@inlined()
+def at_point(equations, x, u, d, T_s, N_p, n_y):  # type: ignore[no-untyped-def]
     """Return one model for the whole horizon, exact at (x, u): it keeps the term f(x, u, d).
 
     If d is a preview (rows for the coming steps, the last one is repeated), the affine terms
@@ -51,10 +43,9 @@ def _at_point(equations, x, u, d, T_s, N_p, n_y):  # type: ignore[no-untyped-def
     return A, B, c, C, D, e
 
 
-@inner()
-def _along_trajectory(equations, x, u, d, nominal, T_s, n_y):  # type: ignore[no-untyped-def]
-    """Return the model of eq. MPCsys around the nominal states (N_p + 1) and inputs (N_p)."""
-    X, V = nominal
+@kernel()
+def along_trajectory(equations, x, u, d, X, V, T_s, n_y):  # type: ignore[no-untyped-def]
+    """Return the model of eq. MPCsys around the nominal states X (N_p + 1) and inputs V (N_p)."""
     N_p, n_x, n_u = len(V), len(x), len(u)
     A, B, c = np.empty((N_p, n_x, n_x)), np.empty((N_p, n_x, n_u)), np.empty((N_p, n_x))
     C, D = np.empty((N_p + 1, n_y, n_x)), np.empty((N_p + 1, n_y, n_u))
@@ -102,7 +93,7 @@ def _inputs(equations, u, d):  # type: ignore[no-untyped-def]
     return v
 
 
-@inner()
+@inlined()
 def _f(equations, x, u, d, out):  # type: ignore[no-untyped-def]
     """Write ẋ."""
     call(equations[0], x, _inputs(equations, u, d), d, equations[3], out)

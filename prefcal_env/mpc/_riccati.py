@@ -14,7 +14,7 @@ all of this compiles (see `compiling`).
 
 import numpy as np
 
-from prefcal_env.jit import inner, kernel
+from prefcal_env.jit import inlined, inner, kernel
 
 
 @kernel()
@@ -60,7 +60,7 @@ def triangularize(M, rows, columns, left):  # type: ignore[no-untyped-def]
             M[i, at] = 0.0
 
 
-@inner()
+@inlined()
 def _add_cost_to_go(M, S, s, A, B, c):  # type: ignore[no-untyped-def]
     """Write rows 0 ... s - 1 of M (u, x, w, 1): S applied to (A x + B u + c, u, 1)."""
     n_x, n_u = B.shape
@@ -92,7 +92,7 @@ def _add_output_cost(M, top, root, C, D, e):  # type: ignore[no-untyped-def]
                 M[top + r, M.shape[1] - 1] += weight * e[q]
 
 
-@inner()
+@inlined()
 def backward(A, B, c, C, D, e, roots, u_ref, N_u):  # type: ignore[no-untyped-def]
     """Return the feedback of the N_u free stages.
 
@@ -153,14 +153,14 @@ def backward(A, B, c, C, D, e, roots, u_ref, N_u):  # type: ignore[no-untyped-de
     return R
 
 
-@inner()
+@inlined()
 def _clear(M):  # type: ignore[no-untyped-def]
     for r in range(M.shape[0]):
         for j in range(M.shape[1]):
             M[r, j] = 0.0
 
 
-@inner()
+@inlined()
 def _add_input_cost(M, top, root, u_ref):  # type: ignore[no-untyped-def]
     """Write rows from `top` on: root (u - u_ref). Return the next free row."""
     for r in range(root.shape[0]):
@@ -170,7 +170,7 @@ def _add_input_cost(M, top, root, u_ref):  # type: ignore[no-untyped-def]
     return top + root.shape[0]
 
 
-@inner()
+@inlined()
 def _add_move_cost(M, top, root, n_x):  # type: ignore[no-untyped-def]
     """Write rows from `top` on: root (u - w). Return the next free row."""
     n_u = root.shape[1]

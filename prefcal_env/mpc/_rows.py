@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from prefcal_env.jit import inner, kernel
+from prefcal_env.jit import inlined, inner, kernel
 
 _LARGEST_TRUSTED_GROWTH = 1e9
 
 
-@inner()
+@inlined()
 def limit_rows(U, X, model, u_last, hard, soft, unit):  # type: ignore[no-untyped-def]
     """Return G, low and high: rows of inputs, of moves, and soft rows of limited outputs.
 
@@ -69,7 +69,7 @@ def reach(k, j, u_last, hard):  # type: ignore[no-untyped-def]
     return low, high
 
 
-@inner()
+@inlined()
 def _input_rows(U, u_last, hard, G, low, high):  # type: ignore[no-untyped-def]
     """Write the rows of the inputs, and of the moves after the first."""
     N_u, n_u, n_v = U.shape[0], U.shape[1], U.shape[2] - 1
@@ -88,7 +88,7 @@ def _input_rows(U, u_last, hard, G, low, high):  # type: ignore[no-untyped-def]
                 low[q], high[q] = hard[2][j] - constant, hard[3][j] - constant
 
 
-@inner()
+@inlined()
 def _output(U, X, model, k, j, y):  # type: ignore[no-untyped-def]
     """Write y_k of the output j, affine in the variables."""
     C, D, e = model

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from prefcal_env.jit import inner, kernel
+from prefcal_env.jit import inlined, inner, kernel
 from prefcal_env.qp._active_set import SOLVED, nearest
 from prefcal_env.qp._kernels import residuals
 
-from ._model import predict
+from ._model import at_point
 from ._plan import forward, open_loop
 from ._riccati import backward
 from ._rows import inputs, limit_rows, trusted
@@ -15,7 +15,7 @@ DECIDED, OPEN, NOT_TRUSTED, NOT_FINITE = range(4)
 
 
 @kernel()
-def decide(equations, measured, nominal, horizons, weights, hard, soft, solver):  # type: ignore[no-untyped-def]
+def decide(equations, measured, model, horizons, weights, hard, soft, solver):  # type: ignore[no-untyped-def]
     """Plan in deviations from the optimal feedback, and solve the QP if the solver is compiled.
 
     Without active limits the plan is the feedback itself: nothing is left to solve.
@@ -23,7 +23,7 @@ def decide(equations, measured, nominal, horizons, weights, hard, soft, solver):
     Args:
         equations: Compiled equations of the plant.
         measured: x, u, d and y_ref; d and y_ref have a row for each step, the last is repeated.
-        nominal: Nominal states (N_p + 1, n_x) and inputs (N_p, n_u); empty to linearize at x, u.
+        model: Prediction model of `_model.along_trajectory`; empty arrays for one at x and u.
         horizons: T_s, N_p, N_u, and N_p again if outputs are limited, otherwise 0.
         weights: Roots of Q_y, Q_u and Q_Δu, and u_ref.
         hard: Limits of inputs and moves.
@@ -36,9 +36,9 @@ def decide(equations, measured, nominal, horizons, weights, hard, soft, solver):
         min ½|z|² with low <= G z <= high.
     """
     x, u, d, y_ref = measured
-    model, R = _feedback(equations, measured, nominal, horizons, weights)
-    U, X, unit = forward(model[0], model[1], model[2], R, horizons[3])
-    G, low, high = limit_rows(U, X, (model[3], model[4], model[5]), u, hard, soft, unit)
+    found, R = _feedback(equations, measured, model, horizons, weights)
+    U, X, unit = forward(found[0], found[1], found[2], R, horizons[3])
+    G, low, high = limit_rows(U, X, (found[3], found[4], found[5]), u, hard, soft, unit)
     if not (_finite(x) and _finite(u) and _finite(d.ravel()) and _finite(y_ref.ravel())):
         return NOT_FINITE, 0, np.zeros(U.shape[:2]), U, G, low, high
     if not trusted(U, X, horizons[3] > 0):
@@ -53,15 +53,15 @@ def decide(equations, measured, nominal, horizons, weights, hard, soft, solver):
 
 
 @kernel()
-def in_inputs(equations, measured, nominal, horizons, weights, hard, soft):  # type: ignore[no-untyped-def]
+def in_inputs(equations, measured, model, horizons, weights, hard, soft):  # type: ignore[no-untyped-def]
     """Return the same problem with the inputs themselves as variables.
 
     Returns:
         Whether it can be trusted, U, G, low and high as `decide`, and T (n_v, n_v + 1): the cost
         is ½|T (u, 1)|² plus half the square of the slack variable.
     """
-    model, R = _feedback(equations, measured, nominal, horizons, weights)
-    U, X, T = open_loop(model[0], model[1], model[2], R, horizons[3])
+    found, R = _feedback(equations, measured, model, horizons, weights)
+    U, X, T = open_loop(found[0], found[1], found[2], R, horizons[3])
     unit = 0.0
     for i in range(T.shape[0]):
         for j in range(T.shape[1]):
@@ -69,19 +69,20 @@ def in_inputs(equations, measured, nominal, horizons, weights, hard, soft):  # t
     for i in range(T.shape[0]):
         for j in range(T.shape[1]):
             T[i, j] /= unit
-    outputs = model[3], model[4], model[5]
+    outputs = found[3], found[4], found[5]
     G, low, high = limit_rows(U, X, outputs, measured[1], hard, soft, unit)
     usable = _finite(T.ravel()) and trusted(U, X, horizons[3] > 0)
     return usable, U, G, low, high, T
 
 
-@inner()
-def _feedback(equations, measured, nominal, horizons, weights):  # type: ignore[no-untyped-def]
+@inlined()
+def _feedback(equations, measured, model, horizons, weights):  # type: ignore[no-untyped-def]
     """Return the prediction model and the rows R of the optimal feedback (`_riccati`)."""
     x, u, d, y_ref = measured
     T_s, N_p, N_u, _ = horizons
     root_y, root_u, root_du, u_ref = weights
-    A, B, c, C, D, e = predict(equations, x, u, d, nominal, T_s, N_p, y_ref.shape[1])
+    found = model if len(model[0]) else at_point(equations, x, u, d, T_s, N_p, y_ref.shape[1])
+    A, B, c, C, D, e = found
     error, relative = np.empty(e.shape), np.empty(u_ref.shape)
     for k in range(e.shape[0]):
         row = min(max(k - 1, 0), len(y_ref) - 1)  # a preview starts at y_1
@@ -91,7 +92,7 @@ def _feedback(equations, measured, nominal, horizons, weights):  # type: ignore[
         for j in range(relative.shape[1]):
             relative[k, j] = u_ref[k, j] - u[j]
     R = backward(A, B, c, C, D, error, (root_y, root_u, root_du), relative, N_u)
-    return (A, B, c, C, D, e), R
+    return found, R
 
 
 @inner()
@@ -102,7 +103,7 @@ def _finite(values):  # type: ignore[no-untyped-def]
     return np.isfinite(total)
 
 
-@inner()
+@inlined()
 def _checked(G, low, high, z, y):  # type: ignore[no-untyped-def]
     """Return whether the residuals pass the check of `prefcal_env.qp.problem.verified`."""
     n = len(z)

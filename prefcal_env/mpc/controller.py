@@ -12,7 +12,7 @@ from prefcal_env.plants.equations import equations_of
 from prefcal_env.plants.plant import Plant
 from prefcal_env.qp import ACTIVE_SET, QP, make_backend
 
-from . import _rows, _step
+from . import _model, _rows, _step
 from .limits import Limits
 from .settings import MPCSettings
 
@@ -60,10 +60,11 @@ class LinearMPC:
 
     def _prepare(self, *weights: Float[np.ndarray, "_ _"]) -> None:
         """Arrange what does not change from step to step for the compiled functions."""
-        s, n_x, n_u = self.settings, self._sizes[0], self._sizes[1]
+        s, n_u = self.settings, self._sizes[1]
         limits = Limits.of(self.plant, s)
         self._equations = equations_of(self.plant)
-        self._point = np.zeros((0, n_x)), np.zeros((0, n_u))
+        cube, matrix = np.zeros((0, 0, 0)), np.zeros((0, 0))
+        self._at_point = cube, cube, matrix, cube, cube, matrix
         horizons = float(s.T_s), s.N_p, s.N_u, s.N_p if limits.soft else 0
         self._problem = horizons, weights, limits.hard, limits.give
         self._solver = (
@@ -156,16 +157,19 @@ class LinearMPC:
         self._shapes = shapes
 
     def _data(self, m: Measurement) -> tuple[Any, ...]:
-        """Return the plant, the measurement and the nominal trajectory for `_step`.
+        """Return the plant, the measurement and the model, if it is made before, for `_step`.
 
         The arrays are copies: a read-only one is another type, for which numba compiles again.
         """
         x, u = np.array(m.x, dtype=float), np.array(m.u, dtype=float)
         d, y_ref = np.array(m.d, dtype=float, ndmin=2), np.array(m.y_ref, dtype=float, ndmin=2)
-        nominal = self._point
+        equations, model = self._equations.packed, self._at_point
         if self.settings.linearization == "trajectory":
-            nominal = self._nominal(x, u, d)
-        return self._equations.packed, (x, u, d, y_ref), nominal
+            X, V = self._nominal(x, u, d)
+            model = _model.along_trajectory(
+                equations, x, u, d, X, V, self.settings.T_s, y_ref.shape[1]
+            )
+        return equations, (x, u, d, y_ref), model
 
     def _nominal(
         self,

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from prefcal_env.jit import inner, kernel
+from prefcal_env.jit import inlined, inner, kernel
 
 from ._calls import call
 
@@ -94,7 +94,7 @@ def integrate(f, x, u, d, p, times, max_step, explicit):  # type: ignore[no-unty
     return out, False
 
 
-@inner()
+@inlined()
 def _step(f, h, k, y, u, d, p):  # type: ignore[no-untyped-def]
     """Write the stages of a step h to `k`, the result to y[12], and return the error."""
     n = y.shape[1]
@@ -128,7 +128,7 @@ def _weighted(row, m, k, i):  # type: ignore[no-untyped-def]
     return total
 
 
-@inner()
+@inlined()
 def _ratio(h, k, y):  # type: ignore[no-untyped-def]
     """Return h times a lower bound of the fastest rate: both stages are at the end of the step."""
     above, below = 0.0, 0.0
@@ -138,7 +138,7 @@ def _ratio(h, k, y):  # type: ignore[no-untyped-def]
     return h * math.sqrt(above / below) if below > 0 else 0.0
 
 
-@inner()
+@inlined()
 def _interpolate(f, h, k, y, u, d, p, dense):  # type: ignore[no-untyped-def]
     """Write the coefficients of the dense output of a step to `dense`."""
     for s in range(13, 16):
@@ -153,7 +153,7 @@ def _interpolate(f, h, k, y, u, d, p, dense):  # type: ignore[no-untyped-def]
             dense[3 + j, i] = h * _weighted(18 + j, 16, k, i)
 
 
-@inner()
+@inlined()
 def _read(s, x, dense, out):  # type: ignore[no-untyped-def]
     """Write the state at the fraction `s` of a step from x to `out`."""
     for i in range(len(x)):

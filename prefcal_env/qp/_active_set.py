@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from prefcal_env.jit import inner, kernel
+from prefcal_env.jit import inlined, inner, kernel
 
 SOLVED, INFEASIBLE, ITERATION_LIMIT = 0, 1, 2
 _ZERO = 1e-13
@@ -29,11 +29,12 @@ def nearest(G, low, high, absolute, relative, most):  # type: ignore[no-untyped-
     m, n = G.shape
     z, y = np.zeros(n), np.zeros(m)
     if _at_origin(low, high):
-        return SOLVED, z, y, 0
+        return SOLVED, z, y, np.int64(0)
     # J is orthogonal, and JᵀN = (R, 0) for the normals N of the k active rows.
     factors = np.eye(n), np.zeros((n, n))
     active = np.zeros(n, np.int64), np.zeros(n), np.zeros(n)  # row, side and multiplier
-    norms, k, iterations = _norms(G), 0, 0
+    # With literal zeros numba would compile `_activate` twice.
+    norms, k, iterations = _norms(G), np.int64(0), np.int64(0)
     while True:
         worst = _most_violated(G, low, high, norms, z, absolute, relative)
         if worst[0] < 0:
@@ -45,7 +46,7 @@ def nearest(G, low, high, absolute, relative, most):  # type: ignore[no-untyped-
             return how, z, y, iterations
 
 
-@inner()
+@inlined()
 def _activate(G, worst, norms, z, factors, active, k, iterations, most):  # type: ignore[no-untyped-def]
     """Move z to the limit of a violated row, and drop active rows that are in the way.
 
@@ -84,7 +85,7 @@ def _activate(G, worst, norms, z, factors, active, k, iterations, most):  # type
     return ITERATION_LIMIT, k, iterations
 
 
-@inner()
+@inlined()
 def _norms(G):  # type: ignore[no-untyped-def]
     """Return the length of each row."""
     norms = np.zeros(G.shape[0])
@@ -95,7 +96,7 @@ def _norms(G):  # type: ignore[no-untyped-def]
     return norms
 
 
-@inner()
+@inlined()
 def _at_origin(low, high):  # type: ignore[no-untyped-def]
     """Return whether the origin is within all limits."""
     for i in range(len(low)):  # noqa: SIM110 (numba compiles no generator)
@@ -104,7 +105,7 @@ def _at_origin(low, high):  # type: ignore[no-untyped-def]
     return True
 
 
-@inner()
+@inlined()
 def _most_violated(G, low, high, norms, z, absolute, relative):  # type: ignore[no-untyped-def]
     """Return the most violated row or -1, its side (1: above its limit), and by how much."""
     worst, side, violation, largest = -1, 1.0, 0.0, 0.0
@@ -123,7 +124,7 @@ def _most_violated(G, low, high, norms, z, absolute, relative):  # type: ignore[
     return worst, side, violation
 
 
-@inner()
+@inlined()
 def _directions(J, R, a, k, d, r, step):  # type: ignore[no-untyped-def]
     """Write d = Jᵀa, the steps of z and of the k multipliers; return the squared step of z."""
     n = len(a)
@@ -157,7 +158,7 @@ def _rotate(M, i, j, c, s):  # type: ignore[no-untyped-def]
         M[q, j] = c * other - s * one
 
 
-@inner()
+@inlined()
 def _add(J, R, d, k):  # type: ignore[no-untyped-def]
     """Make d the column k of R, and J the orthogonal matrix that goes with it."""
     for j in range(len(d) - 1, k, -1):
@@ -170,7 +171,7 @@ def _add(J, R, d, k):  # type: ignore[no-untyped-def]
         R[i, k] = d[i]
 
 
-@inner()
+@inlined()
 def _drop(J, R, rows, sides, mu, gone, k):  # type: ignore[no-untyped-def]
     """Remove the active row number `gone` of k, and restore R to a triangle."""
     for j in range(gone, k - 1):
