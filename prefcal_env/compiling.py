@@ -2,13 +2,17 @@
 
 numba compiles a function when it is first called, and `prefcal_env.jit` keeps the result. A wheel
 cannot ship compiled code: it is valid only for one kind of processor. A module that calls kernels
-names them with `compile_ahead`, so only those are compiled that the loaded modules use.
+names them with `compile_ahead`, so only those are compiled that the loaded modules use. A second
+process compiles them from the other end; what it has finished, this one finds in the cache.
 """
 
+import os
+import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 
@@ -37,11 +41,17 @@ class Kernel:
         title: Its purpose in a few words.
         function: The function as wrapped by numba.
         types: Types of its arguments.
+        parts: Whether it consists of kernels that are compiled before.
     """
 
     title: str
     function: Any
     types: tuple[Any, ...]
+    parts: bool = False
+
+    def compile(self) -> None:
+        """Compile the function, or load it from the cache."""
+        self.function.compile(self.types)
 
 
 def compile_missing(report: Callable[[Compiling], None]) -> None:
@@ -54,10 +64,40 @@ def compile_missing(report: Callable[[Compiling], None]) -> None:
         return
     from numba.core import event  # takes half a second, so import it only when needed
 
-    for k, kernel in enumerate(found):
-        now = Compiling(k + 1, len(found), kernel.title)
-        with event.install_listener("numba:compile", _once(partial(report, now))):
-            kernel.function.compile(kernel.types)
+    helper: list[subprocess.Popen[bytes]] = []
+
+    def begin(now: Compiling) -> None:
+        report(now)
+        if not helper:
+            helper.append(_helper([module for module in _KERNELS if module in sys.modules]))
+
+    try:
+        for k, kernel in enumerate(found):
+            now = Compiling(k + 1, len(found), kernel.title)
+            with event.install_listener("numba:compile", _once(partial(begin, now))):
+                kernel.compile()
+    finally:
+        for process in helper:
+            process.kill()
+            process.wait()
+
+
+def _helper(modules: Sequence[str]) -> subprocess.Popen[bytes]:
+    """Start a process that compiles from the end of the list."""
+    code = f"from {__name__} import compile_from_the_end as run; run({list(modules)!r})"
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+def compile_from_the_end(modules: Sequence[str]) -> None:
+    """Compile the kernels of `modules` except those made of others, the last one first."""
+    for module in modules:
+        import_module(module)
+    for kernel in reversed([kernel for kernel in kernels() if not kernel.parts]):
+        kernel.compile()
 
 
 def _once(report: Callable[[], None]) -> Any:
@@ -101,23 +141,34 @@ def _of_the_mpc() -> Iterator[Kernel]:
     import numba
     from numba import boolean, float64, int64
 
-    from prefcal_env.mpc import _riccati, _rows, _step
+    from prefcal_env.mpc.kernels import hold, model, plan, riccati, rows, step
+    from prefcal_env.qp import _active_set
 
     several: Any = numba.types.UniTuple
     mixed: Any = numba.types.Tuple
     cube, matrix, vector, chosen = float64[:, :, ::1], float64[:, ::1], float64[::1], int64[::1]
-    yield Kernel("triangular factors", _riccati.triangularize, (matrix, int64, int64, int64))
-    yield Kernel("inputs", _rows.inputs, (cube, vector, vector, several(vector, 4)))
+    equations = mixed((int64, int64, int64, vector, chosen, chosen))
+    dynamics, outputs = (cube, cube, matrix), (cube, cube, matrix)
+    hard, soft = several(vector, 4), several(vector, 3)
+    yield Kernel("discrete model", hold.discretize, (matrix, matrix, vector, float64))
+    here = (equations, vector, vector, matrix, float64, int64, int64)
+    yield Kernel("linearization", model.at_point, here)
+    yield Kernel("triangular factors", riccati.triangularize, (matrix, int64, int64, int64))
+    weighed = (several(matrix, 3), mixed((matrix, matrix, vector)), int64)
+    yield Kernel("optimal feedback", riccati.backward, (*dynamics, *outputs, *weighed))
+    yield Kernel("plan", plan.forward, (*dynamics, cube, int64))
+    limits = (cube, cube, mixed(outputs), vector, hard, soft, float64)
+    yield Kernel("limits", rows.limit_rows, limits)
+    yield Kernel("inputs", rows.inputs, (cube, vector, vector, hard))
+    nearest = (matrix, vector, vector, float64, float64, int64)
+    yield Kernel("active limits", _active_set.nearest, nearest)
     # Not `in_inputs`, which is as large and hardly ever needed.
-    step = (
-        mixed((int64, int64, int64, vector, chosen, chosen)),
-        mixed((vector, vector, matrix, matrix)),
-        mixed((cube, cube, matrix, cube, cube, matrix)),
-        mixed((float64, int64, int64, int64)), several(matrix, 4),
-        several(vector, 4), several(vector, 3),
+    whole = (
+        equations, mixed((vector, vector, matrix, matrix)), mixed((*dynamics, *outputs)),
+        mixed((float64, int64, int64, int64)), several(matrix, 4), hard, soft,
+        mixed((boolean, float64, float64, int64)),
     )  # fmt: skip
-    solver = mixed((boolean, float64, float64, int64))
-    yield Kernel("quadratic program", _step.decide, (*step, solver))
+    yield Kernel("control step", step.decide, whole, parts=True)
 
 
 def of_the_filter() -> Iterator[Kernel]:
@@ -125,7 +176,7 @@ def of_the_filter() -> Iterator[Kernel]:
     import numba
     from numba import float64, int64
 
-    from prefcal_env.mpc import _filter
+    from prefcal_env.mpc.kernels import filter as _filter
 
     mixed: Any = numba.types.Tuple
     matrix, vector, chosen = float64[:, ::1], float64[::1], int64[::1]
@@ -149,10 +200,28 @@ def _of_the_reactor() -> Iterator[Kernel]:
     yield Kernel("simulation", _dop853.integrate, hold)
 
 
+def _of_the_road() -> Iterator[Kernel]:
+    import numba
+    from numba import float64
+
+    from prefcal_env.envs.overtake.road import _kernels
+    from prefcal_env.plants import _car_kernels
+
+    cube, matrix, vector = float64[:, :, ::1], float64[:, ::1], float64[::1]
+    edges: Any = numba.types.UniTuple(float64, 2)  # type: ignore[no-untyped-call]
+    yield Kernel("car", _car_kernels.hold_bicycle, (*(float64,) * 6, vector))
+    yield Kernel("edge of the road", _kernels.kept, (matrix, edges, float64))
+    yield Kernel("contacts", _kernels.surely_apart, (matrix, cube, float64, float64))
+    yield Kernel("separation", _kernels.separation, (matrix, matrix))
+    yield Kernel("distance", _kernels.distance, (matrix, matrix))
+    yield Kernel("distance off the road", _kernels.outside, (matrix, edges))
+
+
 _KERNELS: dict[str, Callable[[], Iterable[Kernel]]] = {
     "prefcal_env.qp": _of_the_solver,
     "prefcal_env.mpc.controller": _of_the_mpc,
     "prefcal_env.envs.cstr": _of_the_reactor,
+    "prefcal_env.envs.overtake.course": _of_the_road,
 }
 """Kernels by the module that calls them; kernels come before their callers."""
 

@@ -33,8 +33,12 @@ callback: Any = partial(numba.cfunc, cache=True)
 """Decorator of a C function with the given signature; it is compiled when it is defined."""
 
 _config: Any = numba.config
+part: Any = partial(kernel, no_cpython_wrapper=True)
+"""Decorator of a large function that only kernels call, always with the same types. It is cached,
+so that another process may compile it before (see `prefcal_env.compiling`)."""
+
 inlined: Any = partial(numba.njit, inline="always")
-"""Decorator of a function that one kernel calls in one place: it costs no compilation of its own."""
+"""Decorator of a function that is called in one place: it takes no compilation of its own."""
 
 _OURS = "prefcal_"
 _KEPT = 3
@@ -45,7 +49,10 @@ class _KernelFolder(_CacheLocator):
     """Where numba keeps the compiled functions of a module of this project."""
 
     def __init__(self, function: Any) -> None:
-        self._py_file, self._lineno = function.__code__.co_filename, function.__code__.co_firstlineno
+        self._py_file, self._lineno = (
+            function.__code__.co_filename,
+            function.__code__.co_firstlineno,
+        )
         self._stamp = stamp(function.__module__)
         root = Path(_config.CACHE_DIR or user_cache_path("prefcal", appauthor=False))
         self._path = root / "kernels" / f"{function.__module__}-{self._stamp}"

@@ -17,7 +17,7 @@ from .limits import Limits
 from .settings import MPCSettings
 
 _PRODUCTS = 20
-"""Matrix products in one exact discretization (`_hold`): the series and some squarings."""
+"""Matrix products in one exact discretization (`kernels.hold`): the series and some squarings."""
 
 
 @dataclass(frozen=True, slots=True)

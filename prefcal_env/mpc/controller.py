@@ -12,7 +12,7 @@ from prefcal_env.plants.equations import equations_of
 from prefcal_env.plants.plant import Plant
 from prefcal_env.qp import ACTIVE_SET, QP, make_backend
 
-from . import _model, _rows, _step
+from .kernels import model, rows, step
 from .limits import Limits
 from .settings import MPCSettings
 
@@ -23,7 +23,7 @@ _MEASURED = ("x", "u", "d", "y_ref")
 class LinearMPC:
     """The MPC of eq. MPC: linearize, condense to a QP, solve, apply the first input.
 
-    Each step solves for deviations v from the unconstrained optimal feedback (see `_riccati`),
+    Each step solves for deviations v from the unconstrained optimal feedback (see `kernels.riccati`),
     which is eq. MPC in other variables. It weighs the outputs y_1 ... y_Np and the inputs and moves
     0 ... N_p - 1.
 
@@ -97,18 +97,18 @@ class LinearMPC:
         """
         self._check(measurement)
         data = self._data(measurement)
-        how, iterations, plan, *first = _step.decide(*data, *self._problem, self._solver)
+        how, iterations, plan, *first = step.decide(*data, *self._problem, self._solver)
         self._equations.check()
-        if how == _step.DECIDED:
+        if how == step.DECIDED:
             self._plan = plan
             return Move(plan[0], iterations)
-        if how == _step.NOT_FINITE:
+        if how == step.NOT_FINITE:
             raise _not_finite(measurement)
         for U, qp in self._both(how, first, data):
             solution = self._backend.solve(qp)
             iterations += solution.iterations
             if solution.solved:
-                self._plan = _rows.inputs(U, solution.z, data[1][1], self._problem[2])
+                self._plan = rows.inputs(U, solution.z, data[1][1], self._problem[2])
                 return Move(self._plan[0], iterations)
         self._plan = None
         return Move(measurement.u, iterations, solved=False)
@@ -119,7 +119,7 @@ class LinearMPC:
         Yields nothing if limited outputs grow beyond what can be trusted.
         """
         data = self._data(measurement)
-        how, _, _, *first = _step.decide(*data, *self._problem, self._solver)
+        how, _, _, *first = step.decide(*data, *self._problem, self._solver)
         self._equations.check()
         for _, qp in self._both(how, first, data):
             yield qp
@@ -128,9 +128,9 @@ class LinearMPC:
         self, how: int, first: list[np.ndarray], data: tuple[Any, ...]
     ) -> Iterator[tuple[Float[np.ndarray, "N_u n_u n_v1"], QP]]:
         """Yield U and the QP in deviations, whose arrays are `first`, then those in inputs."""
-        if how != _step.NOT_TRUSTED:
+        if how != step.NOT_TRUSTED:
             yield first[0], self._cost.under(*first[1:])
-        trusted, U, *rows, T = _step.in_inputs(*data, *self._problem)
+        trusted, U, *rows, T = step.in_inputs(*data, *self._problem)
         if trusted:
             P, q = self._cost.P.copy(), self._cost.q.copy()
             n_v = len(T)
@@ -157,19 +157,19 @@ class LinearMPC:
         self._shapes = shapes
 
     def _data(self, m: Measurement) -> tuple[Any, ...]:
-        """Return the plant, the measurement and the model, if it is made before, for `_step`.
+        """Return the plant, the measurement and the model, if it is made before, for `step`.
 
         The arrays are copies: a read-only one is another type, for which numba compiles again.
         """
         x, u = np.array(m.x, dtype=float), np.array(m.u, dtype=float)
         d, y_ref = np.array(m.d, dtype=float, ndmin=2), np.array(m.y_ref, dtype=float, ndmin=2)
-        equations, model = self._equations.packed, self._at_point
+        equations, found = self._equations.packed, self._at_point
         if self.settings.linearization == "trajectory":
             X, V = self._nominal(x, u, d)
-            model = _model.along_trajectory(
+            found = model.along_trajectory(
                 equations, x, u, d, X, V, self.settings.T_s, y_ref.shape[1]
             )
-        return equations, (x, u, d, y_ref), model
+        return equations, (x, u, d, y_ref), found
 
     def _nominal(
         self,

@@ -10,10 +10,10 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Measurement, Move
 from prefcal_env.plants.plant import Plant
 
-from ._hold import discretize
 from .controller import LinearMPC
 from .disturbed import Disturbed
 from .estimator import Estimate, ExtendedKalmanFilter
+from .kernels.hold import discretize
 from .settings import MPCSettings
 
 _LEAST_RANK = 1e-9

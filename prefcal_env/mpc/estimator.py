@@ -8,8 +8,8 @@ from jaxtyping import Float
 from prefcal_env.errors import SettingsError
 from prefcal_env.plants.plant import Plant
 
-from . import _filter
 from .disturbed import Disturbed
+from .kernels import filter as kernels
 
 _PIECES = 4
 """Pieces of a sampling period, each linearized in its middle, for strongly nonlinear plants."""
@@ -102,7 +102,7 @@ class ExtendedKalmanFilter:
         if not np.isfinite(states).all():
             return Estimate(mean, np.full_like(self._Q, np.inf))
         equations, middles = self._model.equations, np.ascontiguousarray(states[::2])
-        covariance = _filter.carried(
+        covariance = kernels.carried(
             equations.packed, middles, u, d, estimate.covariance.copy(), self._Q,
             self.T_s / _PIECES, len(self._R),
         )  # fmt: skip
@@ -119,7 +119,7 @@ class ExtendedKalmanFilter:
         """Return the estimate updated with the measured outputs `y`, shape (n_y,)."""
         equations, P, measured = self._model.equations, estimate.covariance.copy(), np.array(y)
         point = self._point(estimate, u, d)
-        mean, covariance = _filter.updated(equations.packed, *point, P, self._R, measured)
+        mean, covariance = kernels.updated(equations.packed, *point, P, self._R, measured)
         equations.check()
         return Estimate(mean, covariance)
 
@@ -128,7 +128,7 @@ class ExtendedKalmanFilter:
     ) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n_y n"]]:
         """Return A = ∂ẋ/∂(x, p, w) and C = ∂y/∂(x, p, w) at an estimate."""
         equations, point = self._model.equations, self._point(estimate, u, d)
-        A, C = _filter.linearize(equations.packed, *point, len(self._R))
+        A, C = kernels.linearize(equations.packed, *point, len(self._R))
         equations.check()
         return A, C
 

@@ -2,7 +2,7 @@
 
 Source: Goldfarb, Idnani (1983), A numerically stable dual method for solving strictly convex
 quadratic programs, Mathematical Programming 27, with the identity as Hessian: an MPC in deviations
-from its optimal feedback (`prefcal_env.mpc._riccati`) is such a problem.
+from its optimal feedback (`prefcal_env.mpc.kernels.riccati`) is such a problem.
 """
 
 import math

@@ -40,7 +40,7 @@ class Supervisor:
     an obstacle moves sideways.
 
     When the phase changes, the last v may be below the new limit. The reachable value is then the
-    bound, so the QP stays feasible (`mpc._plan.input_rows`).
+    bound, so the QP stays feasible (`mpc.kernels.rows.reach`).
 
     Args:
         plant: Model of the MPCs.

@@ -10,8 +10,8 @@ import numpy as np
 
 from prefcal_env.jit import inlined, inner, kernel
 
-from ._hold import discretize, multiply
-from ._model import jacobians, outputs
+from .hold import discretize, multiply
+from .model import jacobians, outputs
 
 
 @kernel()

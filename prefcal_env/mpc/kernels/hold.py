@@ -1,7 +1,7 @@
 """The exact zero-order hold of an affine model, compiled.
 
 The code loops over numbers and uses no slices: a single assignment to a slice takes 4 s to compile,
-while the user waits (see `compiling`).
+while the user waits (see `prefcal_env.compiling`).
 """
 
 import numpy as np

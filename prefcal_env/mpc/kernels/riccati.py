@@ -5,16 +5,16 @@ lose, in each row, everything that is not along the growing mode, and give a Hes
 1e24. Instead the cost-to-go is carried backward as a square-root factor S,
 V(x, w) = |S (x, w, 1)|², so that each row keeps its own relative accuracy however different the
 rows are in size. The plan is then the optimal feedback plus deviations v, whose Hessian is the
-identity (`_plan`). This is pre-stabilized prediction by the array form of the Riccati recursion
+identity (`plan`). This is pre-stabilized prediction by the array form of the Riccati recursion
 (Kailath, Sayed, Hassibi, "Linear Estimation", 2000, ch. 12, there for its dual, the filter).
 
 The code loops over numbers, uses no slices, and each argument has one type: the user waits while
-all of this compiles (see `compiling`).
+all of this compiles (see `prefcal_env.compiling`).
 """
 
 import numpy as np
 
-from prefcal_env.jit import inlined, inner, kernel
+from prefcal_env.jit import inlined, inner, kernel, part
 
 
 @kernel()
@@ -78,8 +78,8 @@ def _add_cost_to_go(M, S, s, A, B, c):  # type: ignore[no-untyped-def]
 
 
 @inner()
-def _add_output_cost(M, top, root, C, D, e):  # type: ignore[no-untyped-def]
-    """Write rows from `top` on: root (C x + D u + e)."""
+def _add_output_cost(M, top, root, C, D, e, y_ref):  # type: ignore[no-untyped-def]
+    """Write rows from `top` on: root (C x + D u + e - y_ref)."""
     n_u, n_x = D.shape[1], C.shape[1]
     for r in range(root.shape[0]):
         for q in range(root.shape[1]):
@@ -89,22 +89,25 @@ def _add_output_cost(M, top, root, C, D, e):  # type: ignore[no-untyped-def]
                     M[top + r, j] += weight * D[q, j]
                 for j in range(n_x):
                     M[top + r, n_u + j] += weight * C[q, j]
-                M[top + r, M.shape[1] - 1] += weight * e[q]
+                M[top + r, M.shape[1] - 1] += weight * (e[q] - y_ref[q])
 
 
-@inlined()
-def backward(A, B, c, C, D, e, roots, u_ref, N_u):  # type: ignore[no-untyped-def]
+@part()
+def backward(A, B, c, C, D, e, roots, references, N_u):  # type: ignore[no-untyped-def]
     """Return the feedback of the N_u free stages.
 
     Stage k (0 ... N_p - 1) predicts x⁺ = A[k] x + B[k] u + c[k]. The cost weighs the outputs
-    y_k - y_ref = C[k] x + D[k] u + e[k] for k = 1 ... N_p, the last one with the last input. An
-    array with one stage is used for all stages. `roots` are factors L (LᵀL = Q) of Q_y, Q_u and
-    Q_Δu. The state of the recursion is x and w, the previous input.
+    y_k = C[k] x + D[k] u + e[k] for k = 1 ... N_p, the last one with the last input. An array with
+    one stage is used for all stages. `roots` are factors L (LᵀL = Q) of Q_y, Q_u and Q_Δu;
+    `references` are y_ref, from y_1 on, u_ref, and the last input, to which u is relative. The
+    last row of a reference is repeated. The state of the recursion is x and w, the previous input.
 
     Returns the pivot rows R[k] (n_u, 2 n_u + n_x + 1) of the N_u free stages:
     R_u u + R_x x + R_w w + R_1 = v, with cost |v|².
     """
     root_y, root_u, root_du = roots
+    y_ref, u_ref, u_last = references
+    last = len(y_ref) - 1
     N_p = e.shape[0] - 1
     n_x, n_u = B.shape[1], B.shape[2]
     p = root_y.shape[0]
@@ -115,7 +118,9 @@ def backward(A, B, c, C, D, e, roots, u_ref, N_u):  # type: ignore[no-untyped-de
     M = np.zeros((max(n_s, p) + p + root_u.shape[0] + root_du.shape[0], width))
     iC, iD = C.shape[0] - 1, D.shape[0] - 1
     top = np.int64(0)  # with a literal 0 numba would compile the function again for the constant
-    _add_output_cost(M, top, root_y, C[min(N_p, iC)], D[min(N_p, iD)], e[N_p])
+    _add_output_cost(
+        M, top, root_y, C[min(N_p, iC)], D[min(N_p, iD)], e[N_p], y_ref[min(N_p - 1, last)]
+    )
     for r in range(p):  # y_Np depends on the last input, which is w here
         for j in range(n_x):
             S[r, j] = M[r, n_u + j]
@@ -129,9 +134,10 @@ def backward(A, B, c, C, D, e, roots, u_ref, N_u):  # type: ignore[no-untyped-de
         _add_cost_to_go(M, S, s, A[i], B[i], c[min(k, c.shape[0] - 1)])
         rows = s
         if k >= 1:
-            _add_output_cost(M, rows, root_y, C[min(k, iC)], D[min(k, iD)], e[k])
+            i_r = min(k - 1, last)
+            _add_output_cost(M, rows, root_y, C[min(k, iC)], D[min(k, iD)], e[k], y_ref[i_r])
             rows += p
-        rows = _add_input_cost(M, rows, root_u, u_ref[min(k, u_ref.shape[0] - 1)])
+        rows = _add_input_cost(M, rows, root_u, u_ref[min(k, len(u_ref) - 1)], u_last)
         if k < N_u:
             rows = _add_move_cost(M, rows, root_du, n_x)
             triangularize(M, rows, n_u + n_s, np.int64(0))
@@ -161,12 +167,12 @@ def _clear(M):  # type: ignore[no-untyped-def]
 
 
 @inlined()
-def _add_input_cost(M, top, root, u_ref):  # type: ignore[no-untyped-def]
-    """Write rows from `top` on: root (u - u_ref). Return the next free row."""
+def _add_input_cost(M, top, root, u_ref, u_last):  # type: ignore[no-untyped-def]
+    """Write rows from `top` on: root (u_last + u - u_ref). Return the next free row."""
     for r in range(root.shape[0]):
         for j in range(root.shape[1]):
             M[top + r, j] = root[r, j]
-            M[top + r, M.shape[1] - 1] -= root[r, j] * u_ref[j]
+            M[top + r, M.shape[1] - 1] -= root[r, j] * (u_ref[j] - u_last[j])
     return top + root.shape[0]
 
 

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from prefcal_env.jit import inlined, inner, kernel
+from prefcal_env.jit import inlined, kernel
 from prefcal_env.qp._active_set import SOLVED, nearest
 from prefcal_env.qp._kernels import residuals
 
-from ._model import at_point
-from ._plan import forward, open_loop
-from ._riccati import backward
-from ._rows import inputs, limit_rows, trusted
+from .model import at_point
+from .plan import forward, open_loop
+from .riccati import backward
+from .rows import inputs, limit_rows, trusted
 
 DECIDED, OPEN, NOT_TRUSTED, NOT_FINITE = range(4)
 
@@ -23,7 +23,7 @@ def decide(equations, measured, model, horizons, weights, hard, soft, solver):  
     Args:
         equations: Compiled equations of the plant.
         measured: x, u, d and y_ref; d and y_ref have a row for each step, the last is repeated.
-        model: Prediction model of `_model.along_trajectory`; empty arrays for one at x and u.
+        model: Prediction model of `model.along_trajectory`; empty arrays for one at x and u.
         horizons: T_s, N_p, N_u, and N_p again if outputs are limited, otherwise 0.
         weights: Roots of Q_y, Q_u and Q_Δu, and u_ref.
         hard: Limits of inputs and moves.
@@ -39,17 +39,18 @@ def decide(equations, measured, model, horizons, weights, hard, soft, solver):  
     found, R = _feedback(equations, measured, model, horizons, weights)
     U, X, unit = forward(found[0], found[1], found[2], R, horizons[3])
     G, low, high = limit_rows(U, X, (found[3], found[4], found[5]), u, hard, soft, unit)
-    if not (_finite(x) and _finite(u) and _finite(d.ravel()) and _finite(y_ref.ravel())):
-        return NOT_FINITE, 0, np.zeros(U.shape[:2]), U, G, low, high
-    if not trusted(U, X, horizons[3] > 0):
-        return NOT_TRUSTED, 0, np.zeros(U.shape[:2]), U, G, low, high
-    compiled, absolute, relative, most = solver
-    if not compiled:
-        most = 0  # then only a plan without active limits is found
-    how, z, y, iterations = nearest(G, low, high, absolute, relative, most)
-    if how != SOLVED or not _checked(G, low, high, z, y):
-        return OPEN, iterations, np.zeros(U.shape[:2]), U, G, low, high
-    return DECIDED, iterations, inputs(U, z, u, hard), U, G, low, high
+    how, iterations, plan = NOT_FINITE, np.int64(0), np.zeros(U.shape[:2])
+    if np.isfinite(x.sum() + u.sum() + d.sum() + y_ref.sum()):
+        how = NOT_TRUSTED
+        if trusted(U, X, horizons[3] > 0):
+            compiled, absolute, relative, most = solver
+            if not compiled:
+                most = np.int64(0)  # then only a plan without active limits is found
+            ended, z, y, iterations = nearest(G, low, high, absolute, relative, most)
+            how = OPEN
+            if ended == SOLVED and _checked(G, low, high, z, y):
+                how, plan = DECIDED, inputs(U, z, u, hard)
+    return how, iterations, plan, U, G, low, high
 
 
 @kernel()
@@ -71,36 +72,20 @@ def in_inputs(equations, measured, model, horizons, weights, hard, soft):  # typ
             T[i, j] /= unit
     outputs = found[3], found[4], found[5]
     G, low, high = limit_rows(U, X, outputs, measured[1], hard, soft, unit)
-    usable = _finite(T.ravel()) and trusted(U, X, horizons[3] > 0)
+    usable = np.isfinite(T.sum()) and trusted(U, X, horizons[3] > 0)
     return usable, U, G, low, high, T
 
 
 @inlined()
 def _feedback(equations, measured, model, horizons, weights):  # type: ignore[no-untyped-def]
-    """Return the prediction model and the rows R of the optimal feedback (`_riccati`)."""
+    """Return the prediction model and the rows R of the optimal feedback (`riccati`)."""
     x, u, d, y_ref = measured
     T_s, N_p, N_u, _ = horizons
-    root_y, root_u, root_du, u_ref = weights
     found = model if len(model[0]) else at_point(equations, x, u, d, T_s, N_p, y_ref.shape[1])
     A, B, c, C, D, e = found
-    error, relative = np.empty(e.shape), np.empty(u_ref.shape)
-    for k in range(e.shape[0]):
-        row = min(max(k - 1, 0), len(y_ref) - 1)  # a preview starts at y_1
-        for j in range(e.shape[1]):
-            error[k, j] = e[k, j] - y_ref[row, j]
-    for k in range(relative.shape[0]):
-        for j in range(relative.shape[1]):
-            relative[k, j] = u_ref[k, j] - u[j]
-    R = backward(A, B, c, C, D, error, (root_y, root_u, root_du), relative, N_u)
+    root_y, root_u, root_du, u_ref = weights
+    R = backward(A, B, c, C, D, e, (root_y, root_u, root_du), (y_ref, u_ref, u), N_u)
     return found, R
-
-
-@inner()
-def _finite(values):  # type: ignore[no-untyped-def]
-    total = 0.0
-    for value in values:
-        total += value
-    return np.isfinite(total)
 
 
 @inlined()
