@@ -2,17 +2,13 @@
 
 numba compiles a function when it is first called, and `prefcal_env.jit` keeps the result. A wheel
 cannot ship compiled code: it is valid only for one kind of processor. A module that calls kernels
-names them with `compile_ahead`, so only those are compiled that the loaded modules use. A second
-process compiles them from the other end; what it has finished, this one finds in the cache.
+names them with `compile_ahead`, so only those are compiled that the loaded modules use.
 """
 
-import os
-import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 from typing import Any
 
 
@@ -41,17 +37,11 @@ class Kernel:
         title: Its purpose in a few words.
         function: The function as wrapped by numba.
         types: Types of its arguments.
-        parts: Whether it consists of kernels that are compiled before.
     """
 
     title: str
     function: Any
     types: tuple[Any, ...]
-    parts: bool = False
-
-    def compile(self) -> None:
-        """Compile the function, or load it from the cache."""
-        self.function.compile(self.types)
 
 
 def compile_missing(report: Callable[[Compiling], None]) -> None:
@@ -64,40 +54,10 @@ def compile_missing(report: Callable[[Compiling], None]) -> None:
         return
     from numba.core import event  # takes half a second, so import it only when needed
 
-    helper: list[subprocess.Popen[bytes]] = []
-
-    def begin(now: Compiling) -> None:
-        report(now)
-        if not helper:
-            helper.append(_helper([module for module in _KERNELS if module in sys.modules]))
-
-    try:
-        for k, kernel in enumerate(found):
-            now = Compiling(k + 1, len(found), kernel.title)
-            with event.install_listener("numba:compile", _once(partial(begin, now))):
-                kernel.compile()
-    finally:
-        for process in helper:
-            process.kill()
-            process.wait()
-
-
-def _helper(modules: Sequence[str]) -> subprocess.Popen[bytes]:
-    """Start a process that compiles from the end of the list."""
-    code = f"from {__name__} import compile_from_the_end as run; run({list(modules)!r})"
-    return subprocess.Popen(
-        [sys.executable, "-c", code],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-
-
-def compile_from_the_end(modules: Sequence[str]) -> None:
-    """Compile the kernels of `modules` except those made of others, the last one first."""
-    for module in modules:
-        import_module(module)
-    for kernel in reversed([kernel for kernel in kernels() if not kernel.parts]):
-        kernel.compile()
+    for k, kernel in enumerate(found):
+        now = Compiling(k + 1, len(found), kernel.title)
+        with event.install_listener("numba:compile", _once(partial(report, now))):
+            kernel.function.compile(kernel.types)
 
 
 def _once(report: Callable[[], None]) -> Any:
@@ -127,6 +87,7 @@ def kernels() -> Iterator[Kernel]:
 
 
 def _of_the_solver() -> Iterator[Kernel]:
+    """Yield what PIQP and DAQP need; other controllers need them only if a step is not solved."""
     from numba import float64
 
     from prefcal_env.qp import _kernels
@@ -141,34 +102,26 @@ def _of_the_mpc() -> Iterator[Kernel]:
     import numba
     from numba import boolean, float64, int64
 
-    from prefcal_env.mpc.kernels import hold, model, plan, riccati, rows, step
+    from prefcal_env.mpc.kernels import hold, riccati, rows, step
     from prefcal_env.qp import _active_set
 
     several: Any = numba.types.UniTuple
     mixed: Any = numba.types.Tuple
     cube, matrix, vector, chosen = float64[:, :, ::1], float64[:, ::1], float64[::1], int64[::1]
     equations = mixed((int64, int64, int64, vector, chosen, chosen))
-    dynamics, outputs = (cube, cube, matrix), (cube, cube, matrix)
     hard, soft = several(vector, 4), several(vector, 3)
     yield Kernel("discrete model", hold.discretize, (matrix, matrix, vector, float64))
-    here = (equations, vector, vector, matrix, float64, int64, int64)
-    yield Kernel("linearization", model.at_point, here)
     yield Kernel("triangular factors", riccati.triangularize, (matrix, int64, int64, int64))
-    weighed = (several(matrix, 3), mixed((matrix, matrix, vector)), int64)
-    yield Kernel("optimal feedback", riccati.backward, (*dynamics, *outputs, *weighed))
-    yield Kernel("plan", plan.forward, (*dynamics, cube, int64))
-    limits = (cube, cube, mixed(outputs), vector, hard, soft, float64)
-    yield Kernel("limits", rows.limit_rows, limits)
     yield Kernel("inputs", rows.inputs, (cube, vector, vector, hard))
     nearest = (matrix, vector, vector, float64, float64, int64)
     yield Kernel("active limits", _active_set.nearest, nearest)
     # Not `in_inputs`, which is as large and hardly ever needed.
     whole = (
-        equations, mixed((vector, vector, matrix, matrix)), mixed((*dynamics, *outputs)),
+        equations, mixed((vector, vector, matrix, matrix)), mixed((cube, cube, matrix) * 2),
         mixed((float64, int64, int64, int64)), several(matrix, 4), hard, soft,
         mixed((boolean, float64, float64, int64)),
     )  # fmt: skip
-    yield Kernel("control step", step.decide, whole, parts=True)
+    yield Kernel("control step", step.decide, whole)
 
 
 def of_the_filter() -> Iterator[Kernel]:
@@ -207,6 +160,7 @@ def _of_the_road() -> Iterator[Kernel]:
     from prefcal_env.envs.overtake.road import _kernels
     from prefcal_env.plants import _car_kernels
 
+    yield from _of_the_solver()
     cube, matrix, vector = float64[:, :, ::1], float64[:, ::1], float64[::1]
     edges: Any = numba.types.UniTuple(float64, 2)  # type: ignore[no-untyped-call]
     yield Kernel("car", _car_kernels.hold_bicycle, (*(float64,) * 6, vector))
@@ -218,7 +172,6 @@ def _of_the_road() -> Iterator[Kernel]:
 
 
 _KERNELS: dict[str, Callable[[], Iterable[Kernel]]] = {
-    "prefcal_env.qp": _of_the_solver,
     "prefcal_env.mpc.controller": _of_the_mpc,
     "prefcal_env.envs.cstr": _of_the_reactor,
     "prefcal_env.envs.overtake.course": _of_the_road,

@@ -33,10 +33,6 @@ callback: Any = partial(numba.cfunc, cache=True)
 """Decorator of a C function with the given signature; it is compiled when it is defined."""
 
 _config: Any = numba.config
-part: Any = partial(kernel, no_cpython_wrapper=True)
-"""Decorator of a large function that only kernels call, always with the same types. It is cached,
-so that another process may compile it before (see `prefcal_env.compiling`)."""
-
 inlined: Any = partial(numba.njit, inline="always")
 """Decorator of a function that is called in one place: it takes no compilation of its own."""
 

@@ -23,7 +23,7 @@ _MEASURED = ("x", "u", "d", "y_ref")
 class LinearMPC:
     """The MPC of eq. MPC: linearize, condense to a QP, solve, apply the first input.
 
-    Each step solves for deviations v from the unconstrained optimal feedback (see `kernels.riccati`),
+    Each step solves for deviations v from the unconstrained optimal feedback (`kernels.riccati`),
     which is eq. MPC in other variables. It weighs the outputs y_1 ... y_Np and the inputs and moves
     0 ... N_p - 1.
 
@@ -144,15 +144,15 @@ class LinearMPC:
         if shapes == self._shapes:  # those of the last step were right
             return
         n_x, n_u, n_y, n_d = self._sizes
-        for name, array, n, rows in zip(
+        for name, array, n, previews in zip(
             _MEASURED, arrays, (n_x, n_u, n_d, n_y), (False, False, True, True), strict=True
         ):
             found = np.shape(array)
-            previewed = rows and len(found) == 2 and found[0] > 0 and found[1] == n
+            previewed = previews and len(found) == 2 and found[0] > 0 and found[1] == n
             if not (isinstance(array, np.ndarray) and (found == (n,) or previewed)):
                 raise PlantError(
                     f"measurement: {name} must be an array of shape {(n,)}"
-                    f"{', or one row a step' if rows else ''}, got {array!r}"
+                    f"{', or one row a step' if previews else ''}, got {array!r}"
                 )
         self._shapes = shapes
 

@@ -107,6 +107,8 @@ class QP:
                 f"the rows of a QP need G (m, {len(self.q)}), lower (m,) and upper (m,), got "
                 f"{self.G.shape}, {self.lower.shape}, {self.upper.shape}"
             )
+        if not m:
+            return
         finite, crossed, free = _kernels().check_rows(self.G, self.lower, self.upper)
         if not finite:
             raise QPError("G of a QP must be finite")

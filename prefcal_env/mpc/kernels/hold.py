@@ -69,7 +69,7 @@ def _parts(E, n, m):  # type: ignore[no-untyped-def]
 
 @inner()
 def multiply(X, Y):  # type: ignore[no-untyped-def]
-    # Loops are faster than a BLAS call at these sizes (4 x 4).
+    """Return X Y: loops are faster than a BLAS call at these sizes (4 x 4)."""
     out = np.zeros((X.shape[0], Y.shape[1]))
     for i in range(X.shape[0]):
         for k in range(X.shape[1]):

@@ -7,13 +7,13 @@ for the outputs. An array with one entry is used for all k; e always has N_p + 1
 
 import numpy as np
 
-from prefcal_env.jit import inlined, inner, kernel, part
+from prefcal_env.jit import inlined, inner, kernel
 from prefcal_env.plants._calls import call
 
 from .hold import discretize
 
 
-@part()
+@inlined()
 def at_point(equations, x, u, d, T_s, N_p, n_y):  # type: ignore[no-untyped-def]
     """Return one model for the whole horizon, exact at (x, u): it keeps the term f(x, u, d).
 

@@ -6,7 +6,7 @@ all of this compiles (see `prefcal_env.compiling`).
 
 import numpy as np
 
-from prefcal_env.jit import inlined, inner, part
+from prefcal_env.jit import inlined, inner
 
 _LARGEST_WEIGHT_RATIO = 1e4
 
@@ -31,7 +31,7 @@ def _step(A, B, c, k, X, W):  # type: ignore[no-untyped-def]
         X[k + 1, a, X.shape[2] - 1] += c[min(k, c.shape[0] - 1), a]
 
 
-@part()
+@inlined()
 def forward(A, B, c, R, N_y):  # type: ignore[no-untyped-def]
     """Return inputs and states as affine functions of the deviations v (last column: constant).
 

@@ -14,7 +14,7 @@ all of this compiles (see `prefcal_env.compiling`).
 
 import numpy as np
 
-from prefcal_env.jit import inlined, inner, kernel, part
+from prefcal_env.jit import inlined, inner, kernel
 
 
 @kernel()
@@ -92,7 +92,7 @@ def _add_output_cost(M, top, root, C, D, e, y_ref):  # type: ignore[no-untyped-d
                 M[top + r, M.shape[1] - 1] += weight * (e[q] - y_ref[q])
 
 
-@part()
+@inlined()
 def backward(A, B, c, C, D, e, roots, references, N_u):  # type: ignore[no-untyped-def]
     """Return the feedback of the N_u free stages.
 

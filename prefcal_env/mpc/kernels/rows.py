@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from prefcal_env.jit import inlined, inner, kernel, part
+from prefcal_env.jit import inlined, inner, kernel
 
 _LARGEST_TRUSTED_GROWTH = 1e9
 
 
-@part()
+@inlined()
 def limit_rows(U, X, model, u_last, hard, soft, unit):  # type: ignore[no-untyped-def]
     """Return G, low and high: rows of inputs, of moves, and soft rows of limited outputs.
 
