@@ -108,6 +108,7 @@ class QP:
                 f"{self.G.shape}, {self.lower.shape}, {self.upper.shape}"
             )
         if not m:
+            object.__setattr__(self, "has_free_rows", False)
             return
         finite, crossed, free = _kernels().check_rows(self.G, self.lower, self.upper)
         if not finite:
