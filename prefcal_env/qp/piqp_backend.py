@@ -7,8 +7,8 @@ adapter always sets up before it solves, and `verified` copies and checks the re
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from math import isfinite
+from typing import Any
 
 import numpy as np
 import piqp
@@ -40,24 +40,28 @@ class PIQPBackend:
 
     def solve(self, qp: QP) -> Solution:
         """Solve a QP once; see `Backend`."""
-        if qp.has_free_rows:
-            return self._without_free_rows(qp)
         P = np.asfortranarray(qp.P.T)  # symmetric, so this makes no copy
         solver, m, n = self._solver, len(qp.lower), len(qp.q)
         box = m == n and n > 1 and np.array_equal(qp.G, np.eye(n))
-        if not m:
+        bounded: Any = slice(None)
+        if qp.has_free_rows:  # PIQP prints a message about them
+            bounded = np.isfinite(qp.lower) | np.isfinite(qp.upper)
+        lower, upper = qp.lower[bounded], qp.upper[bounded]
+        if not len(lower):
             solver.setup(P, qp.q)
-        elif box:  # as bounds, its rows cost nothing to factorize
-            solver.setup(P, qp.q, x_l=qp.lower, x_u=qp.upper)
+        elif box and len(lower) == n:  # as bounds, its rows cost nothing to factorize
+            solver.setup(P, qp.q, x_l=lower, x_u=upper)
         else:
-            solver.setup(P, qp.q, None, None, np.asfortranarray(qp.G), qp.lower, qp.upper)
+            box = False
+            solver.setup(P, qp.q, None, None, np.asfortranarray(qp.G[bounded]), lower, upper)
         status = solver.solve()
         result = solver.result
         iterations = int(result.info.iter)
         if status != piqp.PIQP_SOLVED:
             return failed(qp, _STATUS.get(status, Status.FAILED), iterations)
-        y = result.z_bu - result.z_bl if box else result.z_u - result.z_l
-        return verified(qp, result.x, y, iterations)
+        multipliers = np.zeros(m)
+        multipliers[bounded] = result.z_bu - result.z_bl if box else result.z_u - result.z_l
+        return verified(qp, result.x, multipliers, iterations)
 
     def solve_boxes(self, boxes: Sequence[Box]) -> list[Float[np.ndarray, " n"] | None]:
         """Solve over boxes; see `Backend`."""
@@ -72,11 +76,3 @@ class PIQPBackend:
         solver = self._solver
         solver.setup(np.asfortranarray(P.T), q, x_l=np.zeros(len(q)), x_u=upper)
         return np.array(solver.result.x) if solver.solve() == piqp.PIQP_SOLVED else None
-
-    def _without_free_rows(self, qp: QP) -> Solution:
-        """Solve without rows that have no bound, because PIQP prints a message about them."""
-        bounded = np.isfinite(qp.lower) | np.isfinite(qp.upper)
-        solution = self.solve(qp.under(qp.G[bounded], qp.lower[bounded], qp.upper[bounded]))
-        multipliers = np.zeros(len(qp.lower))
-        multipliers[bounded] = solution.multipliers
-        return replace(solution, multipliers=multipliers)
