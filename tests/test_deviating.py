@@ -11,7 +11,7 @@ import pytest
 from prefcal_agents.acquisition import exploration as acquisition
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_env import Knob, KnobSpace
-from prefcal_env.mpc.limits import Limits
+from prefcal_env.mpc import LinearMPC
 
 ROOT = Path(__file__).parents[1]
 CUBE = KnobSpace([Knob(f"z{k}", 0, 1, step=0) for k in range(3)])
@@ -61,7 +61,7 @@ def test_without_limits_on_the_first_input_moves_become_larger_than_allowed(scri
     control = script("deviating.control")
     theta = (0.31, 26.0, -1.79)
     limited = control.react(theta).kpis["largest_move"]
-    with mock.patch.object(Limits, "rows", control.first_unlimited):
+    with mock.patch.object(LinearMPC, "move", control.first_unlimited):
         unlimited = control.react(theta).kpis["largest_move"]
     assert limited <= 10 + 1e-9 < unlimited
 

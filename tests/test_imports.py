@@ -60,7 +60,7 @@ MOST = 14
 LONGEST = 40
 """Largest number of lines of a function, without its docstring."""
 LONG = {
-    "prefcal_env/mpc/kernels/riccati.py": "compiled: one recursion, whose steps share all its arrays",
+    "prefcal_env/mpc/kernels/riccati.py": "compiled: one recursion, whose steps share its arrays",
     "prefcal_env/qp/_kernels.py": "compiled: one pass over P and G, which gives six sums",
 }
 """Files that may hold longer functions, and why."""

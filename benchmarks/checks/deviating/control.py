@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -13,11 +12,11 @@ from prefcal_env import KnobSpace
 from prefcal_env.envs.cstr import cstr_env
 from prefcal_env.envs.overtake import Course
 from prefcal_env.envs.overtake.road.rules import Phase
-from prefcal_env.experiments.control import Controller
+from prefcal_env.experiments.control import Controller, Measurement, Move
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.rollout import rollout
 from prefcal_env.mpc import LinearMPC, MPCSettings
-from prefcal_env.mpc.limits import Limits
+from prefcal_env.mpc.kernels import step
 from prefcal_env.plants import CSTR
 from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.preferences.answer import Preference
@@ -145,16 +144,21 @@ def moves(args: argparse.Namespace) -> Table:
     return horizons("N_u + 1 free moves", one_more, args)
 
 
-LIMITED = Limits.rows
+def first_unlimited(mpc: LinearMPC, m: Measurement) -> Move:
+    """Decide within the limits of k = 1 ... N_p, as printed: only the plant limits the first input.
 
-
-def first_unlimited(limits: Limits, of_inputs: Any, *others: Any) -> Any:
-    """Limit k = 1 ... N_p, as printed: only the plant limits the input that is applied."""
-    G, low, high = of_inputs
-    n_u = len(limits.u_min)
-    low, high = low.copy(), high.copy()
-    low[:n_u], high[:n_u] = -np.inf, np.inf
-    return LIMITED(limits, (G, low, high), *others)
+    In place of `LinearMPC.move`.
+    """
+    n_u, data = len(m.u), mpc._data(m)
+    how, _, _, *arrays = step.decide(*data, *mpc._problem, mpc._solver)
+    for U, qp in mpc._both(how, arrays, data):
+        low, high = qp.lower.copy(), qp.upper.copy()
+        low[:n_u], high[:n_u] = -np.inf, np.inf
+        solution = mpc._backend.solve(qp.under(qp.G, low, high))
+        if solution.solved:
+            v = solution.z[: U.shape[2] - 1]
+            return Move(m.u + U[0] @ np.append(v, 1.0), solution.iterations)
+    return Move(m.u, solved=False)
 
 
 def first(args: argparse.Namespace) -> Table:
@@ -163,7 +167,7 @@ def first(args: argparse.Namespace) -> Table:
     cars = [CAR, *random_cars(args)]
     runs = [[react(t) for t in bar([AUTOMATED, PREFERRED, *thetas], "limited")]]
     drives = [[drive(t) for t in bar(cars, "limited")]]
-    with mock.patch.object(Limits, "rows", first_unlimited):
+    with mock.patch.object(LinearMPC, "move", first_unlimited):
         runs.append([react(t) for t in bar([AUTOMATED, PREFERRED, *thetas], "unlimited")])
         drives.append([drive(t) for t in bar(cars, "unlimited")])
     for i, name in enumerate(("automated", "preferences")):
