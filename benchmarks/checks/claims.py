@@ -33,8 +33,7 @@ from rich.table import Table
 from prefcal_env.envs import cstr as reactor
 from prefcal_env.envs.overtake.road.rules import Phase
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.mpc import StepSize
-from prefcal_env.mpc.limits import Limits
+from prefcal_env.mpc import LinearMPC, StepSize
 from prefcal_env.plants import CSTR
 from prefcal_env.plants.bicycle import Bicycle
 from prefcal_env.plants.cstr import FEED
@@ -234,7 +233,7 @@ def z_weaker() -> float:
 
 def unlimited(theta: tuple[float, ...]) -> Numbers:
     """Return the index without a limit on the first input and move."""
-    with mock.patch.object(Limits, "rows", control.first_unlimited):
+    with mock.patch.object(LinearMPC, "move", control.first_unlimited):
         return indices(theta)
 
 
