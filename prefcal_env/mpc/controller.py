@@ -71,7 +71,8 @@ class LinearMPC:
             s.backend == ACTIVE_SET, float(s.tolerances.absolute), float(s.tolerances.relative),
             s.tolerances.max_iterations,
         )  # fmt: skip
-        self._backend = make_backend(s.backend, s.tolerances)
+        # What the compiled method does not solve, PIQP may.
+        self._backend = make_backend("piqp" if self._solver[0] else s.backend, s.tolerances)
         n = s.N_u * n_u + (1 if limits.soft else 0)
         self._cost = QP(np.eye(n), np.zeros(n), np.zeros((0, n)), np.zeros(0), np.zeros(0))
 
@@ -159,10 +160,10 @@ class LinearMPC:
     def _data(self, m: Measurement) -> tuple[Any, ...]:
         """Return the plant, the measurement and the model, if it is made before, for `step`.
 
-        The arrays are copies: a read-only one is another type, for which numba compiles again.
+        The arrays are copies: a read-only or strided one is another type for numba.
         """
-        x, u = np.array(m.x, dtype=float), np.array(m.u, dtype=float)
-        d, y_ref = np.array(m.d, dtype=float, ndmin=2), np.array(m.y_ref, dtype=float, ndmin=2)
+        x, u = _own(m.x), _own(m.u)
+        d, y_ref = _own(np.atleast_2d(m.d)), _own(np.atleast_2d(m.y_ref))
         equations, found = self._equations.packed, self._at_point
         if self.settings.linearization == "trajectory":
             X, V = self._nominal(x, u, d)
@@ -194,6 +195,10 @@ class LinearMPC:
         return X, V
 
 
+def _own(values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    return np.array(values, dtype=float, order="C")
+
+
 def _not_finite(m: Measurement) -> PlantError:
     arrays = zip(_MEASURED, (m.x, m.u, m.d, m.y_ref), strict=True)
     name, array = next((n, a) for n, a in arrays if not np.isfinite(a).all())
@@ -218,4 +223,4 @@ def _reference(name: str, value: object, n: int) -> Float[np.ndarray, "k n"]:
     rows = np.zeros((1, n)) if value is None else np.atleast_2d(np.array(value, dtype=float))
     if rows.ndim != 2 or rows.shape[1] != n or not np.all(np.isfinite(rows)):
         raise SettingsError(f"{name} must be finite, shape ({n},) or (N, {n}), got {value!r}")
-    return rows
+    return np.ascontiguousarray(rows)

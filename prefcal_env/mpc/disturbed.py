@@ -2,13 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Channel
-from prefcal_env.plants.equations import equations_of
+from prefcal_env.plants.equations import Equations, equations_of
 from prefcal_env.plants.plant import Jacobians, Plant
 
 X = Float[np.ndarray, " n_x"]
@@ -45,10 +47,17 @@ class Disturbed:
         chosen = [plant.outputs[i] for i in on_outputs] + [plant.inputs[i] for i in on_inputs]
         self.offsets = tuple(Channel(f"disturbance of {c.name}", c.unit) for c in chosen)
         self.disturbances = (*plant.disturbances, *self.offsets)
-        self.equations = replace(
-            equations_of(plant),
-            on_outputs=np.array(on_outputs, np.int64), on_inputs=np.array(on_inputs, np.int64),
-        )  # fmt: skip
+        self._on = np.array(on_outputs, np.int64), np.array(on_inputs, np.int64)
+
+    @cached_property
+    def equations(self) -> Equations:
+        """Equations of the plant with these disturbances, for compiled functions."""
+        on_outputs, on_inputs = self._on
+        return replace(equations_of(self.plant), on_outputs=on_outputs, on_inputs=on_inputs)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Addresses mean nothing in another process.
+        return {name: value for name, value in self.__dict__.items() if name != "equations"}
 
     def f(self, x: X, u: U, d: D) -> X:
         """Return the state derivative, per `time_unit`."""

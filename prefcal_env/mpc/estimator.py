@@ -103,7 +103,7 @@ class ExtendedKalmanFilter:
             return Estimate(mean, np.full_like(self._Q, np.inf))
         equations, middles = self._model.equations, np.ascontiguousarray(states[::2])
         covariance = kernels.carried(
-            equations.packed, middles, u, d, estimate.covariance.copy(), self._Q,
+            equations.packed, middles, u, d, estimate.covariance.copy(order="C"), self._Q,
             self.T_s / _PIECES, len(self._R),
         )  # fmt: skip
         equations.check()
@@ -117,7 +117,8 @@ class ExtendedKalmanFilter:
         d: Float[np.ndarray, " n_d"],
     ) -> Estimate:
         """Return the estimate updated with the measured outputs `y`, shape (n_y,)."""
-        equations, P, measured = self._model.equations, estimate.covariance.copy(), np.array(y)
+        equations, P = self._model.equations, estimate.covariance.copy(order="C")
+        measured = np.array(y, dtype=float, order="C")
         point = self._point(estimate, u, d)
         mean, covariance = kernels.updated(equations.packed, *point, P, self._R, measured)
         equations.check()
@@ -137,11 +138,12 @@ class ExtendedKalmanFilter:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x, u, and d followed by the disturbances, as writable copies."""
         mean = estimate.mean
-        return mean[: self._n_x].copy(), np.array(u), np.concatenate([d, mean[self._n_x :]])
+        u = np.array(u, dtype=float, order="C")
+        return mean[: self._n_x].copy(), u, np.concatenate([d, mean[self._n_x :]], dtype=float)
 
 
 def _covariance(name: str, value: object, n: int) -> Float[np.ndarray, "n n"]:
-    matrix = np.array(value, dtype=float)
+    matrix = np.array(value, dtype=float, order="C")
     if matrix.shape != (n, n) or not np.isfinite(matrix).all():
         raise SettingsError(f"{name} must be finite, shape ({n}, {n}), got {matrix.shape}")
     scale = max(float(np.abs(matrix).max()), 1e-300)

@@ -9,6 +9,7 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
+from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 from prefcal_env.jit import callback
@@ -27,6 +28,8 @@ equation = partial(callback, SIGNATURE)
 def call(typing: Any, address: Any, x: Any, u: Any, d: Any, p: Any, out: Any) -> Any:
     """Call the equation at `address` with the data of five arrays."""
     arrays = (x, u, d, p, out)
+    if any(array.layout != "C" for array in arrays):
+        raise TypingError("the arrays of an equation must be contiguous")
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         double = ir.DoubleType().as_pointer()

@@ -7,6 +7,9 @@ import numpy as np
 
 from prefcal_env.jit import kernel
 
+TOLERANCE = 1e-6
+"""Share of its scale by which a residual of a solution may differ from 0."""
+
 
 @kernel()
 def residuals(P, q, G, lower, upper, z, y):  # type: ignore[no-untyped-def]

@@ -1,4 +1,4 @@
-"""PIQP, a proximal interior-point solver: the default backend, and the only import of piqp.
+"""PIQP, a proximal interior-point solver: the agents' backend, and the only import of piqp.
 
 PIQP reports few errors: wrong shapes and rows without a bound only print a message, NaN and an
 indefinite P pass unnoticed, `solve` after a failed `setup` ends the process, and `result.x` is a

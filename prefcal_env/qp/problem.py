@@ -209,9 +209,8 @@ def verified(
     z: Float[np.ndarray, " n"],
     multipliers: Float[np.ndarray, " m"],
     iterations: int,
-    tolerance: float = 1e-6,
 ) -> Solution:
-    """Return a solution that is "solved" only if the optimality conditions hold to `tolerance`.
+    """Return a solution that is "solved" only if the optimality conditions hold to 1e-6.
 
     The conditions are feasibility, stationarity and the duality gap, each relative to the size of
     its terms. `z` and `multipliers` are copied.
@@ -220,6 +219,7 @@ def verified(
     primal, reach, dual, force, gap, value = _kernels().residuals(
         qp.P, qp.q, qp.G, qp.lower, qp.upper, z, y
     )
+    tolerance = _kernels().TOLERANCE
     good = primal <= tolerance * reach and dual <= tolerance * force and gap <= tolerance * value
     return Solution(z, y, Status.SOLVED if good else Status.INACCURATE, iterations, primal, dual)
 

@@ -57,14 +57,14 @@ def updated(equations, x, u, d, P, R, y):  # type: ignore[no-untyped-def]
     """
     n, n_y = P.shape[0], len(y)
     _, C = linearize(equations, x, u, d, n_y)
-    error, mean = np.empty(n_y), np.empty(n)
-    outputs(equations, x, u, d, error)
+    predicted, mean = np.empty(n_y), np.empty(n)
+    outputs(equations, x, u, d, predicted)
     CP = multiply(C, P)
     K = _gain(_sum(_sandwich(C, P), R), CP)
     for i in range(n):
         mean[i] = x[i] if i < len(x) else d[len(d) - n + i]
         for j in range(n_y):
-            mean[i] += K[i, j] * (y[j] - error[j])
+            mean[i] += K[i, j] * (y[j] - predicted[j])
     kept = np.eye(n)
     for i in range(n):
         for j in range(n):

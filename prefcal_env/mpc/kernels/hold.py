@@ -32,6 +32,8 @@ def discretize(A, B, c, T):  # type: ignore[no-untyped-def]
             M[i, n + j] = B[i, j] * T
         M[i, size - 1] = c[i] * T
         norm = max(norm, total)
+    if not np.isfinite(norm):
+        norm = 0.0  # the result is not finite either
     squarings = 0
     scale = 1.0
     while norm > _SMALLEST_SCALED_NORM:

@@ -4,7 +4,7 @@ import numpy as np
 
 from prefcal_env.jit import inlined, kernel
 from prefcal_env.qp._active_set import SOLVED, nearest
-from prefcal_env.qp._kernels import residuals
+from prefcal_env.qp._kernels import TOLERANCE, residuals
 
 from .model import at_point
 from .plan import forward, open_loop
@@ -36,20 +36,21 @@ def decide(equations, measured, model, horizons, weights, hard, soft, solver):  
         min ½|z|² with low <= G z <= high.
     """
     x, u, d, y_ref = measured
+    if not np.isfinite(x.sum() + u.sum() + d.sum() + y_ref.sum()):
+        vector, matrix, cube = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0, 0))
+        return NOT_FINITE, np.int64(0), matrix, cube, matrix, vector, vector
     found, R = _feedback(equations, measured, model, horizons, weights)
     U, X, unit = forward(found[0], found[1], found[2], R, horizons[3])
     G, low, high = limit_rows(U, X, (found[3], found[4], found[5]), u, hard, soft, unit)
-    how, iterations, plan = NOT_FINITE, np.int64(0), np.zeros(U.shape[:2])
-    if np.isfinite(x.sum() + u.sum() + d.sum() + y_ref.sum()):
-        how = NOT_TRUSTED
-        if trusted(U, X, horizons[3] > 0):
-            compiled, absolute, relative, most = solver
-            if not compiled:
-                most = np.int64(0)  # then only a plan without active limits is found
-            ended, z, y, iterations = nearest(G, low, high, absolute, relative, most)
-            how = OPEN
-            if ended == SOLVED and _checked(G, low, high, z, y):
-                how, plan = DECIDED, inputs(U, z, u, hard)
+    how, iterations, plan = NOT_TRUSTED, np.int64(0), np.zeros(U.shape[:2])
+    if trusted(U, X, horizons[3] > 0):
+        compiled, absolute, relative, most = solver
+        if not compiled:
+            most = np.int64(0)  # then only a plan without active limits is found
+        ended, z, y, iterations = nearest(G, low, high, absolute, relative, most)
+        how = OPEN
+        if ended == SOLVED and _checked(G, low, high, z, y):
+            how, plan = DECIDED, inputs(U, z, u, hard)
     return how, iterations, plan, U, G, low, high
 
 
@@ -96,4 +97,4 @@ def _checked(G, low, high, z, y):  # type: ignore[no-untyped-def]
     for i in range(n):
         P[i, i] = 1.0
     primal, reach, dual, force, gap, value = residuals(P, np.zeros(n), G, low, high, z, y)
-    return primal <= 1e-6 * reach and dual <= 1e-6 * force and gap <= 1e-6 * value
+    return primal <= TOLERANCE * reach and dual <= TOLERANCE * force and gap <= TOLERANCE * value

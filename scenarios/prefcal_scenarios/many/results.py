@@ -74,6 +74,11 @@ class FailedRun:
         """Return no KPIs."""
         return FrozenMapping()
 
+    @property
+    def solved(self) -> bool:
+        """Return False: no step is known to be solved."""
+        return False
+
 
 Result = Simulated | Experiment | FailedRun
 """What `simulate_many` returns for one θ; an `Experiment` only if trajectories are wanted."""

@@ -93,11 +93,13 @@ class _Options:
 
     def __post_init__(self) -> None:
         jobs, seed, timeout = self.jobs, self.seed, self.timeout
-        if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
+        whole = isinstance(jobs, int | np.integer) and not isinstance(jobs, bool)
+        if jobs is not None and not (whole and jobs >= 1):
             raise SettingsError(f"jobs must be an integer, 1 or more, or None, got {jobs!r}")
         if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
             raise SettingsError(f"seed must be an integer, got {seed!r}")
-        if timeout is not None and not timeout > 0:
+        number = isinstance(timeout, int | float | np.number) and not isinstance(timeout, bool)
+        if timeout is not None and not (number and timeout > 0):
             raise SettingsError(f"timeout must be above 0 s, or None, got {timeout!r}")
 
 

@@ -34,7 +34,12 @@ def in_words(error: BaseException) -> str:
 
     Errors of prefcal are shown as they are; others are prefixed with the name of their type.
     """
-    words = str(error) if isinstance(error, PrefcalError) else f"{type(error).__name__}: {error}"
+    try:
+        words = str(error)
+    except Exception:  # of people's own classes
+        words = "it has no readable message"
+    if not isinstance(error, PrefcalError):
+        words = f"{type(error).__name__}: {words}"
     line = next(iter(getattr(error, "__notes__", ())), "")
     words = f"{words} (in {line})" if line else words
     return whole(words)

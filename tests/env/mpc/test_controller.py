@@ -203,3 +203,22 @@ def test_a_measurement_that_does_not_fit_is_refused(change, message):
     controller = LinearMPC(random_plant(0), BASE)
     with pytest.raises(PlantError, match=message):
         controller.move(replace(measurement(0), **change))
+
+
+def test_previews_may_be_laid_out_as_they_like():
+    plant, m = random_plant(1), measurement(1, preview=True)
+    other = replace(m, d=np.asfortranarray(m.d), y_ref=np.asfortranarray(m.y_ref), x=m.x[::1])
+    expected = LinearMPC(plant, BASE).move(m)
+    np.testing.assert_array_equal(LinearMPC(plant, BASE).move(other).u, expected.u)
+    whole = replace(m, d=np.ones((3, 1), dtype=int).T[:, :1], y_ref=np.ones(2, dtype=int))
+    floats = replace(whole, d=whole.d.astype(float), y_ref=whole.y_ref.astype(float))
+    np.testing.assert_array_equal(
+        LinearMPC(plant, BASE).move(whole).u, LinearMPC(plant, BASE).move(floats).u
+    )
+
+
+@pytest.mark.parametrize("bad", [np.inf, -np.inf, np.nan])
+def test_a_measurement_that_is_not_finite_is_refused_and_nothing_hangs(bad):
+    m = replace(measurement(0), x=np.array([0.0, bad, 0.0]))
+    with pytest.raises(PlantError, match="measurement: x must be finite"):
+        LinearMPC(random_plant(0), BASE).move(m)

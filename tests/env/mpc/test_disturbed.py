@@ -1,5 +1,7 @@
 """A plant with disturbances of outputs and inputs, and the same as further states."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -41,3 +43,11 @@ def test_a_disturbance_of_an_input_is_a_different_input():
 def test_indices_that_are_none_are_refused(chosen):
     with pytest.raises(SettingsError, match="must be different indices below"):
         Disturbed(CSTR(), **chosen)
+
+
+def test_a_copy_in_another_process_has_equations_of_its_own():
+    disturbed = Disturbed(CSTR(), on_outputs=(1,))
+    before = disturbed.equations
+    copied = pickle.loads(pickle.dumps(disturbed))
+    assert "equations" not in vars(copied)
+    np.testing.assert_array_equal(copied.equations.on_outputs, before.on_outputs)

@@ -75,7 +75,7 @@ def _step(row: Mapping[str, str | None], where: str, clock_mhz: float) -> TimedS
         N_u = int(_number(row, "N_u", where, 1, N_p, whole=True))
     else:
         N_u = control_horizon(_number(row, "ε_c", where, 0.1, 1.0), N_p)
-    iterations = int(_number(row, "iterations", where, 1, 1e6, whole=True))
+    iterations = int(_number(row, "iterations", where, 0, 1e6, whole=True))
     cycles = _number(row, "cycles", where, 1, 1e18)
     return TimedStep(_size(phase, N_p, N_u), iterations, cycles / (clock_mhz * 1e6))
 
