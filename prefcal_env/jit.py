@@ -78,9 +78,10 @@ class _KernelFolder(_CacheLocator):
         return str(self._lineno)
 
 
-# First in numba's list, which it goes through for every function that is to be cached.
-_cache: Any = FunctionCache
-_cache._impl_class._locator_classes.insert(0, _KernelFolder)
+# First in numba's list, which it goes through for every function that is to be cached. A version
+# of numba without this list keeps the code beside the source files.
+_listed: Any = getattr(getattr(FunctionCache, "_impl_class", None), "_locator_classes", [])
+_listed.insert(0, _KernelFolder)
 
 
 @cache

@@ -93,7 +93,7 @@ def test_runs_that_raise_die_or_hang_are_data_in_their_places():
     assert "run called exit: bye" in words[6]
     assert "exit code 0" in words[7]
     assert "is a return missing" in words[8]
-    assert (found[3].end, dict(found[3].kpis)) == (End.FAILED, {})
+    assert (found[3].end, dict(found[3].kpis), found[3].solved) == (End.FAILED, {}, False)
     assert no_workers()
 
 
