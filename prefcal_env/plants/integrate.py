@@ -35,7 +35,7 @@ def integrate(
     arrays = tuple(np.array(v, dtype=float) for v in (x, u, d, equations.parameters, times))
     states, stiff = explicit(equations.f, *arrays, max_step, False)
     if stiff:
-        states = _implicit(equations.f, *arrays, max_step)
+        states = _implicit(max_step, equations.f, *arrays)
     if states is None:
         states, _ = explicit(equations.f, *arrays, max_step, True)
     return np.asarray(states)
@@ -56,13 +56,13 @@ class _TooManyError(Exception):
 
 
 def _implicit(
+    max_step: float,
     f: int,
     x: Float[np.ndarray, " n_x"],
     u: Float[np.ndarray, " n_u"],
     d: Float[np.ndarray, " n_d"],
     p: Float[np.ndarray, " p"],
     times: Float[np.ndarray, " K"],
-    max_step: float,
 ) -> Float[np.ndarray, "K n_x"] | None:
     """Return the states at `times` from backward differentiation, or None if it fails."""
     from scipy.integrate import solve_ivp  # takes half a second to import
