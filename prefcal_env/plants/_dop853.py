@@ -60,14 +60,11 @@ def integrate(f, x, u, d, p, times, max_step, explicit):  # type: ignore[no-unty
     n, count = len(x), len(times)
     out = np.full((count, n), np.nan)
     k, y, dense = np.zeros((16, n)), np.zeros((16, n)), np.zeros((7, n))
-    now, end, done = 0.0, times[count - 1] if count else 0.0, 0
+    now, end, done = 0.0, times[count - 1] if count else 0.0, _start(times, x, out)
     h, grow, jumps, stiff = min(end, max_step), 10.0, 0.0, 0.0
     error, floor, limit, mark = math.nan, 0.0, math.inf, 0.0
     _copy(x, y[0])
     call(f, y[0], u, d, p, k[0])
-    while done < count and times[done] <= 0:
-        _copy(x, out[done])
-        done += 1
     for i in range(1, STEPS + 10 * MANY):
         tiny, slow = not h > SMALLEST * end, False
         if i % (2 * MANY) == 0:
@@ -92,12 +89,7 @@ def integrate(f, x, u, d, p, times, max_step, explicit):  # type: ignore[no-unty
             break
         if times[done] < after:
             _interpolate(f, h, k, y, u, d, p, dense)
-        while done < count and times[done] <= after:
-            if times[done] < after:
-                _read((times[done] - now) / h, y[0], dense, out[done])
-            else:
-                _copy(y[12], out[done])
-            done += 1
+        done = _write(times, done, now, after, h, y, dense, out)
         stiff = stiff + 1.0 if _ratio(h, k, y) > 6.1 else max(stiff - 0.25, 0.0)
         if stiff > 15 and end - after > MANY * h and not explicit:
             return out, True
@@ -136,7 +128,7 @@ def _largest(values):  # type: ignore[no-untyped-def]
     """Return the largest absolute value, or NaN if there is a NaN."""
     largest = 0.0
     for value in values:
-        if not abs(value) <= largest:
+        if largest >= 0 and not abs(value) <= largest:
             largest = abs(value)
     return largest
 
@@ -198,6 +190,28 @@ def _interpolate(f, h, k, y, u, d, p, dense):  # type: ignore[no-untyped-def]
         dense[2, i] = 2 * change - h * (k[0, i] + k[12, i])
         for j in range(4):
             dense[3 + j, i] = h * _weighted(18 + j, 16, k, i)
+
+
+@inlined()
+def _start(times, x, out):  # type: ignore[no-untyped-def]
+    """Write the state at times of 0, and return their number."""
+    done = 0
+    while done < len(times) and times[done] <= 0:
+        _copy(x, out[done])
+        done += 1
+    return done
+
+
+@inlined()
+def _write(times, done, now, after, h, y, dense, out):  # type: ignore[no-untyped-def]
+    """Write the states at the times up to the end of a step, and return the number of all."""
+    while done < len(times) and times[done] <= after:
+        if times[done] < after:
+            _read((times[done] - now) / h, y[0], dense, out[done])
+        else:
+            _copy(y[12], out[done])
+        done += 1
+    return done
 
 
 @inlined()

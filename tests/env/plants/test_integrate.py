@@ -206,7 +206,7 @@ def test_what_is_too_fast_for_the_interval_has_no_number():
 
 
 def test_a_step_to_where_the_equations_are_not_finite_is_repeated():
-    states, _ = simulated(lambda x: -np.sqrt(x), [1.0], [1.9, 1.9999])
+    states, _ = simulated(lambda x: [-np.sqrt(x[0]), 1.0], [1.0, 0.0], [1.9, 1.9999])
     np.testing.assert_allclose(states[:, 0], [0.05**2, 0.00005**2], rtol=1e-6, atol=1e-12)
 
 
