@@ -79,8 +79,7 @@ def integrate(f, x, u, d, p, times, max_step, explicit):  # type: ignore[no-unty
         error = _step(f, h, k, y, u, d, p)
         good = error < 1 or (h <= least and error < math.inf)
         if good and (after < end or times[done] < after):
-            call(f, y[12], u, d, p, k[12])
-            good = _largest(k[12]) < math.inf
+            good = _ends(f, k, y, u, d, p)
         if not good:
             jumps += 1.0 if grow == 1.0 and error < math.inf else 0.0
             h, grow = h * (max(_change(error), 0.1) if 1 <= error < math.inf else 0.1), 1.0
@@ -93,13 +92,31 @@ def integrate(f, x, u, d, p, times, max_step, explicit):  # type: ignore[no-unty
         stiff = stiff + 1.0 if _ratio(h, k, y) > 6.1 else max(stiff - 0.25, 0.0)
         if stiff > 15 and end - after > MANY * h and not explicit:
             return out, True
-        _copy(y[12], y[0])
-        _copy(k[12], k[0])
-        h, grow = min(max(h * min(_change(error), grow), least), max_step), 10.0
-        now, jumps = after, max(jumps - 0.03, 0.0)
-        if end - now < 1.01 * h:
-            h = min(end - now, max_step)
+        _advance(k, y)
+        h = _fitted(max(h * min(_change(error), grow), least), max_step, end - after)
+        now, grow, jumps = after, 10.0, max(jumps - 0.03, 0.0)
     return out, False
+
+
+@inlined()
+def _ends(f, k, y, u, d, p):  # type: ignore[no-untyped-def]
+    """Write the rate at the end of a step to k[12], and return whether it is finite."""
+    call(f, y[12], u, d, p, k[12])
+    return _largest(k[12]) < math.inf
+
+
+@inner()
+def _advance(k, y):  # type: ignore[no-untyped-def]
+    """Start the next step at the end of this one."""
+    _copy(y[12], y[0])
+    _copy(k[12], k[0])
+
+
+@inner()
+def _fitted(h, max_step, left):  # type: ignore[no-untyped-def]
+    """Return a step h that is not too long, and leaves no tiny rest of the interval."""
+    h = min(h, max_step)
+    return min(left, max_step) if left < 1.01 * h else h
 
 
 @inner()
