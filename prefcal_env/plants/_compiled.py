@@ -6,7 +6,7 @@ from typing import Any
 import numba
 import numpy as np
 from numba.core.dispatcher import Dispatcher
-from numba.core.errors import TypingError
+from numba.core.errors import NumbaError
 
 from prefcal_env.errors import PlantError
 from prefcal_env.jit import inner
@@ -50,7 +50,8 @@ def _function(function: Any, size: int, sizes: tuple[int, int, int, int]) -> Any
         for i in range(size):
             out[i] = np.nan  # stays if the function raises or returns another number of values
         try:
-            values = function(carray(x, (n_x,)), carray(u, (n_u,)), carray(d, (n_d,)))
+            x_, u_, d_ = carray(x, (n_x,)), carray(u, (n_u,)), carray(d, (n_d,))
+            values = function(x_.copy(), u_.copy(), d_.copy())  # it may write into them
             if len(values) == size:
                 for i in range(size):
                     out[i] = values[i]
@@ -59,10 +60,11 @@ def _function(function: Any, size: int, sizes: tuple[int, int, int, int]) -> Any
 
     try:
         return numba.cfunc(SIGNATURE)(write)
-    except TypingError as error:
+    except NumbaError as error:
+        lines = [line for line in str(error).splitlines() if not line.startswith("Failed in")]
         raise PlantError(
             f"equation {function.__name__!r} must compile and return an array or a tuple of "
-            f"{size} floats: {error}"
+            f"{size} floats (write 1.0, not 1): {''.join(lines[:1])[:150]}"
         ) from error
 
 

@@ -35,16 +35,19 @@ JUMPS = 30
 """Steps rejected twice, less 3 % of those accepted, from which on the equations are taken to jump
 again and again, as with dry friction: then steps of a thousandth of the interval are accepted."""
 STEPS = 100_000
-"""Steps after which the rest is NaN."""
+"""Steps of the whole interval from which on its equations are taken to jump, too: then steps of a
+thousandth are accepted for the rest. Judged by the time that the last 2 `MANY` steps took."""
 MANY = 1000
 """Steps to go from which on stiff equations are left to an implicit method; also, see `JUMPS`."""
+SMALLEST = 1e-14
+"""Smallest step, relative to the interval. If it is not precise, the equations jump or blow up."""
 
 
 @kernel()
 def integrate(f, x, u, d, p, times, max_step, explicit):  # type: ignore[no-untyped-def]
     """Return the states at `times`, shape (K, n_x), and whether the equations are too stiff.
 
-    States that are not reached are NaN.
+    States that are not reached are NaN: they blew up, or f is not finite there.
 
     Args:
         f: Address of the equation of ẋ, whose arguments are x, u, d and p.
@@ -57,41 +60,94 @@ def integrate(f, x, u, d, p, times, max_step, explicit):  # type: ignore[no-unty
     n, count = len(x), len(times)
     out = np.full((count, n), np.nan)
     k, y, dense = np.zeros((16, n)), np.zeros((16, n)), np.zeros((7, n))
-    now, end, done = 0.0, times[count - 1] if count else 0.0, 0
+    now, end, done = 0.0, times[count - 1] if count else 0.0, _start(times, x, out)
     h, grow, jumps, stiff = min(end, max_step), 10.0, 0.0, 0.0
+    error, floor, limit, mark = math.nan, 0.0, math.inf, 0.0
     _copy(x, y[0])
     call(f, y[0], u, d, p, k[0])
-    for _ in range(STEPS):
-        if done == count or not h > 1e-14 * end:
+    for i in range(1, STEPS + 10 * MANY):
+        tiny, slow = not h > SMALLEST * end, False
+        if i % (2 * MANY) == 0:
+            slow, mark = now - mark < 2 * MANY / STEPS * end, now
+        if done == count or (tiny and not _jumps(error, h, k, y)):
             break
-        least = end / MANY if jumps > JUMPS else 0.0
+        if tiny or slow:
+            floor, h = end / MANY, min(end / MANY, end - now, max_step)
+            limit = min(limit, 1000 * (_largest(y[0]) + end * _largest(k[:12].ravel())))
+        least = end / MANY if jumps > JUMPS else floor
+        after = now + h if end - now - h > 10 * SMALLEST * end else end
         error = _step(f, h, k, y, u, d, p)
-        change = 0.9 * max(error, 1e-16) ** -0.125
-        if not (error < 1 or (h <= least and error < math.inf)):
-            jumps += 1.0 if grow == 1.0 else 0.0
-            h, grow = h * (max(change, 0.1) if change > 0 else 0.1), 1.0
+        good = error < 1 or (h <= least and error < math.inf)
+        if good and (after < end or times[done] < after):
+            good = _ends(f, k, y, u, d, p)
+        if not good:
+            jumps += 1.0 if grow == 1.0 and error < math.inf else 0.0
+            h, grow = h * (max(_change(error), 0.1) if 1 <= error < math.inf else 0.1), 1.0
             continue
-        after = now + h if end - now > h else end
-        if after < end or times[done] < after:
-            call(f, y[12], u, d, p, k[12])
+        if floor > 0 and not _largest(y[12]) < limit:
+            break
         if times[done] < after:
             _interpolate(f, h, k, y, u, d, p, dense)
-        while done < count and times[done] <= after:
-            if times[done] < after:
-                _read((times[done] - now) / h, y[0], dense, out[done])
-            else:
-                _copy(y[12], out[done])
-            done += 1
+        done = _write(times, done, now, after, h, y, dense, out)
         stiff = stiff + 1.0 if _ratio(h, k, y) > 6.1 else max(stiff - 0.25, 0.0)
         if stiff > 15 and end - after > MANY * h and not explicit:
             return out, True
-        _copy(y[12], y[0])
-        _copy(k[12], k[0])
-        h, grow = min(max(h * min(change, grow), least), max_step), 10.0
-        now, jumps = after, max(jumps - 0.03, 0.0)
-        if end - now < 1.01 * h:
-            h = min(end - now, max_step)
+        _advance(k, y)
+        h = _fitted(max(h * min(_change(error), grow), least), max_step, end - after)
+        now, grow, jumps = after, 10.0, max(jumps - 0.03, 0.0)
     return out, False
+
+
+@inlined()
+def _ends(f, k, y, u, d, p):  # type: ignore[no-untyped-def]
+    """Write the rate at the end of a step to k[12], and return whether it is finite."""
+    call(f, y[12], u, d, p, k[12])
+    return _largest(k[12]) < math.inf
+
+
+@inner()
+def _advance(k, y):  # type: ignore[no-untyped-def]
+    """Start the next step at the end of this one."""
+    _copy(y[12], y[0])
+    _copy(k[12], k[0])
+
+
+@inner()
+def _fitted(h, max_step, left):  # type: ignore[no-untyped-def]
+    """Return a step h that is not too long, and leaves no tiny rest of the interval."""
+    h = min(h, max_step)
+    return min(left, max_step) if left < 1.01 * h else h
+
+
+@inner()
+def _change(error):  # type: ignore[no-untyped-def]
+    """Return the factor from a step with this error to one that is precise enough."""
+    return 0.9 * max(error, 1e-16) ** -0.125
+
+
+@inlined()
+def _jumps(error, h, k, y):  # type: ignore[no-untyped-def]
+    """Return whether equations for which no step is small enough jump; else they blow up.
+
+    Before a jump, the smallest step changes the states by little more than the tolerance; before
+    they blow up, by a good part of them.
+    """
+    if not error < math.inf:
+        return False
+    for i in range(y.shape[1]):
+        if not h * abs(k[0, i]) < 1e4 * (ABSOLUTE + RELATIVE * abs(y[0, i])):
+            return False
+    return True
+
+
+@inner()
+def _largest(values):  # type: ignore[no-untyped-def]
+    """Return the largest absolute value, or NaN if there is a NaN."""
+    largest = 0.0
+    for value in values:
+        if largest >= 0 and not abs(value) <= largest:
+            largest = abs(value)
+    return largest
 
 
 @inlined()
@@ -151,6 +207,28 @@ def _interpolate(f, h, k, y, u, d, p, dense):  # type: ignore[no-untyped-def]
         dense[2, i] = 2 * change - h * (k[0, i] + k[12, i])
         for j in range(4):
             dense[3 + j, i] = h * _weighted(18 + j, 16, k, i)
+
+
+@inlined()
+def _start(times, x, out):  # type: ignore[no-untyped-def]
+    """Write the state at times of 0, and return their number."""
+    done = 0
+    while done < len(times) and times[done] <= 0:
+        _copy(x, out[done])
+        done += 1
+    return done
+
+
+@inlined()
+def _write(times, done, now, after, h, y, dense, out):  # type: ignore[no-untyped-def]
+    """Write the states at the times up to the end of a step, and return the number of all."""
+    while done < len(times) and times[done] <= after:
+        if times[done] < after:
+            _read((times[done] - now) / h, y[0], dense, out[done])
+        else:
+            _copy(y[12], out[done])
+        done += 1
+    return done
 
 
 @inlined()

@@ -104,7 +104,8 @@ class Bicycle:
         (x_f, y_f, yaw), (v, steering) = x.tolist(), u.tolist()
         # A copy: a read-only array is another type, for which the kernel would be compiled again.
         at = np.array(times, dtype=float)
-        states = _car_kernels.hold_bicycle(x_f, y_f, yaw, v, steering, self.length, at)
+        length = float(self.length)  # an integer is another type, too
+        states = _car_kernels.hold_bicycle(x_f, y_f, yaw, v, steering, length, at)
         return np.asarray(states)
 
 

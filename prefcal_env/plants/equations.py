@@ -1,12 +1,15 @@
 """The equations of a plant for compiled kernels: its own compiled ones, or its Python methods."""
 
 import ctypes
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
+
+from prefcal_env.errors import PlantError
 
 from .plant import Plant
 
@@ -24,7 +27,7 @@ class Equations:
         f: Address of the function that writes ẋ, shape (n_x,).
         g: Address of the function that writes y, shape (n_y,); 0 means y = x.
         jacobians: Address of the function that writes A, B, C and D, row by row.
-        parameters: The parameters p, which all three get.
+        parameters: The parameters p, which all three get; integers become floats.
         on_outputs: Indices of the outputs with an added disturbance; these follow in d.
         on_inputs: Indices of the inputs with an added disturbance; these are the last of d.
         callbacks: What calls Python, if the functions do.
@@ -37,6 +40,18 @@ class Equations:
     on_outputs: Int[np.ndarray, " n_p"] = field(default_factory=lambda: _NONE)
     on_inputs: Int[np.ndarray, " n_w"] = field(default_factory=lambda: _NONE)
     callbacks: "Callbacks | None" = None
+
+    def __post_init__(self) -> None:
+        # A copy: kernels are compiled for writable arrays of floats.
+        parameters = np.array(self.parameters, dtype=float, order="C")
+        object.__setattr__(self, "parameters", parameters)
+
+    def __reduce__(self) -> str | tuple[Any, ...]:
+        """Refuse to be pickled or copied deeply."""
+        raise TypeError(
+            "compiled equations cannot be pickled: they hold addresses, which mean nothing in "
+            "another process; pickle the plant, which makes them again"
+        )
 
     @property
     def packed(self) -> tuple[Any, ...]:
@@ -57,12 +72,13 @@ def compiled(f: Any, g: Any, jacobians: Any, parameters: Float[np.ndarray, " _"]
 class Callbacks:
     """The Python methods of a plant, as C functions that compiled kernels can call.
 
-    What a method raises is kept, and NaN is written instead; `check` raises it.
+    What a method raises is kept, for each thread on its own, and NaN is written instead; `check`
+    raises it.
     """
 
     def __init__(self, n_x: int, n_u: int, n_d: int) -> None:
         self._sizes = n_x, n_u, n_d
-        self._error: BaseException | None = None
+        self._kept = threading.local()
         self._functions: list[Any] = []
         self._views: dict[tuple[int, int], Float[np.ndarray, " _"]] = {}
 
@@ -76,17 +92,26 @@ class Callbacks:
                 x_, u_, d_ = self._array(x, n_x), self._array(u, n_u), self._array(d, n_d)
                 target[:] = method(x_.copy(), u_.copy(), d_.copy())
             except BaseException as error:  # C cannot raise; `check` does
-                self._error = self._error or error
+                kept = getattr(self._kept, "error", None)
+                if kept is None or (_is_mistake(error) and not _is_mistake(kept)):
+                    self._kept.error = error
                 target[:] = np.nan
 
         function = _TYPE(called)
         self._functions.append(function)  # it lives as long as these callbacks
         return ctypes.cast(function, ctypes.c_void_p).value or 0
 
-    def check(self) -> None:
-        """Raise what a method raised since the last check."""
-        error, self._error = self._error, None
-        if error is not None:
+    def check(self, states: Float[np.ndarray, "K n_x"] | None = None) -> None:
+        """Raise what a method raised in this thread since the last check.
+
+        Args:
+            states: Result of a simulation. If it is finite, only a PlantError and what is no
+                Exception, as KeyboardInterrupt, are raised: steps that are too long may leave the
+                domain of f, and are repeated with a shorter one.
+        """
+        error, self._kept.error = getattr(self._kept, "error", None), None
+        finite = states is not None and bool(np.isfinite(states).all())
+        if error is not None and (_is_mistake(error) or not finite):
             raise error
 
     def _array(self, address: int | None, n: int) -> Float[np.ndarray, " _"]:
@@ -98,6 +123,11 @@ class Callbacks:
             data: Any = (ctypes.c_double * n).from_address(address or 0) if n else b""
             view = self._views[address or 0, n] = np.frombuffer(data, dtype=float)
         return view
+
+
+def _is_mistake(error: BaseException) -> bool:
+    """Return whether an error has nothing to do with the point at which it was raised."""
+    return isinstance(error, PlantError) or not isinstance(error, Exception)
 
 
 _TYPE = ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * 5)

@@ -76,7 +76,7 @@ class FunctionPlant:
         self._f, self._g = f, g
         self._compiled = compiled
         self._equations: Equations | None = None
-        self._called_back: Equations | None = None
+        self._called_back: tuple[Equations, Callbacks] | None = None
 
     def f(
         self,
@@ -116,7 +116,11 @@ class FunctionPlant:
         d: Float[np.ndarray, " n_d"],
         times: Float[np.ndarray, " K"],
     ) -> Float[np.ndarray, "K n_x"]:
-        """Return the states at `times` after x, with u and d held; NaN once they blow up."""
+        """Return the states at `times` after x, with u and d held; NaN once they blow up.
+
+        What a Python f raises, as math.sqrt does outside of its domain, only rejects a step of the
+        integrator. It is raised if the states are not finite in the end, except an ArithmeticError.
+        """
         step = np.inf if self.max_step is None else self.max_step
         equations = self.equations if self._compiled is None else self._compiled()
         if equations is not None:
@@ -128,10 +132,11 @@ class FunctionPlant:
             sizes = len(self.states), len(self.inputs), len(self.disturbances)
             callbacks = Callbacks(*sizes)
             f = callbacks.address(self._f_or_nan, sizes[0])
-            self._called_back = Equations(f, 0, 0, callbacks=callbacks)
+            self._called_back = Equations(f, 0, 0, callbacks=callbacks), callbacks
+        called_back, callbacks = self._called_back
         with np.errstate(all="ignore"):
-            states = integrate(self._called_back, x, u, d, times, step)
-        self._called_back.check()
+            states = integrate(called_back, x, u, d, times, step)
+        callbacks.check(states)
         return states
 
     @property

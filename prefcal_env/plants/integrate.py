@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from .equations import Equations
 
-_EVALUATIONS = 100_000
+_EVALUATIONS = 10_000
 """Evaluations of ẋ after which the implicit method gives up."""
 
 
@@ -27,14 +27,15 @@ def integrate(
     Once a state blows up, it is NaN. The error of a step is below 1e-10 of each state or 1e-12;
     other instants change a state by no more than that. Stiff equations are left to an implicit
     method if the explicit one would need more than a thousand steps. Where equations jump again and
-    again, as with dry friction, a thousandth of the interval is the smallest step.
+    again, as with dry friction, a thousandth of the interval is the smallest step; also for the
+    rest of an interval that would take more than 100,000 steps.
     """
     explicit = _explicit()
     # Copies: a read-only array is another type, for which numba compiles again.
     arrays = tuple(np.array(v, dtype=float) for v in (x, u, d, equations.parameters, times))
     states, stiff = explicit(equations.f, *arrays, max_step, False)
     if stiff:
-        states = _implicit(equations.f, *arrays)
+        states = _implicit(max_step, equations.f, *arrays)
     if states is None:
         states, _ = explicit(equations.f, *arrays, max_step, True)
     return np.asarray(states)
@@ -55,6 +56,7 @@ class _TooManyError(Exception):
 
 
 def _implicit(
+    max_step: float,
     f: int,
     x: Float[np.ndarray, " n_x"],
     u: Float[np.ndarray, " n_u"],
@@ -82,8 +84,9 @@ def _implicit(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # failure is told by `success`
             found = solve_ivp(
-                rate, (0.0, times[-1]), x, "LSODA", times, rtol=RELATIVE, atol=ABSOLUTE
-            )
+                rate, (0.0, times[-1]), x, "LSODA", times,
+                rtol=RELATIVE, atol=ABSOLUTE, max_step=max_step,
+            )  # fmt: skip
     except _TooManyError:
         return None
     return np.ascontiguousarray(found.y.T) if found.success else None

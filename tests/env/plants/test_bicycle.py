@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 from prefcal_env.errors import PlantError
 from prefcal_env.plants.bicycle import KMH, Bicycle
+from support.equations import evaluated
 
 PLANT, NONE = Bicycle(), np.zeros(0)
 states = st.tuples(st.floats(-50, 50), st.floats(-5, 5), st.floats(-1, 1)).map(np.array)
@@ -52,3 +53,10 @@ def test_jacobians_agree_with_differences(x, u):
 def test_an_impossible_length_is_refused(length):
     with pytest.raises(PlantError, match="length L"):
         Bicycle(length)
+
+
+def test_the_length_may_be_an_integer():
+    x, u = np.zeros(3), np.array([15.0, 0.1])
+    found = [evaluated(Bicycle(length).equations, "f", 3, x, u, np.zeros(0)) for length in (7, 7.0)]
+    np.testing.assert_array_equal(*found)
+    np.testing.assert_allclose(found[0], Bicycle(7).f(x, u, np.zeros(0)), rtol=1e-14)

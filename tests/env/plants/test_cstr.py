@@ -1,5 +1,7 @@
 """The CSTR is the paper's: its steady states, its derivatives, its simulation."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -131,3 +133,12 @@ def test_even_a_runaway_agrees_with_dop853():
         np.testing.assert_allclose(
             PLANT.hold(x, u, FEED, np.array([T_s]))[0][1], precise[1], atol=1e-6
         )
+
+
+def test_parameters_may_be_integers():
+    whole = CSTRParams(**{f.name: int(getattr(CSTRParams(), f.name)) for f in fields(CSTRParams)})
+    real = CSTRParams(**{f.name: float(getattr(whole, f.name)) for f in fields(CSTRParams)})
+    x, u, times = np.array([311.0, 8.5]), np.array([298.0]), np.array([0.1])
+    states = [CSTR(params).hold(x, u, FEED, times) for params in (whole, real)]
+    assert np.isfinite(states[0]).all()
+    np.testing.assert_array_equal(*states)

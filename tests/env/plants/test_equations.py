@@ -1,5 +1,9 @@
 """Kernels call the equations of every plant: compiled ones, or its Python methods."""
 
+import math
+import pickle
+import threading
+
 import numba
 import numpy as np
 import pytest
@@ -10,7 +14,8 @@ from prefcal_env.experiments.experiment import Channel
 from prefcal_env.mpc import LinearMPC, MPCSettings
 from prefcal_env.plants import FunctionPlant
 from prefcal_env.plants._calls import call
-from prefcal_env.plants.equations import Callbacks
+from prefcal_env.plants.bicycle import Bicycle
+from prefcal_env.plants.equations import Callbacks, Equations
 
 SETTINGS = MPCSettings(T_s=0.1, N_p=5, N_u=2, Q_y=[[1.0]], Q_du=[[0.1]])
 HERE = Measurement(0.0, np.array([1.0]), np.zeros(1), np.zeros(0), np.zeros(1))
@@ -53,6 +58,73 @@ def test_what_a_method_raises_is_raised_by_the_next_check_and_only_once():
     with pytest.raises(KeyboardInterrupt):
         callbacks.check()
     callbacks.check()
+
+
+def test_what_a_method_raises_in_one_thread_is_not_raised_in_another():
+    callbacks, raised = Callbacks(1, 1, 0), []
+
+    def method(x, u, d):
+        raise ValueError
+
+    def work():
+        called(callbacks.address(method, 1), np.zeros(1), np.zeros(1), np.zeros(0), 1)
+        begun.set()
+        done.wait()
+        with pytest.raises(ValueError):
+            callbacks.check()
+        raised.append(True)
+
+    begun, done = threading.Event(), threading.Event()
+    thread = threading.Thread(target=work)
+    thread.start()
+    begun.wait()
+    callbacks.check()
+    done.set()
+    thread.join()
+    callbacks.check()
+    assert raised
+
+
+@pytest.mark.parametrize(
+    ("errors", "states", "expected"),
+    [
+        ([ValueError], [1.0], None),
+        ([ValueError], [np.nan], ValueError),
+        ([ValueError, PlantError], [1.0], PlantError),
+        ([ZeroDivisionError, KeyboardInterrupt], [1.0], KeyboardInterrupt),
+    ],
+)
+def test_a_finite_simulation_raises_mistakes_and_interruptions_only(errors, states, expected):
+    callbacks, left = Callbacks(1, 1, 0), list(errors)
+
+    def method(x, u, d):
+        raise left.pop(0)
+
+    address = callbacks.address(method, 1)
+    for _ in errors:
+        called(address, np.zeros(1), np.zeros(1), np.zeros(0), 1)
+    if expected is None:
+        callbacks.check(np.array([states]))
+    else:
+        with pytest.raises(expected):
+            callbacks.check(np.array([states]))
+    callbacks.check()
+
+
+def test_what_the_equations_raise_reaches_the_caller_of_the_mpc():
+    with pytest.raises(ValueError, match=r"math domain|nonnegative"):
+        LinearMPC(plant(lambda x, u, d: [math.sqrt(-1 - x[0] ** 2)]), SETTINGS).move(HERE)
+
+
+def test_parameters_are_floats():
+    parameters = Equations(0, 0, 0, np.array([[1, 2], [3, 4]]).T[0]).parameters
+    assert parameters.dtype == float
+    assert parameters.flags.c_contiguous
+
+
+def test_equations_cannot_be_pickled():
+    with pytest.raises(TypeError, match="pickle the plant"):
+        pickle.dumps(Bicycle().equations)
 
 
 def test_a_mistake_in_the_equations_of_a_plant_reaches_the_caller_of_the_mpc():

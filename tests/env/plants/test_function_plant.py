@@ -1,5 +1,7 @@
 """A plant from its equations alone."""
 
+import math
+
 import numba
 import numpy as np
 import pytest
@@ -135,3 +137,38 @@ def test_compiled_equations_that_return_the_wrong_number_are_refused():
 def test_a_compiled_division_by_zero_is_not_an_error():
     plant = FunctionPlant(numba.njit(lambda x, u, d: (1 / (x[0] - x[0]),)), states=X[:1], inputs=U)
     assert np.isnan(plant.hold(np.ones(1), np.ones(1), NONE, np.ones(1))).all()
+
+
+def test_a_trial_step_outside_of_the_domain_is_not_an_error():
+    plant = FunctionPlant(lambda x, u, d: [-math.sqrt(x[0])], states=X[:1], inputs=U)
+    times = np.array([1.0, 1.9, 1.999])
+    states = plant.hold(np.ones(1), np.zeros(1), NONE, times)
+    np.testing.assert_allclose(states[:, 0], (1 - times / 2) ** 2, rtol=1e-6)
+
+
+def test_a_state_outside_of_the_domain_is_an_error():
+    plant = FunctionPlant(lambda x, u, d: [-1 - math.sqrt(x[0])], states=X[:1], inputs=U)
+    with pytest.raises(ValueError, match=r"math domain|nonnegative"):
+        plant.hold(np.ones(1), np.zeros(1), NONE, np.array([3.0]))
+    assert np.isfinite(plant.hold(np.ones(1), np.zeros(1), NONE, np.array([0.1]))).all()
+
+
+def test_compiled_equations_may_write_into_their_arguments():
+    def f(x, u, d):
+        x *= -1
+        u += 1
+        return (x[1], -x[0])
+
+    x, u, times = np.ones(2), np.ones(1), np.array([1.0])
+    states = FunctionPlant(numba.njit(f), states=X, inputs=U).hold(x, u, NONE, times)
+    python = FunctionPlant(f, states=X, inputs=U).hold(x, u, NONE, times)
+    np.testing.assert_allclose(states, python, rtol=1e-12)
+
+
+@pytest.mark.parametrize("f", [lambda x, u, d: (x[1], 1), lambda x, u, d: "ab"])
+def test_compiled_equations_that_return_no_floats_are_refused_in_one_line(f):
+    plant = FunctionPlant(numba.njit(f), states=X, inputs=U)
+    with pytest.raises(PlantError, match=r"write 1\.0, not 1") as caught:
+        plant.hold(np.ones(2), np.ones(1), NONE, np.ones(1))
+    assert len(str(caught.value)) < 300
+    assert "\n" not in str(caught.value)

@@ -166,6 +166,71 @@ def test_dry_friction_ends_soon_and_sticks():
     assert evaluations < 40_000
 
 
+@pytest.mark.parametrize("T", [0.1, 1.0])
+@pytest.mark.parametrize("M", [3, 30, 300, 584, 1000, 10_000])
+def test_a_strong_brake_stops_the_motor_and_holds_it(M, T):
+    states, evaluations = simulated(
+        lambda x: [x[1], M * (0.05 - np.sign(x[1]))], [0, M * T / 2], [T]
+    )
+    distance = (M * T / 2) ** 2 / (2 * 0.95 * M)  # then it sticks
+    assert states[0, 0] == pytest.approx(distance, rel=1e-2)
+    assert states[0, 1] == pytest.approx(0, abs=1e-2 * M * T / 2)
+    assert evaluations < 80_000
+
+
+@pytest.mark.parametrize("T", [1.0, 3.0])
+@pytest.mark.parametrize("u", [0.0, 1.0, 3.0])
+def test_a_relay_slides_along_its_switching_line(T, u):
+    def f(x):
+        return np.array([x[1], -5 * np.sign(x[1] + x[0]) + u])
+
+    x, h = np.array([1.0, 0.0]), T / 20_000
+    for _ in range(20_000):
+        x = x + h * f(x + h / 2 * f(x))
+    states, evaluations = simulated(f, [1.0, 0.0], [T])
+    np.testing.assert_allclose(states[0], x, atol=2e-2)
+    assert evaluations < 80_000
+
+
+@pytest.mark.parametrize("T", [1.0, 3.0, 10.0])
+def test_a_tank_empties_and_stays_empty(T):
+    states, evaluations = simulated(lambda x: -np.sign(x) * np.sqrt(abs(x)), [1.0], [T])
+    assert states[0, 0] == pytest.approx(max(1 - T / 2, 0) ** 2, abs=1e-4)
+    assert evaluations < 80_000
+
+
+def test_what_is_too_fast_for_the_interval_has_no_number():
+    states, evaluations = simulated(lambda x: [x[1], -x[0]], [1.0, 0.0], [1e6])
+    assert np.isnan(states).all()
+    assert evaluations < 40_000
+
+
+def test_a_step_to_where_the_equations_are_not_finite_is_repeated():
+    states, _ = simulated(lambda x: [-np.sqrt(x[0]), 1.0], [1.0, 0.0], [1.9, 1.9999])
+    np.testing.assert_allclose(states[:, 0], [0.05**2, 0.00005**2], rtol=1e-6, atol=1e-12)
+
+
+def test_the_largest_step_holds_for_stiff_plants_too():
+    def bump(x):
+        return [1.0, np.exp(-(((x[0] - 7.3) / 0.02) ** 2)), 1e6 * (x[1] - x[2])]
+
+    states, evaluations = simulated(bump, [0.0, 0.0, 0.0], [10.0], max_step=0.01)
+    np.testing.assert_allclose(states[0, 1:], 0.02 * np.sqrt(np.pi), rtol=1e-4)
+    assert evaluations < 20_000
+
+
+@pytest.mark.parametrize("times", [[0.0], [0.0, 0.0, 1.0]])
+def test_at_the_start_the_state_is_the_first_one(times):
+    states, _ = simulated(lambda x: [1.0], [2.0], times)
+    np.testing.assert_allclose(states[:, 0], 2 + np.array(times), rtol=1e-14)
+
+
+def test_largest_steps_that_do_not_quite_fill_the_interval_reach_its_end():
+    ends = np.arange(1, 40) / 10
+    states = [simulated(lambda x: [1.0], [0.0], [T], max_step=0.1)[0][0, 0] for T in ends]
+    np.testing.assert_allclose(states, ends, rtol=1e-12)
+
+
 def test_no_step_is_longer_than_the_largest():
     def bump(x):  # a peak of width 0.01 that a long step would miss
         return [1.0, np.exp(-(((x[0] - 0.7) / 0.01) ** 2))]
