@@ -167,9 +167,8 @@ class LinearMPC:
         equations, found = self._equations.packed, self._at_point
         if self.settings.linearization == "trajectory":
             X, V = self._nominal(x, u, d)
-            found = model.along_trajectory(
-                equations, x, u, d, X, V, self.settings.T_s, y_ref.shape[1]
-            )
+            T_s = self._problem[0][0]  # a float: for an int numba would compile again
+            found = model.along_trajectory(equations, x, u, d, X, V, T_s, y_ref.shape[1])
         return equations, (x, u, d, y_ref), found
 
     def _nominal(
@@ -201,7 +200,8 @@ def _own(values: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
 
 def _not_finite(m: Measurement) -> PlantError:
     arrays = zip(_MEASURED, (m.x, m.u, m.d, m.y_ref), strict=True)
-    name, array = next((n, a) for n, a in arrays if not np.isfinite(a).all())
+    # The sum of what is measured may overflow although each number is finite.
+    name, array = next(((n, a) for n, a in arrays if not np.isfinite(a).all()), ("x", m.x))
     return PlantError(f"measurement: {name} must be finite, got {array}")
 
 

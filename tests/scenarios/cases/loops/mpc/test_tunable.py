@@ -33,7 +33,6 @@ def test_the_solver_is_recorded_as_it_was(name):
     run = LOOPS[name]().run(middle(LOOPS[name]()))
     assert 40 <= len(run.t_control) <= 150
     assert run.solved.all()
-    assert (run.iterations >= 0).all()  # 0 where no limit is active
     assert (run.solve_time > 0).all()
 
 
