@@ -33,6 +33,7 @@ if _TYPE_CHECKING:
     from .respacing import respaced as respaced
     from .rl import PPOBandit as PPOBandit
     from .rl import SACBandit as SACBandit
+    from .screening.agent import Screening as Screening
 
 _HOMES = {
     "Advice": "advice.stopping",

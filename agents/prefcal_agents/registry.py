@@ -26,6 +26,7 @@ class AgentRow:
         about: Remark in the help.
         label: Name in the benchmark's tables; empty: `name`.
         by_value: Whether it learns from scores; otherwise from preferences.
+        simulates: Whether it needs `simulate`, a function of θ that returns KPIs.
         learns: Whether it uses answers for more than keeping the winner.
         extra: Extra that it needs: `pip install prefcal[extra]`.
         packages: Modules of that extra to their distributions.
@@ -38,6 +39,7 @@ class AgentRow:
     label: str = ""
     by_value: bool = False
     learns: bool = True
+    simulates: bool = False
     extra: str = ""
     packages: Mapping[str, str] = field(default_factory=dict)
 
@@ -53,6 +55,10 @@ _BOTORCH = {"botorch": "botorch", "gpytorch": "gpytorch", "torch": "torch"}
 _SB3 = {"stable_baselines3": "stable-baselines3", "torch": "torch"}
 
 AGENTS = (
+    AgentRow(
+        "Screening", "screening.agent", "screening",
+        "simulates many θ, asks about few", simulates=True,
+    ),
     AgentRow("GLISp", "glisp.agent", "glisp"),
     AgentRow("GLISp.paper", "glisp.agent", "glisp-paper", "the algorithm as published"),
     AgentRow(

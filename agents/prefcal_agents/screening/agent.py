@@ -1,0 +1,121 @@
+"""The agent Screening: simulate many θ unseen, show those that the answers leave undecided."""
+
+from typing import Any, ClassVar, Self, final
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_agents.history.agent_state import AgentState
+from prefcal_agents.optimize.search import Tried
+from prefcal_agents.protocol.agent import PreferenceBased, one_thread
+from prefcal_agents.space.start import Start
+from prefcal_agents.support.checks import integer
+from prefcal_env.errors import SettingsError
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.preferences.history import History
+
+from .bank import Bank
+from .growth import Growth
+from .simulations import Simulate, Simulations
+from .utility import Utilities, best_to_show
+
+
+@final
+class Screening(PreferenceBased):
+    """Simulate many θ unseen, learn the person's utility from KPIs, and show few experiments.
+
+    It needs a simulation of the plant. `n_max` is the number of experiments that are shown.
+
+    Args:
+        space: Knobs to tune.
+        simulate: Function of a physical θ, shape (n,), that returns KPIs by name, lower is better;
+            see `Simulate`. Without it, the agent can only be inspected.
+        n_simulated: Number of θ to simulate, of which the answers place the later ones.
+        n_init: Required of all agents, without effect here; 1 or more.
+        n_max: Number of experiments shown, which take n_max - 1 comparisons.
+        seed: Seed of all randomness, 0 or more.
+        start: Physical θ to show first, such as the current tuning, shape (n,), or several.
+
+    Raises:
+        SettingsError: If a value is not valid.
+        KnobError: If a θ of `start` is outside the space.
+    """
+
+    version: ClassVar[int] = 1
+
+    def __init__(
+        self,
+        space: KnobSpace,
+        *,
+        simulate: Simulate | None = None,
+        n_simulated: int = 1000,
+        n_init: int = 1,
+        n_max: int = 11,
+        seed: int = 0,
+        start: Start | None = None,
+    ) -> None:
+        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed, start=start)
+        integer("n_simulated", n_simulated, low=1)
+        self._n_simulated = int(n_simulated)
+        self._growth = None if simulate is None else self._grown(Simulations(simulate))
+
+    def _grown(self, simulations: Simulations) -> Growth:
+        return Growth(self.space, simulations, self._n_simulated, self._asked_for, self._seed)
+
+    def with_simulations(self, simulate: Simulate) -> Self:
+        """Return a copy that simulates by `simulate`, for example one restored from a file."""
+        twin = self.copy()
+        twin._growth = twin._grown(Simulations(simulate))
+        return twin
+
+    # What people and programs look at.
+
+    @property
+    def n_simulated(self) -> int:
+        """Return the number of θ that the agent may simulate."""
+        return self._n_simulated
+
+    @property
+    def simulations(self) -> Simulations:
+        """Return the simulations so far: how many, and how many failed.
+
+        Raises:
+            SettingsError: If the agent has no `simulate`.
+        """
+        return self._growing.simulations
+
+    @property
+    def bank(self) -> Bank:
+        """Return the simulated θ that the open query was chosen from; it simulates if needed."""
+        with one_thread():
+            return self._growing.bank(self.history)
+
+    @property
+    def utilities(self) -> Utilities:
+        """Return what the answers say about the simulated θ."""
+        with one_thread():
+            return self._growing.utilities(self.history)
+
+    @property
+    def _growing(self) -> Growth:
+        if self._growth is None:
+            raise SettingsError("Screening needs simulate, a function of θ that returns KPIs")
+        return self._growth
+
+    # What the agent does.
+
+    def _propose(self, history: History) -> Float[np.ndarray, " n"]:
+        growing = self._growing
+        bank, utilities = growing.bank(history), growing.utilities(history)
+        tried = Tried(self.space, history)
+        rng = np.random.default_rng([self._seed, history.answered])
+        z = tried.first_new(bank.z[best_to_show(utilities, history, bank)])
+        return tried.fresh(bank.z[0], rng) if z is None else z
+
+    def _settings(self) -> dict[str, Any]:
+        return {"n_simulated": self._n_simulated}
+
+    def _twin(self, state: AgentState) -> Self:
+        twin = super()._twin(state)
+        twin._growth = self._growth
+        return twin

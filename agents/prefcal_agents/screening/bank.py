@@ -1,0 +1,52 @@
+"""The simulated θ that a screening agent chooses from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.preferences.kpis import Outcome
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Bank:
+    """Simulated θ and their KPIs, in the order simulated.
+
+    Args:
+        z: Points of the unit cube, shape (m, n).
+        thetas: θ, physical, shape (m, n).
+        names: Names of the KPIs.
+        kpis: KPIs, lower is better; infinite where one is missing, shape (m, k).
+    """
+
+    z: Float[np.ndarray, "m n"]
+    thetas: Float[np.ndarray, "m n"]
+    names: tuple[str, ...]
+    kpis: Float[np.ndarray, "m k"]
+
+    def __post_init__(self) -> None:
+        for array in (self.z, self.thetas, self.kpis):
+            array.setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.z)
+
+    @classmethod
+    def of(
+        cls,
+        z: Float[np.ndarray, "m n"],
+        thetas: Float[np.ndarray, "m n"],
+        outcomes: Sequence[Outcome],
+    ) -> "Bank":
+        """Return the bank of m simulated θ; a KPI that an experiment lacks is infinite."""
+        names = tuple(sorted({name for outcome in outcomes for name in outcome}))
+        kpis = [[outcome.get(name, np.inf) for name in names] for outcome in outcomes]
+        return cls(z, thetas, names, np.array(kpis, dtype=float).reshape(len(z), len(names)))
+
+    def find(self, theta: Sequence[float]) -> int:
+        """Return the row of a physical θ. Raises KeyError if it was not simulated."""
+        rows = np.flatnonzero(np.all(self.thetas == np.asarray(theta, dtype=float), axis=1))
+        if not len(rows):
+            raise KeyError(tuple(theta))
+        return int(rows[0])
