@@ -16,6 +16,7 @@ from prefcal_env.preferences.history import History
 
 from .bank import Bank
 from .growth import Growth
+from .reason import Reason
 from .simulations import Simulate, Simulations
 from .utility import Utilities, best_to_show
 
@@ -95,6 +96,19 @@ class Screening(PreferenceBased):
         """Return what the answers say about the simulated θ."""
         with one_thread():
             return self._growing.utilities(self.history)
+
+    @property
+    def reason(self) -> Reason | None:
+        """Return why the challenger of the open query is shown; None without a comparison."""
+        return None  # TODO
+
+    @property
+    def chance_of_better(self) -> float:
+        """Return the probability that the person prefers some simulated θ to the best one shown.
+
+        It is that of the most promising θ; 1 before the first answer.
+        """
+        return 1.0  # TODO
 
     @property
     def _growing(self) -> Growth:
