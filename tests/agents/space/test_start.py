@@ -17,7 +17,7 @@ from prefcal_agents import (
     minimize_by_preference,
     restore,
 )
-from prefcal_agents.registry import CLASSES
+from prefcal_agents.registry import AGENTS as ROWS
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
@@ -41,8 +41,9 @@ def test_the_present_tuning_is_the_first_experiment(make_agent):
     assert len(agent.samples) == 6
 
 
-@pytest.mark.parametrize("name", [name for name, row in CLASSES.items() if name in AGENTS
-                                  and not row.simulates])  # fmt: skip
+@pytest.mark.parametrize(
+    "name", [row.name for row in ROWS if row.name in AGENTS and not row.simulates]
+)
 def test_the_rest_of_the_space_filling_start_is_the_one_that_would_have_been(name):
     agent, cold = (AGENTS[name](MIXED, n_init=3, n_max=6, start=s) for s in (PRESENT, None))
     run(agent)
