@@ -5,7 +5,7 @@ Run `python benchmarks/checks/simulate_page.py` with the seeds 0 to 19; it takes
 
 import argparse
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,17 +39,20 @@ def studies(names: dict[str, Any]) -> dict[str, Callable[[int], Any]]:
     }
 
 
+def beaten(names: dict[str, Any], found: Sequence[Any]) -> list[float]:
+    """Return the share of random θ that are worse than the result of each study."""
+    rank, space, rng = names["priorities"], names["space"], np.random.default_rng(99)
+    fresh = [rank(space.decode(rng.random(len(space)))) for _ in range(FRESH)]
+    return [float(np.mean([other > rank(study.best) for other in fresh])) for study in found]
+
+
 def main(seeds: int) -> None:
-    """Print the share of random θ that each study's result beats: lowest, median, highest."""
+    """Print the rows of the page's table: median, lowest and highest share of all seeds."""
     names = example()
-    rank, rng = names["priorities"], np.random.default_rng(99)
-    n = len(names["space"])
-    fresh = [rank(names["space"].decode(rng.random(n))) for _ in range(FRESH)]
     for title, study in studies(names).items():
-        found = [rank(study(seed).best) for seed in range(seeds)]
-        beaten = [np.mean([other > own for other in fresh]) for own in found]
-        low, middle, high = np.percentile(beaten, [0, 50, 100])
-        print(f"| {title} | {middle:.2%} | {low:.2%} | {high:.2%} |", flush=True)
+        shares = beaten(names, [study(seed) for seed in range(seeds)])
+        middle, low, high = np.percentile(shares, [50, 0, 100])
+        print(f"| {title} | {middle:.1%} | {low:.1%} | {high:.1%} |", flush=True)
 
 
 if __name__ == "__main__":
