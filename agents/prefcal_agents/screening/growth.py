@@ -1,6 +1,5 @@
 """How the bank of a screening agent grows from answer to answer."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,9 +7,9 @@ from jaxtyping import Float
 
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.history import History, Sample
+from prefcal_env.preferences.history import History
 
-from .bank import Bank
+from .bank import Bank, runnable
 from .posterior import Lessons, posterior
 from .refine import near_leaders
 from .simulations import Simulations
@@ -84,7 +83,7 @@ class Growth:
         start = History()
         if start not in self._stages:
             design = latin_hypercube(self._space, self._spread, self._seed)
-            bank = self._extended(None, self._snapped(design))
+            bank = self._simulated(*runnable(self._space, design))
             stage = self._learned(start, bank, len(bank))
             for round_ in range(_ROUNDS):
                 stage = self._refined(start, stage, self._ahead, round_)
@@ -96,7 +95,7 @@ class Growth:
         if past not in self._stages:
             stage = replace(before)
             if past.lessons() or past.unsafe():
-                bank = self._extended(before.bank, past.samples)
+                bank = self._with_shown(before.bank, past)
                 stage = self._learned(past, bank, before.spread)
                 left = max(self._most - len(bank), 0)
                 stage = self._refined(past, stage, min(self._each, left))
@@ -116,24 +115,21 @@ class Growth:
             return stage
         rng = self._rng(past, _LEARN + 1 + round_)
         points = near_leaders(self._space, stage.bank.z, stage.costs, count, rng)
-        bank = self._extended(stage.bank, self._snapped(points))
+        bank = self._extended(stage.bank, *runnable(self._space, points))
         costs = stage.utilities.costs(stage.scale(bank.kpis))
         return replace(stage, bank=bank, costs=costs)
 
-    def _snapped(self, points: Float[np.ndarray, "m n"]) -> list[Sample]:
-        return [Sample.of(self._space, self._space.snap(z)) for z in points]
+    def _with_shown(self, bank: Bank, past: History) -> Bank:
+        """Return the bank with all samples of `past`, some of which a person may have given."""
+        z, thetas = ([getattr(s, name) for s in past.samples] for name in ("z", "theta"))
+        return self._extended(bank, np.array(z), np.array(thetas))
 
-    def _extended(self, bank: Bank | None, samples: Iterable[Sample]) -> Bank:
-        """Return the bank with the θ of `samples` that it does not hold yet."""
-        held = set() if bank is None else set(map(tuple, bank.thetas.tolist()))
-        new = {s.theta: s.z for s in samples if s.theta not in held}
-        if bank is not None and not new:
-            return bank
-        n = len(self._space)
-        z = np.array(list(new.values()), dtype=float).reshape(-1, n)
-        thetas = np.array(list(new), dtype=float).reshape(-1, n)
-        if bank is not None:
-            z, thetas = np.vstack([bank.z, z]), np.vstack([bank.thetas, thetas])
+    def _extended(
+        self, bank: Bank, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]
+    ) -> Bank:
+        return self._simulated(np.vstack([bank.z, z]), np.vstack([bank.thetas, thetas]))
+
+    def _simulated(self, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]) -> Bank:
         return Bank.of(z, thetas, self.simulations(thetas))
 
     def _rng(self, past: History, stream: int) -> np.random.Generator:

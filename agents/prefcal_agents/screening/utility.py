@@ -110,21 +110,21 @@ class Utilities:
         raw = np.exp(logs - logs.max(axis=1, keepdims=True))
         return np.asarray(raw / raw.sum(axis=1, keepdims=True))
 
-    def shares(self, logs: Float[np.ndarray, "m k"], kpi: int) -> Float[np.ndarray, "s m"]:
-        """Return what KPI number `kpi` adds to the cost, from 0 to its weight, shape (s, m).
+    def losses(self, logs: Float[np.ndarray, "m k"], kpi: int) -> Float[np.ndarray, "s m"]:
+        """Return how much of the weight of KPI number `kpi` is lost, from 0 to 1, shape (s, m).
 
         Args:
             logs: Log distances of m experiments, shape (m, k).
             kpi: Column of the KPI.
         """
         steps = logs[None, :, kpi] - self.scales[:, kpi, None]
-        return self.weights[:, kpi, None] * np.asarray(expit(self.exponents[:, kpi, None] * steps))
+        return np.asarray(expit(self.exponents[:, kpi, None] * steps))
 
     def costs(self, logs: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "s m"]:
         """Return the cost of m experiments in each draw, from 0 to 1, shape (s, m)."""
-        total = np.zeros((len(self), len(logs)))
+        total, weights = np.zeros((len(self), len(logs))), self.weights
         for kpi in range(logs.shape[1]):
-            total += self.shares(logs, kpi)
+            total += weights[:, kpi, None] * self.losses(logs, kpi)
         return total
 
     def take(self, rows: Int[np.ndarray, " r"]) -> "Utilities":
