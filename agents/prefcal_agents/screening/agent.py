@@ -17,7 +17,7 @@ from prefcal_env.preferences.history import History
 from .bank import Bank
 from .choice import expected_best
 from .growth import Growth, Stage
-from .reason import Reason
+from .reason import Reason, chances, reason_for
 from .simulations import Simulate, Simulations
 
 
@@ -102,16 +102,31 @@ class Screening(PreferenceBased):
 
     @property
     def reason(self) -> Reason | None:
-        """Return why the challenger of the open query is shown; None without a comparison."""
-        return None  # TODO
+        """Return why the challenger of the open query is shown; None if nothing is open to compare.
+
+        It simulates if needed.
+        """
+        query = None if self.done else self.ask()
+        if query is None or query.incumbent is None:
+            return None
+        stage = self._stage
+        new, best = (_row(stage.bank, side.theta) for side in (query.challenger, query.incumbent))
+        return None if new is None or best is None else reason_for(stage, new, best, self.history)
 
     @property
     def chance_of_better(self) -> float:
         """Return the probability that the person prefers some simulated θ to the best one shown.
 
-        It is that of the most promising θ; 1 before the first answer.
+        It is that of the most promising θ that was not shown; 1 before the first answer. It
+        simulates if needed.
         """
-        return 1.0  # TODO
+        if self.best_index is None or not self.history.lessons():
+            return 1.0
+        stage = self._stage
+        found = chances(stage, stage.bank.find(self.best))
+        for sample in self.history.samples[: self.history.answered]:
+            found[stage.bank.find(sample.theta)] = 0.0
+        return float(found.max())
 
     @property
     def _growing(self) -> Growth:
@@ -138,3 +153,11 @@ class Screening(PreferenceBased):
         twin = super()._twin(state)
         twin._growth = self._growth
         return twin
+
+
+def _row(bank: Bank, theta: Float[np.ndarray, " n"]) -> int | None:
+    """Return the row of θ in the bank; None if it is not there, since a person asked for it."""
+    try:
+        return bank.find(theta)
+    except KeyError:
+        return None

@@ -51,7 +51,7 @@ class Bank:
         kpis = [[outcome.get(name, np.inf) for name in names] for outcome in outcomes]
         return cls(z, thetas, names, np.array(kpis, dtype=float).reshape(len(z), len(names)))
 
-    def find(self, theta: Sequence[float]) -> int:
+    def find(self, theta: Sequence[float] | Float[np.ndarray, " n"]) -> int:
         """Return the row of a physical θ. Raises KeyError if it was not simulated."""
         rows = np.flatnonzero(np.all(self.thetas == np.asarray(theta, dtype=float), axis=1))
         if not len(rows):

@@ -15,9 +15,7 @@ def worth(costs: Float[np.ndarray, "s m"]) -> Float[np.ndarray, "s m"]:
     return np.asarray(-np.log(ranks))
 
 
-def expected_best(
-    costs: Float[np.ndarray, "s m"], best: int | None
-) -> Float[np.ndarray, " m"]:
+def expected_best(costs: Float[np.ndarray, "s m"], best: int | None) -> Float[np.ndarray, " m"]:
     """Return the expected worth of the better one of each θ and the best so far, shape (m,).
 
     The answer decides which of both is kept, so the θ with the largest value is the one to show.

@@ -10,7 +10,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .bank import Bank, runnable
-from .posterior import Lessons, posterior
+from .posterior import Lessons, noticeable, posterior, typical
 from .refine import near_leaders
 from .simulations import Simulations
 from .utility import Scale, Utilities
@@ -34,6 +34,7 @@ class Stage:
         scale: How KPIs are measured.
         utilities: Draws of what the person wants.
         costs: Cost of each θ in each draw, lower is better, shape (s, m).
+        noticed: Difference of two costs that is just noticed in each draw, shape (s,).
     """
 
     bank: Bank
@@ -41,6 +42,7 @@ class Stage:
     scale: Scale
     utilities: Utilities
     costs: Float[np.ndarray, "s m"]
+    noticed: Float[np.ndarray, " s"]
 
 
 class Growth:
@@ -93,11 +95,10 @@ class Growth:
     def _after(self, past: History, before: Stage) -> Stage:
         """Return the stage after `past`; `before` is the one without its last answers."""
         if past not in self._stages:
-            stage = replace(before)
+            stage = self._held(before, self._with_shown(before.bank, past))
             if past.lessons() or past.unsafe():
-                bank = self._with_shown(before.bank, past)
-                stage = self._learned(past, bank, before.spread)
-                left = max(self._most - len(bank), 0)
+                stage = self._learned(past, stage.bank, before.spread)
+                left = max(self._most - len(stage.bank), 0)
                 stage = self._refined(past, stage, min(self._each, left))
             self._stages[past] = stage
         return self._stages[past]
@@ -107,7 +108,9 @@ class Growth:
         scale = Scale.of(bank, spread)
         lessons = Lessons.of(bank, scale, past)
         utilities = posterior(scale, lessons, self._rng(past, _LEARN))
-        return Stage(bank, spread, scale, utilities, utilities.costs(scale(bank.kpis)))
+        logs = scale(bank.kpis)
+        costs = utilities.costs(logs)
+        return Stage(bank, spread, scale, utilities, costs, noticeable(costs[:, typical(logs)]))
 
     def _refined(self, past: History, stage: Stage, count: int, round_: int = 0) -> Stage:
         """Return the stage with `count` more θ near the leaders."""
@@ -115,9 +118,11 @@ class Growth:
             return stage
         rng = self._rng(past, _LEARN + 1 + round_)
         points = near_leaders(self._space, stage.bank.z, stage.costs, count, rng)
-        bank = self._extended(stage.bank, *runnable(self._space, points))
-        costs = stage.utilities.costs(stage.scale(bank.kpis))
-        return replace(stage, bank=bank, costs=costs)
+        return self._held(stage, self._extended(stage.bank, *runnable(self._space, points)))
+
+    def _held(self, stage: Stage, bank: Bank) -> Stage:
+        """Return the stage with a larger bank."""
+        return replace(stage, bank=bank, costs=stage.utilities.costs(stage.scale(bank.kpis)))
 
     def _with_shown(self, bank: Bank, past: History) -> Bank:
         """Return the bank with all samples of `past`, some of which a person may have given."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from scipy.special import ndtr
 
 from prefcal_env.preferences.answer import Preference
@@ -43,17 +43,16 @@ class Lessons:
 
     logs: Float[np.ndarray, "r k"]
     shown: int
-    better: np.ndarray
-    worse: np.ndarray
-    tie: np.ndarray
-    strength: np.ndarray
+    better: Int[np.ndarray, " a"]
+    worse: Int[np.ndarray, " a"]
+    tie: Bool[np.ndarray, " a"]
+    strength: Float[np.ndarray, " a"]
 
     @classmethod
     def of(cls, bank: Bank, scale: Scale, history: History) -> "Lessons":
         """Return the answers of `history`; an unsafe experiment is worse than all that are not."""
         logs = scale(bank.kpis)
         rows = [bank.find(sample.theta) for sample in history.samples[: history.answered]]
-        typical = np.flatnonzero(np.isfinite(logs).all(axis=1))[:_TYPICAL]
         given = [(v.challenger, v.incumbent, v.preference, c.answer.strength)
                  for c in history.lessons() if (v := c.verdict) is not None]  # fmt: skip
         unsafe = history.unsafe()
@@ -62,7 +61,7 @@ class Lessons:
         turned = [(b, a) if p is Preference.INCUMBENT else (a, b) for a, b, p, _ in given]
         pairs = np.array(turned, dtype=np.int64).reshape(-1, 2)
         return cls(
-            np.vstack([logs[rows], logs[typical]]),
+            np.vstack([logs[rows], logs[typical(logs)]]),
             len(rows),
             pairs[:, 0],
             pairs[:, 1],
@@ -84,6 +83,11 @@ class Lessons:
         return np.asarray(np.log(np.where(self.tie, alike, won)) @ self.strength)
 
 
+def typical(logs: Float[np.ndarray, "m k"]) -> Int[np.ndarray, " t"]:
+    """Return the rows of some random experiments that were not interrupted, shape (t,)."""
+    return np.flatnonzero(np.isfinite(logs).all(axis=1))[:_TYPICAL]
+
+
 def noticeable(costs: Float[np.ndarray, "s t"]) -> Float[np.ndarray, " s"]:
     """Return the difference that is just noticed, given costs of typical experiments, (s,)."""
     if not costs.shape[1]:
@@ -91,9 +95,7 @@ def noticeable(costs: Float[np.ndarray, "s t"]) -> Float[np.ndarray, " s"]:
     return np.asarray(NOTICED * costs.std(axis=1) + 1e-9)
 
 
-def posterior(
-    scale: Scale, lessons: Lessons, rng: np.random.Generator
-) -> Utilities:
+def posterior(scale: Scale, lessons: Lessons, rng: np.random.Generator) -> Utilities:
     """Return `DRAWS` draws of the person's cost, given the answers.
 
     Source: none; sampling importance resampling, then Metropolis steps with proposals from the

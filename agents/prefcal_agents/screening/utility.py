@@ -23,6 +23,7 @@ _LARGEST = 0.8
 """Quantile of the largest scale."""
 ERRORS = ((0.01, 0.8), (0.1, 0.1), (0.2, 0.1))
 """Rates of wrong answers, and how probable each is."""
+_HUGE = 1e100
 _FLOOR = 0.1, 0.02
 """Distances below this share of this quantile of all distances count as zero."""
 
@@ -46,10 +47,10 @@ class Scale:
     @classmethod
     def of(cls, bank: Bank, spread: int) -> "Scale":
         """Return the scale for the KPIs of `bank`, whose first `spread` rows fill the space."""
-        usual = [column[np.isfinite(column)] for column in bank.kpis[:spread].T]
+        kpis = _bounded(bank.kpis)
+        usual = [column[np.isfinite(column)] for column in kpis[:spread].T]
         columns = [j for j, c in enumerate(usual) if len(c) and c.min() < c.max()]
-        finite = np.where(np.isfinite(bank.kpis), bank.kpis, np.inf)
-        good = np.array([min(finite[:, j].min(), 0.0) for j in columns])
+        good = np.array([min(kpis[:, j].min(), 0.0) for j in columns])
         floor, quantiles = np.ones(len(columns)), np.zeros((1001, len(columns)))
         for place, j in enumerate(columns):
             distances = usual[j] - good[place]
@@ -60,7 +61,13 @@ class Scale:
 
     def __call__(self, kpis: Float[np.ndarray, "m K"]) -> Float[np.ndarray, "m k"]:
         """Return the log distances of all KPIs, shape (m, k), infinite where a KPI is."""
-        return np.asarray(np.log(np.maximum(kpis[:, self.columns] - self.good, self.floor)))
+        distances = _bounded(kpis[:, self.columns]) - self.good
+        return np.asarray(np.log(np.maximum(distances, self.floor)))
+
+
+def _bounded(kpis: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "m k"]:
+    """Return `kpis` within what can be subtracted; the worst value, infinity, stays."""
+    return np.asarray(np.where(np.isposinf(kpis), np.inf, np.clip(kpis, -_HUGE, _HUGE)))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -106,7 +113,7 @@ class Utilities:
         """Return the weight of each KPI, shape (s, k); rows add up to 1."""
         logs = self.spreads[:, None] * self.normals
         if not logs.shape[1]:
-            return logs
+            return np.asarray(logs)
         raw = np.exp(logs - logs.max(axis=1, keepdims=True))
         return np.asarray(raw / raw.sum(axis=1, keepdims=True))
 
