@@ -4,6 +4,9 @@ import numpy as np
 from jaxtyping import Float
 
 
+_ALIKE = 0.0
+
+
 def worth(costs: Float[np.ndarray, "s m"]) -> Float[np.ndarray, "s m"]:
     """Return the negative logarithm of the rank of each θ in each draw, shape (s, m).
 
@@ -12,7 +15,7 @@ def worth(costs: Float[np.ndarray, "s m"]) -> Float[np.ndarray, "s m"]:
     order = np.argsort(costs, axis=1, kind="stable")
     ranks = np.empty(costs.shape)
     np.put_along_axis(ranks, order, np.arange(1.0, costs.shape[1] + 1.0)[None], axis=1)
-    return np.asarray(-np.log(ranks))
+    return np.asarray(-np.log(ranks + _ALIKE))
 
 
 def expected_best(costs: Float[np.ndarray, "s m"], best: int | None) -> Float[np.ndarray, " m"]:

@@ -1,6 +1,6 @@
 """How the bank of a screening agent grows from answer to answer."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -10,7 +10,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .bank import Bank, runnable
-from .posterior import Lessons, noticeable, posterior, typical
+from .posterior import DRAWS, Lessons, noticeable, typical, updated
 from .refine import near_leaders
 from .simulations import Simulations
 from .utility import Scale, Utilities
@@ -20,6 +20,8 @@ _SPREAD, _AHEAD, _EACH = 0.4, 0.2, 0.04
 after each answer, until all are used up."""
 _ROUNDS = 4
 """Number of rounds in which those before the first question are placed."""
+_THINNED = 8
+"""Every 8th draw judges the whole bank, which takes the most time."""
 _LEARN = 0
 """First stream of random numbers; the others place θ."""
 
@@ -33,16 +35,22 @@ class Stage:
         spread: Number of rows of the bank, the first ones, that fill the space.
         scale: How KPIs are measured.
         utilities: Draws of what the person wants.
-        costs: Cost of each θ in each draw, lower is better, shape (s, m).
-        noticed: Difference of two costs that is just noticed in each draw, shape (s,).
+        costs: Cost of each θ in some of the draws, lower is better, shape (d, m).
+        noticed: Difference of two costs that is just noticed in each of these, shape (d,).
     """
 
     bank: Bank
     spread: int
     scale: Scale
     utilities: Utilities
-    costs: Float[np.ndarray, "s m"]
-    noticed: Float[np.ndarray, " s"]
+    costs: Float[np.ndarray, "d m"]
+    noticed: Float[np.ndarray, " d"]
+
+
+def _stage(bank: Bank, spread: int, scale: Scale, utilities: Utilities) -> Stage:
+    logs = scale(bank.kpis)
+    costs = utilities.take(np.arange(0, len(utilities), _THINNED)).costs(logs)
+    return Stage(bank, spread, scale, utilities, costs, noticeable(costs[:, typical(logs)]))
 
 
 class Growth:
@@ -76,7 +84,7 @@ class Growth:
         if past not in self._stages:
             stage = self._begun()
             for count in range(1, past.answered + 1):
-                stage = self._after(past.until(count), stage)
+                stage = self._after(past.until(count), past.until(count - 1), stage)
             self._stages[past] = stage
         return self._stages[past]
 
@@ -86,31 +94,32 @@ class Growth:
         if start not in self._stages:
             design = latin_hypercube(self._space, self._spread, self._seed)
             bank = self._simulated(*runnable(self._space, design))
-            stage = self._learned(start, bank, len(bank))
+            scale = Scale.of(bank, len(bank))
+            drawn = Utilities.drawn(scale, DRAWS, self._rng(start, _LEARN))
+            stage = _stage(bank, len(bank), scale, drawn)
             for round_ in range(_ROUNDS):
                 stage = self._refined(start, stage, self._ahead, round_)
             self._stages[start] = stage
         return self._stages[start]
 
-    def _after(self, past: History, before: Stage) -> Stage:
-        """Return the stage after `past`; `before` is the one without its last answers."""
+    def _after(self, past: History, before: History, stage: Stage) -> Stage:
+        """Return the stage after `past`, given the one after `before`, an answer earlier."""
         if past not in self._stages:
-            stage = self._held(before, self._with_shown(before.bank, past))
+            stage = self._held(stage, self._with_shown(stage.bank, past))
             if past.lessons() or past.unsafe():
-                stage = self._learned(past, stage.bank, before.spread)
+                stage = self._learned(past, before, stage)
                 left = max(self._most - len(stage.bank), 0)
                 stage = self._refined(past, stage, min(self._each, left))
             self._stages[past] = stage
         return self._stages[past]
 
-    def _learned(self, past: History, bank: Bank, spread: int) -> Stage:
-        """Return the stage after the answers of `past`, without new θ."""
-        scale = Scale.of(bank, spread)
-        lessons = Lessons.of(bank, scale, past)
-        utilities = posterior(scale, lessons, self._rng(past, _LEARN))
-        logs = scale(bank.kpis)
-        costs = utilities.costs(logs)
-        return Stage(bank, spread, scale, utilities, costs, noticeable(costs[:, typical(logs)]))
+    def _learned(self, past: History, before: History, stage: Stage) -> Stage:
+        """Return the stage after the answers of `past`, given the one after those of `before`."""
+        scale = Scale.of(stage.bank, stage.spread)
+        old, new = (Lessons.of(stage.bank, scale, record) for record in (before, past))
+        rng = self._rng(past, _LEARN)
+        utilities = updated(stage.utilities, old, new, scale, rng)
+        return _stage(stage.bank, stage.spread, scale, utilities)
 
     def _refined(self, past: History, stage: Stage, count: int, round_: int = 0) -> Stage:
         """Return the stage with `count` more θ near the leaders."""
@@ -122,7 +131,7 @@ class Growth:
 
     def _held(self, stage: Stage, bank: Bank) -> Stage:
         """Return the stage with a larger bank."""
-        return replace(stage, bank=bank, costs=stage.utilities.costs(stage.scale(bank.kpis)))
+        return _stage(bank, stage.spread, stage.scale, stage.utilities)
 
     def _with_shown(self, bank: Bank, past: History) -> Bank:
         """Return the bank with all samples of `past`, some of which a person may have given."""

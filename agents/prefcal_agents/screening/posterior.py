@@ -12,12 +12,10 @@ from prefcal_env.preferences.history import History
 from .bank import Bank
 from .utility import Scale, Utilities
 
-DRAWS = 128
+DRAWS = 1024
 """Number of draws that stand for what is known."""
-_CANDIDATES = 12_000
-"""Number of draws before the answers, from which those are taken that explain them best."""
-_STEPS = 20
-"""Metropolis steps of each draw after that."""
+_STEPS = 10
+"""Metropolis steps of each draw after an answer."""
 NOTICED = 0.05
 """Difference of two costs that is just noticed, in standard deviations of random experiments."""
 _ALIKE = 0.1
@@ -95,24 +93,26 @@ def noticeable(costs: Float[np.ndarray, "s t"]) -> Float[np.ndarray, " s"]:
     return np.asarray(NOTICED * costs.std(axis=1) + 1e-9)
 
 
-def posterior(scale: Scale, lessons: Lessons, rng: np.random.Generator) -> Utilities:
-    """Return `DRAWS` draws of the person's cost, given the answers.
+def updated(
+    before: Utilities, old: Lessons, new: Lessons, scale: Scale, rng: np.random.Generator
+) -> Utilities:
+    """Return draws given the answers `new`, from draws given the answers `old`.
 
-    Source: none; sampling importance resampling, then Metropolis steps with proposals from the
-    distribution before the answers, so that the likelihood alone decides.
+    Source: N. Chopin, "A sequential particle filter method for static models" (2002): draws are
+    repeated by how well they explain the new answers, then moved by Metropolis steps.
+    Deviation: proposals draw from the distribution before any answer, so that the likelihood alone
+    decides.
     """
-    if not len(lessons):
-        return Utilities.drawn(scale, DRAWS, rng)
-    utilities = Utilities.drawn(scale, _CANDIDATES, rng)
-    logs = lessons.log_likelihood(utilities)
-    shares = np.cumsum(np.exp(logs - logs.max()))
-    places = (rng.random() + np.arange(DRAWS)) / DRAWS * shares[-1]
-    rows = np.minimum(np.searchsorted(shares, places), _CANDIDATES - 1)
-    utilities, logs = utilities.take(rows), logs[rows]
+    gained = new.log_likelihood(before) - old.log_likelihood(before)
+    shares = np.cumsum(np.exp(gained - gained.max()))
+    places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
+    rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
+    utilities = before.take(rng.permutation(rows))
+    logs = new.log_likelihood(utilities)
     for _ in range(_STEPS):
-        tried = utilities.mutated(Utilities.drawn(scale, DRAWS, rng), rng)
-        new = lessons.log_likelihood(tried)
-        accepted = np.log(rng.random(DRAWS)) < new - logs
+        tried = utilities.mutated(Utilities.drawn(scale, len(before), rng), rng)
+        likely = new.log_likelihood(tried)
+        accepted = np.log(rng.random(len(before))) < likely - logs
         utilities = utilities.where(accepted, tried)
-        logs = np.where(accepted, new, logs)
+        logs = np.where(accepted, likely, logs)
     return utilities

@@ -48,8 +48,7 @@ def near_leaders(
     step *= rng.random(step.shape) < _MOVED
     low, high = space.corners
     points = z[first] + step + _JITTER * rng.standard_normal(step.shape)
-    points = np.where(points < low, 2 * low - points, points)  # reflected at the edge
-    points = np.clip(np.where(points > high, 2 * high - points, points), low, high)
+    points = np.clip(points, low, high)  # many optima lie at the edge
     if not space.constraints:
         return space.snap_all(points)
     region = Region(space)

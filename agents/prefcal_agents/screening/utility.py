@@ -24,8 +24,8 @@ _LARGEST = 0.8
 ERRORS = ((0.01, 0.8), (0.1, 0.1), (0.2, 0.1))
 """Rates of wrong answers, and how probable each is."""
 _HUGE = 1e100
-_FLOOR = 0.1, 0.02
-"""Distances below this share of this quantile of all distances count as zero."""
+_FLOOR = 0.05
+"""Distances below this share of the median distance count as zero."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -54,7 +54,7 @@ class Scale:
         floor, quantiles = np.ones(len(columns)), np.zeros((1001, len(columns)))
         for place, j in enumerate(columns):
             distances = usual[j] - good[place]
-            floor[place] = _FLOOR[0] * np.quantile(distances[distances > 0], _FLOOR[1])
+            floor[place] = _FLOOR * np.median(distances[distances > 0])
             logs = np.log(np.maximum(distances, floor[place]))
             quantiles[:, place] = np.quantile(logs, np.linspace(0, 1, 1001))
         return cls(np.array(columns, dtype=np.int64), good, floor, quantiles)
