@@ -44,6 +44,7 @@ LAYERS = {
         {"own", "processes"},
         {"scenario"},
         {"kpis", "app.isolated", "app.presentation", "app.summary"},
+        {"app.screening"},
         {"app.report", "app.session", "many", "tastes"},
         {"app.web", "cases"},
         {"bench", "app.terminal"},

@@ -3,12 +3,14 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from prefcal_agents.protocol.agent import Agent
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Query
+from prefcal_env.preferences.history import History, Sample
 from prefcal_env.preferences.run_facts import completed
 from prefcal_env.rig import Rig
 from prefcal_env.study import (
@@ -17,11 +19,13 @@ from prefcal_env.study import (
     Event,
     Failed,
     Finished,
+    Requested,
     Shown,
     State,
     StudyFile,
     Suggested,
 )
+from prefcal_scenarios.app.screening import Screened
 from prefcal_scenarios.own.own_line import in_words
 
 from .experiments import ExperimentStore
@@ -51,6 +55,10 @@ class Flow:
     """Sample whose run the person stopped before it began."""
     draft: str = ""
     """Comment of the answer that was undone last, until another answer is given."""
+    screened: Screened | None = None
+    """What a screening agent knew when this was last looked at; None for other agents."""
+    unexplained: History | None = None
+    """Record after which this could not be found out."""
 
     @property
     def state(self) -> State:
@@ -145,15 +153,23 @@ class Flow:
         if len(self.state.history.samples) > index:
             return
         sample = self.agent.state.history.samples[index]
-        suggested = Suggested(index, sample.z, sample.theta)
+        self.study.append(Suggested(index, sample.z, sample.theta), *self._finished(index, theta))
+
+    def request(self, sample: Sample) -> None:
+        """Store a sample that the person asks for in place of the pending one."""
+        index = self.state.history.answered
+        known = self._finished(index, np.array(sample.theta))
+        self.study.append(Requested(index, sample.z, sample.theta), *known)
+
+    def _finished(
+        self, index: int, theta: Float[np.ndarray, " n"]
+    ) -> list[Event | tuple[Finished, Experiment]]:
+        """Return the event that adds the experiment of θ, if it is already known."""
         earlier = self.study.find_experiment(theta)
-        prefetched = self.prefetch.experiment(theta)
-        finished: list[Event | tuple[Finished, Experiment]] = []
         if earlier is not None:
-            finished = [Finished(index, same_as=earlier)]
-        elif prefetched is not None:
-            finished = [(Finished(index), prefetched)]
-        self.study.append(suggested, *finished)
+            return [Finished(index, same_as=earlier)]
+        prefetched = self.prefetch.experiment(theta)
+        return [] if prefetched is None else [(Finished(index), prefetched)]
 
     def _wait_for(self, index: int) -> None:
         if isinstance(self.store.scenario.run, Rig):

@@ -12,12 +12,14 @@ from jaxtyping import Float
 from prefcal_agents import Advice, GLISp
 from prefcal_agents.models.kpi_importance import Importance
 from prefcal_agents.models.learned_cost import LearnedCost
+from prefcal_agents.screening.agent import Screening
 from prefcal_env.compiling import Compiling, compile_missing
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.preferences.answer import Answer, Strength
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.loop import Comparison as Compared
 from prefcal_env.study import Noted, StudyFile
+from prefcal_scenarios.app.screening import Prospect, Screened
 from prefcal_scenarios.app.summary.consistency import Consistency
 from prefcal_scenarios.app.summary.counts import Counts, answered
 from prefcal_scenarios.app.summary.outlook import Outlook, others_unbeaten, outlook
@@ -161,14 +163,51 @@ class Interview:
         return getattr(twin, "advice", None)
 
     @property
+    def _prospects(self) -> Advice | Prospect | None:
+        """Return what more questions are expected to gain, by the simulations if there are some."""
+        if not self.screens:
+            return self.advice
+        screened = self.screened()
+        return None if screened is None else screened.prospect
+
+    @property
     def outlook(self) -> Outlook | None:
         """Return whether to continue, and the knobs at the end of their range; None if unknown."""
-        now, advice = self.now(), self.advice
+        now, advice = self.now(), self._prospects
         best = None if now.incumbent is None else self.experiment(now.incumbent).theta
         found = outlook(advice, best, self.scenario.space, self.study.path, now.state)
         if found is None or self._flow.agent.by_value:
             return found
         return replace(found, unbeaten=others_unbeaten(now.state.history.unbeaten()))
+
+    @property
+    def screens(self) -> bool:
+        """Return whether the agent simulates θ that are not shown."""
+        return isinstance(self._flow.agent, Screening)
+
+    def screened(self, *, current: bool = True) -> Screened | None:
+        """Return what a screening agent knows; None for other agents and before it is worked out.
+
+        With `current`, what it knew before the latest answer counts as unknown.
+        """
+        with self._changed:
+            found, history = self._flow.screened, self._flow.agent.history
+        if found is None or (current and not found.is_about(history)):
+            return None
+        return found
+
+    def wait_for_screened(self, timeout: float) -> Screened | None:
+        """Return what a screening agent knows, as soon as that is known; None after `timeout` s."""
+        with self._changed:
+            flow = self._flow
+            self._changed.wait_for(
+                lambda: self.screened() is not None
+                or not self.screens
+                or self._closing
+                or flow.unexplained == flow.agent.history,
+                timeout,
+            )
+            return self.screened()
 
     @property
     def index(self) -> LearnedCost | None:
@@ -245,6 +284,26 @@ class Interview:
             SettingsError: If the agent cannot ask more than one.
         """
         return self._do(steps.pace, questions)
+
+    def ask_for(self, theta: Float[np.ndarray, " n"]) -> Now:
+        """Ask next about physical `theta`, shape (n,), compared with the best so far.
+
+        It replaces the sample that is not answered yet, whose θ is free again.
+
+        Raises:
+            ProtocolError: If all experiments are answered, or `theta` was tried before.
+            KnobError: If the space does not hold it, or a constraint forbids it.
+        """
+        return self._do(steps.ask_for, theta)
+
+    def look_at(self, theta: Float[np.ndarray, " n"]) -> Experiment:
+        """Return the experiment of a simulated `theta`, shape (n,), and record nothing.
+
+        Raises:
+            ScenarioError: If the agent does not simulate, or the simulation failed.
+            KnobError: If the space does not hold `theta`.
+        """
+        return runs.look_at(self._flow, self._changed, theta)
 
     def note(self, text: str) -> Now:
         """Save a remark on the study."""

@@ -1,14 +1,17 @@
 """Run the experiments of an interview, handle failed and stopped runs, and end the study."""
 
+import threading
 from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents.screening.agent import Screening
 from prefcal_env.errors import RunError, ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import Ended, Extended, Finished, Noted, Reopened, Suggested
 from prefcal_scenarios.app.isolated import IsolatedRun, Worker
+from prefcal_scenarios.app.screening import screened_of
 from prefcal_scenarios.own.checks import check_experiment
 from prefcal_scenarios.own.own_line import located
 
@@ -21,6 +24,8 @@ UNBIDDEN = ("late", "died")
 _COURTESY = 2.0
 """Seconds that a prefetched run may continue while another one is waited for: it may be almost
 done, and a fresh process takes a second."""
+_ONE_AT_A_TIME = threading.Lock()
+"""Held during a look: clicking through many θ must not keep every core busy."""
 Attempt = Callable[[], Callable[[], None]]
 """Long-running function, called without the lock; it returns a function to call with the lock."""
 
@@ -35,6 +40,8 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
         if known is None:
             reserve(flow, np.array(pending.theta))
         return lambda: _running(flow, pending, known)
+    if flow.phase in (Phase.QUESTION, Phase.OVER) and (look := _screening(flow)):
+        return look
     if flow.phase is Phase.QUESTION and ahead:
         return _looking_ahead(flow)
     return None
@@ -85,6 +92,36 @@ def attempt(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment | Exceptio
         return ScenarioError(f"run called exit: {error}")
     flow.checked = not experiment.end.interrupted
     return experiment
+
+
+def look_at(
+    flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"]
+) -> Experiment:
+    """Return the experiment of a simulated θ, physical, shape (n,), and record nothing.
+
+    It runs without `lock`, that of the interview. A question about θ then finds the experiment.
+
+    Raises:
+        ScenarioError: If the agent does not simulate, or the simulation failed.
+        KnobError: If the space does not hold θ.
+    """
+    with lock:
+        if not isinstance(flow.agent, Screening):
+            raise ScenarioError("only an experiment that is simulated unseen can be looked at")
+        theta = flow.agent.space.check_allowed(theta)
+        known = flow.study.find_experiment(theta)
+        found = flow.prefetch.experiment(theta)
+    if known is not None:
+        return flow.study.experiment(known)
+    if found is None:
+        with _ONE_AT_A_TIME:
+            result = attempt(flow, theta)
+        if isinstance(result, Exception):
+            raise ScenarioError(f"this simulation failed: {result}") from result
+        found = result
+        with lock:
+            flow.prefetch.keep(theta, found)
+    return found
 
 
 def _looking_ahead(flow: Flow) -> Attempt | None:
@@ -144,6 +181,39 @@ def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
 def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
     """Return whether θ has run: in the study, for example before an undo, or as a prefetch."""
     return flow.study.find_experiment(theta) is not None or flow.prefetch.is_known(theta)
+
+
+def _screening(flow: Flow) -> Attempt | None:
+    """Return the work of finding out what a screening agent knows now; None if it is known.
+
+    It may simulate what a resumed study needs. An error is ignored: the questions go on without
+    reasons, and the agent raises the error again when it proposes.
+    """
+    agent = flow.agent
+    if not isinstance(agent, Screening):
+        return None
+    history = agent.history
+    known = flow.screened is not None and flow.screened.is_about(history)
+    if known or flow.unexplained == history:
+        return None
+    twin = agent.copy()
+
+    def look() -> Callable[[], None]:
+        try:
+            found = screened_of(twin)
+        except Exception:
+            found = None
+
+        def keep() -> None:
+            if found is None:
+                flow.unexplained = history
+            else:
+                flow.screened = found
+                flow.version += 1
+
+        return keep
+
+    return look
 
 
 def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:

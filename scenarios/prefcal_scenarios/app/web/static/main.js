@@ -7,8 +7,10 @@ import { act, answer, finish, open, skip, start, state, toggleBlind, undo } from
 import { showHistory } from "./history.js";
 import { keyboard, showKeys } from "./keys.js";
 import { showOver } from "./over.js";
+import * as offer from "./offer.js";
 import * as question from "./question.js";
 import { replaceRecord, showRecord } from "./record.js";
+import { showSimulated } from "./simulated.js";
 import { showStatus } from "./status.js";
 
 const HEADINGS = {
@@ -27,6 +29,7 @@ function render(before) {
   $("undo").disabled = !now.can_undo;
   if (now.phase === "question") {
     intro(now);
+    offer.show(now);
     question.show(now, same);
     if (!same) asked(now);
   }
@@ -42,6 +45,7 @@ function render(before) {
 function look() {
   if (state.view === "history") showHistory(act);
   if (state.view === "status") showStatus(state.now, act);
+  if (state.view === "simulated") showSimulated(state.now, act);
 }
 
 function opened() {
@@ -91,6 +95,8 @@ function arrange() {
   $("to-now").hidden = here;
   $("to-history").setAttribute("aria-current", state.view === "history" ? "page" : "false");
   $("to-status").setAttribute("aria-current", state.view === "status" ? "page" : "false");
+  $("to-simulated").setAttribute("aria-current", state.view === "simulated" ? "page" : "false");
+  $("to-simulated").hidden = !state.now?.screening;
   if (shown === "question") question.fit();
 }
 
@@ -106,10 +112,11 @@ function begin() {
   $("help").addEventListener("click", showKeys);
   $("theme").addEventListener("click", () => state.view === "status" && showStatus(state.now, act));
   $("finish").addEventListener("click", finish);
-  $("offer-finish").addEventListener("click", () => act("finish", {}));
+  offer.start(act);
   $("to-now").addEventListener("click", () => open("now"));
   $("to-history").addEventListener("click", () => open("history"));
   $("to-status").addEventListener("click", () => open("status"));
+  $("to-simulated").addEventListener("click", () => open("simulated"));
   question.start();
   keyboard();
   start(render, opened);

@@ -15,6 +15,7 @@ from prefcal_scenarios.scenario import Scenario
 from .end import over_view
 from .seen import Seen
 from .sides import numbers_view, question_view, theta_view
+from .simulated import screening_view
 
 
 def now_view(
@@ -53,6 +54,7 @@ def now_view(
         "rig": _rig(scenario, now.state),
         "pending": _pending(now.pending, scenario, blind=blind),
         "good_enough": _good_enough(now, blind=blind),
+        "screening": screening_view(interview, now, blind=blind),
         "over": None if now.phase is not Phase.OVER else over_view(
             interview, now, best_view(interview, now), command, report
         ),

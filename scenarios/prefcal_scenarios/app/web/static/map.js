@@ -1,0 +1,80 @@
+// Draw everything simulated: one KPI against another, with what was shown on top.
+/* global Plotly */
+
+import { css } from "./bounds.js";
+import { base, named, titled, typeset } from "./miniature.js";
+
+const CONFIG = { displayModeBar: false, doubleClick: false, showTips: false };
+const HEIGHT = { wide: 430, narrow: 330 };
+
+// Return the place of a point on an axis; null if it has no value there.
+export function place(axis, value) {
+  if (value === null) return null;
+  return axis.log ? Math.max(value, axis.least) : value;
+}
+
+export const drawn = (data, [x, y]) => data.points.map((point, row) => ({ row, point,
+  x: place(data.axes[x], point.values[x]), y: place(data.axes[y], point.values[y]) }))
+  .filter((at) => at.x !== null && at.y !== null);
+
+function scale(axis, values) {
+  const seen = axis.log ? values.map(Math.log10) : values;
+  let [low, high] = [Math.min(...seen), Math.max(...seen)];
+  if (!(low < high)) [low, high] = [low - 1, high + 1];
+  const pad = 0.05 * (high - low);
+  const ticks = axis.log ? { dtick: Math.max(1, Math.ceil((high - low) / 6)), tickformat: "~g" } : { nticks: 7 };
+  return { gridcolor: css("--grid"), zeroline: false, linecolor: css("--grid"), automargin: true,
+    tickfont: { color: css("--muted"), size: 11 }, title: titled(typeset(named({ name: axis.title, unit: axis.unit }))),
+    type: axis.log ? "log" : "linear", range: [low - pad, high + pad], ...ticks };
+}
+
+function traces(data, places, chosen) {
+  const group = (name, test, marker, more = {}) => {
+    const kept = places.filter(test);
+    return { type: "scatter", mode: "markers", name, x: kept.map((at) => at.x), y: kept.map((at) => at.y),
+      customdata: kept.map((at) => at.row), marker, hoverinfo: "none", cliponaxis: false, ...more };
+  };
+  const label = { mode: "markers+text", textposition: "top center", textfont: { color: css("--ink"), size: 12 } };
+  const numbered = (name, test, marker) => group(name, test, marker,
+    { ...label, text: places.filter(test).map((at) => String(at.point.number ?? "")) });
+  const edge = { color: css("--card"), width: 1.5 };
+  const { best, sides } = data;
+  const side = (name) => group(name, (at) => at.row === sides[name],
+    { color: "rgba(0,0,0,0)", size: 21, symbol: "diamond", line: { color: css(`--${name}`), width: 2.5 } });
+  return [
+    group("simulated", (at) => at.point.number === null, { color: css("--muted"), size: 5, opacity: 0.4 }),
+    numbered("shown", (at) => at.point.number !== null && at.row !== best, { color: css("--ink"), size: 9, line: edge }),
+    numbered("best", (at) => at.row === best, { color: css("--good"), size: 17, symbol: "star", line: edge }),
+    side("left"), side("right"),
+    group("chosen", (at) => at.row === chosen, { color: css("--focus"), size: 13, symbol: "circle-open", line: { width: 3 } }),
+  ];
+}
+
+// Draw the axes `which`, [x, y]; `pick(row)` is called with the point that the person clicks.
+export function draw(div, data, which, chosen, pick) {
+  const width = div.clientWidth;
+  if (!width || typeof Plotly === "undefined") return;
+  const places = drawn(data, which);
+  const layout = { ...base(width, width < 500 ? HEIGHT.narrow : HEIGHT.wide), hovermode: "closest", hoverdistance: 12,
+    margin: { l: 56, r: 16, t: 22, b: 48 },
+    xaxis: scale(data.axes[which[0]], places.map((at) => at.x)), yaxis: scale(data.axes[which[1]], places.map((at) => at.y)) };
+  const fresh = !div.classList.contains("js-plotly-plot");
+  Plotly.react(div, traces(data, places, chosen), layout, CONFIG);
+  if (fresh) div.on("plotly_click", ({ points }) => pick(points[0].customdata));
+}
+
+// Return the nearest drawn point in the direction of an arrow key, as seen on the screen.
+export function step(div, data, which, from, [dx, dy]) {
+  const { xaxis, yaxis } = div._fullLayout;
+  const pixels = drawn(data, which).map(({ row, x, y }) => ({ row, x: xaxis.d2p(x), y: yaxis.d2p(y) }));
+  const here = pixels.find(({ row }) => row === from);
+  if (!here) return pixels[0]?.row ?? null;
+  let [found, least] = [from, Infinity];
+  for (const { row, x, y } of pixels) {
+    const along = (x - here.x) * dx + (y - here.y) * dy;
+    const across = Math.abs((x - here.x) * dy) + Math.abs((y - here.y) * dx);
+    const far = along + 3 * across;
+    if (row !== from && along > 0.5 && far < least) [found, least] = [row, far];
+  }
+  return found;
+}
