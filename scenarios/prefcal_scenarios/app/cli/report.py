@@ -30,6 +30,9 @@ from .cost_file import with_cost
 from .opening import Opened, by_now, claim_folder, worth_keeping
 from .options import Options
 
+_KNOWN = 2.0
+"""Longest wait, in seconds, for what a screening agent expects of its simulations in the end."""
+
 
 @dataclass(frozen=True, slots=True)
 class Reporter:
@@ -68,6 +71,7 @@ class Reporter:
         """
         options, scenario = self.opened.options, self.interview.scenario
         wanted = self.reportable
+        self.interview.wait_for_screened(_KNOWN)
         shown = references(scenario, options.seed, self.messages) if rig_works and wanted else {}
         record = record_of(self.interview, options, shown)
         if wanted:

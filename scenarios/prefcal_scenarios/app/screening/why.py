@@ -45,25 +45,26 @@ def why(
     wanted = [name for name in reason.better_in if name in reason.learned][:_MOST]
     if wanted:
         preferred = _listed([named(name, True) for name in wanted])
+        differs = _differs(reason, named, ("it has that", "it has both")[len(wanted) - 1])
         return f"{side} is shown because you preferred {preferred}: {differs} {chance}."
     preferred = named(reason.learned[0], True)
     return f"{side} shows how much {preferred} matters to you: {differs} {chance}."
 
 
-def _differs(reason: Reason, named: Callable[[str, bool], str]) -> str:
-    """Return in what it differs from the best so far, the KPIs that matter most."""
-    better = _listed([named(name, True) for name in _first(reason.better_in, reason.learned)])
+def _differs(reason: Reason, named: Callable[[str, bool], str], better: str = "") -> str:
+    """Return in what it differs from the best so far, the KPIs that matter most.
+
+    Args:
+        reason: Reason of the agent.
+        named: Function that names a KPI with its direction.
+        better: What is better, if that was said before; it is named if empty.
+    """
+    if reason.better_in and not better:
+        better = f"it has {_listed([named(name, True) for name in reason.better_in[:_MOST]])}"
     worse = _listed([named(name, False) for name in reason.worse_in[:_MOST]])
-    if better and worse:
-        return f"it has {better}, but {worse}"
-    if better or worse:
-        return f"it has {better or worse}"
-    return "its KPIs are about those of the best so far"
-
-
-def _first(names: Sequence[str], learned: Sequence[str]) -> list[str]:
-    """Return the first names, those that were learned before the others."""
-    return sorted(names, key=lambda name: name not in learned)[:_MOST]
+    if better:
+        return f"{better}, but {worse}" if worse else better
+    return f"it has {worse}" if worse else "its KPIs are about those of the best so far"
 
 
 def _listed(words: Sequence[str]) -> str:

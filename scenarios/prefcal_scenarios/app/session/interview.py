@@ -68,7 +68,7 @@ class Interview:
         self._flow = Flow(
             study, ExperimentStore(scenario, study), agent_of(study.state, scenario.space)
         )
-        self._closing = False
+        self._closing = self._has_background = False
         self._idle_at: int | None = None
         if asks:
             self._flow.resume()
@@ -197,14 +197,20 @@ class Interview:
         return found
 
     def wait_for_screened(self, timeout: float) -> Screened | None:
-        """Return what a screening agent knows, as soon as that is known; None after `timeout` s."""
+        """Return what a screening agent knows, as soon as that is known; None after `timeout` s.
+
+        It does not wait if nothing works in the background.
+        """
         with self._changed:
             flow = self._flow
+            comes = self.screens and self._has_background
             self._changed.wait_for(
-                lambda: self.screened() is not None
-                or not self.screens
-                or self._closing
-                or flow.unexplained == flow.agent.history,
+                lambda: (
+                    not comes
+                    or self.screened() is not None
+                    or self._closing
+                    or flow.unexplained == flow.agent.history
+                ),
                 timeout,
             )
             return self.screened()
@@ -391,6 +397,7 @@ class Interview:
     def wait_for_work(self, timeout: float = 0.5) -> bool:
         """Wait until there may be work; return False once the interview is closed."""
         with self._changed:
+            self._has_background = True
             self._changed.wait_for(
                 lambda: self._closing or self._flow.version != self._idle_at, timeout
             )

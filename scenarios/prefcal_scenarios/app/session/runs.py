@@ -94,9 +94,7 @@ def attempt(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment | Exceptio
     return experiment
 
 
-def look_at(
-    flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"]
-) -> Experiment:
+def look_at(flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"]) -> Experiment:
     """Return the experiment of a simulated θ, physical, shape (n,), and record nothing.
 
     It runs without `lock`, that of the interview. A question about θ then finds the experiment.
@@ -205,11 +203,11 @@ def _screening(flow: Flow) -> Attempt | None:
             found = None
 
         def keep() -> None:
+            flow.version += 1
             if found is None:
                 flow.unexplained = history
             else:
                 flow.screened = found
-                flow.version += 1
 
         return keep
 

@@ -40,6 +40,8 @@ STOP = ("x", "stop")
 STOP_RUN = "k"
 _LOOK = 0.2
 """Interval, in seconds, at which a waiting conversation reads the keyboard."""
+_EXPLAINED = 2.0
+"""Longest wait, in seconds, for the reason of a question: it is asked without one then."""
 _LARGEST = 20 << 20
 """Largest size of a record in bytes, as on the page."""
 
@@ -68,6 +70,8 @@ class _Conversation:
             elif not self._one(now):
                 return
         self._say(f"The study is finished: {now.state.ended}.")
+        if self.interview.screens:
+            self.interview.wait_for_screened(_EXPLAINED)
 
     def _wait(self, now: Now) -> None:
         with self.console.status(_waiting(now)) as status, self.pressed() as pressed:
@@ -99,7 +103,11 @@ class _Conversation:
             return True
 
     def _question(self, now: Now) -> bool:
-        assert now.question is not None
+        if self.shown != now.version and self.interview.screens:
+            self.interview.wait_for_screened(_EXPLAINED)
+            now = self.interview.now()
+        if now.question is None:  # it changed meanwhile
+            return True
         if self.shown != now.version:
             show_question(self.interview, now, self.console, blind=self.blind, seen=self.seen)
             self.shown = now.version

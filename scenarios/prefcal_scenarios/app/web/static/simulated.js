@@ -39,15 +39,15 @@ export async function showSimulated(now, act) {
 const asked = () => Object.values(data.sides).find((at) => at !== null && at !== data.best) ?? null;
 
 function build() {
-  const select = (id) => el("select", { id, on: { change: () => {
+  const on = { change: () => {
     which = [Number($("map-x").value), Number($("map-y").value)];
     redraw();
-  } } });
+  } };
   const map = el("div", { id: "map", class: "map", tabindex: "0", role: "group", "aria-roledescription": "scatter plot",
     "aria-label": "Everything simulated. Arrow keys go from point to point.", on: { keydown: move } });
   fill($("view-simulated"), el("h2", { id: "simulated-title" }, "Simulated"), el("p", { id: "map-told", class: "faint" }, "Loading…"),
     el("div", { id: "map-parts", hidden: true },
-      el("p", { class: "map-axes" }, el("label", {}, "Across ", select("map-x")), el("label", {}, "Up ", select("map-y"))),
+      el("p", { class: "map-axes" }, el("label", {}, "Across ", el("select", { id: "map-x", on })), el("label", {}, "Up ", el("select", { id: "map-y", on }))),
       el("div", { class: "map-columns" }, el("div", { class: "card flat" }, map, legend()),
         el("section", { id: "point", class: "card", "aria-label": "The chosen point", "aria-live": "polite" })),
       el("div", { id: "look", tabindex: "-1" })));
@@ -81,14 +81,13 @@ function told() {
   const { points } = data;
   const shown = points.filter(({ number }) => number !== null).length;
   const inside = new Set(drawn(data, which).map((at) => at.row));
-  const left = points.filter((_, k) => !inside.has(k));
-  const count = (end) => left.filter((point) => point.end === end).length;
-  const parts = [[count("failed"), "failed"], [count("stopped"), "were stopped as unsafe"], [count(""), "have no value on these axes"]]
-    .filter(([n]) => n).map(([n, words]) => `${n} ${n === 1 ? words.replace("were", "was").replace("have", "has") : words}`);
+  const count = (end) => points.filter((point, k) => point.end === end && !inside.has(k)).length;
+  const parts = [["failed", "failed"], ["stopped", "stopped as unsafe"]].filter(([end]) => count(end))
+    .map(([end, words]) => `${count(end)} ${words}`);
   const edges = [...new Set(which)].map((k) => data.axes[k]).filter((axis, i) => axis.log
     && points.some(({ values }) => values[which[i]] !== null && values[which[i]] < axis.least));
   return [`${points.length} simulated, ${shown} shown. `, parts.length ? `Not drawn: ${parts.join(", ")}. ` : "",
-    ...edges.flatMap((axis) => [...symbol(axis.title), ` below ${written(axis.least)} is drawn at the edge. `]),
+    ...edges.flatMap((axis) => ["Values of ", ...symbol(axis.title), ` below ${written(axis.least)} are drawn at the edge. `]),
     "Click a point, or go from point to point with the arrow keys."];
 }
 
@@ -107,7 +106,11 @@ function move(event) {
   choose(step($("map"), data, which, row, arrow));
 }
 
-const written = (value) => (value === null ? "–" : String(Number(value.toPrecision(4))).replace("-", "−"));
+function written(value) {
+  if (value === null) return "–";
+  const text = value && Math.abs(value) < 1e-3 ? value.toExponential(1).replace(".0", "") : String(Number(value.toPrecision(4)));
+  return text.replaceAll("-", "−");
+}
 
 function name({ number }) {
   if (number === null) return "Simulated, never shown";
@@ -122,14 +125,14 @@ function describe() {
   const theta = el("dl", { class: "values" }, knobs.map((knob, k) => el("div", { title: knob.about || null },
     el("dt", {}, symbol(knob.title)), el("dd", {}, withUnit(point.text[k], knob.unit)))));
   const rows = data.axes.flatMap((axis, k) => (axis.knob ? [] : [el("tr", {},
-    el("th", { scope: "row", title: axis.about || null }, symbol(axis.title)),
-    el("td", { class: "number" }, withUnit(written(point.values[k]), axis.unit)),
-    best ? el("td", { class: "number faint" }, withUnit(written(best.values[k]), axis.unit)) : null)]));
+    el("th", { scope: "row", title: axis.about || null }, symbol(axis.title), axis.unit ? el("span", { class: "faint" }, ` [${axis.unit}]`) : null),
+    el("td", { class: "number" }, written(point.values[k])),
+    best ? el("td", { class: "number faint" }, written(best.values[k])) : null)]));
   const heads = ["KPI", "value", ...(best ? ["best so far"] : [])];
   return fill($("point"), el("h3", {}, name(point)), point.end ? el("p", { class: "problem" },
-    point.end === "failed" ? "This simulation failed." : "This run was stopped as unsafe.") : null, theta,
+    point.end === "failed" ? "This simulation failed." : "This run was stopped as unsafe.") : null, theta, actions(point),
   el("div", { class: "scroll" }, el("table", { class: "kpi-table" }, el("thead", {}, el("tr", {}, heads.map((words, k) =>
-    el("th", { scope: "col", class: k ? "number" : null }, words)))), el("tbody", {}, rows))), actions(point));
+    el("th", { scope: "col", class: k ? "number" : null }, words)))), el("tbody", {}, rows))));
 }
 
 function actions(point) {
