@@ -8,7 +8,7 @@ from prefcal_env.errors import KnobError, ProtocolError
 from prefcal_env.knobs.constraints import Constraint
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Answer
+from support.interviews import THREE
 
 SPACE = KnobSpace([Knob("gain", 0.01, 100.0, scale="log10"), Knob("N_p", 4, 40, integer=True)])
 WANTED = np.array([0.1, 9.0])
@@ -112,13 +112,12 @@ def test_nothing_can_be_asked_for_after_the_last_experiment():
 
 
 def test_follow_up_questions_wait_until_it_is_answered():
-    study = GLISp(SPACE, n_init=3, n_max=6, seed=1)
-    for answer in (None, None, -1):  # nobody has beaten 1 and 2
-        study.tell(study.ask(), answer)
-    assert study.ask().further
+    study = THREE(SPACE, n_init=3, n_max=9, seed=1)
+    while not study.ask().further:
+        study.tell(study.ask(), 1 if study.history.answered else None)
     study.replace_pending(WANTED)
     query = study.ask()
     assert not query.further
     assert query.challenger.theta.tolist() == WANTED.tolist()
-    study.tell(query, Answer(1))
+    study.tell(query, 1)
     assert study.ask().further

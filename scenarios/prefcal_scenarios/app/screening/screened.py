@@ -10,6 +10,7 @@ from prefcal_agents.screening.agent import Screening
 from prefcal_agents.screening.bank import Bank
 from prefcal_agents.screening.reason import Reason
 from prefcal_env.errors import SettingsError
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .prospect import Prospect
@@ -20,12 +21,14 @@ class Screened:
     """What a screening agent knows after a record.
 
     Args:
+        space: Knobs of the study.
         bank: Simulated θ with their KPIs.
         reason: Why the challenger of the open query is shown; None without a comparison.
         chance: Probability that the most promising simulated θ is preferred to the best so far.
         history: The record, with the sample of the open query.
     """
 
+    space: KnobSpace
     bank: Bank
     reason: Reason | None
     chance: float
@@ -43,11 +46,13 @@ class Screened:
         return Prospect(len(self.bank), self.chance)
 
     def row(self, theta: Float[np.ndarray, " n"]) -> int | None:
-        """Return the row of the bank that holds physical θ, shape (n,); None if none does."""
-        try:
-            return self.bank.find(theta.tolist())
-        except KeyError:
-            return None
+        """Return the row of the bank that a person cannot tell from θ, shape (n,); None if none.
+
+        An equal one comes first: many θ are not rounded to the same last digits as a single one.
+        """
+        equal = np.all(self.bank.thetas == theta, axis=1)
+        same = equal if equal.any() else self.space.close(theta, self.bank.thetas)
+        return int(np.argmax(same)) if same.any() else None
 
 
 def screened_of(agent: Agent) -> Screened | None:
@@ -63,4 +68,4 @@ def screened_of(agent: Agent) -> Screened | None:
     except SettingsError:  # restored, and not given its simulations yet
         return None
     reason = None if agent.done else agent.reason
-    return Screened(bank, reason, agent.chance_of_better, history)
+    return Screened(agent.space, bank, reason, agent.chance_of_better, history)
