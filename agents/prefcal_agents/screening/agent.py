@@ -15,10 +15,10 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .bank import Bank
-from .growth import Growth
-from .reason import Reason
+from .choice import expected_best
+from .growth import Growth, Stage
+from .reason import Reason, chances, reason_for
 from .simulations import Simulate, Simulations
-from .utility import Utilities, best_to_show
 
 
 @final
@@ -77,6 +77,11 @@ class Screening(PreferenceBased):
         return self._n_simulated
 
     @property
+    def simulate(self) -> Simulate | None:
+        """Return the function that simulates a θ; None for an agent that was restored without."""
+        return None if self._growth is None else self._growth.simulations.simulate
+
+    @property
     def simulations(self) -> Simulations:
         """Return the simulations so far: how many, and how many failed.
 
@@ -88,27 +93,40 @@ class Screening(PreferenceBased):
     @property
     def bank(self) -> Bank:
         """Return the simulated θ that the open query was chosen from; it simulates if needed."""
-        with one_thread():
-            return self._growing.bank(self.history)
+        return self._stage.bank
 
     @property
-    def utilities(self) -> Utilities:
-        """Return what the answers say about the simulated θ."""
+    def _stage(self) -> Stage:
         with one_thread():
-            return self._growing.utilities(self.history)
+            return self._growing.stage(self.history)
 
     @property
     def reason(self) -> Reason | None:
-        """Return why the challenger of the open query is shown; None without a comparison."""
-        return None  # TODO
+        """Return why the challenger of the open query is shown; None if nothing is open to compare.
+
+        It simulates if needed.
+        """
+        query = None if self.done else self.ask()
+        if query is None or query.incumbent is None:
+            return None
+        stage = self._stage
+        new, best = (_row(stage.bank, side.theta) for side in (query.challenger, query.incumbent))
+        return None if new is None or best is None else reason_for(stage, new, best, self.history)
 
     @property
     def chance_of_better(self) -> float:
         """Return the probability that the person prefers some simulated θ to the best one shown.
 
-        It is that of the most promising θ; 1 before the first answer.
+        It is that of the most promising θ that was not shown; 1 before the first answer. It
+        simulates if needed.
         """
-        return 1.0  # TODO
+        if self.best_index is None or not self.history.lessons():
+            return 1.0
+        stage = self._stage
+        found = chances(stage, stage.bank.find(self.best))
+        for sample in self.history.samples[: self.history.answered]:
+            found[stage.bank.find(sample.theta)] = 0.0
+        return float(found.max())
 
     @property
     def _growing(self) -> Growth:
@@ -119,12 +137,14 @@ class Screening(PreferenceBased):
     # What the agent does.
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        growing = self._growing
-        bank, utilities = growing.bank(history), growing.utilities(history)
+        stage, best = self._growing.stage(history), history.incumbent
+        row = None if best is None else stage.bank.find(history.samples[best].theta)
+        order = np.argsort(-expected_best(stage.costs, row), kind="stable")
+        failed = np.isinf(stage.bank.kpis).all(axis=1)
         tried = Tried(self.space, history)
+        z = tried.first_new(stage.bank.z[order[np.argsort(failed[order], kind="stable")]])
         rng = np.random.default_rng([self._seed, history.answered])
-        z = tried.first_new(bank.z[best_to_show(utilities, history, bank)])
-        return tried.fresh(bank.z[0], rng) if z is None else z
+        return tried.fresh(stage.bank.z[0], rng) if z is None else z
 
     def _settings(self) -> dict[str, Any]:
         return {"n_simulated": self._n_simulated}
@@ -133,3 +153,11 @@ class Screening(PreferenceBased):
         twin = super()._twin(state)
         twin._growth = self._growth
         return twin
+
+
+def _row(bank: Bank, theta: Float[np.ndarray, " n"]) -> int | None:
+    """Return the row of θ in the bank; None if it is not there, since a person asked for it."""
+    try:
+        return bank.find(theta)
+    except KeyError:
+        return None

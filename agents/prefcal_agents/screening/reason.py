@@ -2,6 +2,19 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtr
+
+from prefcal_env.preferences.history import History
+
+from .growth import Stage
+
+_COUNTS_MORE = 1.4
+"""A KPI counts more than before if its weight has grown by this factor."""
+_DIFFERS = 0.02
+"""Share of the present weights' cost below which two values of a KPI are called equal."""
+
 
 @dataclass(frozen=True, slots=True)
 class Reason:
@@ -20,3 +33,44 @@ class Reason:
     better_in: tuple[str, ...]
     worse_in: tuple[str, ...]
     learned: tuple[str, ...]
+
+
+def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
+    """Return why row `new` of the bank is compared with row `best`."""
+    names = [stage.bank.names[column] for column in stage.scale.columns]
+    logs, weights = stage.scale(stage.bank.kpis[[new, best]]), stage.utilities.weights
+    lost = [stage.utilities.losses(logs, kpi) for kpi in range(len(names))]
+    gains = np.array(
+        [np.mean(w * (both[:, 1] - both[:, 0])) for w, both in zip(weights.T, lost, strict=True)]
+    )
+    clear = np.abs(gains) > _DIFFERS * np.abs(gains).sum()
+    order = [int(kpi) for kpi in np.argsort(-np.abs(gains), kind="stable") if clear[kpi]]
+    return Reason(
+        float(chances(stage, best)[new]),
+        tuple(names[kpi] for kpi in order if gains[kpi] > 0),
+        tuple(names[kpi] for kpi in order if gains[kpi] < 0),
+        _learned(stage, names, history),
+    )
+
+
+def chances(stage: Stage, best: int) -> Float[np.ndarray, " m"]:
+    """Return the probability that each θ is noticeably better than row `best`, shape (m,)."""
+    gain = stage.costs[:, best, None] - stage.costs
+    return np.asarray(ndtr(gain / stage.noticed[:, None] - 1.0).mean(axis=0))
+
+
+def _learned(stage: Stage, names: list[str], history: History) -> tuple[str, ...]:
+    """Return the KPIs whose weight has grown, and in which most preferred experiments were better.
+
+    The weights of a few answers are uncertain; the second condition keeps what is said true.
+    """
+    wins = np.zeros(len(names))
+    for verdict in history.verdicts():
+        if verdict.winner is None or verdict.loser is None:
+            continue
+        rows = [stage.bank.find(history.samples[i].theta) for i in (verdict.winner, verdict.loser)]
+        winner, loser = stage.scale(stage.bank.kpis[rows])
+        wins += np.sign(np.where(winner == loser, 0.0, loser - winner))
+    grown = stage.utilities.weights.mean(axis=0) * len(names)
+    order = np.argsort(-grown, kind="stable")
+    return tuple(names[kpi] for kpi in order if grown[kpi] > _COUNTS_MORE and wins[kpi] > 0)
