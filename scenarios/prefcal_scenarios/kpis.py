@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.preferences.kpis import Outcome
 
@@ -21,15 +21,38 @@ def outcome(scenario: Scenario, experiment: Experiment) -> Outcome:
     trajectory with a reference. All are infinite for a run that was stopped: a short run would
     otherwise look good, since it accumulates little error.
     """
-    stopped = experiment.end.interrupted
     known = {} if not len(experiment.t) else dict(tracking_kpis(experiment))
-    for kpi in scenario.kpis:
-        value = experiment.kpis.get(kpi.name)
-        if value is not None and kpi.goal is not None:
-            known[kpi.name] = kpi.badness(float(value))
-    if stopped:
-        known = dict.fromkeys(known, np.inf)
-    return Outcome({**known, INTERRUPTED: float(stopped)})
+    return _outcome({**known, **_directed(scenario, experiment.kpis)}, experiment.end)
+
+
+def has_direction(scenario: Scenario) -> bool:
+    """Return whether some KPI of the scenario has a known direction of improvement."""
+    return any(kpi.goal is not None for kpi in scenario.kpis)
+
+
+def outcome_of(scenario: Scenario, kpis: Mapping[str, float], end: End) -> Outcome:
+    """Return the `outcome` of an experiment whose trajectories are not kept: see `seen`.
+
+    Args:
+        scenario: Scenario of the experiment.
+        kpis: KPIs of the experiment by name, as the scenario computes them.
+        end: Why the experiment ended.
+    """
+    return _outcome(_directed(scenario, kpis), end)
+
+
+def _directed(scenario: Scenario, kpis: Mapping[str, float]) -> dict[str, float]:
+    return {
+        kpi.name: kpi.badness(float(kpis[kpi.name]))
+        for kpi in scenario.kpis
+        if kpi.goal is not None and kpis.get(kpi.name) is not None
+    }
+
+
+def _outcome(known: Mapping[str, float], end: End) -> Outcome:
+    stopped = end.interrupted
+    values = dict.fromkeys(known, np.inf) if stopped else known
+    return Outcome({**values, INTERRUPTED: float(stopped)})
 
 
 def seen(scenario: Scenario) -> tuple[str, ...]:

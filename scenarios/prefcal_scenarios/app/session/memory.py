@@ -20,7 +20,7 @@ def constraint_names(space: KnobSpace) -> list[str]:
 
 def agent_as_dict(agent: Agent) -> dict[str, Any]:
     """Return an agent's settings as plain data, without what it has learned."""
-    return agent.state.configuration()
+    return agent.configuration
 
 
 QUESTIONS = "questions_per_experiment"
