@@ -8,10 +8,9 @@ from typing import Self, final
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_scenarios.app.isolated import IsolatedRun
-from prefcal_scenarios.kpis import has_direction, outcome, outcome_of
+from prefcal_scenarios.kpis import screened
 from prefcal_scenarios.many.pool import Pool
 from prefcal_scenarios.many.results import FailedRun, Result
 from prefcal_scenarios.many.task import Task
@@ -37,8 +36,7 @@ class Simulator:
     """What an agent simulates with: `simulate(theta)`, and `many` for a list of θ.
 
     The results do not depend on the number of workers. A simulation that raises an error, crashes
-    or takes too long has failed: it has no KPIs, and is not repeated. KPIs are those of the
-    scenario that have a direction, and "interrupted"; generic ones if the scenario has none.
+    or takes too long has failed: it has no KPIs, and is not repeated. KPIs are `screened`.
 
     A scenario of prefcal itself, which always ends, also runs in this process until the first
     worker is ready, so that nobody waits for the workers.
@@ -61,7 +59,8 @@ class Simulator:
         own = isinstance(scenario.run, IsolatedRun)
         run = OwnRun.of(scenario.run) if isinstance(scenario.run, IsolatedRun) else scenario.run
         self._scenario = scenario
-        self._task = Task(run, seed, trajectories=not has_direction(scenario))
+        directed = any(kpi.goal is not None for kpi in scenario.kpis)
+        self._task = Task(run, seed, trajectories=not directed)
         workers = usable_cores() if jobs is None else jobs
         self._pool = Pool(self._task, workers, longest) if workers else None
         self._helps = not own
@@ -163,15 +162,9 @@ class Simulator:
 
     def _keep(self, theta: Theta, result: Result) -> bytes:
         key = _key(theta)
-        self._known[key] = self._learned(result)
+        failed = isinstance(result, FailedRun)
+        self._known[key] = Outcome({}) if failed else screened(self._scenario, result)
         return key
-
-    def _learned(self, result: Result) -> Outcome:
-        if isinstance(result, FailedRun):
-            return Outcome({})
-        if isinstance(result, Experiment):
-            return outcome(self._scenario, result)
-        return outcome_of(self._scenario, result.kpis, result.end)
 
 
 def _key(theta: Theta) -> bytes:
