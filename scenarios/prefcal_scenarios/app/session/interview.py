@@ -12,12 +12,14 @@ from jaxtyping import Float
 from prefcal_agents import Advice, GLISp
 from prefcal_agents.models.kpi_importance import Importance
 from prefcal_agents.models.learned_cost import LearnedCost
+from prefcal_agents.screening.agent import Screening
 from prefcal_env.compiling import Compiling, compile_missing
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.preferences.answer import Answer, Strength
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.loop import Comparison as Compared
 from prefcal_env.study import Noted, StudyFile
+from prefcal_scenarios.app.simulating import Basis, Simulated, Simulator
 from prefcal_scenarios.app.summary.consistency import Consistency
 from prefcal_scenarios.app.summary.counts import Counts, answered
 from prefcal_scenarios.app.summary.outlook import Outlook, others_unbeaten, outlook
@@ -28,7 +30,7 @@ from . import records, runs, steps
 from .experiments import ExperimentStore
 from .flow import Flow
 from .kpi_importance import importance_of, index_of, known_outcomes
-from .memory import agent_of, as_studied
+from .memory import agent_of, as_studied, is_simulating
 from .records import Given, Preview
 from .view import Choice, Now, Phase, Question
 
@@ -51,21 +53,28 @@ class Interview:
         study: Open study file with the same knobs; the interview resumes from its state.
         ahead: Whether `work` also runs the experiments that likely answers would lead to.
         asks: Whether to continue the study, which writes to its file; False only reads it.
+        simulator: What an agent that simulates does so with, for the scenario of the study; by
+            default, it simulates in this process. It stays open.
 
     Raises:
         StudyError: If the study has other knobs, or cannot be written.
     """
 
     def __init__(
-        self, scenario: Scenario, study: StudyFile, *, ahead: bool = True, asks: bool = True
-    ) -> None:
+        self, scenario: Scenario, study: StudyFile, *, ahead: bool = True, asks: bool = True,
+        simulator: Simulator | None = None,
+    ) -> None:  # fmt: skip
         self.scenario, self.study = as_studied(scenario, study.state), study
         scenario = self.scenario
         self._runs_ahead = ahead
         self._changed = threading.Condition(threading.RLock())
-        self._flow = Flow(
-            study, ExperimentStore(scenario, study), agent_of(study.state, scenario.space)
-        )
+        if simulator is None and asks and is_simulating(study.state):
+            seed = int(study.state.configuration["seed"])
+            simulator = Simulator(scenario, seed=seed, jobs=0)
+        if simulator is not None:
+            simulator.tell = self._simulating
+        agent = agent_of(study.state, scenario.space, simulator)
+        self._flow = Flow(study, ExperimentStore(scenario, study), agent, simulator)
         self._closing = False
         self._idle_at: int | None = None
         if asks:
@@ -83,6 +92,7 @@ class Interview:
                 pending=flow.pending, incumbent=flow.best,
                 can_undo=steps.can_undo(flow), state=flow.state, preparing=flow.preparing,
                 draft=flow.draft, run_limit=None if worker is None else worker.limit,
+                simulated=self._simulated(),
             )  # fmt: skip
 
     def wait(self, version: int, timeout: float) -> Now:
@@ -143,6 +153,33 @@ class Interview:
         with self._changed:
             agent = self._flow.agent
         return agent.settings.questions_per_experiment if isinstance(agent, GLISp) else None
+
+    @property
+    def simulated(self) -> Simulated | None:
+        """Return how many θ were simulated unseen; None if the agent simulates nothing."""
+        with self._changed:
+            return self._simulated()
+
+    def _simulated(self) -> Simulated | None:
+        flow = self._flow
+        if flow.simulator is None or not isinstance(flow.agent, Screening):
+            return None
+        basis, planned = flow.basis, flow.agent.n_simulated
+        # What was simulated for answers that were not given is not counted.
+        count = min(flow.simulator.count, planned) if basis is None else len(basis.bank)
+        shown = len(flow.state.finished)
+        return Simulated(count, planned, flow.simulator.failed, shown)
+
+    @property
+    def basis(self) -> Basis | None:
+        """Return what the open question was chosen from; None while that is not known.
+
+        It is known at once, except after a restart, until the simulations are repeated in the
+        background; `now` then has a new version. Nothing is simulated here.
+        """
+        with self._changed:
+            flow = self._flow
+            return flow.grounds if flow.phase is Phase.QUESTION else None
 
     @property
     def surrogate(self) -> Surrogate | None:
@@ -350,7 +387,15 @@ class Interview:
             worker = runs.worker_of(self._flow)
             if worker is not None:
                 worker.stop("given up")
+            if self._flow.simulator is not None:
+                self._flow.simulator.abandon()
             self._changed.notify_all()
+
+    def _simulating(self) -> None:
+        """Tell front ends that wait for the next question that simulations go on."""
+        with self._change() as flow:
+            if flow.phase is Phase.RUNNING:
+                flow.version += 1
 
     def _do(
         self, step: Callable[Concatenate[Flow, P], None], *args: P.args, **kwargs: P.kwargs

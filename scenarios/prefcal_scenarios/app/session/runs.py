@@ -12,8 +12,10 @@ from prefcal_scenarios.app.isolated import IsolatedRun, Worker
 from prefcal_scenarios.own.checks import check_experiment
 from prefcal_scenarios.own.own_line import located
 
+from . import thinking
 from .flow import Flow
 from .memory import agent_of
+from .thinking import Attempt
 from .view import GOOD_ENOUGH, Phase
 
 UNBIDDEN = ("late", "died")
@@ -21,13 +23,13 @@ UNBIDDEN = ("late", "died")
 _COURTESY = 2.0
 """Seconds that a prefetched run may continue while another one is waited for: it may be almost
 done, and a fresh process takes a second."""
-Attempt = Callable[[], Callable[[], None]]
-"""Long-running function, called without the lock; it returns a function to call with the lock."""
 
 
 def due(flow: Flow, *, ahead: bool) -> Attempt | None:
     """Return the next piece of work; None if there is none."""
     if flow.phase is Phase.RUNNING:
+        if flow.must_think:
+            return thinking.think(flow)
         pending = flow.pending
         if pending is None or pending.index in flow.state.finished:
             return lambda: lambda: _go_on_running(flow)
@@ -88,38 +90,16 @@ def attempt(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment | Exceptio
 
 
 def _looking_ahead(flow: Flow) -> Attempt | None:
-    """Tell a copy of the agent the next likely answer, then run the θ that it proposes.
-
-    Errors are ignored here, since that answer may never be given. If it is, the same work is done
-    again, and an error is shown.
-    """
+    """Run the θ that a copy of the agent proposes after a likely answer, or let one propose it."""
     asked = flow.question
     assert asked is not None
     if asked.repeats is not None:
         return None
     if flow.prefetch.next is not None:
         return _running_ahead(flow, flow.prefetch.next)
-    answer = flow.prefetch.missing(asked)
-    if answer is None:
-        return None
-    query, twin = flow.agent.ask(), flow.agent.copy()
-
-    def look() -> Callable[[], None]:
-        try:
-            twin.tell(query, answer)
-            theta = None if twin.done else twin.ask().challenger.theta
-        except Exception:
-            return lambda: None
-
-        def keep() -> None:
-            if flow.question is asked:
-                flow.prefetch.keep_twin(answer, twin)
-                if theta is not None and not _is_known(flow, theta):
-                    flow.prefetch.next = theta
-
-        return keep
-
-    return look
+    if thinking.is_unexplained(flow):
+        return thinking.explain(flow)
+    return thinking.look_ahead(flow, asked, lambda theta: _is_known(flow, theta))
 
 
 def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
@@ -180,7 +160,8 @@ def stop(flow: Flow, index: int) -> None:
 
 
 def make_way(flow: Flow) -> None:
-    """Stop a prefetched run soon if another run is waited for."""
+    """Stop soon what runs in advance, if something else is waited for."""
+    thinking.give_up_if_useless(flow)
     worker = worker_of(flow)
     if worker is None or flow.phase is not Phase.RUNNING:
         return
@@ -226,5 +207,5 @@ def go_on(flow: Flow, more: int) -> None:
         raise StaleError(f"all {state.n_max} experiments are compared: say how many more")
     extended = [Extended(state.n_max + more)] if more else []
     flow.study.append(*extended, Reopened())
-    flow.agent = agent_of(flow.state, flow.store.scenario.space)
+    flow.agent = agent_of(flow.state, flow.store.scenario.space, flow.simulator)
     flow.proceed()

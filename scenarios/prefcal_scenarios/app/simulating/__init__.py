@@ -6,6 +6,7 @@ chosen from.
 
 from .basis import Basis as Basis
 from .basis import Simulated as Simulated
+from .basis import past_of as past_of
 from .basis import simulates as simulates
 from .simulator import Abandoned as Abandoned
 from .simulator import Simulator as Simulator
