@@ -246,7 +246,8 @@ def _waiting(now: Now) -> str:
     if now.preparing is not None:
         return now.preparing.words
     if now.pending is None:
-        return "choosing the next experiment"
+        unseen = "" if now.simulated is None else f" ({now.simulated.line})"
+        return f"choosing the next experiment{unseen}"
     words = f"running experiment {now.pending.index + 1}"
     if now.run_limit is None:
         return words
