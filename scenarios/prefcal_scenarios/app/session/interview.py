@@ -392,9 +392,9 @@ class Interview:
             self._changed.notify_all()
 
     def _simulating(self) -> None:
-        """Tell front ends that wait for the next question that simulations go on."""
+        """Tell front ends how far the simulations are while they say nothing else."""
         with self._change() as flow:
-            if flow.phase is Phase.RUNNING:
+            if flow.phase is Phase.RUNNING or flow.basis is None:
                 flow.version += 1
 
     def _do(

@@ -21,6 +21,8 @@ from .own_run import OwnRun
 
 _TELL = 0.5
 """Seconds between two reports of progress."""
+_MOST = 8
+"""Largest number of workers unless more are asked for: each takes 100 to 200 MB."""
 _ENDING = 1.0
 """Seconds to wait for an abandoned batch before its workers are killed."""
 
@@ -44,7 +46,8 @@ class Simulator:
     Args:
         scenario: Scenario with the knobs of the study.
         seed: Seed of every run.
-        jobs: Number of workers; None for one for each core, 0 to run everything in this process.
+        jobs: Number of workers; None for one for each core but the one that serves the page, 0 to
+            run everything in this process.
         longest: Largest time limit of a simulation in seconds, in workers; infinite for none.
     """
 
@@ -61,7 +64,7 @@ class Simulator:
         self._scenario = scenario
         directed = any(kpi.goal is not None for kpi in scenario.kpis)
         self._task = Task(run, seed, trajectories=not directed)
-        workers = usable_cores() if jobs is None else jobs
+        workers = min(max(usable_cores() - 1, 1), _MOST) if jobs is None else jobs
         self._pool = Pool(self._task, workers, longest) if workers else None
         self._helps = not own
         self._known: dict[bytes, Outcome] = {}

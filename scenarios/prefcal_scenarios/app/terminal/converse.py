@@ -52,7 +52,8 @@ class _Conversation:
     line: Callable[[str], str]
     blind: bool = False
     comment: str = ""
-    shown: int = -1
+    shown: object = None
+    """What was printed last: a question, or the version at which a record was asked for."""
     seen: Seen = field(default_factory=Seen)
     compiles: bool = False
     dialed: tuple[float, ...] | None = None
@@ -100,9 +101,9 @@ class _Conversation:
 
     def _question(self, now: Now) -> bool:
         assert now.question is not None
-        if self.shown != now.version:
+        if self.shown is not now.question:
             show_question(self.interview, now, self.console, blind=self.blind, seen=self.seen)
-            self.shown = now.version
+            self.shown = now.question
         key = self.keys()
         if key in STOP:
             return False
@@ -135,7 +136,7 @@ class _Conversation:
             # END means Ctrl-D: no comment.
             self.comment = "" if said == END else said
         elif key == "b":
-            self.blind, self.shown = not self.blind, -1
+            self.blind, self.shown = not self.blind, None
         elif key == "t" and now.question is not None:
             show_comparison(self.interview, now.question, self.console, self.seen)
         elif key == "p":
