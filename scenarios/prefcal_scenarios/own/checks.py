@@ -76,9 +76,7 @@ def _check_types(scenario: Scenario, kpi: type, where: str) -> None:
 
 def _check_simulated(scenario: Scenario, where: str) -> None:
     if not isinstance(scenario.simulated, bool):
-        raise ScenarioError(
-            f"{where}: simulated must be True or False, got {scenario.simulated!r}"
-        )
+        raise ScenarioError(f"{where}: simulated must be True or False, got {scenario.simulated!r}")
     if scenario.simulated and isinstance(scenario.run, Rig):
         raise ScenarioError(
             f"{where}: simulated must be False for a rig, whose experiments a person runs"
