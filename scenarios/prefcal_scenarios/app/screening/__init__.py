@@ -2,6 +2,5 @@
 
 from .prospect import Prospect as Prospect
 from .screened import Screened as Screened
-from .screened import screened_of as screened_of
 from .why import good_on_average as good_on_average
 from .why import why as why

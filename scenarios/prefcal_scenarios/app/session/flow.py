@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.protocol.agent import Agent
+from prefcal_agents.protocol.agent import Agent, rematch
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
@@ -25,12 +25,12 @@ from prefcal_env.study import (
     StudyFile,
     Suggested,
 )
-from prefcal_scenarios.app.screening import Screened
+from prefcal_scenarios.app.simulating import Basis, Simulator, past_of
 from prefcal_scenarios.own.own_line import in_words
 
 from .experiments import ExperimentStore
 from .order import challenger_left
-from .prefetch import Prefetch
+from .prefetch import Prefetch, Prepared
 from .view import Phase, Question, Side
 
 
@@ -41,6 +41,8 @@ class Flow:
     study: StudyFile
     store: ExperimentStore
     agent: Agent
+    simulator: Simulator | None = None
+    """What the agent simulates with; None if it simulates nothing."""
     prefetch: Prefetch = field(default_factory=Prefetch)
     phase: Phase = Phase.RUNNING
     question: Question | None = None
@@ -55,10 +57,12 @@ class Flow:
     """Sample whose run the person stopped before it began."""
     draft: str = ""
     """Comment of the answer that was undone last, until another answer is given."""
-    screened: Screened | None = None
-    """What a screening agent knew when this was last looked at; None for other agents."""
-    unexplained: History | None = None
-    """Record after which this could not be found out."""
+    basis: Basis | None = None
+    """What the latest question was chosen from, by simulations."""
+    knows: tuple[Agent, History] | None = None
+    """The agent and the record for which it knows its next query."""
+    thinking: tuple[Agent, History] | None = None
+    """The agent and the record whose next query is being chosen in the background."""
 
     @property
     def state(self) -> State:
@@ -82,6 +86,29 @@ class Flow:
         """Return the sample that has no answer yet; None until it is proposed."""
         sample, index = self.state.history.pending, self.state.history.answered
         return None if sample is None else Suggested(index, sample.z, sample.theta)
+
+    @property
+    def must_think(self) -> bool:
+        """Return whether choosing the next query may take simulations, so no lock may be held."""
+        agent, history = self.agent, self.agent.history
+        if self.simulator is None or history.pending is not None or rematch(history) is not None:
+            return False
+        return self.knows is None or self.knows[0] is not agent or self.knows[1] != history
+
+    @property
+    def grounds(self) -> Basis | None:
+        """Return what the open question was chosen from; None while it is not known."""
+        basis = self.basis
+        if basis is None or basis.past != past_of(self.agent):
+            return None
+        # The person may have asked for another challenger since.
+        return basis if basis.pending == self.agent.history.pending else None
+
+    def adopt(self, prepared: Prepared) -> None:
+        """Continue with an agent that knows its next query."""
+        self.agent = prepared.agent
+        self.knows = (prepared.agent, prepared.agent.history)
+        self.basis = prepared.basis or self.basis
 
     def move(self, phase: Phase, problem: Exception | None = None) -> None:
         """Enter `phase`, without a question."""
@@ -107,6 +134,8 @@ class Flow:
         if shown.repeats is not None:
             return False
         if shown.challenger < self.state.history.answered:
+            if self.must_think:
+                return True  # until it is known, see `runs.think`
             asked = None if self.agent.done else self.agent.ask()
             return asked is None or pair_of(asked) != (shown.challenger, shown.incumbent)
         return shown.incumbent != self.best
@@ -125,6 +154,8 @@ class Flow:
             self.move(Phase.FAILED, error)
 
     def _proceed(self) -> None:
+        if not self.state.ended and self.must_think:
+            return self.move(Phase.RUNNING)
         if not self.state.ended and self.agent.done:
             self.study.append(Ended("all compared"))
         if self.state.ended:
@@ -218,12 +249,14 @@ class Flow:
 
     def tell(self, answer: Answer) -> None:
         """Teach the agent `answer`, which is already saved; proceed if the next step is known."""
+        if self.simulator is not None and self.prefetch.busy not in (None, answer):
+            self.simulator.abandon()
         twin = self.prefetch.take(answer)
         if twin is None:
             self.agent.tell(self.agent.ask(), answer)
             # A proposal takes time, so `work` computes it.
             return self.move(Phase.RUNNING)
-        self.agent = twin
+        self.adopt(twin)
         return self.proceed()
 
     def ran(self, sample: Suggested, result: Experiment | Exception) -> None:

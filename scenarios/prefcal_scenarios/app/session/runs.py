@@ -11,12 +11,13 @@ from prefcal_env.errors import RunError, ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import Ended, Extended, Finished, Noted, Reopened, Suggested
 from prefcal_scenarios.app.isolated import IsolatedRun, Worker
-from prefcal_scenarios.app.screening import screened_of
 from prefcal_scenarios.own.checks import check_experiment
 from prefcal_scenarios.own.own_line import located
 
+from . import thinking
 from .flow import Flow
 from .memory import agent_of
+from .thinking import Attempt
 from .view import GOOD_ENOUGH, Phase
 
 UNBIDDEN = ("late", "died")
@@ -26,13 +27,13 @@ _COURTESY = 2.0
 done, and a fresh process takes a second."""
 _ONE_AT_A_TIME = threading.Lock()
 """Held during a look: clicking through many θ must not keep every core busy."""
-Attempt = Callable[[], Callable[[], None]]
-"""Long-running function, called without the lock; it returns a function to call with the lock."""
 
 
 def due(flow: Flow, *, ahead: bool) -> Attempt | None:
     """Return the next piece of work; None if there is none."""
     if flow.phase is Phase.RUNNING:
+        if flow.must_think:
+            return thinking.think(flow)
         pending = flow.pending
         if pending is None or pending.index in flow.state.finished:
             return lambda: lambda: _go_on_running(flow)
@@ -40,8 +41,8 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
         if known is None:
             reserve(flow, np.array(pending.theta))
         return lambda: _running(flow, pending, known)
-    if flow.phase in (Phase.QUESTION, Phase.OVER) and (look := _screening(flow)):
-        return look
+    if flow.phase in (Phase.QUESTION, Phase.OVER) and thinking.is_unexplained(flow):
+        return thinking.explain(flow)
     if flow.phase is Phase.QUESTION and ahead:
         return _looking_ahead(flow)
     return None
@@ -123,38 +124,14 @@ def look_at(flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"
 
 
 def _looking_ahead(flow: Flow) -> Attempt | None:
-    """Tell a copy of the agent the next likely answer, then run the θ that it proposes.
-
-    Errors are ignored here, since that answer may never be given. If it is, the same work is done
-    again, and an error is shown.
-    """
+    """Run the θ that a copy of the agent proposes after a likely answer, or let one propose it."""
     asked = flow.question
     assert asked is not None
     if asked.repeats is not None:
         return None
     if flow.prefetch.next is not None:
         return _running_ahead(flow, flow.prefetch.next)
-    answer = flow.prefetch.missing(asked)
-    if answer is None:
-        return None
-    query, twin = flow.agent.ask(), flow.agent.copy()
-
-    def look() -> Callable[[], None]:
-        try:
-            twin.tell(query, answer)
-            theta = None if twin.done else twin.ask().challenger.theta
-        except Exception:
-            return lambda: None
-
-        def keep() -> None:
-            if flow.question is asked:
-                flow.prefetch.keep_twin(answer, twin)
-                if theta is not None and not _is_known(flow, theta):
-                    flow.prefetch.next = theta
-
-        return keep
-
-    return look
+    return thinking.look_ahead(flow, asked, lambda theta: _is_known(flow, theta))
 
 
 def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
@@ -179,39 +156,6 @@ def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
 def _is_known(flow: Flow, theta: Float[np.ndarray, " n"]) -> bool:
     """Return whether θ has run: in the study, for example before an undo, or as a prefetch."""
     return flow.study.find_experiment(theta) is not None or flow.prefetch.is_known(theta)
-
-
-def _screening(flow: Flow) -> Attempt | None:
-    """Return the work of finding out what a screening agent knows now; None if it is known.
-
-    It may simulate what a resumed study needs. An error is ignored: the questions go on without
-    reasons, and the agent raises the error again when it proposes.
-    """
-    agent = flow.agent
-    if not isinstance(agent, Screening):
-        return None
-    history = agent.history
-    known = flow.screened is not None and flow.screened.is_about(history)
-    if known or flow.unexplained == history:
-        return None
-    twin = agent.copy()
-
-    def look() -> Callable[[], None]:
-        try:
-            found = screened_of(twin)
-        except Exception:
-            found = None
-
-        def keep() -> None:
-            flow.version += 1
-            if found is None:
-                flow.unexplained = history
-            else:
-                flow.screened = found
-
-        return keep
-
-    return look
 
 
 def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:
@@ -248,7 +192,8 @@ def stop(flow: Flow, index: int) -> None:
 
 
 def make_way(flow: Flow) -> None:
-    """Stop a prefetched run soon if another run is waited for."""
+    """Stop soon what runs in advance, if something else is waited for."""
+    thinking.give_up_if_useless(flow)
     worker = worker_of(flow)
     if worker is None or flow.phase is not Phase.RUNNING:
         return
@@ -294,5 +239,5 @@ def go_on(flow: Flow, more: int) -> None:
         raise StaleError(f"all {state.n_max} experiments are compared: say how many more")
     extended = [Extended(state.n_max + more)] if more else []
     flow.study.append(*extended, Reopened())
-    flow.agent = agent_of(flow.state, flow.store.scenario.space)
+    flow.agent = agent_of(flow.state, flow.store.scenario.space, flow.simulator)
     flow.proceed()

@@ -15,9 +15,9 @@ from .view import (
     brief_view,
     history_view,
     look_view,
+    map_view,
     now_view,
     preview_view,
-    simulated_view,
     status_view,
 )
 
@@ -75,7 +75,7 @@ class Views:
         with self._drawing:
             version = self.interview.now().version
             if self._simulated is None or self._simulated[0] != version:
-                self._simulated = (version, encoded(simulated_view(self.interview)))
+                self._simulated = (version, encoded(map_view(self.interview)))
             return self._simulated[1]
 
     def look(self, theta: tuple[float, ...]) -> bytes:

@@ -9,7 +9,8 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 
 
 def test_nothing_serious_is_found_on_any_view(browser, command):
-    served, watched = command("cstr", n_max=5), Watched(browser, color_scheme="light")
+    served = command("cstr", "--agent", "glisp", n_max=5)
+    watched = Watched(browser, color_scheme="light")
     page = watched.page
     watched.open(served.link)
     views = {"question": serious(page)}

@@ -25,7 +25,7 @@ function render(before) {
   document.body.dataset.question = now.question?.id ?? "";
   document.body.dataset.blind = now.blind;
   $("scenario").textContent = now.scenario.title;
-  progress(now.progress);
+  progress(now.progress, now.simulated);
   $("undo").disabled = !now.can_undo;
   if (now.phase === "question") {
     intro(now);
@@ -62,11 +62,12 @@ function asked(now) {
   say(`New question: ${which}. ${question.inWords(now.question)}`);
 }
 
-function progress({ answered, comparisons }) {
+function progress({ answered, comparisons }, simulated) {
   const next = Math.min(answered + 1, comparisons);
   $("progress-text").textContent = state.now.phase === "over"
     ? `${answered} of ${comparisons} compared`
     : state.now.question?.further ? `follow-up comparison, after ${answered} of ${comparisons}` : `comparison ${next} of ${comparisons}`;
+  if (simulated) $("progress-text").append(` · ${simulated.line}`);
   const bar = $("progress");
   bar.setAttribute("aria-valuemax", Math.max(comparisons, 1));
   bar.setAttribute("aria-valuenow", answered);

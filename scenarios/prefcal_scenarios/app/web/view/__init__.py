@@ -8,6 +8,6 @@ from .now import now_view as now_view
 from .preview import preview_view as preview_view
 from .seen import Seen as Seen
 from .simulated import look_view as look_view
-from .simulated import simulated_view as simulated_view
+from .simulated import map_view as map_view
 from .simulated import why_view as why_view
 from .status import status_view as status_view

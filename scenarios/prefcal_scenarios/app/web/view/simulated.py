@@ -58,7 +58,7 @@ def why_view(interview: Interview, now: Now) -> str:
     )  # fmt: skip
 
 
-def simulated_view(interview: Interview) -> dict[str, Any] | None:
+def map_view(interview: Interview) -> dict[str, Any] | None:
     """Return the simulated θ for a picture; None until the agent knows them."""
     screened, now = interview.screened(current=False), interview.now()
     if screened is None:

@@ -12,7 +12,8 @@ from prefcal_agents.screening.reason import Reason
 from prefcal_env.preferences.history import History
 from prefcal_scenarios.app.screening import Screened
 from prefcal_scenarios.app.session import Choice
-from prefcal_scenarios.app.web.view import look_view, now_view, simulated_view, why_view
+from prefcal_scenarios.app.simulating import Basis
+from prefcal_scenarios.app.web.view import look_view, map_view, now_view, why_view
 from prefcal_scenarios.app.web.view.simulated import _axes, _chosen, _points
 from prefcal_scenarios.kpis import INTERRUPTED
 from support.interviews import begin, proceed
@@ -39,7 +40,7 @@ def test_nothing_of_it_appears_for_other_agents():
     interview = begin(toy)
     now = proceed(interview)
     assert told(interview) is None
-    assert simulated_view(interview) is None
+    assert map_view(interview) is None
     assert why_view(interview, now) == ""
 
 
@@ -51,7 +52,8 @@ def test_the_reason_names_the_side_of_the_new_one_and_blind_hides_it(says):
     assert told(interview, blind=True)["why"] == ""
 
 
-def test_without_a_reason_there_is_no_sentence_but_a_request_is_said():
+def test_without_a_reason_there_is_no_sentence_but_a_request_is_said(monkeypatch):
+    monkeypatch.setattr(Screening, "reason", property(lambda agent: None))
     interview = explained(screening())
     assert told(interview)["why"] == ""
     interview.ask_for(WANTED)
@@ -88,14 +90,18 @@ def test_a_follow_up_is_about_two_that_were_seen(says):
 
 def test_until_it_is_known_nothing_is_said(says):
     interview = screening()
-    proceed(interview)
+    interview._flow.resume()
     assert told(interview) == {"why": "", "offer": ""}
-    assert simulated_view(interview) is None
+    assert map_view(interview) is None
+    proceed(interview)
+    interview.ask_for(WANTED)
+    proceed(interview)
+    assert told(interview)["why"].endswith(" is shown because you asked for it.")
 
 
 def test_the_picture_has_every_simulated_theta_in_values_that_people_see(says):
     interview = explained(screening())
-    view = simulated_view(interview)
+    view = map_view(interview)
     json.dumps(view, allow_nan=False)
     titles = [axis["title"] for axis in view["axes"]]
     assert titles == [
@@ -118,7 +124,7 @@ def test_the_picture_has_every_simulated_theta_in_values_that_people_see(says):
 def test_shown_ones_have_their_numbers_and_the_sides_their_rows(says):
     interview = explained(screening())
     interview.answer(interview.now().question.id, Choice.LEFT)
-    now, view = explained(interview).now(), simulated_view(interview)
+    now, view = explained(interview).now(), map_view(interview)
     numbers = [point["number"] for point in view["points"] if point["number"] is not None]
     assert sorted(numbers) == [1, 2, 3]
     assert view["points"][view["best"]]["number"] == now.incumbent + 1
@@ -132,7 +138,8 @@ def screened(kpis, names, reason=None):
     """A bank of these KPIs."""
     kpis = np.array(kpis, dtype=float)
     thetas = np.tile([0.5, 20.0, 1.0], (len(kpis), 1))
-    return Screened(toy.space, Bank(thetas, thetas, tuple(names), kpis), reason, 0.5, History())
+    bank = Bank(thetas, thetas, tuple(names), kpis)
+    return Screened(toy.space, Basis(History(), None, bank, reason, 0.5))
 
 
 @pytest.mark.parametrize(
@@ -225,7 +232,7 @@ def test_the_picture_is_made_once_per_version(monkeypatch):
     made = []
     from prefcal_scenarios.app.web import views
 
-    monkeypatch.setattr(views, "simulated_view", lambda interview: made.append(1) or {"n": 1})
+    monkeypatch.setattr(views, "map_view", lambda interview: made.append(1) or {"n": 1})
     for _ in range(3):
         assert room.page().get("/api/simulated").json() == {"n": 1}
     assert len(made) == 1
