@@ -1,7 +1,7 @@
 // Draw the page: each phase and view has its own module, called when the state changes.
 
 import { intro, waitFor } from "./brief.js";
-import { $, say } from "./dom.js";
+import { $, el, say } from "./dom.js";
 import { showFailed } from "./failed.js";
 import { act, answer, finish, open, skip, start, state, toggleBlind, undo } from "./flow.js";
 import { showHistory } from "./history.js";
@@ -67,7 +67,7 @@ function progress({ answered, comparisons }, simulated) {
   $("progress-text").textContent = state.now.phase === "over"
     ? `${answered} of ${comparisons} compared`
     : state.now.question?.further ? `follow-up comparison, after ${answered} of ${comparisons}` : `comparison ${next} of ${comparisons}`;
-  if (simulated) $("progress-text").append(` · ${simulated.line}`);
+  if (simulated) $("progress-text").append(el("span", { class: "hidden" }, " · "), el("span", { class: "unseen" }, simulated.line));
   const bar = $("progress");
   bar.setAttribute("aria-valuemax", Math.max(comparisons, 1));
   bar.setAttribute("aria-valuenow", answered);
