@@ -141,7 +141,7 @@ function actions(point) {
   const full = !over && data.left_to_ask === 0;
   const why = row === data.best ? "It is the best so far." : tried ? "It was compared already."
     : pending ? "It is in the open question." : full ? "All experiments are compared: answer the last questions first."
-      : over ? "This continues the study with one more experiment." : "It replaces the new experiment of the open question, which stays free to be asked for.";
+      : over ? `This continues the study${data.left_to_ask ? "" : " with one more experiment"}.` : "It replaces the new experiment of the open question, which stays free to be asked for.";
   return [el("p", { class: "actions" },
     el("button", { type: "button", id: "look-at", disabled: row === data.best || point.end === "failed", on: { click: lookAt } }, "Look at it"),
     el("button", { type: "button", id: "ask-for", class: "primary", disabled: tried || pending || full, on: { click: askFor } }, "Ask for it")),
