@@ -155,10 +155,11 @@ def _prepared(flow: Flow, twin: Agent) -> Prepared:
 
 
 def _basis(twin: Screening) -> Basis | None:
-    """Return what the query of `twin` was chosen from; None if an error hides it.
+    """Return what the query of `twin` was chosen from; None if it has no reason due to an error.
 
-    A question can be answered without its reason.
+    A question can be answered without its reason; an error of the simulations is raised.
     """
+    _ = twin.bank
     try:
         return Basis.of(twin)
     except Abandoned:
