@@ -9,7 +9,7 @@ import pytest
 
 from prefcal_agents.screening.agent import Screening
 from prefcal_env.calibrators import LatentCost
-from prefcal_env.errors import StaleError
+from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.study import StudyFile
 from prefcal_scenarios.app.session import Background, Choice, Interview, Phase, unattended
@@ -271,11 +271,15 @@ def test_it_runs_unattended():
     assert now.simulated.shown == 5
 
 
-def test_an_error_of_the_simulations_is_a_problem_that_can_be_tried_again():
+def test_an_error_of_the_simulations_is_a_problem_that_can_be_tried_again(monkeypatch):
+    def fail(thetas):
+        raise ScenarioError("no process can load the scenario")
+
     interview = started()
-    original, interview._flow.simulator.many = interview._flow.simulator.many, None
-    interview.work()
+    with monkeypatch.context() as broken:
+        broken.setattr(interview._flow.simulator, "_here", fail)
+        interview.work()
     assert interview.now().phase is Phase.FAILED
-    interview._flow.simulator.many = original
+    assert "no process can load" in interview.now().problem
     interview.retry()
-    assert interview.now().phase is Phase.RUNNING
+    assert proceed(interview).phase is Phase.QUESTION
