@@ -144,8 +144,18 @@ def _rest(flow: Flow) -> None:
 
 
 def _prepared(flow: Flow, twin: Agent) -> Prepared:
-    """Let `twin` choose its next query; return it with what the query was chosen from."""
+    """Let `twin` choose its next query; return it with what the query was chosen from.
+
+    Without a reason, for example after an error in it, the question can be asked all the same.
+    """
     if twin.done:
         return Prepared(twin)
     twin.ask()
-    return Prepared(twin, None if flow.simulator is None else Basis.of(cast(Screening, twin)))
+    if flow.simulator is None:
+        return Prepared(twin)
+    try:
+        return Prepared(twin, Basis.of(cast(Screening, twin)))
+    except Abandoned:
+        raise
+    except Exception:
+        return Prepared(twin)

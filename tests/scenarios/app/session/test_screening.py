@@ -283,3 +283,15 @@ def test_an_error_of_the_simulations_is_a_problem_that_can_be_tried_again(monkey
     assert "no process can load" in interview.now().problem
     interview.retry()
     assert proceed(interview).phase is Phase.QUESTION
+
+
+def test_a_question_whose_reason_cannot_be_found_is_asked_without_one(monkeypatch):
+    def broken(agent):
+        raise ValueError("singular")
+
+    monkeypatch.setattr(Screening, "chance_of_better", property(broken))
+    interview = started(ahead=True)
+    assert proceed(interview).phase is Phase.QUESTION
+    now = worked(interview)  # which comes to an end
+    assert interview.basis is None
+    assert interview.answer(now.question.id, Choice.LEFT).phase is Phase.QUESTION
