@@ -144,18 +144,21 @@ def _rest(flow: Flow) -> None:
 
 
 def _prepared(flow: Flow, twin: Agent) -> Prepared:
-    """Let `twin` choose its next query; return it with what the query was chosen from.
-
-    Without a reason, for example after an error in it, the question can be asked all the same.
-    """
+    """Let `twin` choose its next query; return it with what the query was chosen from."""
     if twin.done:
         return Prepared(twin)
     twin.ask()
-    if flow.simulator is None:
-        return Prepared(twin)
+    return Prepared(twin, None if flow.simulator is None else _basis(cast(Screening, twin)))
+
+
+def _basis(twin: Screening) -> Basis | None:
+    """Return what the query of `twin` was chosen from; None if an error hides it.
+
+    A question can be answered without its reason.
+    """
     try:
-        return Prepared(twin, Basis.of(cast(Screening, twin)))
+        return Basis.of(twin)
     except Abandoned:
         raise
     except Exception:
-        return Prepared(twin)
+        return None
