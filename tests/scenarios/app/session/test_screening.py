@@ -156,6 +156,19 @@ def test_an_answer_is_not_retracted_while_the_next_experiment_is_chosen():
         interview.retract(1)
 
 
+def test_an_answer_of_a_finished_study_is_retracted_after_a_restart(tmp_path):
+    path = tmp_path / "mine.prefcal"
+    interview = started(path, n_max=3)
+    answer_all(interview, lambda number: None)
+    interview.study.close()
+    again = reopened(unseen, path)
+    assert again.now().phase is Phase.OVER
+    again.retract(1)
+    assert again.consistency.cycles == ()
+    assert again.now().state.history.comparisons[1].retracted
+    assert again._flow.simulator.count == 0
+
+
 def test_more_experiments_can_be_added_at_the_end():
     interview = started(n_max=3)
     answer_all(interview, lambda number: None)
