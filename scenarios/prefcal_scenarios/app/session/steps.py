@@ -101,7 +101,7 @@ def retract(flow: Flow, answer: int) -> None:
     """Forget what an answer taught; all samples stay, including the open one."""
     if closed(flow, answer).retracted:
         raise StaleError(f"answer {answer} is retracted already")
-    if flow.must_think:
+    if flow.phase is Phase.RUNNING and flow.must_think:
         raise StaleError("the next experiment is being chosen: retract the answer once it is shown")
     if flow.phase is Phase.RUNNING and flow.pending is None:
         # Propose the open sample first: it must not depend on this retraction.

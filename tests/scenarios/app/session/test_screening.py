@@ -9,7 +9,7 @@ import pytest
 
 from prefcal_agents.screening.agent import Screening
 from prefcal_env.calibrators import LatentCost
-from prefcal_env.errors import StaleError
+from prefcal_env.errors import ScenarioError, StaleError
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.study import StudyFile
 from prefcal_scenarios.app.session import Background, Choice, Interview, Phase, unattended
@@ -156,6 +156,18 @@ def test_an_answer_is_not_retracted_while_the_next_experiment_is_chosen():
         interview.retract(1)
 
 
+def test_an_answer_of_a_finished_study_is_retracted_after_a_restart(tmp_path):
+    path = tmp_path / "mine.prefcal"
+    interview = started(path, n_max=3)
+    answer_all(interview, lambda number: None)
+    interview.study.close()
+    again = reopened(unseen, path)
+    assert again.now().phase is Phase.OVER
+    again.retract(1)
+    assert again.now().state.history.comparisons[1].retracted
+    assert again._flow.simulator.count == 0
+
+
 def test_more_experiments_can_be_added_at_the_end():
     interview = started(n_max=3)
     answer_all(interview, lambda number: None)
@@ -271,11 +283,27 @@ def test_it_runs_unattended():
     assert now.simulated.shown == 5
 
 
-def test_an_error_of_the_simulations_is_a_problem_that_can_be_tried_again():
+def test_an_error_of_the_simulations_is_a_problem_that_can_be_tried_again(monkeypatch):
+    def fail(thetas):
+        raise ScenarioError("no process can load the scenario")
+
     interview = started()
-    original, interview._flow.simulator.many = interview._flow.simulator.many, None
-    interview.work()
+    with monkeypatch.context() as broken:
+        broken.setattr(interview._flow.simulator, "_here", fail)
+        interview.work()
     assert interview.now().phase is Phase.FAILED
-    interview._flow.simulator.many = original
+    assert "no process can load" in interview.now().problem
     interview.retry()
-    assert interview.now().phase is Phase.RUNNING
+    assert proceed(interview).phase is Phase.QUESTION
+
+
+def test_a_question_whose_reason_cannot_be_found_is_asked_without_one(monkeypatch):
+    def broken(agent):
+        raise ValueError("singular")
+
+    monkeypatch.setattr(Screening, "chance_of_better", property(broken))
+    interview = started(ahead=True)
+    assert proceed(interview).phase is Phase.QUESTION
+    now = worked(interview)  # which comes to an end
+    assert interview.basis is None
+    assert interview.answer(now.question.id, Choice.LEFT).phase is Phase.QUESTION
