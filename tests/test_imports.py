@@ -43,8 +43,10 @@ LAYERS = {
     "prefcal_scenarios": (
         {"own", "processes"},
         {"scenario"},
-        {"kpis", "app.isolated", "app.presentation", "app.summary"},
-        {"app.report", "app.session", "many", "tastes"},
+        {"kpis", "app.isolated", "app.presentation", "app.summary", "many"},
+        {"app.simulating"},
+        {"app.screening"},
+        {"app.report", "app.session", "tastes"},
         {"app.web", "cases"},
         {"bench", "app.terminal"},
         {"app.reproduce"},

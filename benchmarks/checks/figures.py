@@ -81,12 +81,13 @@ def prefcal(*words: str) -> str:
 
 
 def study(scenario: str, folder: Path) -> Mapping[str, Any]:
-    """Calibrate `scenario` unattended with the default seed, as in the README; return the result.
+    """Calibrate `scenario` unattended with glisp and the default seed; return the result.
 
     The result is that of `--json`, with "initial" experiments, the "number" of the best one, and
     every θ by experiment, with its cost. The report is in `folder`.
     """
-    words = ["calibrate", scenario, "--calibrator", "synthetic", "--json", "--out", str(folder)]
+    words = ["calibrate", scenario, "--agent", "glisp", "--calibrator", "synthetic", "--json"]
+    words += ["--out", str(folder)]
     result = json.loads(prefcal(*words, "--study", str(folder / "study.prefcal")))
     tried: dict[int, tuple[list[float], float]] = {}
     names = load(scenario).space.names
@@ -151,8 +152,9 @@ def window(folder: Path) -> tuple[Pictures, Story]:
     from support.browser import Watched, chromium, serve
 
     path = folder / "answers.prefcal"
-    prefcal("calibrate", "cstr", "--calibrator", "synthetic", "--n-max", str(ANSWERED + 2),
-            "--n-init", "6", "--study", str(path), "--out", str(folder / "answers"))  # fmt: skip
+    prefcal("calibrate", "cstr", "--agent", "glisp", "--calibrator", "synthetic",
+            "--n-max", str(ANSWERED + 2), "--n-init", "6", "--study", str(path),
+            "--out", str(folder / "answers"))  # fmt: skip
     shown = json.loads(prefcal("studies", "show", str(path), "--json"))
     with chromium() as browser:
         served, watched = serve(folder, "cstr"), Watched(browser)

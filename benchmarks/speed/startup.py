@@ -61,7 +61,9 @@ def unattended(scenario: str, folder: Path) -> float:
     calibrator = CALIBRATORS.get(scenario, "hidden")
     with tempfile.TemporaryDirectory(dir=folder) as out:
         kept = ("--study", f"{out}/one.prefcal", "--out", f"{out}/report")
-        words = calibrate(scenario, "--calibrator", calibrator, "--n-max", "3", *kept)
+        words = calibrate(
+            scenario, "--agent", "glisp", "--calibrator", calibrator, "--n-max", "3", *kept
+        )
         return seconds(words, folder)
 
 

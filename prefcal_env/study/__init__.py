@@ -22,6 +22,7 @@ from .events import Noted as Noted
 from .events import Recorded as Recorded
 from .events import Reopened as Reopened
 from .events import Replaced as Replaced
+from .events import Requested as Requested
 from .events import Respaced as Respaced
 from .events import Retracted as Retracted
 from .events import Shown as Shown

@@ -62,6 +62,18 @@ class Dialed(Event, frozen=True):
     theta: tuple[float, ...]
 
 
+class Requested(Event, frozen=True):
+    """Try a θ that the person asks for as sample `index`, the next one to be answered.
+
+    It replaces the proposed sample, if there is one that is not answered yet: the θ of that is free
+    again, and an open question is withdrawn. `z` in the unit cube, `theta` physical, each (n,).
+    """
+
+    index: Int64
+    z: tuple[float, ...]
+    theta: tuple[float, ...]
+
+
 class Replaced(Event, frozen=True):
     """Replace the wrong record of sample `index`; a Finished with the right one follows.
 

@@ -27,6 +27,7 @@ from .events import (
     Noted,
     Reopened,
     Replaced,
+    Requested,
     Respaced,
     Retracted,
     Shown,
@@ -46,6 +47,7 @@ class State:
         n_max: Total number of planned experiments.
         history: Samples as they ran, and answers.
         proposed: Proposed θ by index, for samples that ran with another θ.
+        requested: Indices of the samples that the person asked for.
         finished: Number of the event that has the experiment, by index.
         failures: Error of a run without an experiment, by index.
         marks: Marks of the experiment, by index.
@@ -59,6 +61,7 @@ class State:
     n_max: int
     history: History = field(default_factory=History)
     proposed: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
+    requested: frozenset[int] = frozenset()
     finished: Mapping[int, int] = field(default_factory=dict)
     failures: Mapping[int, str] = field(default_factory=dict)
     marks: Mapping[int, frozenset[str]] = field(default_factory=dict)
@@ -141,6 +144,30 @@ def _dialed(state: State, seq: int, _at: str, event: Dialed) -> State:
     return replace(state, history=history, proposed=proposed)
 
 
+def _requested(state: State, seq: int, _at: str, event: Requested) -> State:
+    due, known = state.history.answered, state.history.samples[:1]
+    _require(event.index == due, seq, f"sample {due} is due, not {event.index}")
+    _require(state.ended is None and due < state.n_max, seq, "nothing is left to be tried")
+    size = len(known[0].z) if known else len(event.z)
+    _require(len(event.z) == len(event.theta) == size > 0, seq, "z and theta differ in length")
+    # All that is known about the sample in its place is about another θ.
+    return replace(
+        state,
+        history=state.history.with_pending(Sample(event.z, event.theta)),
+        requested=state.requested | {due},
+        **_kept(state, due),
+        open=None,
+    )
+
+
+def _kept(state: State, count: int) -> dict[str, Any]:
+    """Return what is known about the first `count` samples alone."""
+    return {
+        name: {i: value for i, value in getattr(state, name).items() if i < count}
+        for name in ("finished", "failures", "marks", "proposed")
+    }
+
+
 def _replaced(state: State, seq: int, _at: str, event: Replaced) -> State:
     _require(event.index in state.finished, seq, f"there is no experiment of sample {event.index}")
     _require(state.ended is None, seq, "the study is over")
@@ -218,10 +245,8 @@ def _undone(state: State, seq: int, _at: str, _event: Undone) -> State:
     return replace(
         state,
         history=state.history.undone(),
-        finished={i: s for i, s in state.finished.items() if i < kept},
-        failures={i: e for i, e in state.failures.items() if i < kept},
-        marks={i: m for i, m in state.marks.items() if i < kept},
-        proposed={i: theta for i, theta in state.proposed.items() if i < kept},
+        requested=frozenset(i for i in state.requested if i < kept),
+        **_kept(state, kept),
         open=None,
         ended=None,
     )
@@ -286,6 +311,7 @@ def _respaced(state: State, seq: int, _at: str, event: Respaced) -> State:
         state,
         configuration=MappingProxyType(configuration),
         history=history,
+        requested=frozenset(i for i in state.requested if i < kept),
         failures={i: e for i, e in state.failures.items() if i < kept},
         marks={i: m for i, m in state.marks.items() if i < kept},
         proposed=proposed,
@@ -296,6 +322,7 @@ _RULES: Mapping[type[Event], Callable[[State, int, str, Any], State]] = {
     Created: _created,
     Suggested: _suggested,
     Dialed: _dialed,
+    Requested: _requested,
     Finished: _finished,
     Replaced: _replaced,
     Failed: _failed,

@@ -172,6 +172,7 @@ class Scenario:
             data, as read by `--config`.
         on_processor: Function that returns the scenario with computation times evaluated for a
             `Processor`; None if computation time is not a criterion.
+        simulated: Whether an experiment is a quick simulation, which may run unseen.
         pictures: Function that returns the scenario's own figures, shown above the report's
             standard ones. It is a function so that plotting is imported only for reports.
 
@@ -179,7 +180,7 @@ class Scenario:
         ScenarioError: If a part has the wrong type, a reference θ does not fit the space, two
             KPIs share a name, or `run` is known not to return a panel or KPI. If `run` declares
             no `channels`, they are checked after the first experiment (see
-            `prefcal_scenarios.own.checks`).
+            `prefcal_scenarios.own.checks`), or `simulated` is set for a rig.
     """
 
     name: str
@@ -198,6 +199,7 @@ class Scenario:
     configured: "Callable[[Mapping[str, Any]], Scenario] | None" = None
     brief: str = ""
     on_processor: "Callable[[Scenario, Processor], Scenario] | None" = None
+    simulated: bool = False
 
     def __post_init__(self) -> None:
         check_parts(self, KPI)

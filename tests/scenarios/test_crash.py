@@ -9,29 +9,43 @@ import signal
 import subprocess
 import sys
 import time
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from prefcal_agents import GLISp
+from prefcal_agents.screening.agent import Screening
 from prefcal_env.study import verify
 from prefcal_scenarios.app.session import Phase
-from support.interviews import begin, proceed, reopened
+from support.interviews import answer_all, begin, proceed, reopened
+from support.unseen import unseen
 from toy_study import toy_scenario
 
 N_MAX = 14
 DRIVER = f"""
 import sys
 from pathlib import Path
-sys.path[:0] = {[str(Path(__file__).parents[1])]!r}
-from support.interviews import answer_all, begin, reopened
-from toy_study import toy_scenario
-path = Path(sys.argv[1])
-toy = toy_scenario()
-interview = reopened(toy, path) if path.exists() else begin(toy, n_max={N_MAX}, path=path)
+sys.path[:0] = {[str(Path(__file__).parent), str(Path(__file__).parents[1])]!r}
+from test_crash import KINDS, begun
+from support.interviews import answer_all, reopened
+path, kind = Path(sys.argv[1]), sys.argv[2]
+interview = reopened(KINDS[kind][0](), path) if path.exists() else begun(kind, path)
 print("ready", flush=True)
 answer_all(interview, lambda number: print(number, flush=True))
 """
+KINDS = {
+    "glisp": (toy_scenario, GLISp),
+    "screening": (lambda: unseen, partial(Screening, n_simulated=60)),
+}
+"""Scenario and agent of a study; the second simulates θ that nobody looks at."""
+
+
+def begun(kind, path=None):
+    """Begin a study of this kind."""
+    scenario, agent = KINDS[kind]
+    return begin(scenario(), n_max=N_MAX, path=path, agent=agent)
 
 
 def next_query(now):
@@ -40,12 +54,10 @@ def next_query(now):
     return now.state.history.answered, pending, now.incumbent
 
 
-@pytest.fixture(scope="module")
-def undisturbed():
+@cache
+def undisturbed(kind):
     """The queries of a study that nobody kills, by the number of answers before."""
-    from support.interviews import answer_all
-
-    interview = begin(toy_scenario(), n_max=N_MAX)
+    interview = begun(kind)
     queries = {}
     proceed(interview)
     queries[1] = next_query(interview.now())
@@ -53,14 +65,14 @@ def undisturbed():
     return queries
 
 
-def kill_one(path, dice):
+def kill_one(path, kind, dice):
     """Drive the study on and kill it at some instant: the acknowledged numbers.
 
     Mostly while it answers, which takes a quarter of a second; else while it starts or begins.
     """
     starting = dice.random() < 0.25
     process = subprocess.Popen(
-        [sys.executable, "-c", DRIVER, str(path)],
+        [sys.executable, "-c", DRIVER, str(path), kind],
         stdout=subprocess.PIPE, text=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
     )  # fmt: skip
@@ -74,17 +86,18 @@ def kill_one(path, dice):
     return [int(line) for line in lines if line.strip().isdigit()]
 
 
-def survive(folder, undisturbed, kills, seed):
+def survive(folder, kind, kills, seed):
+    queries = undisturbed(kind)
     dice, study, counts, told = random.Random(seed), 0, [], 0
     path = folder / "study-0.prefcal"
     while len(counts) < kills:
-        acknowledged = kill_one(path, dice)
+        acknowledged = kill_one(path, kind, dice)
         if not path.exists():  # it had not begun yet
             assert acknowledged == []
             counts.append(0)
             continue
         assert verify(path) == ()
-        interview = reopened(toy_scenario(), path)
+        interview = reopened(KINDS[kind][0](), path)
         now = proceed(interview)
         done = now.state.history.answered
         counts.append(done)
@@ -92,7 +105,7 @@ def survive(folder, undisturbed, kills, seed):
         told += len(acknowledged)
         recorded = done + len(now.state.history.follow_ups)
         assert recorded > told, "an acknowledged answer is gone"
-        assert next_query(now) == undisturbed[done]
+        assert next_query(now) == queries[done]
         interview.study.close()
         if now.phase is Phase.OVER:
             study, told = study + 1, 0
@@ -100,12 +113,14 @@ def survive(folder, undisturbed, kills, seed):
     return counts
 
 
-def test_a_killed_study_loses_nothing_and_asks_the_same(tmp_path, undisturbed):
-    counts = survive(tmp_path, undisturbed, kills=6, seed=1)
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_killed_study_loses_nothing_and_asks_the_same(tmp_path, kind):
+    counts = survive(tmp_path, kind, kills=6, seed=1)
     assert len(set(counts)) > 1  # it was killed at several places
 
 
 @pytest.mark.campaign
-def test_two_hundred_kills(tmp_path, undisturbed):
-    counts = survive(tmp_path, undisturbed, kills=200, seed=2)
+@pytest.mark.parametrize("kind", KINDS)
+def test_two_hundred_kills(tmp_path, kind):
+    counts = survive(tmp_path, kind, kills=200, seed=2)
     print(f"200 kills, after {np.bincount(counts).tolist()} answers")

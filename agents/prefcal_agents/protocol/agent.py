@@ -190,6 +190,25 @@ class Agent(Stored):
             changed = self.history.retracted(index, follow_up=further)
         self.history = changed
 
+    def replace_pending(self, theta: Float[np.ndarray, " n"]) -> None:
+        """Try physical `theta`, shape (n,), next instead of the proposed θ, which is free again.
+
+        The next query compares it with the best sample; follow-up questions wait until then.
+
+        Raises:
+            ProtocolError: If all experiments are answered, or `theta` was tried before.
+            KnobError: If the space does not hold it, or a constraint forbids it.
+        """
+        theta, answered = self.space.check_allowed(theta), self.history.answered
+        if self._all_answered:
+            raise ProtocolError(f"nothing can be tried: all {self.n_max} experiments are answered")
+        same = np.flatnonzero(self.space.close(theta, self.samples))
+        if len(same):
+            raise ProtocolError(f"experiment {same[0] + 1} of {answered} was run with this θ")
+        z = self.space.encode(theta)
+        sample = Sample(tuple(map(float, z)), tuple(map(float, theta)))
+        self.history = self.history.with_pending(sample)
+
     def settle(self) -> None:
         """Store the sample of the open query, unless it is stored or none is needed now."""
         if not self.done and self._known_pair() is None:

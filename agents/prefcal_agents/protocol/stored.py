@@ -85,6 +85,11 @@ class Stored(Protocol):
         self.settle()
         return self._snapshot()
 
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """Return the settings as plain data, without what was learned; it proposes nothing."""
+        return self._snapshot().configuration()
+
     def _snapshot(self) -> AgentState:
         return AgentState(
             agent=type(self).__name__,

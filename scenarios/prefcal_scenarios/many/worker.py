@@ -34,14 +34,17 @@ class Worker:
     Args:
         timeout: Time limit of an experiment in seconds; infinite for no limit.
         bell: Event that is set when there is something to `hear`.
+        gentle: Whether it leaves the processor to whatever a person waits for.
     """
 
-    def __init__(self, timeout: float, bell: threading.Event) -> None:
+    def __init__(self, timeout: float, bell: threading.Event, *, gentle: bool = False) -> None:
         # With a time limit each result is sent at once: so the first of `given` is the late one.
         period = _PERIOD if timeout == np.inf else 0.0
-        self.life = Life(_INSIDE, period, threads=1, bell=bell)
+        self.life = Life(_INSIDE, period, threads=1, bell=bell, gentle=gentle)
         self.given: deque[int] = deque()
-        self._timeout, self._room = timeout, 1
+        self.timeout, self._room = timeout, 1
+        self.pace = 0.0
+        """Seconds that one experiment took in its latest message."""
         self._since = time.monotonic()
 
     @property
@@ -79,16 +82,17 @@ class Worker:
             self.life.loaded = True
             return []
         results, seconds = pickle.loads(content)
-        if self._timeout == np.inf:
+        self.pace = seconds / max(len(results), 1)
+        if self.timeout == np.inf:
             self._room = max(int(_AHEAD * len(results) / max(seconds, 1e-6)), 1)
         return [(self.given.popleft(), _opened(result)) for result in results]
 
     @property
     def left(self) -> float:
-        """Seconds until the current experiment is too late."""
-        if not self.given:
+        """Seconds until the current experiment, or loading the scenario, is too late."""
+        if not self.given and self.life.loaded:
             return np.inf
-        limit = self._timeout if self.life.loaded else max(self._timeout, _LOADING)
+        limit = self.timeout if self.life.loaded else max(self.timeout, _LOADING)
         return self._since + limit - time.monotonic()
 
 

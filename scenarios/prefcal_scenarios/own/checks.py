@@ -11,6 +11,7 @@ from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.rig import Rig
 
 Scenario = Any
 """`prefcal_scenarios.scenario.Scenario`, which calls these checks while it is being made."""
@@ -34,6 +35,7 @@ def check_parts(scenario: Scenario, kpi: type) -> None:
     if not callable(scenario.run):
         raise ScenarioError(f"{where}: run must be a function of θ, got {scenario.run!r}")
     _check_types(scenario, kpi, where)
+    _check_simulated(scenario, where)
     names = [kpi.name for kpi in scenario.kpis]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -70,6 +72,15 @@ def _check_types(scenario: Scenario, kpi: type, where: str) -> None:
             raise ScenarioError(
                 f"{where}: calibrator {name!r} must be made by a function of the seed, got {make!r}"
             )
+
+
+def _check_simulated(scenario: Scenario, where: str) -> None:
+    if not isinstance(scenario.simulated, bool):
+        raise ScenarioError(f"{where}: simulated must be True or False, got {scenario.simulated!r}")
+    if scenario.simulated and isinstance(scenario.run, Rig):
+        raise ScenarioError(
+            f"{where}: simulated must be False for a rig, whose experiments a person runs"
+        )
 
 
 def _check_against_run(scenario: Scenario, where: str) -> None:

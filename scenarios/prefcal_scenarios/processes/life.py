@@ -18,8 +18,11 @@ _LAST_WORDS = 0.2
 """Seconds for reading the last messages of an ended process."""
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables from which libraries of linear algebra read their number of threads."""
+_POLITE = 10
+"""How much lower the priority of a gentle process is (its niceness)."""
 _BOOT = (
-    "import importlib, json, sys; module, path, args = json.loads(sys.argv[1]); "
+    "import importlib, json, os, sys; module, path, args, nice = json.loads(sys.argv[1]); "
+    "nice and hasattr(os, 'nice') and os.nice(nice); "
     "sys.path[:] = path; importlib.import_module(module).main(*args)"
 )
 
@@ -33,6 +36,7 @@ class Life:
         args: Arguments of `main`, plain data.
         threads: Number of threads of linear algebra; None for as many as in this process.
         bell: Event that is set when there is something to `hear`.
+        gentle: Whether it leaves the processor to whatever a person waits for.
     """
 
     def __init__(
@@ -41,11 +45,13 @@ class Life:
         *args: str | float,
         threads: int | None = None,
         bell: threading.Event | None = None,
+        gentle: bool = False,
     ) -> None:
         limited = {} if threads is None else dict.fromkeys(_THREADS, str(threads))
+        nice = _POLITE if gentle else 0
         # In its own process group, it gets no Ctrl-C from the terminal and ends with its children.
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _BOOT, json.dumps([module, sys.path, args])],
+            [sys.executable, "-c", _BOOT, json.dumps([module, sys.path, args, nice])],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=os.name == "posix",
             env=os.environ | limited,
         )  # fmt: skip

@@ -20,6 +20,7 @@ from prefcal_env.study import (
     Marked,
     Noted,
     Reopened,
+    Requested,
     Retracted,
     Shown,
     StudyFile,
@@ -32,6 +33,7 @@ from support.studies import CONFIGURATION, experiment, small_study
 
 CANDIDATES = (
     "answer", "undo", "retract", "mark", "note", "end", "reopen", "extend", "repeat", "adjust",
+    "request",
 )  # fmt: skip
 
 
@@ -56,6 +58,7 @@ def possible(state, dice):
         "undo": Undone(), "retract": Retracted(index), "note": Noted("so"), "end": Ended("stopped"),
         "mark": Marked(index, dice.choice(("unsafe", "good enough")), dice.random() < 0.7),
         "adjust": Adjusted({"questions": dice.randrange(4)}), "reopen": Reopened(),
+        "request": Requested(due, (dice.random(),), (dice.random(),)),
         "extend": Extended(dice.randrange(5, 40)),
         "repeat": Shown(max(due - 1, 0), 0, True, dice.randrange(30)),
     }[kind]  # fmt: skip

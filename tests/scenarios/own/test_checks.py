@@ -6,7 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_env import Channel, ClosedLoop, End, Knob, KnobSpace, Move, Panel, PlantEnv, Rig, Task
+from prefcal_env import (
+    Channel,
+    Channels,
+    ClosedLoop,
+    End,
+    Knob,
+    KnobSpace,
+    Move,
+    Panel,
+    PlantEnv,
+    Rig,
+    Task,
+)
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plants import FunctionPlant
 from prefcal_scenarios.app.session import Phase
@@ -182,3 +194,17 @@ def test_experiments_from_before_a_panel_was_added_are_shown_without_it(tmp_path
     assert question["panels"][2]["title"] == "gap"
     assert question["left"]["curves"][2] == []
     assert question["left"]["stories"][2] == "gap: no values"
+
+
+def test_a_scenario_says_plainly_whether_it_may_run_unseen():
+    assert replace(TOY, simulated=True).simulated
+    assert not TOY.simulated
+    with pytest.raises(ScenarioError, match="simulated must be True or False, got 'yes'"):
+        replace(TOY, simulated="yes")
+
+
+def test_nothing_runs_unseen_on_a_rig():
+    rig = Rig(channels=Channels(x=(Channel("level", "m"),), u=(), y=(Channel("level", "m"),)),
+              y_ref=(1.0,))  # fmt: skip
+    with pytest.raises(ScenarioError, match="simulated must be False for a rig"):
+        replace(TOY, run=rig, panels=(), kpis=(), simulated=True)

@@ -11,7 +11,8 @@ EPILOG = """\
 [bold]Examples[/bold]
 
 [cyan]prefcal calibrate cstr[/cyan]
-  The paper's reactor: a page opens and asks 49 times which experiment is better.
+  The paper's reactor: 1,000 experiments are simulated unseen, and a page asks 11
+  times which of two is better.
 
 [cyan]prefcal calibrate cstr --study mine[/cyan]
   The same in a study called mine; the same command resumes it.
@@ -30,6 +31,9 @@ EPILOG = """\
 
 [cyan]prefcal calibrate cstr --from mine --study second[/cyan]
   For another person or a similar plant: try the best θ of the study mine early.
+
+[cyan]prefcal calibrate cstr --simulate 0[/cyan]
+  Run only what is shown: 50 experiments, with the agent glisp.
 
 [cyan]prefcal calibrate cstr --agent glisp-paper[/cyan]
   The algorithm as published, without the additions of this project.
@@ -59,8 +63,9 @@ def calibrate(**typed: Any) -> None:
     """Tune SCENARIO by comparing experiments, and write a report.
 
     prefcal proposes θ, runs the experiment, shows it next to the best so far on a
-    local page, and learns from your answer. A synthetic calibrator can answer
-    instead. Every answer is saved before the next question. Ctrl-C stops and
+    local page, and learns from your answer. If experiments are quick simulations,
+    it simulates many θ unseen (--simulate) and shows only a few. A synthetic
+    calibrator can answer instead. Every answer is saved before the next question. Ctrl-C stops and
     writes a report of the comparisons so far; the same --study resumes.
     """
     # Imported here to keep --help fast.

@@ -1,7 +1,8 @@
 """Run `prefcal calibrate`: open the study, collect the answers, and write the report."""
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -26,7 +27,16 @@ from prefcal_env.preferences.loop import Comparison
 from prefcal_scenarios.app.isolated import isolation
 from prefcal_scenarios.app.presentation.wording import earlier_text, theta_text
 from prefcal_scenarios.app.report.record import VERDICTS
-from prefcal_scenarios.app.session import Background, Interview, Now, Phase, unattended
+from prefcal_scenarios.app.session import (
+    Background,
+    Interview,
+    Now,
+    Phase,
+    Simulated,
+    unattended,
+)
+from prefcal_scenarios.app.session.memory import as_studied, is_simulating
+from prefcal_scenarios.app.simulating import Simulator
 from prefcal_scenarios.own.source import with_config_of
 from prefcal_scenarios.scenario import Scenario, load
 
@@ -91,11 +101,13 @@ def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Con
     claim, file = claim_folder(opened, scenario.name), opened.file
     options, name = opened.options, opened.name
     try:
-        interview = Interview(scenario, file, ahead=options.by_a_person)
-        work = CalibrateRun(Reporter(interview, opened, claim, messages), ctrl_c)
-        ctrl_c.on_press = work.stopping
-        work.introduce()
-        return _attended(work) if options.by_a_person else _unattended(work)
+        with _simulator(opened, scenario) as simulator:
+            ahead = options.by_a_person
+            interview = Interview(scenario, file, ahead=ahead, simulator=simulator)
+            work = CalibrateRun(Reporter(interview, opened, claim, messages), ctrl_c)
+            ctrl_c.on_press = work.stopping
+            work.introduce()
+            return _attended(work) if options.by_a_person else _unattended(work)
     except KeyboardInterrupt:
         has_report = name and file.state.history.answered
         later = f"; its report: prefcal report {name}" if has_report else ""
@@ -104,6 +116,19 @@ def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Con
         raise
     finally:
         claim.release()
+
+
+@contextmanager
+def _simulator(opened: Opened, scenario: Scenario) -> Iterator[Simulator | None]:
+    """Yield what the study's agent simulates with, for the knobs of the study; None if nothing."""
+    state = opened.file.state
+    if not is_simulating(state):
+        yield None
+        return
+    studied, options = as_studied(scenario, state), opened.options
+    limit = options.run_timeout
+    with Simulator(studied, seed=options.seed, longest=limit) as simulator:
+        yield simulator
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,7 +304,8 @@ def _answer_all(work: CalibrateRun) -> None:
     """Run and compare all experiments, showing a progress bar."""
     interview, scenario = work.interview, work.interview.scenario
     calibrator = make_calibrator(work.options, scenario)
-    with Display(scenario, interview.n_max, work.reporter.messages) as display:
+    messages = work.reporter.messages
+    with Display(scenario, interview.n_max, messages, lambda: interview.simulated) as display:
         for comparison in interview.comparisons():
             display.compared(comparison)
         display.best(interview.now())
@@ -291,10 +317,23 @@ def _answer_all(work: CalibrateRun) -> None:
 
 
 class Display:
-    """Progress bar with the current θ, the best θ and the verdicts so far."""
+    """Progress bar with the current θ, the best θ and the verdicts so far.
 
-    def __init__(self, scenario: Scenario, n_max: int, console: Console) -> None:
-        self._scenario, self._console = scenario, console
+    Args:
+        scenario: Scenario that is calibrated.
+        n_max: Number of experiments.
+        console: Console to show it on.
+        simulated: Function that returns how many θ were simulated unseen; None if none are.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        n_max: int,
+        console: Console,
+        simulated: Callable[[], Simulated | None] = lambda: None,
+    ) -> None:
+        self._scenario, self._console, self._simulated = scenario, console, simulated
         self._counts = dict.fromkeys(VERDICTS, 0)
         self._current = "none yet"
         self._best = "none yet"
@@ -342,7 +381,9 @@ class Display:
 
     def _lines(self) -> RenderableType:
         counts = " · ".join(f"{VERDICTS[v]} {n}" for v, n in self._counts.items())
-        rows = (("θ now", self._current, ""), ("best θ", self._best, "bold blue"),
-                ("verdicts", counts, ""))  # fmt: skip
+        rows = [("θ now", self._current, ""), ("best θ", self._best, "bold blue"),
+                ("verdicts", counts, "")]  # fmt: skip
+        if (simulated := self._simulated()) is not None:
+            rows.append(("unseen", simulated.line, ""))
         texts = [Text.assemble((f"{name:<9} ", "dim"), (text, look)) for name, text, look in rows]
         return Group(self._bar, *texts)

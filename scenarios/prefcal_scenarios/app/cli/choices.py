@@ -16,7 +16,7 @@ from prefcal_env.rig import Rig
 from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
-from .options import SCORE, Options
+from .options import SCORE, SIMULATING, Options
 from .parameters import kept_by
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Age
             f"--agent must be one of {', '.join(WORDS)}, got {options.agent!r}.{hint}".rstrip(".")
         )
     check_agent_takes(options)
+    _check_simulates(options, scenario)
     if WORDS[options.agent].by_value:
         _check_score(options, scenario)
     import prefcal_agents
@@ -64,6 +65,32 @@ def check_agent_takes(options: Options) -> None:
             continue
         usual = f"only the agent {' or '.join(kept.agents)} takes {parameter.flag}, not {{agent!r}}"
         raise SettingsError((kept.refusal or usual).format(agent=options.agent))
+
+
+def _check_simulates(options: Options, scenario: Scenario) -> None:
+    """Raise SettingsError if the options do not fit what may run unseen."""
+    if options.agent not in SIMULATING:
+        return
+    if isinstance(scenario.run, Rig):
+        raise SettingsError(
+            f"scenario {scenario.name!r} is a rig, and nothing runs on it unseen: leave --simulate "
+            f"and --agent {options.agent} out"
+        )
+    if not scenario.simulated:
+        raise SettingsError(
+            f"scenario {scenario.name!r} does not say that its experiments are quick simulations, "
+            f"so none runs unseen: leave --simulate and --agent {options.agent} out, or state "
+            "Scenario(..., simulated=True)"
+        )
+    if options.simulate < 1:
+        raise SettingsError(
+            f"--agent {options.agent} needs simulations: leave --simulate 0 out, or choose "
+            "--agent glisp"
+        )
+    if options.n_init > 1:
+        raise SettingsError(
+            f"--agent {options.agent} has no initial experiments: leave --n-init out"
+        )
 
 
 def _fed(options: Options) -> dict[str, Any]:

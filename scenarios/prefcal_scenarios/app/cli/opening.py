@@ -82,7 +82,7 @@ def open_study(given: Mapping[str, Any], scenario: Scenario, name: str | None) -
         StudyError: If the study cannot be opened or written, or belongs to another scenario.
         SettingsError: If an option contradicts those that the study was started with.
     """
-    options = Options.of(given, len(scenario.space))
+    options = Options.of(given, len(scenario.space), simulated=scenario.simulated)
     if name is None and not options.by_a_person:
         return Opened(_create(IN_MEMORY, options, scenario), options, None, False)
     name = _free(scenario.name) if name is None else name

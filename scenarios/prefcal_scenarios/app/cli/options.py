@@ -21,6 +21,9 @@ SCORE = "score"
 BY_VALUE = tuple(word for word, row in WORDS.items() if row.by_value)
 """The agents that are told scores."""
 
+SIMULATING = tuple(word for word, row in WORDS.items() if row.simulates)
+"""The agents that simulate experiments which nobody looks at."""
+
 
 def _who_proposes() -> str:
     """Return the help of --agent: the words of the registry, with their remarks."""
@@ -59,10 +62,28 @@ class Options:
         Option(
             metavar="NAME",
             help=_who_proposes(),
-            show_default="glisp",
+            show_default="screening; glisp if the scenario is not a quick simulation",
         ),
         Kept(label="agent", always=True),
     ] = "glisp"
+    simulate: Annotated[
+        int,
+        Option(
+            metavar="N",
+            help="Number of experiments to simulate unseen. The agent screening learns from your "
+            "answers which of them you would like, and shows only a few. 0: run only what is "
+            "shown, with the agent glisp.",
+            show_default="1000; 0 if the scenario is not a quick simulation",
+        ),
+        Kept(
+            label="simulated unseen",
+            least=0,
+            agents=SIMULATING,
+            refusal="--agent {agent} simulates nothing unseen: leave --simulate out, or choose "
+            "--agent screening",
+            feeds="n_simulated",
+        ),
+    ] = 0
     study: Annotated[
         str | None,
         Option(
@@ -86,14 +107,16 @@ class Options:
         Option(
             metavar="N",
             help="Number of experiments before learning starts.",
-            show_default="10; glisp: 2 per knob; at most half of --n-max",
+            show_default="10; glisp: 2 per knob; screening: 1; at most half of --n-max",
         ),
         Kept(label="initial experiments", always=True, least=1),
     ] = 10
     n_max: Annotated[
         int,
         Option(
-            metavar="N", help="Number of experiments; you can add more later.", show_default="50"
+            metavar="N",
+            help="Number of experiments shown; you can add more later.",
+            show_default="50; screening: 12",
         ),
         Kept(label="experiments", always=True, anew=True, least=1),
     ] = 50
@@ -267,20 +290,16 @@ class Options:
             raise SettingsError(problem)
 
     @classmethod
-    def of(cls, given: Mapping[str, Any], knobs: int = 5) -> "Options":
-        """Return the given options, with defaults in place of None, for `knobs` knobs.
+    def of(cls, given: Mapping[str, Any], knobs: int = 5, *, simulated: bool = False) -> "Options":
+        """Return the given options, with defaults in place of None.
 
-        GLISp starts to learn after two experiments per knob, at most ten. For the reactor with
-        three knobs, the index after 15 experiments was 0.714 with six initial experiments and
-        0.732 with ten (docs/research/outcomes.md).
+        Args:
+            given: Values by name, None for options that were not typed.
+            knobs: Number of knobs of the scenario.
+            simulated: Whether an experiment of the scenario is a quick simulation.
         """
         said = {name: value for name, value in given.items() if value is not None}
-        n_max: int = said.get("n_max", parameters_of(Options)["n_max"].default)
-        if said.get("agent") in BY_VALUE:
-            said.setdefault("calibrator", SCORE)
-        most = 2 * knobs if said.get("agent", "glisp") == "glisp" else 10
-        said.setdefault("n_init", min(10, most, max(1, n_max // 2)))
-        return cls(**said)
+        return cls(**{**_defaults(said, knobs, simulated), **said})
 
     @classmethod
     def resumed(cls, stored: Mapping[str, Any], given: Mapping[str, Any]) -> "Options":
@@ -290,7 +309,7 @@ class Options:
             SettingsError: If another option is given with a new value.
         """
         # A study from before agents learned from KPIs continues without them.
-        kept: dict[str, Any] = {"outcomes": stored.get("agent") != "glisp"}
+        kept: dict[str, Any] = {"outcomes": stored.get("agent") != "glisp", "simulate": 0}
         kept |= {name: stored[name] for name in kept_by(cls) if name in stored}
         kept["start"] = tuple(kept.get("start", ()))  # a list in JSON
         _check_programs(kept, given)
@@ -326,6 +345,24 @@ class Options:
             if name != "scenario" and (kept.always or self.changed(name)):
                 words += parameter.words(getattr(self, name))
         return shlex.join(words)
+
+
+def _defaults(said: Mapping[str, Any], knobs: int, simulated: bool) -> dict[str, Any]:
+    """Return the defaults that depend on the scenario and on what was typed.
+
+    Where experiments are quick simulations, many are simulated unseen and a dozen are shown; where
+    they are not, all are shown. GLISp starts to learn after two experiments per knob, at most ten.
+    For the reactor with three knobs, the index after 15 experiments was 0.714 with six initial
+    experiments and 0.732 with ten (docs/research/outcomes.md).
+    """
+    unseen = said.get("simulate", 1 if simulated else 0) > 0
+    agent = said.get("agent", "screening" if unseen else "glisp")
+    if agent in SIMULATING:
+        return {"agent": agent, "simulate": 1000, "n_init": 1, "n_max": 12}
+    n_max = said.get("n_max", 50)
+    n_init = min(2 * knobs if agent == "glisp" else 10, 10, max(1, n_max // 2))
+    calibrator = SCORE if agent in BY_VALUE else HUMAN
+    return {"agent": agent, "n_init": n_init, "n_max": n_max, "calibrator": calibrator}
 
 
 def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:

@@ -22,6 +22,7 @@ from prefcal_scenarios.app.report.kpi_importance import KpiImportance
 from prefcal_scenarios.app.report.ownership import Claim
 from prefcal_scenarios.app.report.record import Record
 from prefcal_scenarios.app.session import Interview, Now
+from prefcal_scenarios.app.session.memory import is_simulating
 from prefcal_scenarios.app.session.view import GOOD_ENOUGH
 from prefcal_scenarios.scenario import KPI, Scenario, load
 
@@ -29,6 +30,9 @@ from .choices import follows_cost, on_target, target_settings
 from .cost_file import with_cost
 from .opening import Opened, by_now, claim_folder, worth_keeping
 from .options import Options
+
+_KNOWN = 2.0
+"""Longest wait, in seconds, for what a screening agent expects of its simulations in the end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +72,7 @@ class Reporter:
         """
         options, scenario = self.opened.options, self.interview.scenario
         wanted = self.reportable
+        self.interview.wait_for_screened(_KNOWN)
         shown = references(scenario, options.seed, self.messages) if rig_works and wanted else {}
         record = record_of(self.interview, options, shown)
         if wanted:
@@ -94,7 +99,8 @@ class Reporter:
         options = self.opened.options
         report = self.claim.folder / "report.html" if self.reportable else None
         if options.json:
-            print(as_json(record, options, report, self.opened.name), flush=True)
+            found = as_json(record, options, report, self.opened.name, self._simulated)
+            print(found, flush=True)
         elif report is None:
             self.say("Nothing to report: no experiment was compared.")
         else:
@@ -105,6 +111,14 @@ class Reporter:
             self.say(
                 f"This is a partial report: {len(record.trials)} of {record.n_max} experiments."
             )
+
+    @property
+    def _simulated(self) -> int | None:
+        """Return how many θ were simulated unseen; None if this is not known any more."""
+        if not is_simulating(self.interview.study.state):
+            return 0
+        found = self.interview.simulated
+        return None if found is None or not found.simulated else found.simulated
 
     def say(self, text: str) -> None:
         """Print one line for the user."""
@@ -210,7 +224,13 @@ def references(scenario: Scenario, seed: int, messages: Console) -> dict[str, Ex
     return experiments
 
 
-def as_json(record: Record, options: Options, report: Path | None, study: str | None) -> str:
+def as_json(
+    record: Record,
+    options: Options,
+    report: Path | None,
+    study: str | None,
+    simulated: int | None = 0,
+) -> str:
     """Return the result as strict, indented JSON, with null for missing numbers or no report."""
     best = record.best
     theta = None if best is None else record.scenario.space.named(best.experiment.theta)
@@ -220,6 +240,7 @@ def as_json(record: Record, options: Options, report: Path | None, study: str | 
         "kpis": None if best is None else dict(best.experiment.kpis),
         "experiments": len(record.trials),
         "questions": record.questions,
+        "simulated": simulated,
         "verdicts": record.verdict_counts(),
         "report": None if report is None else str(report),
         "scenario": options.scenario,

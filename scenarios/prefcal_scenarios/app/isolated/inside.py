@@ -74,13 +74,13 @@ def _attempted(scenario: Scenario, request: dict[str, Any]) -> Message:
     """Run θ and return its experiment, or the error that the code raised."""
     try:
         theta = np.array(request["theta"], dtype=float)
-        result = _run_of(scenario, request["space"])(theta, seed=request["seed"])
+        result = run_of(scenario, request["space"])(theta, seed=request["seed"])
         return Kind.EXPERIMENT, encode(returned(result))
     except (Exception, SystemExit) as error:
         return _error(error)
 
 
-def _run_of(scenario: Scenario, space: dict[str, Any] | None) -> Callable[..., Any]:
+def run_of(scenario: Scenario, space: dict[str, Any] | None) -> Callable[..., Any]:
     """Return the run of the scenario with the current ranges of the study."""
     if space is None:
         return scenario.run

@@ -44,7 +44,7 @@ class Worker:
     def __init__(
         self, source: str, limit: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self._source, self.limit, self._clock = source, limit, clock
+        self.source, self.limit, self._clock = source, limit, clock
         self._running = threading.Lock()  # held during a run
         self._lock = threading.Lock()  # of what follows; never held for long
         self._life: Life | None = None
@@ -59,7 +59,7 @@ class Worker:
         """Start the process if there is none, so that it loads the user's file meanwhile."""
         with self._lock:
             if self._life is None and not self._closed:
-                self._life = Life(_INSIDE, self._source, self.limit)
+                self._life = Life(_INSIDE, self.source, self.limit)
 
     def reserve(self, theta: Float[np.ndarray, " n"]) -> None:
         """Announce the next run: from now on `busy_with` says so, and `stop` stops it."""

@@ -4,6 +4,8 @@ The page, the terminal and unattended runs drive the same `Interview`. Whatever 
 already in the study file.
 """
 
+from prefcal_scenarios.app.simulating import Basis as Basis
+from prefcal_scenarios.app.simulating import Simulated as Simulated
 from prefcal_scenarios.app.summary.consistency import Consistency as Consistency
 from prefcal_scenarios.app.summary.counts import Counts as Counts
 from prefcal_scenarios.app.summary.outlook import Outlook as Outlook

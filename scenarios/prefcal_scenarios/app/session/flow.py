@@ -3,12 +3,14 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from jaxtyping import Float
 
-from prefcal_agents.protocol.agent import Agent
+from prefcal_agents.protocol.agent import Agent, rematch
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Query
+from prefcal_env.preferences.history import History, Sample
 from prefcal_env.preferences.run_facts import completed
 from prefcal_env.rig import Rig
 from prefcal_env.study import (
@@ -17,16 +19,18 @@ from prefcal_env.study import (
     Event,
     Failed,
     Finished,
+    Requested,
     Shown,
     State,
     StudyFile,
     Suggested,
 )
+from prefcal_scenarios.app.simulating import Basis, Simulator, past_of
 from prefcal_scenarios.own.own_line import in_words
 
 from .experiments import ExperimentStore
 from .order import challenger_left
-from .prefetch import Prefetch
+from .prefetch import Prefetch, Prepared
 from .view import Phase, Question, Side
 
 
@@ -37,6 +41,8 @@ class Flow:
     study: StudyFile
     store: ExperimentStore
     agent: Agent
+    simulator: Simulator | None = None
+    """What the agent simulates with; None if it simulates nothing."""
     prefetch: Prefetch = field(default_factory=Prefetch)
     phase: Phase = Phase.RUNNING
     question: Question | None = None
@@ -51,6 +57,12 @@ class Flow:
     """Sample whose run the person stopped before it began."""
     draft: str = ""
     """Comment of the answer that was undone last, until another answer is given."""
+    basis: Basis | None = None
+    """What the latest question was chosen from, by simulations."""
+    knows: tuple[Agent, History] | None = None
+    """The agent and the record for which it knows its next query."""
+    thinking: tuple[Agent, History] | None = None
+    """The agent and the record whose next query is being chosen in the background."""
 
     @property
     def state(self) -> State:
@@ -74,6 +86,29 @@ class Flow:
         """Return the sample that has no answer yet; None until it is proposed."""
         sample, index = self.state.history.pending, self.state.history.answered
         return None if sample is None else Suggested(index, sample.z, sample.theta)
+
+    @property
+    def must_think(self) -> bool:
+        """Return whether choosing the next query may take simulations, so no lock may be held."""
+        agent, history = self.agent, self.agent.history
+        if self.simulator is None or history.pending is not None or rematch(history) is not None:
+            return False
+        return self.knows is None or self.knows[0] is not agent or self.knows[1] != history
+
+    @property
+    def grounds(self) -> Basis | None:
+        """Return what the open question was chosen from; None while it is not known."""
+        basis = self.basis
+        if basis is None or basis.past != past_of(self.agent):
+            return None
+        # The person may have asked for another challenger since.
+        return basis if basis.pending == self.agent.history.pending else None
+
+    def adopt(self, prepared: Prepared) -> None:
+        """Continue with an agent that knows its next query."""
+        self.agent = prepared.agent
+        self.knows = (prepared.agent, prepared.agent.history)
+        self.basis = prepared.basis or self.basis
 
     def move(self, phase: Phase, problem: Exception | None = None) -> None:
         """Enter `phase`, without a question."""
@@ -99,6 +134,8 @@ class Flow:
         if shown.repeats is not None:
             return False
         if shown.challenger < self.state.history.answered:
+            if self.must_think:
+                return True  # until it is known, see `runs.think`
             asked = None if self.agent.done else self.agent.ask()
             return asked is None or pair_of(asked) != (shown.challenger, shown.incumbent)
         return shown.incumbent != self.best
@@ -117,6 +154,8 @@ class Flow:
             self.move(Phase.FAILED, error)
 
     def _proceed(self) -> None:
+        if not self.state.ended and self.must_think:
+            return self.move(Phase.RUNNING)
         if not self.state.ended and self.agent.done:
             self.study.append(Ended("all compared"))
         if self.state.ended:
@@ -145,15 +184,23 @@ class Flow:
         if len(self.state.history.samples) > index:
             return
         sample = self.agent.state.history.samples[index]
-        suggested = Suggested(index, sample.z, sample.theta)
+        self.study.append(Suggested(index, sample.z, sample.theta), *self._finished(index, theta))
+
+    def request(self, sample: Sample) -> None:
+        """Store a sample that the person asks for in place of the pending one."""
+        index = self.state.history.answered
+        known = self._finished(index, np.array(sample.theta))
+        self.study.append(Requested(index, sample.z, sample.theta), *known)
+
+    def _finished(
+        self, index: int, theta: Float[np.ndarray, " n"]
+    ) -> list[Event | tuple[Finished, Experiment]]:
+        """Return the event that adds the experiment of θ, if it is already known."""
         earlier = self.study.find_experiment(theta)
-        prefetched = self.prefetch.experiment(theta)
-        finished: list[Event | tuple[Finished, Experiment]] = []
         if earlier is not None:
-            finished = [Finished(index, same_as=earlier)]
-        elif prefetched is not None:
-            finished = [(Finished(index), prefetched)]
-        self.study.append(suggested, *finished)
+            return [Finished(index, same_as=earlier)]
+        prefetched = self.prefetch.experiment(theta)
+        return [] if prefetched is None else [(Finished(index), prefetched)]
 
     def _wait_for(self, index: int) -> None:
         if isinstance(self.store.scenario.run, Rig):
@@ -202,12 +249,14 @@ class Flow:
 
     def tell(self, answer: Answer) -> None:
         """Teach the agent `answer`, which is already saved; proceed if the next step is known."""
+        if self.simulator is not None and self.prefetch.busy not in (None, answer):
+            self.simulator.abandon()
         twin = self.prefetch.take(answer)
         if twin is None:
             self.agent.tell(self.agent.ask(), answer)
             # A proposal takes time, so `work` computes it.
             return self.move(Phase.RUNNING)
-        self.agent = twin
+        self.adopt(twin)
         return self.proceed()
 
     def ran(self, sample: Suggested, result: Experiment | Exception) -> None:

@@ -12,12 +12,15 @@ from jaxtyping import Float
 from prefcal_agents import Advice, GLISp
 from prefcal_agents.models.kpi_importance import Importance
 from prefcal_agents.models.learned_cost import LearnedCost
+from prefcal_agents.screening.agent import Screening
 from prefcal_env.compiling import Compiling, compile_missing
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.preferences.answer import Answer, Strength
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.loop import Comparison as Compared
 from prefcal_env.study import Noted, StudyFile
+from prefcal_scenarios.app.screening import Prospect, Screened
+from prefcal_scenarios.app.simulating import Basis, Simulated, Simulator
 from prefcal_scenarios.app.summary.consistency import Consistency
 from prefcal_scenarios.app.summary.counts import Counts, answered
 from prefcal_scenarios.app.summary.outlook import Outlook, others_unbeaten, outlook
@@ -28,7 +31,7 @@ from . import records, runs, steps
 from .experiments import ExperimentStore
 from .flow import Flow
 from .kpi_importance import importance_of, index_of, known_outcomes
-from .memory import agent_of, as_studied
+from .memory import agent_of, as_studied, is_simulating
 from .records import Given, Preview
 from .view import Choice, Now, Phase, Question
 
@@ -51,22 +54,29 @@ class Interview:
         study: Open study file with the same knobs; the interview resumes from its state.
         ahead: Whether `work` also runs the experiments that likely answers would lead to.
         asks: Whether to continue the study, which writes to its file; False only reads it.
+        simulator: What an agent that simulates does so with, for the scenario of the study; by
+            default, it simulates in this process. It stays open.
 
     Raises:
         StudyError: If the study has other knobs, or cannot be written.
     """
 
     def __init__(
-        self, scenario: Scenario, study: StudyFile, *, ahead: bool = True, asks: bool = True
-    ) -> None:
+        self, scenario: Scenario, study: StudyFile, *, ahead: bool = True, asks: bool = True,
+        simulator: Simulator | None = None,
+    ) -> None:  # fmt: skip
         self.scenario, self.study = as_studied(scenario, study.state), study
         scenario = self.scenario
         self._runs_ahead = ahead
         self._changed = threading.Condition(threading.RLock())
-        self._flow = Flow(
-            study, ExperimentStore(scenario, study), agent_of(study.state, scenario.space)
-        )
-        self._closing = False
+        if simulator is None and asks and is_simulating(study.state):
+            seed = int(study.state.configuration["seed"])
+            simulator = Simulator(scenario, seed=seed, jobs=0)
+        if simulator is not None:
+            simulator.tell = self._simulating
+        agent = agent_of(study.state, scenario.space, simulator)
+        self._flow = Flow(study, ExperimentStore(scenario, study), agent, simulator)
+        self._closing = self._has_background = False
         self._idle_at: int | None = None
         if asks:
             self._flow.resume()
@@ -83,6 +93,7 @@ class Interview:
                 pending=flow.pending, incumbent=flow.best,
                 can_undo=steps.can_undo(flow), state=flow.state, preparing=flow.preparing,
                 draft=flow.draft, run_limit=None if worker is None else worker.limit,
+                simulated=self._simulated(),
             )  # fmt: skip
 
     def wait(self, version: int, timeout: float) -> Now:
@@ -145,6 +156,33 @@ class Interview:
         return agent.settings.questions_per_experiment if isinstance(agent, GLISp) else None
 
     @property
+    def simulated(self) -> Simulated | None:
+        """Return how many θ were simulated unseen; None if the agent simulates nothing."""
+        with self._changed:
+            return self._simulated()
+
+    def _simulated(self) -> Simulated | None:
+        flow = self._flow
+        if flow.simulator is None or not isinstance(flow.agent, Screening):
+            return None
+        basis, planned = flow.basis, flow.agent.n_simulated
+        # What was simulated for answers that were not given is not counted.
+        count = min(flow.simulator.count, planned) if basis is None else len(basis.bank)
+        shown = len(flow.state.finished)
+        return Simulated(count, planned, flow.simulator.failed, shown)
+
+    @property
+    def basis(self) -> Basis | None:
+        """Return what the open question was chosen from; None while that is not known.
+
+        It is known at once, except after a restart, until the simulations are repeated in the
+        background; `now` then has a new version. Nothing is simulated here.
+        """
+        with self._changed:
+            flow = self._flow
+            return flow.grounds if flow.phase is Phase.QUESTION else None
+
+    @property
     def surrogate(self) -> Surrogate | None:
         """Return the learned cost of m physical θ, lower is better; None if nothing is learned."""
         with self._changed:
@@ -161,14 +199,49 @@ class Interview:
         return getattr(twin, "advice", None)
 
     @property
+    def _prospects(self) -> Advice | Prospect | None:
+        """Return what more questions are expected to gain, by the simulations if there are some."""
+        if not self.screens:
+            return self.advice
+        screened = self.screened()
+        return None if screened is None else screened.prospect
+
+    @property
     def outlook(self) -> Outlook | None:
         """Return whether to continue, and the knobs at the end of their range; None if unknown."""
-        now, advice = self.now(), self.advice
+        now, advice = self.now(), self._prospects
         best = None if now.incumbent is None else self.experiment(now.incumbent).theta
         found = outlook(advice, best, self.scenario.space, self.study.path, now.state)
         if found is None or self._flow.agent.by_value:
             return found
         return replace(found, unbeaten=others_unbeaten(now.state.history.unbeaten()))
+
+    @property
+    def screens(self) -> bool:
+        """Return whether the agent simulates θ that are not shown."""
+        return isinstance(self._flow.agent, Screening)
+
+    def screened(self, *, current: bool = True) -> Screened | None:
+        """Return what a screening agent knows; None for other agents and before it is worked out.
+
+        With `current`, what it knew before the latest answer counts as unknown.
+        """
+        with self._changed:
+            flow = self._flow
+            basis = flow.grounds if current else flow.basis
+            return None if basis is None else Screened(flow.agent.space, basis)
+
+    def wait_for_screened(self, timeout: float) -> Screened | None:
+        """Return what a screening agent knows, as soon as that is known; None after `timeout` s.
+
+        It does not wait if nothing works in the background.
+        """
+        with self._changed:
+            comes = self.screens and self._has_background
+            self._changed.wait_for(
+                lambda: not comes or self._closing or self.screened() is not None, timeout
+            )
+            return self.screened()
 
     @property
     def index(self) -> LearnedCost | None:
@@ -245,6 +318,26 @@ class Interview:
             SettingsError: If the agent cannot ask more than one.
         """
         return self._do(steps.pace, questions)
+
+    def ask_for(self, theta: Float[np.ndarray, " n"]) -> Now:
+        """Ask next about physical `theta`, shape (n,), compared with the best so far.
+
+        It replaces the sample that is not answered yet, whose θ is free again.
+
+        Raises:
+            ProtocolError: If all experiments are answered, or `theta` was tried before.
+            KnobError: If the space does not hold it, or a constraint forbids it.
+        """
+        return self._do(steps.ask_for, theta)
+
+    def look_at(self, theta: Float[np.ndarray, " n"]) -> Experiment:
+        """Return the experiment of a simulated `theta`, shape (n,), and record nothing.
+
+        Raises:
+            ScenarioError: If the agent does not simulate, or the simulation failed.
+            KnobError: If the space does not hold `theta`.
+        """
+        return runs.look_at(self._flow, self._changed, theta)
 
     def note(self, text: str) -> Now:
         """Save a remark on the study."""
@@ -332,6 +425,7 @@ class Interview:
     def wait_for_work(self, timeout: float = 0.5) -> bool:
         """Wait until there may be work; return False once the interview is closed."""
         with self._changed:
+            self._has_background = True
             self._changed.wait_for(
                 lambda: self._closing or self._flow.version != self._idle_at, timeout
             )
@@ -350,7 +444,15 @@ class Interview:
             worker = runs.worker_of(self._flow)
             if worker is not None:
                 worker.stop("given up")
+            if self._flow.simulator is not None:
+                self._flow.simulator.abandon()
             self._changed.notify_all()
+
+    def _simulating(self) -> None:
+        """Tell front ends how far the simulations are while they say nothing else."""
+        with self._change() as flow:
+            if flow.phase is Phase.RUNNING or flow.basis is None:
+                flow.version += 1
 
     def _do(
         self, step: Callable[Concatenate[Flow, P], None], *args: P.args, **kwargs: P.kwargs

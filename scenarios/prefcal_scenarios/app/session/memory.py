@@ -2,14 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 from prefcal_agents import AgentState, Earlier, restore
 from prefcal_agents.protocol.agent import Agent
+from prefcal_agents.registry import CLASSES
+from prefcal_agents.screening.agent import Screening
 from prefcal_env.errors import SettingsError, StudyError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study import State, space_of
 from prefcal_env.study import knobs_as_dicts as knobs_as_dicts
+from prefcal_scenarios.app.simulating import Simulator, simulates
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
 
@@ -20,7 +23,7 @@ def constraint_names(space: KnobSpace) -> list[str]:
 
 def agent_as_dict(agent: Agent) -> dict[str, Any]:
     """Return an agent's settings as plain data, without what it has learned."""
-    return agent.state.configuration()
+    return agent.configuration
 
 
 QUESTIONS = "questions_per_experiment"
@@ -91,15 +94,29 @@ def with_constraints(space: KnobSpace, scenario: KnobSpace) -> KnobSpace:
     )
 
 
-def agent_of(state: State, space: KnobSpace) -> Agent:
+def agent_of(state: State, space: KnobSpace, simulator: Simulator | None = None) -> Agent:
     """Return the agent of a study, restored with the identical next query.
+
+    Args:
+        state: State of the study.
+        space: Knobs of the study.
+        simulator: What an agent that simulates does so with; without it, it proposes nothing new.
 
     Raises:
         StudyError: If the study has other knobs.
         SettingsError: If this version does not know the agent.
     """
     check_space(state.configuration, space)
-    return restore(space, agent_state(state))
+    agent = restore(space, agent_state(state))
+    if simulator is None or not simulates(agent):
+        return agent
+    return cast(Screening, agent).with_simulations(simulator)
+
+
+def is_simulating(state: State) -> bool:
+    """Return whether the agent of a study needs a simulator."""
+    row = CLASSES.get(str(state.configuration["agent"].get("agent")))
+    return row is not None and row.simulates
 
 
 def agent_state(state: State) -> AgentState:

@@ -10,6 +10,7 @@ from prefcal_agents.protocol.agent import Agent
 from prefcal_env.errors import RunError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Preference, Strength
+from prefcal_scenarios.app.simulating import Basis
 
 from .view import Question
 
@@ -22,8 +23,23 @@ LIKELY: tuple[tuple[Preference | None, Strength], ...] = (
     (Preference.CHALLENGER, Strength.MUCH_BETTER),
 )
 """Possible answers, the most likely first."""
+LIKELIEST = 3
+"""Number of answers to prepare if each of them takes simulations."""
 _KEPT = 36
 """Number of experiments in memory: a few questions' worth, so that an undo finds them, too."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Prepared:
+    """An agent that knows its next query, and what that was chosen from.
+
+    Args:
+        agent: The agent.
+        basis: What the query was chosen from; None for an agent that simulates nothing.
+    """
+
+    agent: Agent
+    basis: Basis | None = None
 
 
 @dataclass(slots=True)
@@ -33,27 +49,31 @@ class Prefetch:
     Nothing here is saved: it can be lost at any time without changing a result.
     """
 
-    _twins: dict[Answer, Agent] = field(default_factory=dict)
+    _twins: dict[Answer, Prepared] = field(default_factory=dict)
     _tried: set[Answer] = field(default_factory=set)
     _experiments: OrderedDict[bytes, Experiment] = field(default_factory=OrderedDict)
     _failures: dict[bytes, RunError] = field(default_factory=dict)
     next: Float[np.ndarray, " n"] | None = None
     """θ that a copy proposes and that should run next, physical, shape (n,)."""
+    busy: Answer | None = None
+    """Answer that a copy is learning now, in the background."""
+    explained: bool = False
+    """Whether the basis of the open question was looked for."""
 
-    def missing(self, asked: Question) -> Answer | None:
-        """Return the next likely answer to `asked` that was not tried yet; None if all were."""
-        for preference, strength in LIKELY:
+    def missing(self, asked: Question, most: int = len(LIKELY)) -> Answer | None:
+        """Return the next of the `most` likeliest answers to `asked`; None if all were tried."""
+        for preference, strength in LIKELY[:most]:
             answer = asked.completed(Answer(preference, strength, asked.marks))
             if answer not in self._tried:
                 self._tried.add(answer)
                 return answer
         return None
 
-    def keep_twin(self, answer: Answer, twin: Agent) -> None:
+    def keep_twin(self, answer: Answer, twin: Prepared) -> None:
         """Keep `twin` for `answer`."""
         self._twins[answer] = twin
 
-    def take(self, answer: Answer) -> Agent | None:
+    def take(self, answer: Answer) -> Prepared | None:
         """Return the copy that learned `answer`, and drop all, since the question is closed."""
         twin = self._twins.get(answer)
         self.forget()
@@ -63,7 +83,7 @@ class Prefetch:
         """Drop all copies, since the question has changed."""
         self._twins.clear()
         self._tried.clear()
-        self.next = None
+        self.next, self.explained = None, False
 
     def keep(self, theta: Float[np.ndarray, " n"], experiment: Experiment) -> None:
         """Keep the experiment of the requested θ; the plant may report a rounded one."""

@@ -1,10 +1,12 @@
 """Run the experiments of an interview, handle failed and stopped runs, and end the study."""
 
+import threading
 from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_agents.screening.agent import Screening
 from prefcal_env.errors import RunError, ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.study import Ended, Extended, Finished, Noted, Reopened, Suggested
@@ -12,8 +14,10 @@ from prefcal_scenarios.app.isolated import IsolatedRun, Worker
 from prefcal_scenarios.own.checks import check_experiment
 from prefcal_scenarios.own.own_line import located
 
+from . import thinking
 from .flow import Flow
 from .memory import agent_of
+from .thinking import Attempt
 from .view import GOOD_ENOUGH, Phase
 
 UNBIDDEN = ("late", "died")
@@ -21,13 +25,15 @@ UNBIDDEN = ("late", "died")
 _COURTESY = 2.0
 """Seconds that a prefetched run may continue while another one is waited for: it may be almost
 done, and a fresh process takes a second."""
-Attempt = Callable[[], Callable[[], None]]
-"""Long-running function, called without the lock; it returns a function to call with the lock."""
+_ONE_AT_A_TIME = threading.Lock()
+"""Held during a look: clicking through many θ must not keep every core busy."""
 
 
 def due(flow: Flow, *, ahead: bool) -> Attempt | None:
     """Return the next piece of work; None if there is none."""
     if flow.phase is Phase.RUNNING:
+        if flow.must_think:
+            return thinking.think(flow)
         pending = flow.pending
         if pending is None or pending.index in flow.state.finished:
             return lambda: lambda: _go_on_running(flow)
@@ -35,6 +41,8 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
         if known is None:
             reserve(flow, np.array(pending.theta))
         return lambda: _running(flow, pending, known)
+    if flow.phase in (Phase.QUESTION, Phase.OVER) and thinking.is_unexplained(flow):
+        return thinking.explain(flow)
     if flow.phase is Phase.QUESTION and ahead:
         return _looking_ahead(flow)
     return None
@@ -87,39 +95,43 @@ def attempt(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment | Exceptio
     return experiment
 
 
-def _looking_ahead(flow: Flow) -> Attempt | None:
-    """Tell a copy of the agent the next likely answer, then run the θ that it proposes.
+def look_at(flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"]) -> Experiment:
+    """Return the experiment of a simulated θ, physical, shape (n,), and record nothing.
 
-    Errors are ignored here, since that answer may never be given. If it is, the same work is done
-    again, and an error is shown.
+    It runs without `lock`, that of the interview. A question about θ then finds the experiment.
+
+    Raises:
+        ScenarioError: If the agent does not simulate, or the simulation failed.
+        KnobError: If the space does not hold θ.
     """
+    with lock:
+        if not isinstance(flow.agent, Screening):
+            raise ScenarioError("only an experiment that is simulated unseen can be looked at")
+        theta = flow.agent.space.check_allowed(theta)
+        known = flow.study.find_experiment(theta)
+        found = flow.prefetch.experiment(theta)
+    if known is not None:
+        return flow.study.experiment(known)
+    if found is None:
+        with _ONE_AT_A_TIME:
+            result = attempt(flow, theta)
+        if isinstance(result, Exception):
+            raise ScenarioError(f"this simulation failed: {result}") from result
+        found = result
+        with lock:
+            flow.prefetch.keep(theta, found)
+    return found
+
+
+def _looking_ahead(flow: Flow) -> Attempt | None:
+    """Run the θ that a copy of the agent proposes after a likely answer, or let one propose it."""
     asked = flow.question
     assert asked is not None
     if asked.repeats is not None:
         return None
     if flow.prefetch.next is not None:
         return _running_ahead(flow, flow.prefetch.next)
-    answer = flow.prefetch.missing(asked)
-    if answer is None:
-        return None
-    query, twin = flow.agent.ask(), flow.agent.copy()
-
-    def look() -> Callable[[], None]:
-        try:
-            twin.tell(query, answer)
-            theta = None if twin.done else twin.ask().challenger.theta
-        except Exception:
-            return lambda: None
-
-        def keep() -> None:
-            if flow.question is asked:
-                flow.prefetch.keep_twin(answer, twin)
-                if theta is not None and not _is_known(flow, theta):
-                    flow.prefetch.next = theta
-
-        return keep
-
-    return look
+    return thinking.look_ahead(flow, asked, lambda theta: _is_known(flow, theta))
 
 
 def _running_ahead(flow: Flow, theta: Float[np.ndarray, " n"]) -> Attempt:
@@ -180,7 +192,8 @@ def stop(flow: Flow, index: int) -> None:
 
 
 def make_way(flow: Flow) -> None:
-    """Stop a prefetched run soon if another run is waited for."""
+    """Stop soon what runs in advance, if something else is waited for."""
+    thinking.give_up_if_useless(flow)
     worker = worker_of(flow)
     if worker is None or flow.phase is not Phase.RUNNING:
         return
@@ -226,5 +239,5 @@ def go_on(flow: Flow, more: int) -> None:
         raise StaleError(f"all {state.n_max} experiments are compared: say how many more")
     extended = [Extended(state.n_max + more)] if more else []
     flow.study.append(*extended, Reopened())
-    flow.agent = agent_of(flow.state, flow.store.scenario.space)
+    flow.agent = agent_of(flow.state, flow.store.scenario.space, flow.simulator)
     flow.proceed()

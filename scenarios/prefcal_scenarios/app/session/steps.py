@@ -1,5 +1,8 @@
 """Apply answers, marks, undo and retractions to the flow; each is saved before it takes effect."""
 
+import numpy as np
+from jaxtyping import Float
+
 from prefcal_agents import GLISp
 from prefcal_env.errors import PreferenceError, SettingsError, StaleError, StudyError
 from prefcal_env.preferences.answer import Answer
@@ -98,6 +101,8 @@ def retract(flow: Flow, answer: int) -> None:
     """Forget what an answer taught; all samples stay, including the open one."""
     if closed(flow, answer).retracted:
         raise StaleError(f"answer {answer} is retracted already")
+    if flow.phase is Phase.RUNNING and flow.must_think:
+        raise StaleError("the next experiment is being chosen: retract the answer once it is shown")
     if flow.phase is Phase.RUNNING and flow.pending is None:
         # Propose the open sample first: it must not depend on this retraction.
         flow.proceed()
@@ -110,6 +115,30 @@ def retract(flow: Flow, answer: int) -> None:
         flow.proceed()
     else:
         flow.version += 1
+
+
+def ask_for(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
+    """Compare physical `theta`, shape (n,), next, in place of the pending sample.
+
+    Raises:
+        StaleError: If the study has ended, or its last step failed.
+        ProtocolError: If all experiments are answered, or `theta` was tried before.
+        KnobError: If the space does not hold it, or a constraint forbids it.
+    """
+    if flow.phase is Phase.OVER:
+        raise StaleError("the study has ended: continue it first")
+    if flow.agent.history.answered != flow.state.history.answered:
+        # Until the retry, the study file and the agent differ.
+        raise StaleError("the last step failed: try it again first")
+    twin, pending, asked = flow.agent.copy(), flow.pending, flow.question
+    twin.replace_pending(theta)
+    sample = twin.history.samples[-1]
+    shown = asked is None or asked.challenger.index == flow.state.history.answered
+    if pending is not None and pending.theta == sample.theta and shown:
+        return  # it is the next one already
+    flow.request(sample)
+    flow.agent = twin
+    flow.proceed()
 
 
 def pace(flow: Flow, questions: int) -> None:

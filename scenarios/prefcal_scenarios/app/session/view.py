@@ -8,6 +8,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Mark, Outcomes, Preference, Strength
 from prefcal_env.preferences.run_facts import completed, counts_as_unsafe
 from prefcal_env.study import State, Suggested
+from prefcal_scenarios.app.simulating import Simulated
 
 UNSAFE, GOOD_ENOUGH = "unsafe", "good enough"
 MARKS = (UNSAFE, GOOD_ENOUGH)
@@ -139,6 +140,7 @@ class Now:
         draft: Comment of the answer that was just undone.
         preparing: Part that is being compiled before the first experiment; None when done.
         run_limit: Time limit of a run in seconds; None if runs cannot be stopped.
+        simulated: Numbers of what was simulated unseen; None if the agent simulates nothing.
     """
 
     version: int
@@ -152,3 +154,4 @@ class Now:
     draft: str = ""
     preparing: Compiling | None = None
     run_limit: float | None = None
+    simulated: Simulated | None = None

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents import Advice
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study import State
@@ -67,14 +67,22 @@ def others_unbeaten(indices: Sequence[int]) -> str:
     return f"Besides experiment {best}, {named} never beaten: no answer says which one is better."
 
 
+class Told(Protocol):
+    """An estimate of what more questions would gain, such as `Advice`."""
+
+    @property
+    def text(self) -> str:
+        """Return in one sentence whether to continue."""
+
+
 def outlook(
-    advice: Advice | None, best: Float[np.ndarray, " n"] | None, space: KnobSpace, place: str,
+    advice: Told | None, best: Float[np.ndarray, " n"] | None, space: KnobSpace, place: str,
     state: State,
 ) -> Outlook | None:  # fmt: skip
     """Return the outlook of a study; None while too little is known.
 
     Args:
-        advice: Estimate of what ten more experiments would gain.
+        advice: Estimate of what more questions would gain.
         best: Best θ, physical, shape (n,).
         space: Knobs with their searched ranges.
         place: Path of the study file; ":memory:" if there is none.

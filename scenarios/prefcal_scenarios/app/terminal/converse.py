@@ -40,6 +40,8 @@ STOP = ("x", "stop")
 STOP_RUN = "k"
 _LOOK = 0.2
 """Interval, in seconds, at which a waiting conversation reads the keyboard."""
+_EXPLAINED = 2.0
+"""Longest wait, in seconds, for the reason of a question: it is asked without one then."""
 _LARGEST = 20 << 20
 """Largest size of a record in bytes, as on the page."""
 
@@ -52,7 +54,8 @@ class _Conversation:
     line: Callable[[str], str]
     blind: bool = False
     comment: str = ""
-    shown: int = -1
+    shown: object = None
+    """What was printed last: a question, or the version at which a record was asked for."""
     seen: Seen = field(default_factory=Seen)
     compiles: bool = False
     dialed: tuple[float, ...] | None = None
@@ -68,6 +71,8 @@ class _Conversation:
             elif not self._one(now):
                 return
         self._say(f"The study is finished: {now.state.ended}.")
+        if self.interview.screens:
+            self.interview.wait_for_screened(_EXPLAINED)
 
     def _wait(self, now: Now) -> None:
         with self.console.status(_waiting(now)) as status, self.pressed() as pressed:
@@ -99,10 +104,14 @@ class _Conversation:
             return True
 
     def _question(self, now: Now) -> bool:
-        assert now.question is not None
-        if self.shown != now.version:
+        if self.shown is not now.question and self.interview.screens:
+            self.interview.wait_for_screened(_EXPLAINED)
+            now = self.interview.now()
+        if now.question is None:  # it changed meanwhile
+            return True
+        if self.shown is not now.question:
             show_question(self.interview, now, self.console, blind=self.blind, seen=self.seen)
-            self.shown = now.version
+            self.shown = now.question
         key = self.keys()
         if key in STOP:
             return False
@@ -135,7 +144,7 @@ class _Conversation:
             # END means Ctrl-D: no comment.
             self.comment = "" if said == END else said
         elif key == "b":
-            self.blind, self.shown = not self.blind, -1
+            self.blind, self.shown = not self.blind, None
         elif key == "t" and now.question is not None:
             show_comparison(self.interview, now.question, self.console, self.seen)
         elif key == "p":
@@ -246,7 +255,8 @@ def _waiting(now: Now) -> str:
     if now.preparing is not None:
         return now.preparing.words
     if now.pending is None:
-        return "choosing the next experiment"
+        unseen = "" if now.simulated is None else f" ({now.simulated.line})"
+        return f"choosing the next experiment{unseen}"
     words = f"running experiment {now.pending.index + 1}"
     if now.run_limit is None:
         return words

@@ -43,6 +43,8 @@ def show_status(interview: Interview, console: Console) -> None:
         f"{counts.experiments} of {interview.n_max} experiments, "
         f"{counts.comparisons} comparison{plural}"
     ]
+    if now.simulated is not None:
+        lines.append(now.simulated.line)
     if now.incumbent is not None:
         best = theta_text(interview.scenario.space, interview.experiment(now.incumbent).theta)
         lines.append(f"best so far, experiment {now.incumbent + 1}: {best}")

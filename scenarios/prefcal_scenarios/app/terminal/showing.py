@@ -11,10 +11,11 @@ from rich.text import Text
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.rig import Rig
-from prefcal_scenarios.app.presentation.wording import INTERRUPTED, with_unit
+from prefcal_scenarios.app.presentation.wording import INTERRUPTED, printable, with_unit
 from prefcal_scenarios.app.session import Interview, Now, Question, Side
 from prefcal_scenarios.app.web.view import Seen, comparison_view
 from prefcal_scenarios.app.web.view.sides import numbers_view, theta_view
+from prefcal_scenarios.app.web.view.simulated import screening_view
 from prefcal_scenarios.scenario import Scenario, panels_of
 
 from .drawing import LEAST, MOST, ROWS, curves, lines_beside_plots
@@ -53,7 +54,11 @@ def show_question(
     seen = (Seen() if seen is None else seen).look(interview)
     wide = console.width >= WIDE
     console.rule(_headline(interview, question))
-    sides = _sides(question, interview.scenario, console, seen, blind=blind)
+    told = _told(interview, now, blind=blind)
+    if told.plain:
+        console.print(told)
+    above = len(console.render_lines(told)) if told.plain else 0
+    sides = _sides(question, interview.scenario, console, seen, blind=blind, above=above)
     if wide:
         grid = Table.grid(expand=True)
         grid.add_column(ratio=1)
@@ -70,6 +75,15 @@ def show_question(
     )  # fmt: skip
 
 
+def _told(interview: Interview, now: Now, *, blind: bool) -> Text:
+    """Return why this is asked, and an offer to stop, if the agent simulates; else nothing."""
+    told = screening_view(interview, now, blind=blind)
+    if told is None:
+        return Text()
+    offer = f"{told['offer']} (f f finishes)" if told["offer"] else ""
+    return Text("\n".join(printable(line) for line in (told["why"], offer) if line))
+
+
 def _headline(interview: Interview, question: Question) -> str:
     head = f"Comparison {question.number} of {interview.n_max - 1}"
     if question.repeats is not None:
@@ -80,9 +94,9 @@ def _headline(interview: Interview, question: Question) -> str:
 
 
 def _sides(
-    question: Question, scenario: Scenario, console: Console, seen: Seen, *, blind: bool
+    question: Question, scenario: Scenario, console: Console, seen: Seen, *, blind: bool, above: int
 ) -> list[RenderableType]:
-    """Return both boxes, with equal heights above their curves."""
+    """Return both boxes, with equal heights above their curves, for a screen with `above` lines."""
     wide = console.width >= WIDE
     width = (console.width // 2 if wide else console.width) - 6
     pair = {"left": question.left, "right": question.right}
@@ -95,7 +109,7 @@ def _sides(
         ]
         heights = [len(console.render_lines(h, console.options.update(width=width))) for h in heads]
         beside = max(lines_beside_plots(e, panels) for e in both) + max(heights) + 2
-        rows = _rows(console, len(panels), beside, stacked=1 if wide else 2)
+        rows = _rows(console, len(panels), beside, above, stacked=1 if wide else 2)
         if rows >= LEAST:
             break
     axes, rows = seen.frame(panels, *both), max(rows, LEAST)
@@ -111,11 +125,12 @@ def _sides(
     return boxes
 
 
-def _rows(console: Console, panels: int, beside: int, *, stacked: int) -> int:
+def _rows(console: Console, panels: int, beside: int, above: int, *, stacked: int) -> int:
     """Return the lines per plot that fit a question on the screen; the default without one."""
     if not console.is_terminal or not panels:
         return ROWS
-    left = console.height - 3 - stacked * beside  # the headline, the keys, and the next line
+    # 3: the headline, the keys, and the next line.
+    left = console.height - 3 - above - stacked * beside
     return min(left // (stacked * panels), MOST)
 
 

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from prefcal_env.preferences.answer import Strength
 from prefcal_scenarios.app.session import Choice, Interview
 
-from .bodies import Check, at_most, between, flag, numbered, one_of, text, whole
+from .bodies import Check, at_most, between, flag, numbered, one_of, reals, text, whole
 
 MOST_MORE = 10_000
 """Maximum number of additional experiments per request."""
@@ -38,6 +40,10 @@ def _answer(interview: Interview, choice: str, **rest: Any) -> Any:
     strength = Strength.BETTER if much is None else Strength.MUCH_BETTER
     question = rest.pop("question")
     return interview.answer(question, much or Choice(choice), strength=strength, **rest)
+
+
+def _ask_for(interview: Interview, theta: tuple[float, ...]) -> Any:
+    return interview.ask_for(np.array(theta))
 
 
 def _method(name: str) -> Callable[..., Any]:
@@ -73,6 +79,7 @@ ACTIONS: Mapping[str, Action] = MappingProxyType(
         "retract": Action({"answer": numbered}, _method("retract")),
         "repeat": Action({}, _method("repeat")),
         "pace": Action({"questions": between(1, MOST_QUESTIONS)}, _method("pace")),
+        "ask_for": Action({"theta": reals}, _ask_for),
         "note": Action({"text": text}, _method("note")),
         "stop_run": Action({"index": whole}, _method("stop_run")),
         "retry": Action({"index": whole}, _method("retry")),

@@ -117,6 +117,20 @@ class Api:
         _query(request, _BLIND)
         return as_json(await run_in_threadpool(self.views.status))
 
+    @_answering
+    async def simulated(self, request: Request) -> Response:
+        """Return what the agent simulated, for a picture."""
+        _query(request, _BLIND)
+        return as_json(await run_in_threadpool(self.views.simulated))
+
+    @_answering
+    async def look(self, request: Request) -> Response:
+        """Simulate a θ and return it beside the best so far; nothing is recorded."""
+        query = _query(request, {"theta": numbers, **_BLIND})
+        if "theta" not in query:
+            raise MalformedError("The request does not say which θ to look at.")
+        return as_json(await run_in_threadpool(self.views.look, query["theta"]))
+
     def acting(self, action: Action) -> Handler:
         """Return the handler of an action with a JSON body."""
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 import unicodedata
 from collections.abc import Callable, Mapping
 from math import isfinite
@@ -119,6 +120,16 @@ def one_of(*choices: str) -> Check:
         return value
 
     return check
+
+
+def reals(name: str, value: Any) -> tuple[float, ...]:
+    """Return `value`, which must be a list of finite numbers."""
+    # Not isinstance: in Python, True is an int. An int may be too large for a float.
+    if type(value) is not list or any(type(v) not in (int, float) for v in value):
+        raise MalformedError(f"{name} must be a list of numbers.")
+    if not all(abs(v) <= sys.float_info.max for v in value):
+        raise MalformedError(f"{name} must be finite.")
+    return tuple(map(float, value))
 
 
 def digits(name: str, value: Any) -> int:

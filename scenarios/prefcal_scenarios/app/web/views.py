@@ -9,7 +9,17 @@ from typing import Any
 from prefcal_scenarios.app.session import Given, Interview
 
 from .reports import Reports
-from .view import Seen, asked_view, brief_view, history_view, now_view, preview_view, status_view
+from .view import (
+    Seen,
+    asked_view,
+    brief_view,
+    history_view,
+    look_view,
+    map_view,
+    now_view,
+    preview_view,
+    status_view,
+)
 
 
 @dataclass(slots=True)
@@ -28,7 +38,9 @@ class Views:
     again: str = ""
     command: str = ""
     _lock: threading.Lock = field(default_factory=threading.Lock)
+    _drawing: threading.Lock = field(default_factory=threading.Lock)
     _seen: Seen = field(default_factory=Seen)
+    _simulated: tuple[int, bytes] | None = None
     _kept: dict[bool, tuple[Any, bytes]] = field(default_factory=dict)
 
     def now(self, blind: bool) -> bytes:
@@ -57,6 +69,18 @@ class Views:
         with self._lock:  # all threads share `_seen`
             view = asked_view(self.interview, answer, blind=blind, seen=self._seen)
         return encoded(view)
+
+    def simulated(self) -> bytes:
+        """Return the simulated θ, made once per version; null until the agent knows them."""
+        with self._drawing:
+            version = self.interview.now().version
+            if self._simulated is None or self._simulated[0] != version:
+                self._simulated = (version, encoded(map_view(self.interview)))
+            return self._simulated[1]
+
+    def look(self, theta: tuple[float, ...]) -> bytes:
+        """Return a simulated θ beside the best so far."""
+        return encoded(look_view(self.interview, theta))
 
     def status(self) -> bytes:
         """Return the status of the study."""

@@ -92,6 +92,7 @@ cstr = Scenario(
     controller=controller,
     settings=settings,
     brief=words.BRIEF,
+    simulated=True,
 )
 
 

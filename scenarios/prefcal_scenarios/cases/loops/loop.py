@@ -157,6 +157,7 @@ class Loop:
             kpis=self.kpis,
             panels=(*self._state_panels(), *(Panel(c.name) for c in self.inputs)),
             brief=brief_of(self.brief, self.states),
+            simulated=True,
         )
 
     def _state_panels(self) -> tuple[Panel, ...]:

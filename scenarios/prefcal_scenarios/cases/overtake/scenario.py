@@ -76,6 +76,7 @@ overtake = Scenario(
     brief=words.BRIEF,
     configured=_configured,
     on_processor=on_target,
+    simulated=True,
 )
 """The scenario has no cost, since there is no single score."""
 

@@ -78,7 +78,7 @@ def test_the_command_in_the_report_repeats_the_study(prefcal, tmp_path):
         ([f"{TOY_FILE}:nothing"], "got nothing of that name; in that file there is toy"),
         ([f"{TOY_FILE}:not_a_scenario"], "must name a prefcal_scenarios.Scenario"),
         (["missing.py:toy"], "no file"),
-        ([TOY, "--agent", "oracle"], "--agent must be one of glisp, glis"),
+        ([TOY, "--agent", "oracle"], "--agent must be one of screening, glisp"),
         ([TOY, "--calibrator", "oracle"], "--calibrator must be one of human, "),
         ([TOY, "--n-init", "9", "--n-max", "5"], "--n-max must be at least --n-init"),
         ([TOY, "--n-max", "0"], "--n-max must be at least 1, got 0"),
@@ -139,7 +139,7 @@ def test_an_unknown_calibrator_of_a_closed_loop_is_refused(prefcal):
 
 @pytest.mark.usefixtures("small_samples")
 def test_a_closed_loop_is_calibrated_by_somebody_with_a_taste(prefcal, tmp_path):
-    words = ["--calibrator", "weights", "--no-browser", "--n-max", "5", "--n-init", "2"]
+    words = ["--calibrator", "weights", "--no-browser", "--n-max", "5", "--simulate", "30"]
     code, out, err = prefcal("calibrate", "servo", *words, "--out", "out", "--json")
     assert code == 0, err
     assert list(json.loads(out)["best"]) == list(load("servo").space.names)
@@ -151,7 +151,17 @@ def test_a_closed_loop_is_calibrated_by_somebody_with_a_taste(prefcal, tmp_path)
 @pytest.mark.usefixtures("small_samples")
 @pytest.mark.parametrize("taste", ["priorities-noisy20", "hidden", "rising"])
 def test_any_taste_answers_unattended(prefcal, taste):
-    words = ["--calibrator", taste, "--no-browser", "--n-max", "3", "--n-init", "2", "--seed", "2"]
+    words = [
+        "--calibrator",
+        taste,
+        "--no-browser",
+        "--n-max",
+        "3",
+        "--simulate",
+        "30",
+        "--seed",
+        "2",
+    ]
     code, _, err = prefcal("calibrate", "loop-4", *words, "--json")
     assert code == 0, err
 

@@ -14,7 +14,18 @@ from support.studies import state_of
 
 PAPER = overtake.references["paper, preferences"]
 SLOW = SERVER_CORE.slower(500.0, "slow target")
-SHORT = ["calibrate", "overtake", "--calibrator", "synthetic", "--n-init", "2", "--n-max", "3"]
+SHORT = [
+    "calibrate",
+    "overtake",
+    "--calibrator",
+    "synthetic",
+    "--agent",
+    "glisp",
+    "--n-init",
+    "2",
+    "--n-max",
+    "3",
+]
 
 
 @pytest.fixture

@@ -1,33 +1,16 @@
 """What a checker of accessibility (axe) finds on every view of the page: nothing serious."""
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 
 from support.browser import CHROMIUM, Watched
+from support.page_checks import serious
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 
 
-COLORS = {"runOnly": {"type": "rule", "values": ["color-contrast"]}}
-
-
-def serious(page):
-    """What axe finds in light, and about colors in dark, by the rule and the first element."""
-    found = Axe().run(page).response["violations"]
-    page.emulate_media(color_scheme="dark")
-    page.wait_for_timeout(350)
-    found += Axe().run(page, options=COLORS).response["violations"]
-    page.emulate_media(color_scheme="light")
-    page.wait_for_timeout(350)
-    return [
-        (v["id"], v["nodes"][0]["html"][:120])
-        for v in found
-        if v["impact"] in ("serious", "critical")
-    ]
-
-
 def test_nothing_serious_is_found_on_any_view(browser, command):
-    served, watched = command("cstr", n_max=5), Watched(browser, color_scheme="light")
+    served = command("cstr", "--agent", "glisp", n_max=5)
+    watched = Watched(browser, color_scheme="light")
     page = watched.page
     watched.open(served.link)
     views = {"question": serious(page)}

@@ -36,6 +36,7 @@ BODIES = {
     "retract": {"answer": 1},
     "repeat": {},
     "note": {"text": "a note"},
+    "ask_for": {"theta": [0.5, 21.0, 1.0]},
     "pace": {"questions": 3},
     "retry": {"index": 0},
     "fail": {"index": 0, "reason": "broken"},
@@ -70,6 +71,8 @@ def fits(name, value):
         return isinstance(value, bool)
     if name in ("choice", "side", "mark"):
         return value in ("left", "right", "same", "cannot tell", "unsafe", "good enough")
+    if name == "theta":
+        return isinstance(value, list) and all(type(v) in (int, float) for v in value)
     return type(value) is int and value >= 0
 
 

@@ -10,18 +10,12 @@ from PIL import Image
 from prefcal_env.study import verify
 from prefcal_scenarios.app.session.memory import questions_of
 from support.browser import CHROMIUM, Watched
+from support.page_checks import pixels
 from toy_study import TOY
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 BLUE, ORANGE = (11, 99, 194), (185, 58, 6)
 """The curves of the two sides, in light."""
-
-
-def pixels(page, selector, color):
-    """How many pixels of an element are of a color, nearly."""
-    shot = page.locator(selector).screenshot()
-    image = np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
-    return int(np.sum(np.abs(image - color).max(axis=2) < 20))
 
 
 def gray(page, selector):

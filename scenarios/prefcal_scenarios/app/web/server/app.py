@@ -70,6 +70,8 @@ def _of_api(api: Api) -> list[Route]:
         Route("/api/history", api.history),
         Route("/api/history/{answer}", api.asked),
         Route("/api/status", api.status),
+        Route("/api/simulated", api.simulated),
+        Route("/api/look", api.look),
         Route("/api/preview", api.preview, methods=["POST"]),
         Route("/api/record", api.record, methods=["POST"]),
         Route("/api/close", api.close, methods=["POST"]),

@@ -38,14 +38,14 @@ function table(title, rows) {
 }
 
 // Show progress while there is no question yet and, before the first one, the briefing.
-export function waitFor({ pending, preparing, progress, stopping }, act) {
+export function waitFor({ pending, preparing, progress, simulated, stopping }, act) {
   const first = progress.answered === 0;
   const number = pending?.number;
   const running = number ? `Running experiment ${number}` : "Choosing the next experiment";
   $("wait-title").textContent = preparing ? "Getting ready" : running;
   $("wait-text").textContent = preparing
     ? `Compiling the solver, part ${preparing.part} of ${preparing.parts} (${preparing.title}): only once on this machine.`
-    : first ? "The first question follows." : "Your answer is saved.";
+    : [first ? "The first question follows." : "Your answer is saved.", !number && simulated ? `${simulated.line}.` : ""].join(" ").trim();
   const bar = $("wait-progress");
   bar.hidden = !preparing;
   if (preparing) [bar.max, bar.value] = [preparing.parts, preparing.part - 1];

@@ -35,6 +35,7 @@ const EVERYWHERE = {
   z: ["Z", "undo the last answer", undo],
   h: ["H", "history", () => open("history")],
   w: ["W", "where are we", () => open("status")],
+  m: ["M", "everything simulated, as a picture", () => current()?.screening && open("simulated")],
   Escape: ["Esc", "back to the question; skip a repeated question", leave],
   "?": ["?", "the task, and these keys", showKeys],
 };
@@ -71,7 +72,8 @@ export function keyboard() {
 
 export async function showKeys() {
   // Objects list numeric keys first; the sort below moves "0" to the end.
-  const known = Object.values({ ...QUESTION, ...EVERYWHERE }).filter(([key]) => key);
+  const known = Object.values({ ...QUESTION, ...EVERYWHERE })
+    .filter(([key]) => key && (key !== "M" || current()?.screening));
   const told = await briefing();
   if ($("dialog").open) return; // pressed twice while loading
   const rows = known.sort((a, b) => (a[0] === "0") - (b[0] === "0"))

@@ -1,14 +1,16 @@
 // Draw the page: each phase and view has its own module, called when the state changes.
 
 import { intro, waitFor } from "./brief.js";
-import { $, say } from "./dom.js";
+import { $, el, say } from "./dom.js";
 import { showFailed } from "./failed.js";
 import { act, answer, finish, open, skip, start, state, toggleBlind, undo } from "./flow.js";
 import { showHistory } from "./history.js";
 import { keyboard, showKeys } from "./keys.js";
 import { showOver } from "./over.js";
+import * as offer from "./offer.js";
 import * as question from "./question.js";
 import { replaceRecord, showRecord } from "./record.js";
+import { showSimulated } from "./simulated.js";
 import { showStatus } from "./status.js";
 
 const HEADINGS = {
@@ -23,10 +25,11 @@ function render(before) {
   document.body.dataset.question = now.question?.id ?? "";
   document.body.dataset.blind = now.blind;
   $("scenario").textContent = now.scenario.title;
-  progress(now.progress);
+  progress(now.progress, now.simulated);
   $("undo").disabled = !now.can_undo;
   if (now.phase === "question") {
     intro(now);
+    offer.show(now);
     question.show(now, same);
     if (!same) asked(now);
   }
@@ -42,6 +45,7 @@ function render(before) {
 function look() {
   if (state.view === "history") showHistory(act);
   if (state.view === "status") showStatus(state.now, act);
+  if (state.view === "simulated") showSimulated(state.now, act);
 }
 
 function opened() {
@@ -58,11 +62,12 @@ function asked(now) {
   say(`New question: ${which}. ${question.inWords(now.question)}`);
 }
 
-function progress({ answered, comparisons }) {
+function progress({ answered, comparisons }, simulated) {
   const next = Math.min(answered + 1, comparisons);
   $("progress-text").textContent = state.now.phase === "over"
     ? `${answered} of ${comparisons} compared`
     : state.now.question?.further ? `follow-up comparison, after ${answered} of ${comparisons}` : `comparison ${next} of ${comparisons}`;
+  if (simulated) $("progress-text").append(el("span", { class: "hidden" }, " · "), el("span", { class: "unseen" }, simulated.line));
   const bar = $("progress");
   bar.setAttribute("aria-valuemax", Math.max(comparisons, 1));
   bar.setAttribute("aria-valuenow", answered);
@@ -91,6 +96,8 @@ function arrange() {
   $("to-now").hidden = here;
   $("to-history").setAttribute("aria-current", state.view === "history" ? "page" : "false");
   $("to-status").setAttribute("aria-current", state.view === "status" ? "page" : "false");
+  $("to-simulated").setAttribute("aria-current", state.view === "simulated" ? "page" : "false");
+  $("to-simulated").hidden = !state.now?.screening;
   if (shown === "question") question.fit();
 }
 
@@ -106,10 +113,11 @@ function begin() {
   $("help").addEventListener("click", showKeys);
   $("theme").addEventListener("click", () => state.view === "status" && showStatus(state.now, act));
   $("finish").addEventListener("click", finish);
-  $("offer-finish").addEventListener("click", () => act("finish", {}));
+  offer.start(act);
   $("to-now").addEventListener("click", () => open("now"));
   $("to-history").addEventListener("click", () => open("history"));
   $("to-status").addEventListener("click", () => open("status"));
+  $("to-simulated").addEventListener("click", () => open("simulated"));
   question.start();
   keyboard();
   start(render, opened);

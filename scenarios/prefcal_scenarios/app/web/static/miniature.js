@@ -17,7 +17,7 @@ const STILL = { displayModeBar: false, staticPlot: true };
 export const named = (knob) => (knob.unit && knob.unit !== "-" ? `${knob.name} [${knob.unit}]` : knob.name);
 
 // Return "C_A" with a subscript for plotly; characters that could be markup are removed.
-const typeset = (text) => text.replace(/[<>&]/g, "").replace(/_([\p{L}\p{N}]+)/gu, "<sub>$1</sub>");
+export const typeset = (text) => text.replace(/[<>&]/g, "").replace(/_([\p{L}\p{N}]+)/gu, "<sub>$1</sub>");
 
 // Return the axis of a knob over its whole range, with clean ticks if it spans decades.
 function along(knob) {
@@ -28,7 +28,7 @@ function along(knob) {
   return { ...axis(), type: log ? "log" : "linear", range: [low - pad, high + pad], ...ticks };
 }
 
-const titled = (text) => ({ text, font: { size: 12, color: css("--muted") }, standoff: 6 });
+export const titled = (text) => ({ text, font: { size: 12, color: css("--muted") }, standoff: 6 });
 
 // Draw the learned cost along one knob through the best θ; lower is better.
 export function slice(div, { knob, x, y, best, samples }) {

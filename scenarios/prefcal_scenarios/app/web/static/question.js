@@ -63,11 +63,6 @@ export function show(now, same) {
     if (same) marks(side, question[side]);
     else describe(side, question);
   }
-  $("offer").hidden = !now.good_enough;
-  if (now.good_enough) {
-    const which = now.good_enough.number ? `experiment ${now.good_enough.number}, the` : "the";
-    $("offer-text").textContent = `You marked ${which} best so far, as good enough.`;
-  }
   if (same) return;
   table.take(question);
   plots.take(question, now.scenario.time_unit);

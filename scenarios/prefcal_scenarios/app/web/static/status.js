@@ -62,7 +62,7 @@ function answers(now, status, act) {
     return el("tr", {}, el("th", { scope: "row" }, words), el("td", { class: "number" }, count), el("td", { "aria-hidden": "true" }, bar));
   });
   return el("div", { class: "card" }, el("h3", {}, "Your answers"),
-    el("p", {}, `${experiments} of ${most} experiments, ${given} ${given === 1 ? "comparison" : "comparisons"}.`),
+    el("p", {}, `${experiments} of ${most} experiments, ${given} ${given === 1 ? "comparison" : "comparisons"}.`, status.simulated ? ` ${status.simulated.line}.` : ""),
     el("table", { class: "shares" }, el("tbody", {}, bars)), pace(status.questions, act),
     el("h3", {}, "How consistent are they?"), el("p", {}, text), el("p", {}, again),
     el("p", { class: "faint" }, "Nothing is learned from it: it only shows how consistent you are."));

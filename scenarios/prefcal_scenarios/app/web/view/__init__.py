@@ -7,4 +7,7 @@ from .history import history_view as history_view
 from .now import now_view as now_view
 from .preview import preview_view as preview_view
 from .seen import Seen as Seen
+from .simulated import look_view as look_view
+from .simulated import map_view as map_view
+from .simulated import why_view as why_view
 from .status import status_view as status_view

@@ -1,5 +1,6 @@
 """Show the current state: the phase, the open question, the pending run, and the end."""
 
+from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from prefcal_scenarios.scenario import Scenario
 from .end import over_view
 from .seen import Seen
 from .sides import numbers_view, question_view, theta_view
+from .simulated import screening_view
 
 
 def now_view(
@@ -44,6 +46,7 @@ def now_view(
         "scenario": {"name": scenario.name, "title": scenario.title, "time_unit": _time(now)},
         "study": {"place": interview.study.path, "again": again},
         "progress": _progress(interview, now),
+        "simulated": simulated_view(now),
         "can_undo": now.can_undo,
         "question": _question(interview, now, seen or Seen(), blind=blind),
         "problem": now.problem,
@@ -53,6 +56,7 @@ def now_view(
         "rig": _rig(scenario, now.state),
         "pending": _pending(now.pending, scenario, blind=blind),
         "good_enough": _good_enough(now, blind=blind),
+        "screening": screening_view(interview, now, blind=blind),
         "over": None if now.phase is not Phase.OVER else over_view(
             interview, now, best_view(interview, now), command, report
         ),
@@ -99,6 +103,12 @@ def _progress(interview: Interview, now: Now) -> dict[str, int]:
         "experiments": interview.counts.experiments,
         "n_max": interview.n_max,
     }
+
+
+def simulated_view(now: Now) -> dict[str, Any] | None:
+    """Return how many θ were simulated unseen, and that as a line; None if none are."""
+    found = now.simulated
+    return None if found is None else {**asdict(found), "line": found.line}
 
 
 def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> Any:

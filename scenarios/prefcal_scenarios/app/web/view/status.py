@@ -15,7 +15,7 @@ from prefcal_scenarios.app.session import Consistency, Interview, Now
 from prefcal_scenarios.app.session.order import to_repeat
 
 from .end import outlook_view, report_view
-from .now import best_view, marks_of
+from .now import best_view, marks_of, simulated_view
 
 _POINTS = 81
 """Number of points of a slice through the surrogate."""
@@ -40,6 +40,7 @@ def status_view(interview: Interview, *, report: Path | None = None) -> dict[str
         "outlook": outlook_view(interview.outlook),
         "verdicts": _verdicts(interview),
         "questions": interview.questions,
+        "simulated": simulated_view(now),
         "kpi_importance": _kpi_importance(interview),
         "report": report_view(report),
     }

@@ -1,0 +1,12 @@
+"""Simulate many θ that nobody looks at, for the agent Screening, while a person compares others.
+
+`Simulator` runs them, in worker processes or in this one, and `Basis` is what the open question was
+chosen from.
+"""
+
+from .basis import Basis as Basis
+from .basis import Simulated as Simulated
+from .basis import past_of as past_of
+from .basis import simulates as simulates
+from .simulator import Abandoned as Abandoned
+from .simulator import Simulator as Simulator

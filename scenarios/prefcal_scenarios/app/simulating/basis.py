@@ -1,0 +1,72 @@
+"""What the open question was chosen from: the simulated θ, and why this one is shown."""
+
+from dataclasses import dataclass
+
+from prefcal_agents.protocol.agent import Agent
+from prefcal_agents.registry import CLASSES
+from prefcal_agents.screening.agent import Screening
+from prefcal_agents.screening.bank import Bank
+from prefcal_agents.screening.reason import Reason
+from prefcal_env.preferences.history import History, Sample
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Basis:
+    """What a question was chosen from.
+
+    Args:
+        past: Record that it follows from: samples and answers before the question.
+        pending: Its challenger; None for a follow-up question and after the last one.
+        bank: Simulated θ with their KPIs.
+        reason: Why its challenger is shown; None without a comparison.
+        chance_of_better: Probability that the person prefers some simulated θ to the best so far.
+    """
+
+    past: History
+    pending: Sample | None
+    bank: Bank
+    reason: Reason | None
+    chance_of_better: float
+
+    @classmethod
+    def of(cls, agent: Screening) -> "Basis":
+        """Return the basis of the open question of `agent`, which simulates what is missing."""
+        bank, reason = agent.bank, None if agent.done else agent.reason
+        pending = agent.history.pending
+        return cls(past_of(agent), pending, bank, reason, agent.chance_of_better)
+
+
+def past_of(agent: Agent) -> History:
+    """Return the record that the open question follows from, without its own sample."""
+    return agent.history.until(agent.history.answered)
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """Numbers of what a study simulated unseen and what it showed.
+
+    Args:
+        simulated: Number of θ simulated so far, for the open question; 0 if it is not known.
+        planned: Number of θ to simulate in the whole study.
+        failed: Number of simulations that failed.
+        shown: Number of experiments that were shown or are on show.
+    """
+
+    simulated: int
+    planned: int
+    failed: int
+    shown: int
+
+    @property
+    def line(self) -> str:
+        """Return the numbers as one line: "412 simulated, 6 shown"."""
+        words = f"{self.simulated} simulated, {self.shown} shown"
+        if not self.failed:
+            return words
+        return f"{words}, {self.failed} simulation{'' if self.failed == 1 else 's'} failed"
+
+
+def simulates(agent: Agent) -> bool:
+    """Return whether `agent` chooses from simulations that nobody looks at."""
+    row = CLASSES.get(type(agent).__name__)
+    return row is not None and row.simulates

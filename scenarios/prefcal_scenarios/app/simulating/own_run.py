@@ -1,0 +1,48 @@
+"""Run a user's own scenario in any worker process: each loads the user's file itself."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.study.spaces import knobs_as_dicts, within_as_dict
+from prefcal_scenarios.app.isolated import IsolatedRun
+from prefcal_scenarios.app.isolated.inside import run_of
+from prefcal_scenarios.scenario import Run, load
+
+
+@dataclass(frozen=True, slots=True)
+class OwnRun:
+    """The run of a user's own scenario; when it is unpickled, the user's file is loaded.
+
+    Args:
+        source: Source of the scenario, path/to/own.py:NAME.
+        ranges: Ranges of the study as plain data; None for those of the scenario.
+    """
+
+    source: str
+    ranges: dict[str, Any] | None
+
+    @classmethod
+    def of(cls, run: IsolatedRun) -> "OwnRun":
+        """Return the run that `run` moved into a process."""
+        space = run.space
+        ranges = None
+        if space is not None:
+            ranges = {"knobs": knobs_as_dicts(space), "within": within_as_dict(space)}
+        return cls(run.worker.source, ranges)
+
+    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
+        """Run θ, physical, shape (n,), in this process."""
+        return _loaded(self.source, self.ranges)(theta, seed=seed)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _loaded, (self.source, self.ranges)
+
+
+def _loaded(source: str, ranges: dict[str, Any] | None) -> Run:
+    """Return the run of the scenario, with the ranges of the study."""
+    run: Run = run_of(load(source), ranges)
+    return run

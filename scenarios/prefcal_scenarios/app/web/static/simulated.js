@@ -1,0 +1,193 @@
+// Show what was simulated unseen: a picture of it, and each point to look at or to ask for.
+
+import { get } from "./api.js";
+import { Cursor } from "./cursor.js";
+import { $, el, fill, say, symbol, withUnit } from "./dom.js";
+import { open } from "./flow.js";
+import { draw, drawn, step } from "./map.js";
+import { Plots } from "./plots.js";
+import { headline, item, thetas } from "./side.js";
+
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+let data = null;
+let which = null; // the axes, chosen by the person; null: those that matter most
+let row = null; // the point that is described
+let send = null;
+let over = false;
+
+export async function showSimulated(now, act) {
+  [send, over] = [act, now.phase === "over"];
+  if (!$("map")) build();
+  let found;
+  try {
+    found = await get("/api/simulated");
+  } catch (error) {
+    return fill($("map-told"), error.message);
+  }
+  if (!found) return fill($("map-told"), "The simulations are running: the picture comes with the next question.");
+  const key = row === null ? null : String(data.points[row].theta);
+  data = found;
+  const kept = data.points.findIndex(({ theta }) => String(theta) === key);
+  row = kept >= 0 ? kept : asked() ?? data.best;
+  which ??= [...data.chosen];
+  $("map-parts").hidden = false;
+  selects();
+  return redraw();
+}
+
+// Return the row of the experiment in question that is not the best; null without a question.
+const asked = () => Object.values(data.sides).find((at) => at !== null && at !== data.best) ?? null;
+
+function build() {
+  const on = { change: () => {
+    which = [Number($("map-x").value), Number($("map-y").value)];
+    redraw();
+  } };
+  const map = el("div", { id: "map", class: "map", tabindex: "0", role: "group", "aria-roledescription": "scatter plot",
+    "aria-label": "Everything simulated. Arrow keys go from point to point.", on: { keydown: move } });
+  fill($("view-simulated"), el("h2", { id: "simulated-title" }, "Simulated"), el("p", { id: "map-told", class: "faint" }, "Loading…"),
+    el("div", { id: "map-parts", hidden: true },
+      el("p", { class: "map-axes" }, el("label", {}, "Across ", el("select", { id: "map-x", on })), el("label", {}, "Up ", el("select", { id: "map-y", on }))),
+      el("div", { class: "map-columns" }, el("div", { class: "card flat" }, map, legend()),
+        el("section", { id: "point", class: "card", "aria-label": "The chosen point", "aria-live": "polite" })),
+      el("div", { id: "look", tabindex: "-1" })));
+  new ResizeObserver(() => data && picture()).observe(map);
+  new MutationObserver(() => data && picture()).observe(document.documentElement, { attributeFilter: ["data-theme"] });
+}
+
+const legend = () => el("p", { class: "marks-legend faint" }, [["●", "faint-dot", "simulated, never shown"], ["●", "ink", "shown, with its number"],
+  ["★", "good", "the best so far"], ["◇", "left", "left of the open question"], ["◇", "right", "right of it"]].map(([sign, kind, words]) =>
+  el("span", {}, el("span", { class: `sign ${kind}`, "aria-hidden": "true" }, sign), words)));
+
+function selects() {
+  const option = (k, chosen) => el("option", { value: k, selected: k === chosen }, data.axes[k].title + (data.axes[k].unit ? ` [${data.axes[k].unit}]` : ""));
+  ["map-x", "map-y"].forEach((id, i) => {
+    const groups = [["KPIs", false], ["Knobs", true]].map(([label, knob]) => el("optgroup", { label },
+      data.axes.map((axis, k) => (axis.knob === knob ? option(k, which[i]) : null))));
+    fill($(id), groups);
+  });
+}
+
+function redraw() {
+  fill($("map-told"), told());
+  describe();
+  picture();
+}
+
+const picture = () => $("map").isConnected && draw($("map"), data, which, row, choose);
+
+// Say how many were simulated, and how many of these are not in the picture and why.
+function told() {
+  const { points } = data;
+  const shown = points.filter(({ number }) => number !== null).length;
+  const inside = new Set(drawn(data, which).map((at) => at.row));
+  const count = (end) => points.filter((point, k) => point.end === end && !inside.has(k)).length;
+  const parts = [["failed", "failed"], ["stopped", "stopped as unsafe"]].filter(([end]) => count(end))
+    .map(([end, words]) => `${count(end)} ${words}`);
+  const edges = [...new Set(which)].map((k) => data.axes[k]).filter((axis, i) => axis.log
+    && points.some(({ values }) => values[which[i]] !== null && values[which[i]] < axis.least));
+  return [`${points.length} simulated, ${shown} shown. `, parts.length ? `Not drawn: ${parts.join(", ")}. ` : "",
+    ...edges.flatMap((axis) => ["Values of ", ...symbol(axis.title), ` below ${written(axis.least)} are drawn at the edge. `]),
+    "Click a point, or go from point to point with the arrow keys."];
+}
+
+function choose(next) {
+  if (next === row) return;
+  row = next;
+  fill($("look"));
+  describe();
+  picture();
+}
+
+function move(event) {
+  const arrow = ARROWS[event.key];
+  if (!arrow || event.ctrlKey || event.altKey || event.metaKey) return;
+  event.preventDefault();
+  choose(step($("map"), data, which, row, arrow));
+}
+
+function written(value) {
+  if (value === null) return "–";
+  const text = value && Math.abs(value) < 1e-3 ? value.toExponential(1).replace(".0", "") : String(Number(value.toPrecision(4)));
+  return text.replaceAll("-", "−");
+}
+
+function name({ number }) {
+  if (number === null) return "Simulated, never shown";
+  return `Experiment ${number}${row === data.best ? ", the best so far" : ""}`;
+}
+
+function describe() {
+  if (row === null) return fill($("point"), el("p", { class: "faint" }, "No point is chosen."));
+  const point = data.points[row];
+  const best = data.best === null || row === data.best ? null : data.points[data.best];
+  const knobs = data.axes.filter(({ knob }) => knob);
+  const theta = el("dl", { class: "values" }, knobs.map((knob, k) => el("div", { title: knob.about || null },
+    el("dt", {}, symbol(knob.title)), el("dd", {}, withUnit(point.text[k], knob.unit)))));
+  const rows = data.axes.flatMap((axis, k) => (axis.knob ? [] : [el("tr", {},
+    el("th", { scope: "row", title: axis.about || null }, symbol(axis.title), axis.unit ? el("span", { class: "faint" }, ` [${axis.unit}]`) : null),
+    el("td", { class: "number" }, written(point.values[k])),
+    best ? el("td", { class: "number faint" }, written(best.values[k])) : null)]));
+  const heads = ["KPI", "value", ...(best ? ["best so far"] : [])];
+  return fill($("point"), el("h3", {}, name(point)), point.end ? el("p", { class: "problem" },
+    point.end === "failed" ? "This simulation failed." : "This run was stopped as unsafe.") : null, theta, actions(point),
+  el("div", { class: "scroll" }, el("table", { class: "kpi-table" }, el("thead", {}, el("tr", {}, heads.map((words, k) =>
+    el("th", { scope: "col", class: k ? "number" : null }, words)))), el("tbody", {}, rows))));
+}
+
+function actions(point) {
+  const pending = Object.values(data.sides).includes(row) && row !== data.best;
+  const tried = point.number !== null && !pending;
+  const full = !over && data.left_to_ask === 0;
+  const why = row === data.best ? "It is the best so far." : tried ? "It was compared already."
+    : pending ? "It is in the open question." : full ? "All experiments are compared: answer the last questions first."
+      : over ? `This continues the study${data.left_to_ask ? "" : " with one more experiment"}.` : "It replaces the new experiment of the open question, which stays free to be asked for.";
+  return [el("p", { class: "actions" },
+    el("button", { type: "button", id: "look-at", disabled: row === data.best || point.end === "failed", on: { click: lookAt } }, "Look at it"),
+    el("button", { type: "button", id: "ask-for", class: "primary", disabled: tried || pending || full, on: { click: askFor } }, "Ask for it")),
+  el("p", { class: "faint" }, why)];
+}
+
+async function askFor(event) {
+  const { theta } = data.points[row];
+  event.target.disabled = true;
+  if (over && !(await send("go_on", { more: data.left_to_ask > 0 ? 0 : 1 }))) return;
+  if (await send("ask_for", { theta }, "asked for")) open("now");
+  else describe();
+}
+
+async function lookAt(event) {
+  const [place, button] = [$("look"), event.target];
+  const { theta, number } = data.points[row];
+  button.disabled = true;
+  let found;
+  try {
+    found = await get(`/api/look?theta=${encodeURIComponent(theta.join(","))}`);
+  } catch (error) {
+    return fill(place, el("p", { class: "problem", role: "alert" }, error.message));
+  } finally {
+    button.disabled = false;
+  }
+  const { question, time_unit: unit } = found;
+  const title = number === null ? "Simulated for a look: nothing is recorded" : `Experiment ${number} beside the best so far`;
+  fill(place, el("div", { class: "card-head" }, el("h3", {}, title),
+    el("button", { type: "button", on: { click: () => fill(place) } }, "Close")),
+  el("div", { class: "pair small" }, ["left", "right"].map((side) => half(side, question[side], number))));
+  const pair = place.querySelector(".pair");
+  const plots = new Plots((side) => pair.querySelector(`[data-side=${side}]`));
+  plots.take(question, unit);
+  pair.style.setProperty("--least", `${1.25 * plots.least}px`);
+  new Cursor(plots, () => {}).start(pair);
+  plots.draw();
+  place.scrollIntoView({ block: "nearest" });
+  place.focus({ preventScroll: true });
+  return say(title);
+}
+
+function half(side, shown, number) {
+  const [title, which] = side === "left" ? ["Best so far", `experiment ${shown.number}`]
+    : ["This one", number === null ? "never shown" : `experiment ${number}`];
+  return el("section", { class: `side ${side}`, "aria-label": title }, el("header", {}, el("h4", {}, title),
+    el("p", { class: "which" }, which)), el("dl", { class: "kpis" }, headline(shown).map(item)), thetas(shown),
+  el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side } }));
+}

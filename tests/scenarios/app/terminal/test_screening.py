@@ -1,0 +1,76 @@
+"""Why a question is asked and the offer to stop, in the terminal."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from prefcal_agents.screening.agent import Screening
+from prefcal_agents.screening.reason import Reason
+from prefcal_scenarios.app.session import Background
+from prefcal_scenarios.app.terminal import converse
+from prefcal_scenarios.app.terminal.showing import show_question
+from support.interviews import begin, proceed
+from support.looks import toy
+from support.screened import explained, screening
+
+WHY = "is shown because you preferred final level nearer to its target"
+OFFER = "Stop here, or go on? (f f finishes)"
+
+
+@pytest.fixture(autouse=True)
+def says(monkeypatch):
+    """An agent with reasons that promises nothing more."""
+    reason = Reason(0.7, ("final",), ("t_f",), ("final",))
+    monkeypatch.setattr(Screening, "reason", property(lambda agent: reason))
+    monkeypatch.setattr(Screening, "chance_of_better", property(lambda agent: 0.08))
+
+
+def talk(interview, keys, width=200):
+    """What was printed for these keys."""
+    console = Console(file=io.StringIO(), width=width, record=True, force_terminal=False)
+    typed = iter(keys)
+    with Background(interview):
+        converse(interview, console, lambda: next(typed), lambda words: "")
+    return console.export_text()
+
+
+def test_each_question_has_its_reason_and_after_an_answer_the_offer():
+    first, _, second = talk(screening(), "lx").partition("Saved: left.")
+    assert WHY in first
+    assert OFFER not in first
+    assert WHY in second
+    assert "is expected to be preferred to the best so far" in second
+    assert OFFER in second
+
+
+def test_blind_hides_the_reason_and_keeps_the_offer():
+    *_, blind = talk(screening(), "lbx").rpartition(OFFER.split("?")[0])
+    out = talk(screening(), "lbx")
+    assert out.count(WHY) == 2  # of two open questions
+    assert out.count(OFFER) == 2
+    assert WHY not in blind
+
+
+def test_where_are_we_tells_what_the_simulations_promise():
+    out = talk(screening(), "llwx")
+    assert "Nothing among the" in out.partition("Saved: left.")[2]
+    assert "would bring nothing better" not in out
+
+
+@pytest.mark.parametrize(("width", "height"), [(120, 40), (80, 50)])
+def test_the_curves_leave_room_for_the_reason(width, height):
+    interview = explained(screening())
+    console = Console(
+        file=io.StringIO(), width=width, height=height, record=True, force_terminal=True
+    )
+    show_question(interview, interview.now(), console, blind=False)
+    assert len(console.export_text().splitlines()) < height
+
+
+def test_other_agents_give_no_reason():
+    interview = begin(toy)
+    now = proceed(interview)
+    console = Console(file=io.StringIO(), width=120, record=True)
+    show_question(interview, now, console, blind=False)
+    assert "shown because" not in console.export_text()

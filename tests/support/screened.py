@@ -1,0 +1,43 @@
+"""Interviews of the toy with an agent that simulates it."""
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from prefcal_agents.screening.agent import Screening
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_scenarios.app.session import Interview
+from prefcal_scenarios.scenario import Scenario
+from support.interviews import begin, proceed
+from toy_study import toy_scenario
+
+toy = toy_scenario()
+
+
+def run(theta: Any, seed: int = 0) -> Experiment:
+    """The toy's run; one with N_p = 7 raises an error."""
+    if theta[1] == 7:
+        raise OSError("no solution")
+    return toy.run(np.array(theta), seed=seed)
+
+
+simulated = replace(toy, run=run, simulated=True)
+
+
+def screening(
+    scenario: Scenario = simulated, *, n_max: int = 6, path: Path | None = None, count: int = 80
+) -> Interview:
+    """An interview of an agent that simulates `count` θ, before its first step."""
+    agent = partial(Screening, n_simulated=count)
+    return begin(scenario, n_max=n_max, path=path, agent=agent)
+
+
+def explained(interview: Interview) -> Interview:
+    """The interview with its next question open and everything about it worked out."""
+    proceed(interview)
+    while interview.screened() is None:
+        assert interview.work()
+    return interview
