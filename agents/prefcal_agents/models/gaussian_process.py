@@ -376,6 +376,21 @@ class PreferenceGP:
         return float(np.ptp(self(self.centers)))
 
 
+def predicted(preferences: Preferences, error_rate: float) -> float:
+    """Return how well a process over θ predicts each strict answer from the others.
+
+    Args:
+        preferences: One strict answer or more.
+        error_rate: Probability that an answer is wrong.
+
+    Returns:
+        The sum of the logarithms of their probabilities.
+    """
+    known = _Known.of(preferences, error_rate)
+    lengths, start = known.likeliest()
+    return float(known.posterior(known.factor(lengths)[0], start).predicted)
+
+
 @dataclass(frozen=True, slots=True)
 class _Known:
     """R strict comparisons of N samples, each wrong with probability `error_rate`.

@@ -3,11 +3,11 @@
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.optimize.search import Tried
-from prefcal_agents.protocol.agent import PreferenceBased, one_thread
+from prefcal_agents.protocol.agent import Pair, PreferenceBased, one_thread
 from prefcal_agents.space.start import Start
 from prefcal_agents.support.checks import integer
 from prefcal_env.errors import SettingsError
@@ -15,10 +15,18 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .bank import Bank
+from .beyond_kpis import BeyondKPIs
 from .choice import expected_best
 from .growth import Growth, Stage
 from .reason import Reason, chances, reason_for
 from .simulations import Simulate, Simulations
+
+_DOUBT = 0.5
+"""Probability of being better than the best above which an earlier experiment is shown again."""
+_TIMES = 2
+"""Number of times that a pair is asked at most."""
+_ALIKE = 0.005
+"""Experiments whose KPIs differ by less than this share look alike."""
 
 
 @final
@@ -58,10 +66,11 @@ class Screening(PreferenceBased):
         super().__init__(space, n_init=n_init, n_max=n_max, seed=seed, start=start)
         integer("n_simulated", n_simulated, low=1)
         self._n_simulated = int(n_simulated)
+        self._beyond = BeyondKPIs(space, self._seed)
         self._growth = None if simulate is None else self._grown(Simulations(simulate))
 
     def _grown(self, simulations: Simulations) -> Growth:
-        return Growth(self.space, simulations, self._n_simulated, self._asked_for, self._seed)
+        return Growth(self.space, simulations, self._n_simulated, self._seed)
 
     def with_simulations(self, simulate: Simulate) -> Self:
         """Return a copy that simulates by `simulate`, for example one restored from a file."""
@@ -138,13 +147,40 @@ class Screening(PreferenceBased):
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         stage, best = self._growing.stage(history), history.incumbent
+        rng, tried = (
+            np.random.default_rng([self._seed, history.answered]),
+            Tried(self.space, history),
+        )
+        if self._beyond.is_next(history, stage):
+            return tried.fresh(self._beyond.propose(history, stage), rng)
         row = None if best is None else stage.bank.find(history.samples[best].theta)
         order = np.argsort(-expected_best(stage.costs, row), kind="stable")
-        failed = np.isinf(stage.bank.kpis).all(axis=1)
-        tried = Tried(self.space, history)
-        z = tried.first_new(stage.bank.z[order[np.argsort(failed[order], kind="stable")]])
-        rng = np.random.default_rng([self._seed, history.answered])
+        dull = _failed(stage) | _look_alike(stage, history)
+        z = tried.first_new(stage.bank.z[order[np.argsort(dull[order], kind="stable")]])
         return tried.fresh(stage.bank.z[0], rng) if z is None else z
+
+    def _follow_up(self, history: History) -> Pair | None:
+        """Return an earlier experiment that is probably better than the best, to ask again.
+
+        A wrong answer can have cost it the lead. Each pair is asked at most twice.
+        """
+        best = history.incumbent
+        if best is None or len(history.lessons()) < 2:
+            return None
+        stage = self._growing.stage(history)
+        rows = [stage.bank.find(s.theta) for s in history.samples[: history.answered]]
+        doubt = np.mean(stage.costs[:, rows] < stage.costs[:, rows[best], None], axis=0)
+        doubt[[best, *history.unsafe()]] = 0.0
+        for rival in map(int, np.argsort(-doubt, kind="stable")):
+            if doubt[rival] <= _DOUBT:
+                return None
+            times = sum({c.challenger, c.incumbent} == {rival, best} for c in history.counting)
+            if times < _TIMES:
+                return max(rival, best), min(rival, best)
+        return None
+
+    def _final(self, history: History) -> Pair | None:
+        return self._follow_up(history)
 
     def _settings(self) -> dict[str, Any]:
         return {"n_simulated": self._n_simulated}
@@ -153,6 +189,22 @@ class Screening(PreferenceBased):
         twin = super()._twin(state)
         twin._growth = self._growth
         return twin
+
+
+def _failed(stage: Stage) -> Bool[np.ndarray, " m"]:
+    """Return which simulations failed, shape (m,)."""
+    return np.asarray(np.isinf(stage.bank.kpis).all(axis=1))
+
+
+def _look_alike(stage: Stage, history: History) -> Bool[np.ndarray, " m"]:
+    """Return which θ have the KPIs of one that was shown, shape (m,): a person sees nothing new."""
+    logs = stage.scale(stage.bank)
+    alike = np.zeros(len(logs), dtype=np.bool_)
+    for sample in history.samples[: history.answered]:
+        shown = logs[stage.bank.find(sample.theta)]
+        apart = np.abs(np.subtract(logs, shown, where=logs != shown, out=np.zeros(logs.shape)))
+        alike |= apart.max(axis=1, initial=0.0) < _ALIKE
+    return alike
 
 
 def _row(bank: Bank, theta: Float[np.ndarray, " n"]) -> int | None:

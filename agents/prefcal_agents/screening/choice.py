@@ -3,12 +3,12 @@
 import numpy as np
 from jaxtyping import Float
 
-
-_ALIKE = 0.0
+_ALIKE = 3.0
+"""Ranks below this are worth about the same: the very first ones are a matter of chance."""
 
 
 def worth(costs: Float[np.ndarray, "s m"]) -> Float[np.ndarray, "s m"]:
-    """Return the negative logarithm of the rank of each θ in each draw, shape (s, m).
+    """Return the negative logarithm of the rank of each θ in each draw, plus 3, shape (s, m).
 
     Halving the number of better θ is worth the same everywhere, from a poor θ to the very best.
     """

@@ -1,9 +1,12 @@
 """How the bank of a screening agent grows from answer to answer."""
 
-from dataclasses import dataclass
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_env.knobs.space import KnobSpace
@@ -15,11 +18,15 @@ from .refine import near_leaders
 from .simulations import Simulations
 from .utility import Scale, Utilities
 
-_SPREAD, _AHEAD, _EACH = 0.4, 0.2, 0.04
-"""Shares of the simulations: over the whole space, near the leaders before the first question, and
-after each answer, until all are used up."""
+_FIRST, _SECOND, _LATER = (0.12, 0.03), (0.28, 0.17), (0.0, 0.04)
+"""Shares of the simulations, over the whole space and near the leaders: before the first question,
+which must come soon; after the first answer; and after each later one."""
+_ANSWERS = 10
+"""Number of later answers that are followed by simulations; then all are used up."""
 _ROUNDS = 4
-"""Number of rounds in which those before the first question are placed."""
+"""Number of rounds in which many θ near the leaders are placed."""
+_REMEMBERED = 40
+"""Number of stages in memory, about a megabyte each."""
 _THINNED = 8
 """Every 8th draw judges the whole bank, which takes the most time."""
 _LEARN = 0
@@ -32,7 +39,7 @@ class Stage:
 
     Args:
         bank: Simulated θ.
-        spread: Number of rows of the bank, the first ones, that fill the space.
+        spread: Rows of the bank that fill the space, shape (r,).
         scale: How KPIs are measured.
         utilities: Draws of what the person wants.
         costs: Cost of each θ in some of the draws, lower is better, shape (d, m).
@@ -40,15 +47,15 @@ class Stage:
     """
 
     bank: Bank
-    spread: int
+    spread: Int[np.ndarray, " r"]
     scale: Scale
     utilities: Utilities
     costs: Float[np.ndarray, "d m"]
     noticed: Float[np.ndarray, " d"]
 
 
-def _stage(bank: Bank, spread: int, scale: Scale, utilities: Utilities) -> Stage:
-    logs = scale(bank.kpis)
+def _stage(bank: Bank, spread: Int[np.ndarray, " r"], scale: Scale, utilities: Utilities) -> Stage:
+    logs = scale(bank)
     costs = utilities.take(np.arange(0, len(utilities), _THINNED)).costs(logs)
     return Stage(bank, spread, scale, utilities, costs, noticeable(costs[:, typical(logs)]))
 
@@ -62,81 +69,104 @@ class Growth:
     Args:
         space: Knobs to tune.
         simulations: Simulations of the study.
-        n_simulated: Number of θ to simulate.
-        n_max: Number of experiments to show.
+        n_simulated: Largest number of θ to simulate.
         seed: Seed of all randomness.
     """
 
     def __init__(
-        self, space: KnobSpace, simulations: Simulations, n_simulated: int, n_max: int, seed: int
+        self, space: KnobSpace, simulations: Simulations, n_simulated: int, seed: int
     ) -> None:
         self.simulations = simulations
-        self._space, self._seed, self._most = space, seed, n_simulated
-        self._spread = max(round(_SPREAD * n_simulated), 1)
-        self._ahead = round(_AHEAD * n_simulated / _ROUNDS)
-        answers = min(max(n_max - 1, 1), round((1 - _SPREAD - _AHEAD) / _EACH))
-        self._each = (n_simulated - self._spread - _ROUNDS * self._ahead) // answers
-        self._stages: dict[History, Stage] = {}
+        self._space, self._seed = space, seed
+        shares = (_FIRST, _SECOND, *[_LATER] * _ANSWERS)
+        self._plan = [tuple(int(share * n_simulated) for share in pair) for pair in shares]
+        self._plan[0] = (max(self._plan[0][0], 1), self._plan[0][1])
+        self._design = latin_hypercube(space, sum(wide for wide, _ in self._plan), seed)
+        self._stages: OrderedDict[History, Stage] = OrderedDict()
 
     def stage(self, history: History) -> Stage:
         """Return what is known after `history`, simulating what was not simulated yet."""
         past = history.until(history.answered).bare()
         if past not in self._stages:
-            stage = self._begun()
+            before, stage = History(), self._begun()
             for count in range(1, past.answered + 1):
-                stage = self._after(past.until(count), past.until(count - 1), stage)
-            self._stages[past] = stage
-        return self._stages[past]
+                here = past.until(count)
+                alone = replace(here, follow_ups=before.follow_ups)
+                stage = self._kept(alone, partial(self._grown, alone, before, stage))
+                if here != alone:  # answers to follow-ups teach, but bring no new θ
+                    stage = self._kept(here, partial(self._learned, here, alone, stage))
+                before = here
+            return stage
+        return self._kept(past, self._begun)
+
+    def _kept(self, past: History, make: Callable[[], Stage]) -> Stage:
+        """Return the stage after `past`, made only if it is not in memory."""
+        if past not in self._stages:
+            self._stages[past] = make()
+        stage = self._stages[past]
+        while len(self._stages) > _REMEMBERED:
+            self._stages.pop(next(iter(self._stages)), None)
+        return stage
 
     def _begun(self) -> Stage:
         """Return the stage before the first answer: leaders by what anybody may want."""
-        start = History()
-        if start not in self._stages:
-            design = latin_hypercube(self._space, self._spread, self._seed)
-            bank = self._simulated(*runnable(self._space, design))
-            scale = Scale.of(bank, len(bank))
-            drawn = Utilities.drawn(scale, DRAWS, self._rng(start, _LEARN))
-            stage = _stage(bank, len(bank), scale, drawn)
-            for round_ in range(_ROUNDS):
-                stage = self._refined(start, stage, self._ahead, round_)
-            self._stages[start] = stage
-        return self._stages[start]
+        return self._kept(History(), self._first)
 
-    def _after(self, past: History, before: History, stage: Stage) -> Stage:
+    def _first(self) -> Stage:
+        wide, near = self._plan[0]
+        bank = self._simulated(*runnable(self._space, self._design[:wide]))
+        spread = np.arange(len(bank))
+        scale = Scale.of(bank, spread)
+        stage = _stage(bank, spread, scale, self._drawn(scale))
+        return self._refined(History(), stage, near)
+
+    def _drawn(self, scale: Scale) -> Utilities:
+        return Utilities.drawn(scale, DRAWS, self._rng(History(), _LEARN))
+
+    def _grown(self, past: History, before: History, stage: Stage) -> Stage:
         """Return the stage after `past`, given the one after `before`, an answer earlier."""
-        if past not in self._stages:
-            stage = self._held(stage, self._with_shown(stage.bank, past))
-            if past.lessons() or past.unsafe():
-                stage = self._learned(past, before, stage)
-                left = max(self._most - len(stage.bank), 0)
-                stage = self._refined(past, stage, min(self._each, left))
-            self._stages[past] = stage
-        return self._stages[past]
+        turn = past.answered - 1  # the first one is compared with nothing
+        wide, near = self._plan[turn] if 0 < turn < len(self._plan) else (0, 0)
+        known = stage.scale.names
+        stage = self._widened(stage, past, turn, wide)
+        if stage.scale.names != known:
+            before = History()
+        stage = self._learned(past, before, stage)
+        return self._refined(past, stage, near)
+
+    def _widened(self, stage: Stage, past: History, turn: int, wide: int) -> Stage:
+        """Return the stage with the next `wide` θ of the design, and all that were shown."""
+        start = sum(count for count, _ in self._plan[:turn])
+        z, thetas = runnable(self._space, self._design[start : start + wide])
+        bank, old = self._extended(stage.bank, z, thetas), len(stage.bank)
+        spread = np.append(stage.spread, np.arange(old, len(bank)))
+        shown = [np.array([getattr(s, name) for s in past.samples]) for name in ("z", "theta")]
+        bank = self._extended(bank, *shown)
+        scale, utilities = Scale.of(bank, spread), stage.utilities
+        if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
+            utilities = self._drawn(scale)
+        return _stage(bank, spread, scale, utilities)
 
     def _learned(self, past: History, before: History, stage: Stage) -> Stage:
         """Return the stage after the answers of `past`, given the one after those of `before`."""
-        scale = Scale.of(stage.bank, stage.spread)
-        old, new = (Lessons.of(stage.bank, scale, record) for record in (before, past))
-        rng = self._rng(past, _LEARN)
-        utilities = updated(stage.utilities, old, new, scale, rng)
-        return _stage(stage.bank, stage.spread, scale, utilities)
-
-    def _refined(self, past: History, stage: Stage, count: int, round_: int = 0) -> Stage:
-        """Return the stage with `count` more θ near the leaders."""
-        if not count or not len(stage.scale.columns):
+        if not past.lessons() and not past.unsafe():
             return stage
-        rng = self._rng(past, _LEARN + 1 + round_)
-        points = near_leaders(self._space, stage.bank.z, stage.costs, count, rng)
-        return self._held(stage, self._extended(stage.bank, *runnable(self._space, points)))
+        old, new = (Lessons.of(stage.bank, stage.scale, record) for record in (before, past))
+        rng = self._rng(past, _LEARN)
+        utilities = updated(stage.utilities, old, new, stage.scale, rng)
+        return _stage(stage.bank, stage.spread, stage.scale, utilities)
 
-    def _held(self, stage: Stage, bank: Bank) -> Stage:
-        """Return the stage with a larger bank."""
-        return _stage(bank, stage.spread, stage.scale, stage.utilities)
-
-    def _with_shown(self, bank: Bank, past: History) -> Bank:
-        """Return the bank with all samples of `past`, some of which a person may have given."""
-        z, thetas = ([getattr(s, name) for s in past.samples] for name in ("z", "theta"))
-        return self._extended(bank, np.array(z), np.array(thetas))
+    def _refined(self, past: History, stage: Stage, count: int) -> Stage:
+        """Return the stage with `count` more θ near the leaders, in rounds if they are many."""
+        if not count or not stage.scale.names:
+            return stage
+        rounds = _ROUNDS if count > _ROUNDS else 1
+        for number, part in enumerate(np.array_split(np.arange(count), rounds)):
+            rng = self._rng(past, _LEARN + 1 + number)
+            points = near_leaders(self._space, stage.bank.z, stage.costs, len(part), rng)
+            bank = self._extended(stage.bank, *runnable(self._space, points))
+            stage = _stage(bank, stage.spread, stage.scale, stage.utilities)
+        return stage
 
     def _extended(
         self, bank: Bank, z: Float[np.ndarray, "j n"], thetas: Float[np.ndarray, "j n"]

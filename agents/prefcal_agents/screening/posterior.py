@@ -49,7 +49,7 @@ class Lessons:
     @classmethod
     def of(cls, bank: Bank, scale: Scale, history: History) -> "Lessons":
         """Return the answers of `history`; an unsafe experiment is worse than all that are not."""
-        logs = scale(bank.kpis)
+        logs = scale(bank)
         rows = [bank.find(sample.theta) for sample in history.samples[: history.answered]]
         given = [(v.challenger, v.incumbent, v.preference, c.answer.strength)
                  for c in history.lessons() if (v := c.verdict) is not None]  # fmt: skip
@@ -72,13 +72,17 @@ class Lessons:
 
     def log_likelihood(self, utilities: Utilities) -> Float[np.ndarray, " s"]:
         """Return the logarithm of the probability of all answers by each draw, shape (s,)."""
+        return np.asarray(self.log_probabilities(utilities) @ self.strength)
+
+    def log_probabilities(self, utilities: Utilities) -> Float[np.ndarray, "s a"]:
+        """Return the logarithm of the probability of each answer by each draw, shape (s, a)."""
         costs = utilities.costs(self.logs)
         gain = costs[:, self.worse] - costs[:, self.better]
         gain /= noticeable(costs[:, self.shown :])[:, None]
         error = utilities.errors[:, None]
         won = error + (1.0 - 2.0 * error) * ndtr(gain)
         alike = _CARELESS + (1.0 - _CARELESS) * np.exp(-0.5 * (gain * NOTICED / _ALIKE) ** 2)
-        return np.asarray(np.log(np.where(self.tie, alike, won)) @ self.strength)
+        return np.asarray(np.log(np.where(self.tie, alike, won)))
 
 
 def typical(logs: Float[np.ndarray, "m k"]) -> Int[np.ndarray, " t"]:

@@ -37,8 +37,8 @@ class Reason:
 
 def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
     """Return why row `new` of the bank is compared with row `best`."""
-    names = [stage.bank.names[column] for column in stage.scale.columns]
-    logs, weights = stage.scale(stage.bank.kpis[[new, best]]), stage.utilities.weights
+    names = stage.scale.names
+    logs, weights = stage.scale(stage.bank, [new, best]), stage.utilities.weights
     lost = [stage.utilities.losses(logs, kpi) for kpi in range(len(names))]
     gains = np.array(
         [np.mean(w * (both[:, 1] - both[:, 0])) for w, both in zip(weights.T, lost, strict=True)]
@@ -59,7 +59,7 @@ def chances(stage: Stage, best: int) -> Float[np.ndarray, " m"]:
     return np.asarray(ndtr(gain / stage.noticed[:, None] - 1.0).mean(axis=0))
 
 
-def _learned(stage: Stage, names: list[str], history: History) -> tuple[str, ...]:
+def _learned(stage: Stage, names: tuple[str, ...], history: History) -> tuple[str, ...]:
     """Return the KPIs whose weight has grown, and in which most preferred experiments were better.
 
     The weights of a few answers are uncertain; the second condition keeps what is said true.
@@ -69,7 +69,7 @@ def _learned(stage: Stage, names: list[str], history: History) -> tuple[str, ...
         if verdict.winner is None or verdict.loser is None:
             continue
         rows = [stage.bank.find(history.samples[i].theta) for i in (verdict.winner, verdict.loser)]
-        winner, loser = stage.scale(stage.bank.kpis[rows])
+        winner, loser = stage.scale(stage.bank, rows)
         wins += np.sign(np.where(winner == loser, 0.0, loser - winner))
     grown = stage.utilities.weights.mean(axis=0) * len(names)
     order = np.argsort(-grown, kind="stable")

@@ -5,6 +5,7 @@ exponents ratios count, for large ones there is a limit at the scale, and beyond
 diminish. Weights have heavy tails, so one KPI may come before all others.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -24,7 +25,7 @@ _LARGEST = 0.8
 ERRORS = ((0.01, 0.8), (0.1, 0.1), (0.2, 0.1))
 """Rates of wrong answers, and how probable each is."""
 _HUGE = 1e100
-_FLOOR = 0.05
+_FLOOR = 0.002
 """Distances below this share of the median distance count as zero."""
 
 
@@ -33,22 +34,22 @@ class Scale:
     """How the KPIs of a bank are measured: by the logarithm of the distance to a good value.
 
     Args:
-        columns: KPIs that differ in the bank, shape (k,).
+        names: KPIs that differ in the bank.
         good: Good value of each, shape (k,): 0, or the best one if it can be negative.
         floor: Smallest distance that counts, shape (k,).
         quantiles: Quantiles 0, 0.001, ..., 1 of the log distances, shape (1001, k).
     """
 
-    columns: Int[np.ndarray, " k"]
+    names: tuple[str, ...]
     good: Float[np.ndarray, " k"]
     floor: Float[np.ndarray, " k"]
     quantiles: Float[np.ndarray, "q k"]
 
     @classmethod
-    def of(cls, bank: Bank, spread: int) -> "Scale":
-        """Return the scale for the KPIs of `bank`, whose first `spread` rows fill the space."""
+    def of(cls, bank: Bank, spread: Int[np.ndarray, " r"]) -> "Scale":
+        """Return the scale for the KPIs of `bank`, whose rows `spread` fill the space."""
         kpis = _bounded(bank.kpis)
-        usual = [column[np.isfinite(column)] for column in kpis[:spread].T]
+        usual = [column[np.isfinite(column)] for column in kpis[spread].T]
         columns = [j for j, c in enumerate(usual) if len(c) and c.min() < c.max()]
         good = np.array([min(kpis[:, j].min(), 0.0) for j in columns])
         floor, quantiles = np.ones(len(columns)), np.zeros((1001, len(columns)))
@@ -57,11 +58,18 @@ class Scale:
             floor[place] = _FLOOR * np.median(distances[distances > 0])
             logs = np.log(np.maximum(distances, floor[place]))
             quantiles[:, place] = np.quantile(logs, np.linspace(0, 1, 1001))
-        return cls(np.array(columns, dtype=np.int64), good, floor, quantiles)
+        return cls(tuple(bank.names[j] for j in columns), good, floor, quantiles)
 
-    def __call__(self, kpis: Float[np.ndarray, "m K"]) -> Float[np.ndarray, "m k"]:
-        """Return the log distances of all KPIs, shape (m, k), infinite where a KPI is."""
-        distances = _bounded(kpis[:, self.columns]) - self.good
+    def __call__(self, bank: Bank, rows: Sequence[int] | None = None) -> Float[np.ndarray, "m k"]:
+        """Return the log distances of all KPIs, shape (m, k), infinite where a KPI is.
+
+        Args:
+            bank: Bank with these KPIs.
+            rows: Rows of the bank; None for all.
+        """
+        columns = [bank.names.index(name) for name in self.names]
+        kpis = bank.kpis if rows is None else bank.kpis[list(rows)]
+        distances = _bounded(kpis[:, columns]) - self.good
         return np.asarray(np.log(np.maximum(distances, self.floor)))
 
 
@@ -91,7 +99,7 @@ class Utilities:
     @classmethod
     def drawn(cls, scale: Scale, count: int, rng: np.random.Generator) -> "Utilities":
         """Return `count` draws before any answer is known."""
-        shape = (count, len(scale.columns))
+        shape = (count, len(scale.names))
         deep = _LARGEST * 10.0 ** rng.uniform(-_DEEPEST, 0.0, shape)
         share = np.where(rng.random(shape) < 0.5, deep, rng.uniform(0.0, _LARGEST, shape))
         grid = np.linspace(0.0, 1.0, len(scale.quantiles))
