@@ -165,7 +165,7 @@ class Screening(PreferenceBased):
         A wrong answer can have cost it the lead. Each pair is asked at most twice.
         """
         best = history.incumbent
-        if best is None or len(history.lessons()) < 2:
+        if best is None or len(history.lessons()) < 2 or self._growth is None:
             return None
         stage = self._growing.stage(history)
         rows = [stage.bank.find(s.theta) for s in history.samples[: history.answered]]

@@ -23,8 +23,8 @@ _FIRST, _SECOND, _LATER = (0.12, 0.03), (0.28, 0.17), (0.0, 0.04)
 which must come soon; after the first answer; and after each later one."""
 _ANSWERS = 10
 """Number of later answers that are followed by simulations; then all are used up."""
-_ROUNDS = 4
-"""Number of rounds in which many θ near the leaders are placed."""
+_ROUND = 50
+"""Number of θ near the leaders after which leaders are chosen again."""
 _REMEMBERED = 40
 """Number of stages in memory, about a megabyte each."""
 _THINNED = 8
@@ -160,7 +160,7 @@ class Growth:
         """Return the stage with `count` more θ near the leaders, in rounds if they are many."""
         if not count or not stage.scale.names:
             return stage
-        rounds = _ROUNDS if count > _ROUNDS else 1
+        rounds = max(count // _ROUND, 1)
         for number, part in enumerate(np.array_split(np.arange(count), rounds)):
             rng = self._rng(past, _LEARN + 1 + number)
             points = near_leaders(self._space, stage.bank.z, stage.costs, len(part), rng)
