@@ -36,7 +36,7 @@ LAYERS = {
         {"space"},
         {"optimize"},
         {"acquisition", "protocol"},
-        {"glisp", "baselines", "peers", "rl"},
+        {"glisp", "baselines", "peers", "rl", "screening"},
         {"registry"},
         {"minimize", "respacing"},
     ),

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from prefcal_scenarios.app.report.trajectories import figure as figure
 
     from .kpis import outcome as outcome
+    from .kpis import screened as screened
+    from .kpis import simulator as simulator
     from .many.results import FailedRun as FailedRun
     from .many.results import Simulated as Simulated
     from .many.simulate import simulate_iter as simulate_iter
@@ -24,6 +26,8 @@ _HOMES = {
     "figure": "app.report.trajectories",
     "load_controller": "app.report.export",
     "outcome": "kpis",
+    "screened": "kpis",
+    "simulator": "kpis",
     "FailedRun": "many.results",
     "Simulated": "many.results",
     "simulate_iter": "many.simulate",

@@ -1,17 +1,33 @@
 """What an agent can learn about an experiment besides θ: the scenario's KPIs and generic ones."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Protocol
 
 import numpy as np
+from jaxtyping import Float
 
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.preferences.kpis import Outcome
 
-from .scenario import KPI, Scenario
+from .own.checks import returned
+from .scenario import KPI, Scenario, load
 
 INTERRUPTED = "interrupted"
 """Name of the KPI that is 1 for a run that was stopped or failed, and 0 otherwise."""
+
+
+class Result(Protocol):
+    """What remains of any run: an `Experiment`, or what `simulate_many` returns for it."""
+
+    @property
+    def end(self) -> End:
+        """Why the run ended."""
+
+    @property
+    def kpis(self) -> Mapping[str, float]:
+        """KPIs by name, in the units of the scenario."""
 
 
 def outcome(scenario: Scenario, experiment: Experiment) -> Outcome:
@@ -21,15 +37,75 @@ def outcome(scenario: Scenario, experiment: Experiment) -> Outcome:
     trajectory with a reference. All are infinite for a run that was stopped: a short run would
     otherwise look good, since it accumulates little error.
     """
+    return _outcome({**_generic(experiment), **_directed(scenario, experiment)}, experiment)
+
+
+def screened(scenario: Scenario, experiment: Result) -> Outcome:
+    """Return the KPIs by which simulated experiments are screened, lower is better.
+
+    They are the scenario's KPIs with a known direction of improvement and "interrupted", the KPIs
+    that people see. Only if no KPI has a direction, generic ones of the trajectory take their
+    place. Those of a run that was stopped are infinite; a run that failed has no KPIs at all.
+
+    Args:
+        scenario: Scenario of the experiment.
+        experiment: Experiment, or what `simulate_many` returns for it.
+
+    Raises:
+        ScenarioError: If the scenario has no KPI with a direction, and the trajectory is not kept.
+    """
+    if experiment.end is End.FAILED and not experiment.kpis:
+        return Outcome({})
+    if any(kpi.goal is not None for kpi in scenario.kpis):
+        return _outcome(_directed(scenario, experiment), experiment)
+    if not isinstance(experiment, Experiment):
+        raise ScenarioError(
+            f"scenario {scenario.name!r} has no KPI with a direction, so its trajectories are "
+            "needed: simulate_many(..., trajectories=True)"
+        )
+    return _outcome(_generic(experiment), experiment)
+
+
+def simulator(
+    scenario: Scenario | str, *, seed: int = 0
+) -> Callable[[Float[np.ndarray, " n"]], Outcome]:
+    """Return a function of a physical θ, shape (n,), that runs it here and returns its KPIs.
+
+    It is the `simulate` of `Screening` and `minimize_by_preference`; its KPIs are `screened`.
+
+    Args:
+        scenario: Scenario, or its name as for `load`.
+        seed: Seed of every run.
+
+    Raises:
+        ScenarioError: If there is no such scenario.
+    """
+    found = load(scenario) if isinstance(scenario, str) else scenario
+
+    def simulate(theta: Float[np.ndarray, " n"]) -> Outcome:
+        return screened(found, returned(found.run(theta, seed=seed)))
+
+    return simulate
+
+
+def _generic(experiment: Experiment) -> dict[str, float]:
+    return dict(tracking_kpis(experiment)) if len(experiment.t) else {}
+
+
+def _directed(scenario: Scenario, experiment: Result) -> dict[str, float]:
+    """Return the scenario's KPIs with a direction, lower is better."""
+    values = [(kpi, experiment.kpis.get(kpi.name)) for kpi in scenario.kpis]
+    return {
+        kpi.name: kpi.badness(float(value))
+        for kpi, value in values
+        if value is not None and kpi.goal is not None
+    }
+
+
+def _outcome(known: Mapping[str, float], experiment: Result) -> Outcome:
     stopped = experiment.end.interrupted
-    known = {} if not len(experiment.t) else dict(tracking_kpis(experiment))
-    for kpi in scenario.kpis:
-        value = experiment.kpis.get(kpi.name)
-        if value is not None and kpi.goal is not None:
-            known[kpi.name] = kpi.badness(float(value))
-    if stopped:
-        known = dict.fromkeys(known, np.inf)
-    return Outcome({**known, INTERRUPTED: float(stopped)})
+    values = dict.fromkeys(known, np.inf) if stopped else known
+    return Outcome({**values, INTERRUPTED: float(stopped)})
 
 
 def seen(scenario: Scenario) -> tuple[str, ...]:

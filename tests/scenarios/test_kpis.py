@@ -1,6 +1,7 @@
 """KPIs of a scenario for an agent, what they say about a person, and how they are exported."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,11 +12,12 @@ from prefcal_agents.models.learned_cost import LearnedCost, Term
 from prefcal_env import End, Preference
 from prefcal_env.errors import ScenarioError, StudyError
 from prefcal_env.study import StudyFile, export_csv, export_json, import_json
-from prefcal_scenarios import KPI, load, outcome
+from prefcal_scenarios import KPI, load, outcome, screened, simulate_many, simulator
 from prefcal_scenarios.app.cli.cost_file import with_cost
 from prefcal_scenarios.app.cli.studies.changes import module
 from prefcal_scenarios.app.report.kpi_importance import KpiImportance
-from prefcal_scenarios.kpis import INTERRUPTED, titles
+from prefcal_scenarios.kpis import INTERRUPTED, seen, titles
+from prefcal_scenarios.many.results import FailedRun
 from support.interviews import answer_all, begin, clock, reopened
 from toy_study import toy_scenario
 
@@ -38,6 +40,40 @@ def test_of_a_run_that_was_stopped_everything_is_as_bad_as_can_be():
     assert set(known) == set(outcome(TOY, FINE))
     assert all(v == np.inf for name, v in known.items() if name != INTERRUPTED)
     assert known[INTERRUPTED] == 1.0
+
+
+def test_screened_are_the_kpis_that_people_see_if_any_has_a_direction():
+    assert tuple(sorted(screened(TOY, FINE))) == tuple(sorted(seen(TOY)))
+    assert all(value == outcome(TOY, FINE)[name] for name, value in screened(TOY, FINE).items())
+    stopped = screened(TOY, UNSAFE)
+    assert {n: v for n, v in stopped.items() if np.isfinite(v)} == {INTERRUPTED: 1.0}
+
+
+def test_screened_are_generic_kpis_only_if_none_has_a_direction():
+    bare = replace(TOY, kpis=())
+    assert screened(bare, FINE) == outcome(bare, FINE)
+    assert len(screened(bare, FINE)) > 3
+    [short] = simulate_many(bare, [[0.4, 20, 1.0]], jobs=1)
+    with pytest.raises(ScenarioError, match="trajectories=True"):
+        screened(bare, short)
+
+
+def test_many_simulations_are_screened_as_single_ones_and_a_failed_one_has_no_kpis():
+    thetas = np.array([[0.4, 20, 1.0], [0.4, 20, 80.0]])
+    simulate = simulator(TOY)
+    results = simulate_many(TOY, thetas, jobs=1)
+    assert [screened(TOY, r) for r in results] == [simulate(theta) for theta in thetas]
+    assert simulate(thetas[1])[INTERRUPTED] == 1.0
+    assert len(screened(TOY, FailedRun(thetas[0], "died", "its process ended"))) == 0
+
+
+def test_a_simulator_is_made_of_a_name_and_refuses_a_run_that_is_no_experiment():
+    servo = load("servo")
+    middle = servo.space.decode(np.full(len(servo.space), 0.5))
+    assert set(simulator("servo")(middle)) == set(seen(servo))
+    broken = replace(TOY, run=lambda theta, seed=0: None)
+    with pytest.raises(ScenarioError, match="Experiment"):
+        simulator(broken)(np.array([0.4, 20, 1.0]))
 
 
 @pytest.mark.parametrize(
