@@ -150,14 +150,15 @@ def _make(
     n_max: int,
     seed: int,
     simulate: Simulate | None = None,
+    **further: Any,
 ) -> Any:
-    given = {} if simulate is None else {"simulate": simulate}
+    given = further if simulate is None else {"simulate": simulate, **further}
     return agent(space, n_init=n_init, n_max=n_max, seed=seed, **given)
 
 
 def _state_version(make: Make) -> str:
     """Return version and settings from the state of a new agent."""
-    state = make(KnobSpace([Knob("x", 0, 1)]), 1, 2, 0).state
+    state = make(KnobSpace([Knob("x", 0, 1)]), 1, 2, 0, start=[0.5]).state  # proposes nothing
     return f"{state.version} {state.settings!r}"
 
 
@@ -178,8 +179,8 @@ def _row_entry(row: AgentRow) -> Entry:
     )
 
 
-def _make_row(row: AgentRow, *arguments: Any) -> Any:
-    return _make(row.load(), *arguments)
+def _make_row(row: AgentRow, *arguments: Any, **further: Any) -> Any:
+    return _make(row.load(), *arguments, **further)
 
 
 def _glisp(name: str, **settings: Any) -> Entry:
@@ -188,13 +189,11 @@ def _glisp(name: str, **settings: Any) -> Entry:
     return Entry(name, "preference", make, partial(_state_version, make))
 
 
-def _make_glisp(
-    settings: tuple[tuple[str, Any], ...], space: KnobSpace, n_init: int, n_max: int, seed: int
-) -> Any:
+def _make_glisp(settings: tuple[tuple[str, Any], ...], *arguments: Any, **further: Any) -> Any:
     from prefcal_agents import GLISp, GLISpSettings
 
     chosen = GLISpSettings(**dict(settings))
-    return GLISp(space, n_init=n_init, n_max=n_max, seed=seed, settings=chosen)
+    return _make(GLISp, *arguments, settings=chosen, **further)
 
 
 def is_installed(module: str) -> bool:
