@@ -24,6 +24,10 @@ class SettingsError(PrefcalError, ValueError):
     """An agent, a controller or a calibrator is configured with an impossible value."""
 
 
+class SimulationError(PrefcalError, ValueError):
+    """A function given as `simulate` works for no θ, or returns something else than KPIs."""
+
+
 class ExperimentError(PrefcalError, ValueError):
     """An experiment's arrays do not fit each other or its channels."""
 

@@ -3,12 +3,16 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from inspect import Parameter, signature
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.glisp.agent import GLISp
+from prefcal_agents.screening.agent import Screening
+from prefcal_agents.screening.bank import Bank
+from prefcal_agents.screening.simulations import Simulate
 from prefcal_agents.space.start import Start
 from prefcal_agents.support.checks import integer
 from prefcal_env.errors import SettingsError
@@ -18,6 +22,9 @@ from prefcal_env.preferences.loop import ask_and_tell
 
 Theta = Float[np.ndarray, " n"]
 Prefer = Callable[[Theta, Theta], Answer | Preference | int | None]
+
+_SHOWN, _SHOWN_SCREENED = 50, 11
+"""Default number of experiments to compare: without and with `simulate`."""
 
 
 @runtime_checkable
@@ -34,13 +41,16 @@ class Minimum:
 
     Args:
         best: Best θ, physical, shape (n,).
-        samples: All θ in the order tried, physical, shape (N, n).
+        samples: All θ in the order compared, physical, shape (N, n).
         answers: N - 1 answers; answer h compares sample h + 1 with the best one before it.
+        simulated: θ that were simulated and their KPIs, among them all samples; None if nothing was
+            simulated.
     """
 
     best: Float[np.ndarray, " n"]
     samples: Float[np.ndarray, "N n"]
     answers: tuple[Answer, ...]
+    simulated: Bank | None = None
 
     def __post_init__(self) -> None:
         for array in (self.best, self.samples):
@@ -51,43 +61,72 @@ def minimize_by_preference(
     prefer: Prefer,
     space: KnobSpace,
     *,
-    agent: AgentFactory = GLISp,
+    simulate: Simulate | None = None,
+    n_simulated: int = 1000,
+    agent: AgentFactory | None = None,
     n_init: int | None = None,
-    n_max: int = 50,
+    n_max: int | None = None,
     seed: int = 0,
     start: Start | None = None,
 ) -> Minimum:
     """Find the θ that `prefer` likes best, in `n_max` experiments.
 
-    They take n_max - 1 comparisons, unless the agent asks several for each experiment.
+    They take n_max - 1 comparisons, unless the agent asks several for each experiment. If you can
+    simulate, give `simulate`: then many θ are simulated unseen, and `prefer` compares only the few
+    that its earlier answers leave undecided.
 
     Args:
         prefer: Function `prefer(a, b)` of two θ, physical, shape (n,), that returns -1 if a is
             better, 1 if b is, 0 if they are equally good, None if it cannot tell, or an `Answer`.
         space: Space to search.
-        agent: Class of the agent.
-        n_init: Number of space-filling experiments before learning starts; min(10, n_max // 2) if
-            None.
-        n_max: Number of experiments, 2 or more.
+        simulate: Function of one θ that returns KPIs by name, lower is better; None, an exception,
+            or only NaN for a simulation that failed. An attribute `many` runs several at once; see
+            `prefcal_agents.screening.simulations`.
+        n_simulated: Number of θ to simulate, used only with `simulate`.
+        agent: Class of the agent; `Screening` with `simulate`, else `GLISp`, if None.
+        n_init: Number of space-filling experiments before learning starts; if None,
+            min(10, n_max // 2), or 1 with `simulate`.
+        n_max: Number of experiments to compare, 2 or more; 11 with `simulate`, else 50, if None.
         seed: Seed of all randomness.
         start: Physical θ to start from, shape (n,), or several; the agent must accept `start`.
 
     Raises:
-        SettingsError: If a count or the seed is not valid.
+        SettingsError: If a count or the seed is not valid, or the agent takes no `simulate`.
+        SimulationError: If `simulate` works for no θ, or returns something else than KPIs.
         KnobError: If a θ of `start` is outside the space.
         PreferenceError: If `prefer` returned something else.
     """
     if not callable(prefer):
         raise SettingsError(f"prefer must be a function of two θ, got {prefer!r}")
+    if n_max is None:
+        n_max = _SHOWN if simulate is None else _SHOWN_SCREENED
     integer("n_max", n_max, low=2)
     if n_init is None:
-        n_init = min(10, n_max // 2)
-    warm: dict[str, Any] = {} if start is None else {"start": start}
-    study = agent(space, n_init=n_init, n_max=n_max, seed=seed, **warm)
+        n_init = min(10, n_max // 2) if simulate is None else 1
+    options: dict[str, Any] = {} if start is None else {"start": start}
+    if simulate is not None:
+        options |= {"simulate": simulate, "n_simulated": n_simulated}
+    make = _maker(agent, simulates=simulate is not None)
+    study = make(space, n_init=n_init, n_max=n_max, seed=seed, **options)
     steps = list(ask_and_tell(study, lambda theta: theta, partial(_answer, prefer)))
     samples = [step.challenger for step in steps if not step.query.further]
     answers = tuple(step.answer for step in steps if step.answer is not None)
-    return Minimum(np.array(study.best), np.array(samples), answers)
+    bank = getattr(study, "bank", None)
+    simulated = bank if isinstance(bank, Bank) else None
+    return Minimum(np.array(study.best), np.array(samples), answers, simulated)
+
+
+def _maker(agent: AgentFactory | None, *, simulates: bool) -> AgentFactory:
+    """Return what makes the agent. Raises SettingsError if it cannot simulate but should."""
+    if agent is None:
+        return Screening if simulates else GLISp
+    if simulates:
+        takes = signature(agent).parameters
+        anything = any(p.kind is Parameter.VAR_KEYWORD for p in takes.values())
+        if not anything and not {"simulate", "n_simulated"} <= set(takes):
+            name = getattr(agent, "__name__", repr(agent))
+            raise SettingsError(f"the agent {name} takes no simulate: leave one of the two out")
+    return agent
 
 
 def _answer(prefer: Prefer, new: Theta, old: Theta | None) -> Answer | None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from prefcal_agents.history.agent_state import AgentState
     from prefcal_agents.protocol.agent import Agent
+    from prefcal_agents.screening.simulations import Simulate
     from prefcal_env.knobs.space import KnobSpace
 
 
@@ -99,15 +100,31 @@ def agent_class(name: str) -> Any:
     return CLASSES[name].load()
 
 
-def restore(space: "KnobSpace", state: "AgentState") -> "Agent":
+def restore(
+    space: "KnobSpace", state: "AgentState", *, simulate: "Simulate | None" = None
+) -> "Agent":
     """Return the agent that `state` was taken from; its next query is identical.
 
     The state of an older version of the algorithm is accepted: its samples stay, and the current
     algorithm continues from them.
 
+    Args:
+        space: Space of the agent.
+        state: Saved state.
+        simulate: Function that simulates a θ, for an agent that needs one: a state holds no
+            function. Without it, such an agent repeats its open query but proposes nothing new.
+
     Raises:
-        SettingsError: If the agent is unknown, or the state does not fit `space`.
+        SettingsError: If the agent is unknown, the state does not fit `space`, or the agent takes
+            no `simulate`.
         MissingExtraError: If the agent needs an extra that is not installed.
     """
-    agent: Agent = agent_class(state.agent).restore(space, state)
-    return agent
+    agent: Any = agent_class(state.agent).restore(space, state)
+    if simulate is not None:
+        if not CLASSES[state.agent].simulates:
+            from prefcal_env.errors import SettingsError  # loads numpy
+
+            raise SettingsError(f"{state.agent} takes no simulate")
+        agent = agent.with_simulations(simulate)
+    restored: Agent = agent
+    return restored

@@ -12,7 +12,8 @@ from prefcal_env.knobs.change import respaced as respaced_space
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import Sample
 
-from .registry import CLASSES, agent_class
+from .registry import CLASSES, restore
+from .screening.simulations import Simulate
 
 RESPACEABLE = frozenset(name for name, row in CLASSES.items() if not row.extra)
 """Agents that can continue in a changed space; those of other packages cannot."""
@@ -24,6 +25,7 @@ def respaced(
     *,
     added: Mapping[str, float] | None = None,
     keep_open: bool = True,
+    simulate: Simulate | None = None,
 ) -> Agent:
     """Return an agent with the samples and answers of `agent` that searches `new`.
 
@@ -36,6 +38,8 @@ def respaced(
             additional knobs.
         added: Maps each additional knob to its physical value in the experiments so far.
         keep_open: Whether the open query keeps its sample, which may have run already.
+        simulate: Function that simulates a θ of `new`, for an agent that needs one. None keeps the
+            agent's own, unless the knobs or their order change: then it could misread θ.
 
     Raises:
         KnobError: As in `prefcal_env.knobs.change.respaced`.
@@ -48,8 +52,9 @@ def respaced(
     if not keep_open:
         kept = state.history.samples[: state.history.answered]
         state = replace(state, history=replace(state.history, samples=kept))
-    twin: Agent = agent_class(state.agent).restore(space, moved(state, agent.space, space, added))
-    return twin
+    if simulate is None and space.names == agent.space.names:
+        simulate = getattr(agent, "simulate", None)
+    return restore(space, moved(state, agent.space, space, added), simulate=simulate)
 
 
 def moved(

@@ -100,9 +100,7 @@ class TuningEnv(gym.Env[Array, Array]):
         if not self._open:
             raise ProtocolError("an episode is one experiment: call reset() before each")
         theta = self.theta(action)
-        experiment = self._run(theta, seed=self._seed)
-        if not isinstance(experiment, Experiment):
-            raise ExperimentError(f"a run must return an Experiment, got {experiment!r}")
+        experiment = self.run(theta)
         self._experiment, self._open = experiment, False
         score = 0.0 if self._score is None else float(self._score(experiment))
         if not np.isfinite(score):
@@ -111,6 +109,20 @@ class TuningEnv(gym.Env[Array, Array]):
         info = {"experiment": experiment, "theta": theta}
         reward = 0.0 - score  # not -score: 0 without a score, rather than -0
         return observation, reward, True, False, info
+
+    def run(self, theta: Float[np.ndarray, " n"]) -> Experiment:
+        """Return the experiment of a physical θ, shape (n,), without a step of the environment.
+
+        `calibrate` and the `simulate` of an agent take it where they need a run.
+
+        Raises:
+            KnobError: If θ is not valid.
+            ExperimentError: If the run returns no experiment.
+        """
+        experiment = self._run(self.space.check(theta), seed=self._seed)
+        if not isinstance(experiment, Experiment):
+            raise ExperimentError(f"a run must return an Experiment, got {experiment!r}")
+        return experiment
 
     def theta(self, action: Array) -> Float[np.ndarray, " n"]:
         """Return the physical θ of an action, both shape (n,). Raises KnobError as `step`."""

@@ -1,8 +1,10 @@
+from functools import partial
+
 import numpy as np
 import pytest
 
-from prefcal_agents import GLISp, LatinHypercube, RandomSearch, minimize_by_preference
-from prefcal_env.errors import PreferenceError, SettingsError
+from prefcal_agents import GLISp, LatinHypercube, RandomSearch, Screening, minimize_by_preference
+from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
@@ -84,3 +86,90 @@ def test_even_the_shortest_study_returns_what_won(n_max):
     found = minimize_by_preference(prefer, space, n_max=n_max)
     assert len(found.samples) == n_max
     assert min(s @ s for s in found.samples) == found.best @ found.best
+
+
+def simulate(theta):
+    """Two KPIs whose sum is the cost of `prefer`."""
+    return {"gain": abs(np.log10(theta[0])), "steps": abs(theta[1] - 12) / 10}
+
+
+def test_with_a_simulation_few_are_shown_and_many_simulated():
+    shown, run = set(), []
+
+    def judged(a, b):
+        shown.update({tuple(a), tuple(b)})
+        return prefer(a, b)
+
+    def counted(theta):
+        run.append(tuple(theta))
+        return simulate(theta)
+
+    found = minimize_by_preference(judged, SPACE, simulate=counted, n_simulated=200)
+    assert found.samples.shape == (11, 2)
+    assert len(found.answers) == 10
+    assert shown == set(map(tuple, found.samples))
+    assert len(set(run)) == len(run) <= 200
+    assert {tuple(theta) for theta in found.simulated.thetas} == set(run) >= shown
+    assert found.simulated.names == ("gain", "steps")
+    assert found.best.tolist() == min(
+        found.samples.tolist(), key=lambda t: sum(simulate(t).values())
+    )
+    better = [sum(simulate(theta).values()) for theta in found.simulated.thetas]
+    assert np.mean(np.array(better) < sum(simulate(found.best).values())) < 0.05
+
+
+def test_without_a_simulation_nothing_is_said_to_be_simulated():
+    assert minimize_by_preference(prefer, SPACE, n_max=4).simulated is None
+
+
+def test_the_numbers_shown_and_simulated_and_the_start_may_be_chosen():
+    found = minimize_by_preference(
+        prefer, SPACE, simulate=simulate, n_simulated=30, n_max=4, start=(2.0, 20)
+    )
+    assert found.samples[0] == pytest.approx([2.0, 20])
+    assert len(found.samples) == 4
+    assert 4 < len(found.simulated) <= 31
+    with pytest.raises(SettingsError, match="n_simulated"):
+        minimize_by_preference(prefer, SPACE, simulate=simulate, n_simulated=0)
+
+
+@pytest.mark.parametrize("agent", [GLISp, RandomSearch, partial(GLISp, n_init=3)])
+def test_an_agent_that_cannot_simulate_is_refused(agent):
+    with pytest.raises(SettingsError, match="takes no simulate"):
+        minimize_by_preference(prefer, SPACE, simulate=simulate, agent=agent)
+
+
+def test_screening_is_also_chosen_by_name_but_not_without_a_simulation():
+    options = {"simulate": simulate, "n_simulated": 40, "n_max": 3}
+    named = minimize_by_preference(prefer, SPACE, agent=Screening, **options)
+    assert np.array_equal(named.samples, minimize_by_preference(prefer, SPACE, **options).samples)
+    with pytest.raises(SettingsError, match="needs simulate"):
+        minimize_by_preference(prefer, SPACE, agent=Screening, n_max=3)
+
+
+@pytest.mark.parametrize("wrong", [3, "servo", {"gain": 1.0}])
+def test_a_simulation_that_is_no_function_is_refused(wrong):
+    with pytest.raises(SettingsError, match="simulate must be a function"):
+        minimize_by_preference(prefer, SPACE, simulate=wrong)
+
+
+def test_a_simulation_that_never_works_ends_the_study_with_its_error_and_asks_nothing():
+    def broken(theta):
+        return {"peak": theta[7]}
+
+    with pytest.raises(SimulationError, match="worked for none of") as refusal:
+        minimize_by_preference(pytest.fail, SPACE, simulate=broken, n_simulated=20)
+    assert isinstance(refusal.value.__cause__, IndexError)
+
+
+def test_theta_whose_simulation_crashes_are_not_shown():
+    def fragile(theta):
+        if theta[0] > 1:
+            raise ArithmeticError("diverged")
+        return simulate(theta)
+
+    found = minimize_by_preference(prefer, SPACE, simulate=fragile, n_simulated=60)
+    assert np.all(found.samples[:, 0] <= 1)
+    crashed = found.simulated.thetas[:, 0] > 1
+    assert crashed.any()
+    assert np.all(np.isinf(found.simulated.kpis) == crashed[:, None])

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -10,6 +11,7 @@ from contracts.agents import MIXED
 from prefcal_agents import restore
 from prefcal_agents.registry import CLASSES, agent_class
 from prefcal_env.errors import SettingsError
+from support.agents import maker, quick
 from support.extras import need
 
 
@@ -17,10 +19,21 @@ from support.extras import need
 def test_a_state_wakes_up_the_agent_that_it_was_taken_from(name):
     if CLASSES[name].extra:
         need(CLASSES[name].extra)
-    agent = getattr(prefcal_agents, name)(MIXED, n_init=2, n_max=4, seed=7)
+    agent = maker(CLASSES[name])(MIXED, n_init=2, n_max=4, seed=7)
     twin = restore(MIXED, agent.state)
     assert type(twin) is type(agent)
     assert twin.ask() == agent.ask()
+
+
+def test_an_agent_that_simulates_is_restored_with_its_simulate_and_no_other_takes_one():
+    agent = maker(CLASSES["Screening"])(MIXED, n_max=4)
+    agent.tell(agent.ask(), None)
+    state = replace(agent.state, history=agent.state.history.until(1))  # nothing is open
+    assert restore(MIXED, state, simulate=quick).ask() == agent.ask()
+    with pytest.raises(SettingsError, match="needs simulate"):
+        restore(MIXED, state).ask()
+    with pytest.raises(SettingsError, match="RandomSearch takes no simulate"):
+        restore(MIXED, prefcal_agents.RandomSearch(MIXED).state, simulate=quick)
 
 
 def test_unknown_names_are_refused():

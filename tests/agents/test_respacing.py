@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contracts.agents import MIXED, judge, latent, run
-from prefcal_agents import GLIS, AgentState, GLISp, LatinHypercube, RandomSearch, respaced, restore
-from prefcal_env.errors import KnobError
+from prefcal_agents import GLIS, AgentState, GLISp, LatinHypercube, RandomSearch, respaced
+from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from support.agents import agents_without_extra
+from support.agents import agents_without_extra, woken
 
 AGENTS = agents_without_extra()
 
@@ -62,11 +62,24 @@ def test_a_widened_range_keeps_every_theta(make_agent):
 def test_an_added_knob_has_its_old_value_in_the_experiments_before(make_agent):
     agent = half_way(make_agent)
     more = KnobSpace([Knob("filter", 1.0, 5.0, "s"), *MIXED])
-    after = respaced(agent, more, added={"filter": 0.5}, keep_open=False)
+    simulate = getattr(agent, "simulate", None)  # `quick` can be asked about any number of knobs
+    after = respaced(agent, more, added={"filter": 0.5}, keep_open=False, simulate=simulate)
     assert after.samples[:, 1:] == pytest.approx(agent.samples)
     assert after.samples[:, 0] == pytest.approx(0.5)
     run(after)
     assert np.all(after.samples[5:, 0] >= 1.0)
+
+
+def test_what_simulates_goes_on_with_the_same_knobs_and_must_be_given_anew_for_others():
+    agent = half_way(AGENTS["Screening"])
+    assert respaced(agent, MIXED.narrowed({"gain": (0.1, 1.0)})).simulate is agent.simulate
+    more = KnobSpace([Knob("filter", 1.0, 5.0, "s"), *MIXED])
+    after = respaced(agent, more, added={"filter": 0.5}, keep_open=False)
+    assert after.simulate is None  # it would take the filter for the gain
+    with pytest.raises(SettingsError, match="needs simulate"):
+        after.ask()
+    with pytest.raises(SettingsError, match="RandomSearch takes no simulate"):
+        respaced(half_way(RandomSearch), MIXED, simulate=agent.simulate)
 
 
 def test_a_value_based_agent_changes_its_space():
@@ -82,7 +95,7 @@ def test_a_value_based_agent_changes_its_space():
 
 def test_a_respaced_agent_is_restored_with_the_identical_query(make_agent):
     after = respaced(half_way(make_agent), MIXED.narrowed({"gain": (0.1, 1.0)}), keep_open=False)
-    again = restore(after.space, AgentState.from_dict(after.state.to_dict()))
+    again = woken(after, after.space, AgentState.from_dict(after.state.to_dict()))
     assert again.ask() == after.ask()
 
 

@@ -16,6 +16,7 @@ from prefcal_agents import AgentState
 from prefcal_env.errors import ProtocolError, SettingsError
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import Sample
+from support.agents import woken
 
 
 def test_after_undo_another_answer_may_be_given(make_agent):
@@ -108,7 +109,7 @@ def test_an_older_algorithms_samples_are_kept(make_agent):
         for sample in agent.state.history.samples
     )
     old = replace(agent.state, version=0, history=replace(agent.state.history, samples=moved))
-    twin = type(agent).restore(MIXED, old)
+    twin = woken(agent, MIXED, old)
     assert twin.state.history.samples == moved
     assert twin.ask().challenger.theta[2] == pytest.approx(-4.0)
     run(twin)

@@ -14,6 +14,7 @@ from contracts.agents import MIXED, latent
 from prefcal_agents import AgentState
 from prefcal_env.errors import ProtocolError
 from prefcal_env.preferences.answer import Answer
+from support.agents import woken
 
 
 def reply(agent, query):
@@ -54,7 +55,7 @@ def test_restoring_from_json_gives_the_identical_next_query(make_agent, answered
     if answered > 4:
         agent.retract(2)
     plain = json.loads(json.dumps(agent.state.to_dict()))
-    twin = type(agent).restore(MIXED, AgentState.from_dict(plain))
+    twin = woken(agent, MIXED, AgentState.from_dict(plain))
     assert type(twin) is type(agent)
     assert twin.state == agent.state
     while not agent.done:
@@ -93,7 +94,7 @@ def after(agent, action):
     if action == "copy":
         return agent.copy()
     if action == "save":
-        return type(agent).restore(MIXED, AgentState.from_dict(agent.state.to_dict()))
+        return woken(agent, MIXED, AgentState.from_dict(agent.state.to_dict()))
     if action == "undo" and comparisons:
         agent.undo()
     if action == "retract" and comparisons and not comparisons[-1].retracted:

@@ -1,14 +1,35 @@
 """Agents of the registry, so that a new row is tested without another list."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
-from prefcal_agents.registry import AGENTS
+import numpy as np
+
+from prefcal_agents import restore
+from prefcal_agents.registry import AGENTS, AgentRow
+
+
+def quick(theta: np.ndarray) -> dict[str, float]:
+    """Return KPIs of any θ at once: those of `latent`, the cost of the contract suites."""
+    far = (np.log1p(np.abs(theta)) - 1.0) ** 2
+    return {"first": float(far[0]), "others": float(far[1:].sum()), "size": float(abs(theta[0]))}
+
+
+def woken(agent: Any, space: Any, state: Any) -> Any:
+    """Return the agent of `state`, restored with what `agent` simulates by, if it does."""
+    return restore(space, state, simulate=getattr(agent, "simulate", None))
 
 
 def agents_without_extra(*, by_value: bool = False) -> dict[str, Callable[..., Any]]:
     """Return what makes each agent that needs no extra, by name, for one kind of agents."""
-    return {row.name: row.load() for row in AGENTS if row.by_value is by_value and not row.extra}
+    return {row.name: maker(row) for row in AGENTS if row.by_value is by_value and not row.extra}
+
+
+def maker(row: AgentRow) -> Callable[..., Any]:
+    """Return what makes the agent of `row`; one that simulates gets a quick `simulate`."""
+    agent: Callable[..., Any] = row.load()
+    return partial(agent, simulate=quick, n_simulated=40) if row.simulates else agent
 
 
 def peers(*, by_value: bool = False) -> dict[str, Callable[..., Any]]:

@@ -77,6 +77,11 @@ class Screening(PreferenceBased):
         return self._n_simulated
 
     @property
+    def simulate(self) -> Simulate | None:
+        """Return the function that simulates a θ; None for an agent that was restored without."""
+        return None if self._growth is None else self._growth.simulations.simulate
+
+    @property
     def simulations(self) -> Simulations:
         """Return the simulations so far: how many, and how many failed.
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.kpis import Outcome
 
 
@@ -39,7 +40,13 @@ class Bank:
         thetas: Float[np.ndarray, "m n"],
         outcomes: Sequence[Outcome],
     ) -> "Bank":
-        """Return the bank of m simulated θ; a KPI that an experiment lacks is infinite."""
+        """Return the bank of m simulated θ; a KPI that an experiment lacks is infinite.
+
+        Of rows with the same θ, which rounding of knobs gives, only the first is kept.
+        """
+        _, first = np.unique(thetas + 0.0, axis=0, return_index=True)  # -0.0 is 0.0
+        first.sort()
+        z, thetas, outcomes = z[first], thetas[first], [outcomes[k] for k in first]
         names = tuple(sorted({name for outcome in outcomes for name in outcome}))
         kpis = [[outcome.get(name, np.inf) for name in names] for outcome in outcomes]
         return cls(z, thetas, names, np.array(kpis, dtype=float).reshape(len(z), len(names)))
@@ -50,3 +57,15 @@ class Bank:
         if not len(rows):
             raise KeyError(tuple(theta))
         return int(rows[0])
+
+
+def runnable(
+    space: KnobSpace, z: Float[np.ndarray, "m n"]
+) -> tuple[Float[np.ndarray, "m n"], Float[np.ndarray, "m n"]]:
+    """Return points of the cube and their physical θ exactly as an agent would show them.
+
+    So a θ that is shown is one that was simulated, to the last bit, and rounding leaves neither the
+    searched range nor the constraints. Both have shape (m, n).
+    """
+    snapped = np.array([space.snap(point) for point in z]).reshape(z.shape)
+    return snapped, np.array([space.decode(point) for point in snapped]).reshape(z.shape)

@@ -6,7 +6,7 @@ from prefcal_agents.space.design import latin_hypercube
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
-from .bank import Bank
+from .bank import Bank, runnable
 from .simulations import Simulations
 from .utility import Utilities
 
@@ -42,11 +42,11 @@ class Growth:
         return self._banks[past]
 
     def _grown(self, past: History) -> Bank:
-        z = self._space.snap_all(latin_hypercube(self._space, self._first, self._seed))
-        tried = np.array([s.z for s in past.samples], dtype=float).reshape(-1, len(self._space))
-        z = np.vstack([tried, z])
-        thetas = self._space.decode_all(z)
-        thetas[: len(tried)] = [s.theta for s in past.samples] if len(tried) else thetas[:0]
+        design = latin_hypercube(self._space, self._first, self._seed)
+        z, thetas = runnable(self._space, design)
+        if past.samples:
+            z = np.vstack([[s.z for s in past.samples], z])
+            thetas = np.vstack([[s.theta for s in past.samples], thetas])
         return Bank.of(z, thetas, self.simulations(thetas))
 
     def utilities(self, history: History) -> Utilities:

@@ -1,25 +1,48 @@
 """Run simulations for an agent, each θ once, and keep their KPIs."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from threading import Lock
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import SettingsError
+from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
 from prefcal_env.preferences.kpis import Outcome
 
 Theta = Float[np.ndarray, " n"]
 Simulate = Callable[[Theta], Mapping[str, float] | None]
 """Function of a physical θ, shape (n,), that returns KPIs by name, lower is better.
 
-None or no KPIs: the simulation failed. If it has an attribute `many`, that is called with a list of
-θ instead and returns their KPIs in the same order, for example from several processes.
+KPIs may be infinite (never), or missing or NaN (unknown). None, no KPIs or an exception: the
+simulation failed, which keeps the agent away from its θ. If the function has an attribute `many`,
+that is called with a list of θ instead and returns their KPIs in the same order, for example from
+several processes; see `SimulateMany`.
 """
+
+_JUDGED = 10
+"""Number of simulations from which it is judged whether the names of KPIs change."""
+
+
+class SimulateMany(Protocol):
+    """A `Simulate` that runs many θ at once, such as on all cores.
+
+    Copies of an agent that work in several threads may call it at the same time. What it raises
+    is raised by the agent: report the failure of a single simulation as None.
+    """
+
+    def __call__(self, theta: Theta) -> Mapping[str, float] | None:
+        """Simulate one θ, physical, shape (n,)."""
+
+    def many(self, thetas: Sequence[Theta]) -> Iterable[Mapping[str, float] | None]:
+        """Return the KPIs of each θ, in order; None for a simulation that failed."""
 
 
 class Simulations:
     """The simulations of a study, shared by an agent and its copies; it only saves repeating them.
+
+    Copies may work in several threads: a plain function runs one θ at a time, and none twice.
 
     Args:
         simulate: Function that simulates one θ.
@@ -29,10 +52,14 @@ class Simulations:
     """
 
     def __init__(self, simulate: Simulate) -> None:
-        if not callable(simulate):
+        many: Any = getattr(simulate, "many", None)
+        if not callable(simulate) or not (many is None or callable(many)):
             raise SettingsError(f"simulate must be a function of θ, got {simulate!r}")
-        self._simulate = simulate
+        self.simulate = simulate
+        self._many: Callable[[Sequence[Theta]], Iterable[Any]] | None = many
         self._known: dict[bytes, Outcome] = {}
+        self._error: Exception | None = None
+        self._one_at_a_time = Lock()
 
     @property
     def count(self) -> int:
@@ -42,24 +69,84 @@ class Simulations:
     @property
     def failed(self) -> int:
         """Return the number of simulations that failed."""
-        return sum(not outcome for outcome in self._known.values())
+        return sum(not outcome for outcome in list(self._known.values()))
 
     def __call__(self, thetas: Float[np.ndarray, "m n"]) -> list[Outcome]:
-        """Return the KPIs of each row of `thetas`; none for a simulation that failed."""
+        """Return the KPIs of each row of `thetas`; none for a simulation that failed.
+
+        Raises:
+            SimulationError: If no simulation has worked so far, or `simulate` does not return what
+                it should: KPIs by name, the same names for every θ.
+        """
         keys = [_key(theta) for theta in thetas]
         new = {k: t for k, t in zip(keys, thetas, strict=True) if k not in self._known}
         if new:
-            found = self._run([theta.copy() for theta in new.values()])
-            self._known.update(zip(new, found, strict=True))
+            run = self._one_by_one if self._many is None else self._all_at_once
+            run(new)
+            self._check_names()
+        if keys:
+            self._check_any()
         return [self._known[key] for key in keys]
 
-    def _run(self, thetas: Sequence[Theta]) -> list[Outcome]:
-        many: Any = getattr(self._simulate, "many", None)
-        found = many(thetas) if many is not None else [self._one(theta) for theta in thetas]
-        return [Outcome(kpis or {}) for kpis in found]
+    def _one_by_one(self, new: Mapping[bytes, Theta]) -> None:
+        for key, theta in new.items():
+            with self._one_at_a_time:
+                if key not in self._known:  # another thread may have been faster
+                    self._known[key] = self._one(theta)
 
-    def _one(self, theta: Theta) -> Mapping[str, float] | None:
-        return self._simulate(theta)
+    def _one(self, theta: Theta) -> Outcome:
+        try:
+            found = self.simulate(theta.copy())  # it may write into θ
+        except Exception as error:  # people's code may raise anything
+            self._error = error
+            return Outcome({})
+        return _outcome(found, theta)
+
+    def _all_at_once(self, new: Mapping[bytes, Theta]) -> None:
+        assert self._many is not None
+        found = self._many([theta.copy() for theta in new.values()])
+        if not isinstance(found, Iterable):
+            raise SimulationError(f"simulate.many must return the KPIs of each θ, got {found!r}")
+        found = list(found)
+        if len(found) != len(new):
+            raise SimulationError(
+                f"simulate.many must return the KPIs of all {len(new)} θ in order, "
+                f"got {len(found)} results"
+            )
+        outcomes = [_outcome(f, t) for f, t in zip(found, new.values(), strict=True)]
+        self._known.update(zip(new, outcomes, strict=True))
+
+    def _check_any(self) -> None:
+        """Raise SimulationError if all failed: then the function is wrong, not some θ."""
+        if not any(list(self._known.values())):
+            why = "returned no KPI that is a number" if self._error is None else repr(self._error)
+            raise SimulationError(
+                f"simulate worked for none of {self.count} θ; the last one: {why}"
+            ) from self._error
+
+    def _check_names(self) -> None:
+        """Raise SimulationError if hardly any two θ have a KPI of the same name."""
+        worked = [outcome for outcome in list(self._known.values()) if outcome]
+        if len(worked) < _JUDGED:
+            return
+        names = Counter(name for outcome in worked for name in outcome)
+        name, most = names.most_common(1)[0]
+        if most <= len(worked) // _JUDGED:
+            raise SimulationError(
+                "simulate must return KPIs of the same names for every θ, but the most common of "
+                f"{len(names)} names, {name!r}, came with {most} of {len(worked)} θ"
+            )
+
+
+def _outcome(found: Any, theta: Theta) -> Outcome:
+    """Return the KPIs that a simulation returned; none if it failed."""
+    try:
+        return Outcome({} if found is None else found)
+    except PreferenceError as error:
+        raise SimulationError(
+            f"simulate must return a mapping from names of KPIs to numbers, or None if it failed, "
+            f"got {found!r} at θ = {theta}"
+        ) from error
 
 
 def _key(theta: Theta) -> bytes:

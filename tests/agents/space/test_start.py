@@ -17,10 +17,11 @@ from prefcal_agents import (
     minimize_by_preference,
     restore,
 )
+from prefcal_agents.registry import AGENTS as ROWS
 from prefcal_env.errors import KnobError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from support.agents import agents_without_extra
+from support.agents import agents_without_extra, woken
 
 AGENTS = agents_without_extra()
 
@@ -37,10 +38,16 @@ def test_the_present_tuning_is_the_first_experiment(make_agent):
     agent = make_agent(MIXED, n_init=3, n_max=6, start=PRESENT)
     assert agent.ask().challenger.theta == pytest.approx(PRESENT)
     run(agent)
-    cold = make_agent(MIXED, n_init=3, n_max=6)
-    run(cold)
     assert len(agent.samples) == 6
-    # The rest of the start is the one that would have been.
+
+
+@pytest.mark.parametrize(
+    "name", [row.name for row in ROWS if row.name in AGENTS and not row.simulates]
+)
+def test_the_rest_of_the_space_filling_start_is_the_one_that_would_have_been(name):
+    agent, cold = (AGENTS[name](MIXED, n_init=3, n_max=6, start=s) for s in (PRESENT, None))
+    run(agent)
+    run(cold)
     assert agent.samples[1:3] == pytest.approx(cold.samples[1:3])
 
 
@@ -64,7 +71,7 @@ def test_a_resumed_study_begins_the_same(make_agent, answered):
     agent = make_agent(MIXED, n_init=3, n_max=6, start=[PRESENT, OTHER])
     run(agent, [judge] * answered)
     stored = json.loads(json.dumps(agent.state.to_dict()))
-    again = restore(MIXED, AgentState.from_dict(stored))
+    again = woken(agent, MIXED, AgentState.from_dict(stored))
     assert again.state == agent.state == agent.copy().state
     run(agent)
     run(again)

@@ -62,6 +62,17 @@ def test_the_space_is_there_for_agents():
     assert tuning().unwrapped.space is SPACE
 
 
+def test_a_theta_runs_without_a_step_under_the_seed_of_the_environment():
+    env = tuning()
+    env.reset(seed=7)
+    assert env.run(np.array([1.0, 5.0])) == run(np.array([1.0, 5.0]), seed=7)
+    env.step(np.zeros(2))  # the episode is still open
+    with pytest.raises(KnobError, match="steps"):
+        env.run(np.array([1.0, 5.5]))
+    with pytest.raises(ExperimentError, match="must return an Experiment"):
+        TuningEnv(SPACE, lambda theta, seed: None).run(np.array([1.0, 5.0]))
+
+
 @pytest.mark.parametrize("action", [[0.0], [0.0, 1.1], [np.nan, 0.0], "ab", [[0.0, 0.0]], None])
 def test_bad_actions_are_refused(action):
     env = tuning()
