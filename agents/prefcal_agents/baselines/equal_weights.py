@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import PreferenceBased
-from prefcal_agents.screening.bank import Bank
+from prefcal_agents.screening.bank import Bank, runnable
 from prefcal_agents.screening.simulations import Simulate, Simulations
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.space.start import Start
@@ -70,6 +70,11 @@ class EqualWeights(PreferenceBased):
         return self._n_simulated
 
     @property
+    def simulate(self) -> Simulate | None:
+        """Return the function that simulates a θ; None for an agent that was restored without."""
+        return None if self._simulations is None else self._simulations.simulate
+
+    @property
     def simulations(self) -> Simulations:
         """Return the simulations so far: how many, and how many failed.
 
@@ -86,8 +91,7 @@ class EqualWeights(PreferenceBased):
         simulations = self.simulations
         if self._bank is None:
             design = latin_hypercube(self.space, self._n_simulated, self._seed)
-            z = self.space.snap_all(design)
-            thetas = self.space.decode_all(z)
+            z, thetas = runnable(self.space, design)
             self._bank = Bank.of(z, thetas, simulations(thetas))
         return self._bank
 
