@@ -162,3 +162,17 @@ def test_the_script_reports_what_is_in_a_folder(script, tmp_path, capsys):
     assert "| RandomSearch | 2 | 1 [1, 1] | 8 [4, 16] |" in page
     assert page in capsys.readouterr().out
     assert (tmp_path / "raw.parquet").exists()
+
+
+def test_again_drops_the_results_of_the_chosen_agents_alone(script, tmp_path, monkeypatch):
+    campaign, store, ran = script("screening"), Store(tmp_path), []
+    kept, dropped = (study(agent, "servo", worth=(1.0,) * 51, n_max=51, n_init=10)
+                     for agent in ("EqualWeights", "RandomSearch"))  # fmt: skip
+    for result in (kept, dropped):
+        store.add(result)
+    monkeypatch.setattr(campaign, "run_suite", lambda suite, *_: ran.append(suite))
+    campaign.main(["--again", "--out", str(tmp_path), "--parts", "loops", "--loops", "servo",
+                   "--tastes", "weights", "--agents", "RandomSearch", "--seeds", "1"])  # fmt: skip
+    assert [suite.agents for suite in ran] == [("RandomSearch",)]
+    assert store.find(kept.cell)[0] == kept
+    assert store.find(dropped.cell)[0] is None

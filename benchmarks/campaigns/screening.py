@@ -7,7 +7,7 @@
 
 Studies that are in the folder do not run again: the same line resumes after an interruption, and
 studies of more seeds or agents join. An agent whose code changed without a new version needs
-`--again`, which drops the results of `--agents` in the chosen parts first.
+`--again`, which first drops the results of `--agents` in the chosen parts; resume without it.
 
 loops       worth after 0, 3, 5, 10, 20 and 50 answers, for each kind of taste
 noise       the same tastes with 10 and 20 % wrong answers: what is left, and how far it falls
@@ -88,11 +88,11 @@ def choice_of(options: argparse.Namespace) -> Choice:
 
 def run(todo: Sequence[Suite], store: Store, options: argparse.Namespace) -> None:
     """Run the missing studies of all suites."""
+    if options.again:
+        for cell in {cell for suite in todo for cell in suite.cells}:
+            store.path(cell).unlink(missing_ok=True)
     with BenchDisplay(Console(stderr=True)) as display:
         for suite in todo:
-            if options.again:
-                for cell in suite.cells:
-                    store.path(cell).unlink(missing_ok=True)
             for words in suite.left_out:
                 display.say(f"Left out: {words}")
             run_suite(suite, store, Processes(options.jobs), display)

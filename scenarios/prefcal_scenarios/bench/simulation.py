@@ -9,8 +9,8 @@ from prefcal_scenarios.kpis import screened
 
 from .problems import Problem
 
-_MOST = 20_000
-"""Number of θ whose KPIs are kept: some 20 MB."""
+_MOST = 10_000
+"""Number of θ whose KPIs are kept: 10 MB with 7 KPIs, 30 MB with 24."""
 _KNOWN: dict[tuple[str, str], dict[bytes, Outcome]] = {}
 """KPIs by θ of the problem simulated last in this process: people with other tastes share them."""
 
