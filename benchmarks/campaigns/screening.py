@@ -54,7 +54,7 @@ def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--out", type=Path, default=Path("prefcal-screening"), metavar="FOLDER")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--agents", nargs="+", choices=AGENTS, default=list(AGENTS))
-    parser.add_argument("--loops", nargs="+", default=["held-out", "named"], metavar="GROUP",
+    parser.add_argument("--loops", nargs="+", default=list(GROUPS), metavar="GROUP",
                         help="groups (held-out, named, cases) or names of loops")  # fmt: skip
     parser.add_argument("--tastes", nargs="+", choices=TASTES, default=list(TASTES))
     parser.add_argument("--noisy", nargs="+", choices=TASTES, default=list(_NOISY),
