@@ -35,14 +35,20 @@ if _TYPE_CHECKING:
     from .rl import PPOBandit as PPOBandit
     from .rl import SACBandit as SACBandit
     from .screening.agent import Screening as Screening
+    from .screening.bank import Bank as Bank
+    from .screening.simulations import Simulate as Simulate
+    from .screening.simulations import SimulateMany as SimulateMany
 
 _HOMES = {
     "Advice": "advice.stopping",
     "AgentState": "history.agent_state",
+    "Bank": "screening.bank",
     "Earlier": "advice.transfer",
     "GLISSettings": "baselines.glis_settings",
     "GLISpSettings": "glisp.settings",
     "Minimum": "minimize",
+    "Simulate": "screening.simulations",
+    "SimulateMany": "screening.simulations",
     "minimize_by_preference": "minimize",
     "respaced": "respacing",
     **{name: row.module for name, row in _CLASSES.items()},

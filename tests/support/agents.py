@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_agents import restore
 from prefcal_agents.registry import AGENTS, AgentRow
 
 
@@ -18,7 +17,9 @@ def quick(theta: np.ndarray) -> dict[str, float]:
 
 def woken(agent: Any, space: Any, state: Any) -> Any:
     """Return the agent of `state`, restored with what `agent` simulates by, if it does."""
-    return restore(space, state, simulate=getattr(agent, "simulate", None))
+    simulate = getattr(agent, "simulate", None)
+    twin = type(agent).restore(space, state)
+    return twin if simulate is None else twin.with_simulations(simulate)
 
 
 def agents_without_extra(*, by_value: bool = False) -> dict[str, Callable[..., Any]]:

@@ -15,10 +15,10 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
 from .bank import Bank
-from .growth import Growth
+from .choice import expected_best
+from .growth import Growth, Stage
 from .reason import Reason
 from .simulations import Simulate, Simulations
-from .utility import Utilities, best_to_show
 
 
 @final
@@ -93,14 +93,12 @@ class Screening(PreferenceBased):
     @property
     def bank(self) -> Bank:
         """Return the simulated θ that the open query was chosen from; it simulates if needed."""
-        with one_thread():
-            return self._growing.bank(self.history)
+        return self._stage.bank
 
     @property
-    def utilities(self) -> Utilities:
-        """Return what the answers say about the simulated θ."""
+    def _stage(self) -> Stage:
         with one_thread():
-            return self._growing.utilities(self.history)
+            return self._growing.stage(self.history)
 
     @property
     def reason(self) -> Reason | None:
@@ -124,12 +122,14 @@ class Screening(PreferenceBased):
     # What the agent does.
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
-        growing = self._growing
-        bank, utilities = growing.bank(history), growing.utilities(history)
+        stage, best = self._growing.stage(history), history.incumbent
+        row = None if best is None else stage.bank.find(history.samples[best].theta)
+        order = np.argsort(-expected_best(stage.costs, row), kind="stable")
+        failed = np.isinf(stage.bank.kpis).all(axis=1)
         tried = Tried(self.space, history)
+        z = tried.first_new(stage.bank.z[order[np.argsort(failed[order], kind="stable")]])
         rng = np.random.default_rng([self._seed, history.answered])
-        z = tried.first_new(bank.z[best_to_show(utilities, history, bank)])
-        return tried.fresh(bank.z[0], rng) if z is None else z
+        return tried.fresh(stage.bank.z[0], rng) if z is None else z
 
     def _settings(self) -> dict[str, Any]:
         return {"n_simulated": self._n_simulated}

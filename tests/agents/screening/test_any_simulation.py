@@ -1,0 +1,271 @@
+"""Screening keeps the promises of an agent whatever its simulation returns, raises or does."""
+
+import json
+import threading
+import warnings
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from contracts.agents import HALF, MIXED, RARE, SMALL, TINY, judge, run
+from prefcal_agents import AgentState, Screening, respaced, restore
+from prefcal_env.errors import ProtocolError, SettingsError, SimulationError
+from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.preferences.answer import Answer, Mark, Strength
+from support.agents import quick
+
+FROZEN = MIXED.narrowed({"weight": (0.31, 0.31), "horizon": (3, 5)})
+LINE = KnobSpace([Knob("gain", 1e-6, 1e6, scale="log10")])
+SPACES = {
+    "mixed": MIXED, "small": SMALL, "tiny": TINY, "half": HALF, "rare": RARE, "frozen": FROZEN,
+    "line": LINE,
+}  # fmt: skip
+ODD = (np.nan, np.inf, -np.inf, 0.0, 1e308, -1e308, 5e-324, 1.0)
+KINDS = ("fine", "odd", "missing", "constant", "huge", "none", "empty", "raises")
+ANSWERS = (
+    -1, 0, 1, None, Answer(-1, strength=Strength.MUCH_BETTER),
+    Answer(1, marks=(Mark.CHALLENGER_UNSAFE,)), Answer(None, marks=(Mark.INCUMBENT_GOOD_ENOUGH,)),
+)  # fmt: skip
+
+
+def wild(kinds, names, theta):
+    """A simulation that does one of `kinds`, as θ decides, and writes into θ."""
+    rng = np.random.default_rng(list(theta.tobytes()))
+    kind = kinds[rng.integers(len(kinds))]
+    theta[:] = np.nan
+    if kind == "raises":
+        raise ArithmeticError("diverged")
+    if kind in ("none", "empty"):
+        return None if kind == "none" else {}
+    values = rng.standard_normal(len(names))
+    if kind == "odd":
+        values = rng.choice(ODD, size=len(names))
+    if kind in ("constant", "huge"):
+        values = np.full(len(names), 2.0) if kind == "constant" else values * 1e307
+    found = dict(zip(names, values, strict=True))
+    return dict(list(found.items())[: rng.integers(len(names)) + 1]) if kind == "missing" else found
+
+
+def check(agent):
+    """Check what people and programs read of an agent with an open question."""
+    bank = agent.bank
+    assert not np.isnan(bank.kpis).any()
+    assert len({theta.tobytes() for theta in bank.thetas}) == len(bank) == len(bank.z)
+    assert all(agent.space.allows(theta) for theta in bank.thetas)
+    assert agent.simulations.count >= len(bank)
+    assert 0 <= agent.chance_of_better <= 1
+    reason = agent.reason
+    if reason is not None:
+        assert 0 <= reason.chance <= 1
+        named = {*reason.better_in, *reason.worse_in, *reason.learned}
+        assert named <= set(bank.names)
+        assert not set(reason.better_in) & set(reason.worse_in)
+
+
+@settings(max_examples=60)
+@given(
+    kinds=st.lists(st.sampled_from(KINDS), min_size=1, max_size=3),
+    names=st.sampled_from(["a", "ab", "abcdefg"]),
+    space=st.sampled_from(list(SPACES)),
+    n_simulated=st.sampled_from([1, 2, 3, 20]),
+    answers=st.lists(st.sampled_from(ANSWERS), min_size=5, max_size=5),
+    seed=st.integers(0, 9),
+)
+@example(["constant"], "ab", "mixed", 20, [1, -1, 0, 1, -1], 0)
+@example(["odd"], "a", "line", 20, [1, -1, 0, 1, -1], 0)
+@example(["huge", "raises"], "abcdefg", "tiny", 20, [1, -1, 0, 1, -1], 0)
+def test_any_simulation_makes_a_study(kinds, names, space, n_simulated, answers, seed):
+    make = partial(Screening, SPACES[space], n_simulated=n_simulated, n_max=5, seed=seed)
+    agent = make(simulate=partial(wild, kinds, names))
+    try:
+        agent.ask()
+    except SimulationError:
+        assert {*kinds} & {"raises", "none", "empty", "odd"}
+        assert agent.simulations.failed == agent.simulations.count
+        return
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for answer in answers:
+            check(agent)
+            agent.tell(agent.ask(), answer)
+    while not agent.done:  # follow-up questions
+        agent.tell(agent.ask(), judge(agent.ask()))
+    assert len({theta.tobytes() for theta in agent.samples}) == 5
+    assert agent.best.tolist() in agent.samples.tolist()
+    assert all(agent.space.allows(theta) for theta in agent.samples)
+    assert agent.simulations.count <= n_simulated + 5
+
+
+def test_what_failed_or_is_interrupted_is_not_shown_while_anything_else_is_there():
+    def fragile(theta):
+        if theta[0] > 0.3:
+            raise ArithmeticError("diverged")
+        return quick(theta) if theta[2] < 0 else dict.fromkeys(quick(theta), np.inf)
+
+    agent = Screening(MIXED, simulate=fragile, n_simulated=60, n_max=6)
+    run(agent)
+    assert agent.simulations.failed > 10
+    assert np.all(agent.samples[:, 0] <= 0.3)
+    assert np.all(agent.samples[:, 2] < 0)
+
+
+@pytest.mark.parametrize("space", ["tiny", "small"])
+def test_a_space_of_few_theta_is_simulated_at_most_once(space):
+    runs = []
+
+    def simulate(theta):
+        runs.append(tuple(theta))
+        return quick(theta)
+
+    agent = Screening(SPACES[space], simulate=simulate, n_simulated=3000, n_max=8)
+    run(agent)
+    assert len(set(runs)) == len(runs) == agent.simulations.count <= 4000
+    if space == "tiny":
+        assert set(runs) == {(a, b) for a in (0.0, 1.0, 2.0) for b in (1.0, 2.0)}
+
+
+@pytest.mark.parametrize("space", [HALF, RARE, FROZEN], ids=["half", "rare", "frozen"])
+def test_nothing_is_simulated_that_could_not_be_shown(space):
+    seen = []
+
+    def simulate(theta):
+        seen.append(theta.copy())
+        return quick(theta)
+
+    agent = Screening(space, simulate=simulate, n_simulated=80, n_max=5, seed=2)
+    run(agent)
+    assert len(seen) >= 20
+    assert all(space.allows(theta) and space.searches(theta) for theta in seen)
+    assert {tuple(theta) for theta in agent.samples} <= {tuple(theta) for theta in seen}
+
+
+def test_what_is_shown_was_simulated_before_it_is_asked_about():
+    agent = Screening(MIXED, simulate=quick, n_simulated=50, n_max=5, start=(0.5, 7, -1.0))
+    while not agent.done:
+        query = agent.ask()
+        count = agent.simulations.count
+        bank = agent.bank
+        if query.challenger.index:  # the first one may be a given θ, not simulated yet
+            assert np.array_equal(bank.thetas[bank.find(query.challenger.theta)],
+                                  query.challenger.theta)  # fmt: skip
+            assert bank.find(query.incumbent.theta) is not None
+        assert agent.simulations.count == count or not query.challenger.index
+        agent.tell(query, judge(query))
+
+
+class InAnyOrder:
+    """Simulates all θ of a batch in threads, the last one first."""
+
+    def __call__(self, theta):
+        return quick(theta)
+
+    def many(self, thetas):
+        found = {}
+        for k, theta in reversed(list(enumerate(thetas))):
+            thread = threading.Thread(target=lambda k=k, t=theta: found.update({k: quick(t)}))
+            thread.start()
+            thread.join()
+        return [found[k] for k in range(len(thetas))]
+
+
+def test_the_same_seed_gives_the_same_study_one_by_one_or_many_at_once():
+    agents = [
+        Screening(MIXED, simulate=simulate, n_simulated=60, n_max=7, seed=4)
+        for simulate in (quick, InAnyOrder())
+    ]
+    one, many = (run(agent) for agent in agents)
+    assert one == many
+    assert agents[0].bank.kpis.tolist() == agents[1].bank.kpis.tolist()
+
+
+def test_copies_that_are_asked_in_threads_give_what_one_after_the_other_gives():
+    def study():
+        agent = Screening(MIXED, simulate=quick, n_simulated=60, n_max=8, seed=1)
+        run(agent, [None, -1, 1])
+        twins = [agent.copy() for _ in (-1, 0, 1)]
+        for twin, answer in zip(twins, (-1, 0, 1), strict=True):
+            twin.tell(twin.ask(), answer)
+        return agent, twins
+
+    expected = [twin.ask() for twin in study()[1]]
+    agent, twins = study()
+    found = {}
+    threads = [
+        threading.Thread(target=lambda k=k: found.update({k: twins[k].ask()})) for k in range(3)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [found[k] for k in range(3)] == expected
+    assert all(twin.simulations is agent.simulations for twin in twins)
+
+
+def test_what_a_copy_simulates_is_not_simulated_again():
+    runs = []
+
+    def simulate(theta):
+        runs.append(1)
+        return quick(theta)
+
+    agent = Screening(MIXED, simulate=simulate, n_simulated=60, n_max=8)
+    run(agent, [None, -1])
+    twin = agent.copy()
+    twin.tell(twin.ask(), -1)
+    expected, count = twin.ask(), len(runs)
+    agent.tell(agent.ask(), -1)
+    assert agent.ask() == expected
+    assert len(runs) == count
+
+
+def test_a_restored_agent_repeats_its_question_and_simulates_again_when_told_how():
+    agent = Screening(MIXED, simulate=quick, n_simulated=40, n_max=6, start=(0.5, 7, -1.0))
+    run(agent, [None, -1, 1])
+    query = agent.ask()
+    stored = AgentState.from_dict(json.loads(json.dumps(agent.state.to_dict())))
+    bare = restore(MIXED, stored)
+    assert bare.ask() == query
+    assert bare.simulate is None
+    for use in (lambda: bare.bank, lambda: bare.simulations):
+        with pytest.raises(SettingsError, match="needs simulate"):
+            use()
+    again = restore(MIXED, stored, simulate=quick)
+    assert (again.n_simulated, again.simulate) == (40, quick)
+    assert run(again) == run(agent)
+    assert again.bank.kpis.tolist() == agent.bank.kpis.tolist()
+
+
+def test_a_respaced_agent_simulates_where_it_searches_now_and_knows_what_was_shown():
+    agent = Screening(MIXED, simulate=quick, n_simulated=40, n_max=8)
+    run(agent, [judge] * 4)
+    part = MIXED.narrowed({"gain": (0.1, 1.0)})
+    after = respaced(agent, part, keep_open=False)
+    bank = after.bank
+    assert all(bank.find(theta) is not None for theta in agent.samples)
+    new = [t for t in bank.thetas if tuple(t) not in set(map(tuple, agent.samples))]
+    assert new
+    assert all(part.searches(theta) for theta in new)
+    run(after)
+    assert np.all((after.samples[4:, 0] >= 0.1) & (after.samples[4:, 0] <= 1.0))
+
+
+@pytest.mark.parametrize("n_simulated", [0, -1, 2.5, "many", None, True])
+def test_an_impossible_number_of_simulations_is_refused(n_simulated):
+    with pytest.raises(SettingsError, match="n_simulated"):
+        Screening(MIXED, simulate=quick, n_simulated=n_simulated)
+
+
+def test_a_state_with_another_number_of_simulations_goes_on_with_that():
+    agent = Screening(MIXED, simulate=quick, n_simulated=10, n_max=4)
+    run(agent, [None])
+    more = replace(agent.state, settings=(("n_simulated", 80),))
+    after = restore(MIXED, more, simulate=quick)
+    run(after)
+    assert after.simulations.count > 20
+    with pytest.raises(ProtocolError):
+        after.ask()
