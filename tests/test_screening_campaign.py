@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from prefcal_scenarios.bench import Cell, Result, Store
+from prefcal_scenarios.bench.engine import each
 from prefcal_scenarios.bench.problems import CSTR_BROAD, problem
 from support.worths import study
 
@@ -162,6 +163,18 @@ def test_the_script_reports_what_is_in_a_folder(script, tmp_path, capsys):
     assert "| RandomSearch | 2 | 1 [1, 1] | 8 [4, 16] |" in page
     assert page in capsys.readouterr().out
     assert (tmp_path / "raw.parquet").exists()
+
+
+def test_a_small_campaign_runs_here_and_keeps_what_a_failing_task_says(script):
+    def good():
+        return 3
+
+    def bad():
+        raise OSError("the pump")
+
+    results = dict(each([good, bad, good], script("judged.here").Here()))
+    assert (results[0], results[2]) == (3, 3)
+    assert results[1].why == "OSError: the pump"
 
 
 def test_again_drops_the_results_of_the_chosen_agents_alone(script, tmp_path, monkeypatch):

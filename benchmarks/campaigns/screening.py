@@ -32,6 +32,7 @@ from pathlib import Path
 
 from judged import cases, tables
 from judged.courses import Courses
+from judged.here import Here
 from judged.plan import AGENTS, GROUPS, RANDOM, SCREENING, TASTES, Choice, suites
 from rich.console import Console
 
@@ -95,7 +96,8 @@ def run(todo: Sequence[Suite], store: Store, options: argparse.Namespace) -> Non
         for suite in todo:
             for words in suite.left_out:
                 display.say(f"Left out: {words}")
-            run_suite(suite, store, Processes(options.jobs), display)
+            workers = Here() if options.quick else Processes(options.jobs)
+            run_suite(suite, store, workers, display)
 
 
 def stored(todo: Sequence[Suite], store: Store) -> list[Result]:
