@@ -14,6 +14,7 @@ from .registry import restore as restore
 if _TYPE_CHECKING:
     from .advice.stopping import Advice as Advice
     from .advice.transfer import Earlier as Earlier
+    from .baselines.equal_weights import EqualWeights as EqualWeights
     from .baselines.glis import GLIS as GLIS
     from .baselines.glis_settings import GLISSettings as GLISSettings
     from .baselines.latin_hypercube import LatinHypercube as LatinHypercube

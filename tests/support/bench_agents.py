@@ -49,6 +49,16 @@ class Sees(Own):
         self.open = None
 
 
+class Simulates(Own):
+    """Simulates ten θ and starts with the one of least effort."""
+
+    def __init__(self, space, *, simulate, n_init, n_max, seed):
+        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed)
+        thetas = [space.decode(self.rng.random(len(space))) for _ in range(10)]
+        self.tried.append(Suggestion(0, min(thetas, key=lambda theta: simulate(theta)["effort"])))
+        self.open = Query(self.tried[0], None)
+
+
 class Twice(Own):
     """Compares each new θ with the first one, too: two questions an experiment."""
 

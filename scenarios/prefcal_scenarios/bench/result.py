@@ -39,6 +39,7 @@ class Result:
         kpis: KPIs of each experiment, N rows in that order; empty if the problem has none.
         comparisons: Challenger, incumbent and answer of each question: -1 if the challenger is
             better, 0 for a tie, 1 if the incumbent is; empty if the agent is told values.
+        simulated: Number of θ that the agent simulated; None if it does not simulate.
 
     Raises:
         SettingsError: If lengths do not fit each other, or there are NaN values.
@@ -56,6 +57,7 @@ class Result:
     kpi_names: tuple[str, ...] = ()
     kpis: tuple[tuple[float, ...], ...] = ()
     comparisons: tuple[tuple[int, int, int], ...] = ()
+    simulated: int | None = None
 
     def __post_init__(self) -> None:
         count = len(self.thetas)
@@ -79,6 +81,8 @@ class Result:
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON; floats are exact, and infinity is a word."""
         plain: dict[str, Any] = _plain(asdict(self))
+        if self.simulated is None:  # results of before agents could simulate stay the same
+            del plain["simulated"]
         return plain
 
     @classmethod
@@ -88,7 +92,8 @@ class Result:
         Raises:
             SettingsError: If anything is missing, malformed or unknown.
         """
-        return read_as(cls, data)
+        known = {"simulated": None, **data} if isinstance(data, Mapping) else data
+        return read_as(cls, known)
 
 
 def digest(results: Iterable[Result]) -> str:

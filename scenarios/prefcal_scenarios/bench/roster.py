@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from prefcal_agents.registry import AGENTS as REGISTRY
 from prefcal_agents.registry import AgentRow
+from prefcal_agents.screening.simulations import Simulate
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
@@ -21,7 +22,8 @@ from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.own.own_file import module_at
 
 Kind = Literal["preference", "value"]
-Make = Callable[[KnobSpace, int, int, int], Any]
+Make = Callable[..., Any]
+"""Function of space, n_init, n_max and seed, and of `simulate` if the agent simulates."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class Entry:
         needs: Modules that must be installed.
         extra: Extra that installs them: `pip install prefcal[extra]`.
         learns: Whether the agent uses answers for more than keeping the winner.
+        simulates: Whether the agent needs `simulate`, a function of θ that returns KPIs.
     """
 
     name: str
@@ -45,9 +48,24 @@ class Entry:
     needs: tuple[str, ...] = ()
     extra: str = ""
     learns: bool = True
+    simulates: bool = False
 
-    def make(self, space: KnobSpace, n_init: int, n_max: int, seed: int) -> Any:
+    def make(
+        self,
+        space: KnobSpace,
+        n_init: int,
+        n_max: int,
+        seed: int,
+        simulate: Simulate | None = None,
+    ) -> Any:
         """Return the agent, which has `ask`, `tell`, `done` and `best`.
+
+        Args:
+            space: Knobs to tune.
+            n_init: Number of experiments before the agent learns.
+            n_max: Number of experiments.
+            seed: Seed of the agent.
+            simulate: Function of a physical θ that returns KPIs, for an agent that simulates.
 
         Raises:
             MissingExtraError: If a package is not installed.
@@ -55,6 +73,8 @@ class Entry:
         """
         if self.missing:
             raise MissingExtraError(self.missing)
+        if self.simulates:
+            return self.build(space, n_init, n_max, seed, simulate)
         return self.build(space, n_init, n_max, seed)
 
     @property
@@ -102,7 +122,9 @@ def _own(name: str, version: str) -> Entry:
     found = getattr(module_at(Path(path)), attribute, None)
     if not callable(found):
         raise SettingsError(f"{name!r} must name an agent's class, got {found!r}")
-    return Entry(name, _kind(name, found), partial(_make, found), lambda: version)
+    simulates = _has_parameter(found, "simulate")
+    make = partial(_make, found)
+    return Entry(name, _kind(name, found), make, lambda: version, simulates=simulates)
 
 
 def _kind(name: str, agent: Any) -> Kind:
@@ -110,16 +132,33 @@ def _kind(name: str, agent: Any) -> Kind:
     tell = getattr(agent, "tell", None)
     if tell is None:
         raise SettingsError(f"{name!r} must have a method tell(query, answer) or (query, value)")
-    return "value" if "value" in inspect.signature(tell).parameters else "preference"
+    return "value" if _has_parameter(tell, "value") else "preference"
 
 
-def _make(agent: Callable[..., Any], space: KnobSpace, n_init: int, n_max: int, seed: int) -> Any:
-    return agent(space, n_init=n_init, n_max=n_max, seed=seed)
+def _has_parameter(function: Callable[..., Any], name: str) -> bool:
+    """Return whether `name` is a parameter; False if nothing tells the parameters."""
+    try:
+        return name in inspect.signature(function).parameters
+    except ValueError:  # of C code
+        return False
+
+
+def _make(
+    agent: Callable[..., Any],
+    space: KnobSpace,
+    n_init: int,
+    n_max: int,
+    seed: int,
+    simulate: Simulate | None = None,
+    **further: Any,
+) -> Any:
+    given = further if simulate is None else {"simulate": simulate, **further}
+    return agent(space, n_init=n_init, n_max=n_max, seed=seed, **given)
 
 
 def _state_version(make: Make) -> str:
     """Return version and settings from the state of a new agent."""
-    state = make(KnobSpace([Knob("x", 0, 1)]), 1, 2, 0).state
+    state = make(KnobSpace([Knob("x", 0, 1)]), 1, 2, 0, start=[0.5]).state  # proposes nothing
     return f"{state.version} {state.settings!r}"
 
 
@@ -135,11 +174,13 @@ def _row_entry(row: AgentRow) -> Entry:
 
     kind: Kind = "value" if row.by_value else "preference"
     needs = (*row.packages, f"prefcal_agents.{row.module}") if row.extra else ()
-    return Entry(row.label or row.name, kind, make, version, needs, row.extra, row.learns)
+    return Entry(
+        row.label or row.name, kind, make, version, needs, row.extra, row.learns, row.simulates
+    )
 
 
-def _make_row(row: AgentRow, space: KnobSpace, n_init: int, n_max: int, seed: int) -> Any:
-    return _make(row.load(), space, n_init, n_max, seed)
+def _make_row(row: AgentRow, *arguments: Any, **further: Any) -> Any:
+    return _make(row.load(), *arguments, **further)
 
 
 def _glisp(name: str, **settings: Any) -> Entry:
@@ -148,13 +189,11 @@ def _glisp(name: str, **settings: Any) -> Entry:
     return Entry(name, "preference", make, partial(_state_version, make))
 
 
-def _make_glisp(
-    settings: tuple[tuple[str, Any], ...], space: KnobSpace, n_init: int, n_max: int, seed: int
-) -> Any:
+def _make_glisp(settings: tuple[tuple[str, Any], ...], *arguments: Any, **further: Any) -> Any:
     from prefcal_agents import GLISp, GLISpSettings
 
     chosen = GLISpSettings(**dict(settings))
-    return GLISp(space, n_init=n_init, n_max=n_max, seed=seed, settings=chosen)
+    return _make(GLISp, *arguments, settings=chosen, **further)
 
 
 def is_installed(module: str) -> bool:
@@ -178,12 +217,15 @@ VARIANTS = (
     _glisp("GLISp.3-questions", questions_per_experiment=3),
     _glisp("GLISp.12-questions", questions_per_experiment=12),
 )
-"""GLISp with other settings, which the tables show after `GLISp.paper`."""
+"""GLISp with other settings, which the tables show after the registry's GLISp."""
 
 
 def _make_roster() -> Mapping[str, Entry]:
+    """Return all agents; GLISp comes first, since others are compared with the first agent."""
     entries = [_row_entry(row) for row in REGISTRY]
-    return MappingProxyType({one.name: one for one in (*entries[:2], *VARIANTS, *entries[2:])})
+    first = [one for one in entries if one.name.startswith("GLISp")]
+    rest = [one for one in entries if one not in first]
+    return MappingProxyType({one.name: one for one in (*first, *VARIANTS, *rest)})
 
 
 AGENTS = _make_roster()

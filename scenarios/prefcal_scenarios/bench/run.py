@@ -4,6 +4,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
+from dataclasses import replace
 from statistics import median
 from typing import Any
 
@@ -19,6 +20,7 @@ from .cell import Cell
 from .problems import Outcome, Person, Problem, prefer, problem
 from .result import Result
 from .roster import entry
+from .simulation import Simulation
 
 Clock = Callable[[], float]
 _LAST = 5
@@ -62,10 +64,13 @@ def _run(cell: Cell, clock: Clock | None, key: str) -> Result:
             f"this worker has another version of {cell.agent}, {cell.problem} or prefcal"
         )
     person = where.person(cell.calibrator, cell.seed)
-    agent = one.make(where.space, cell.n_init, cell.n_max, cell.seed)
+    arguments = (where.space, cell.n_init, cell.n_max, cell.seed)
+    simulation = Simulation(where, person.withheld) if one.simulates else None
+    agent = one.make(*arguments) if simulation is None else one.make(*arguments, simulation)
     study = _Study(agent, where, person, cell.n_max, clock, by_value=one.kind == "value")
     study.run()
-    return study.result(cell)
+    result = study.result(cell)
+    return result if simulation is None else replace(result, simulated=simulation.count)
 
 
 class _Study:

@@ -29,7 +29,8 @@ class Suite:
     """All possible combinations of agents, problems, calibrators and seeds.
 
     Value-based agents run only where the answers follow a value: with the calibrator "perfect" on
-    problems with a cost, and with sure tastes that have a value of their own.
+    problems with a cost, and with sure tastes that have a value of their own. Agents that simulate
+    run only where experiments have KPIs, so not on test functions.
 
     Args:
         agents: Names in the roster, or path/to/own.py:Agent.
@@ -130,4 +131,6 @@ class Suite:
             return f"only {', '.join(place.answering)} answer there"
         if one.kind == "value" and not place.has_value(calibrator):
             return "it learns from exact values, which the answers do not follow"
+        if one.simulates and place.simulated is None:
+            return "it simulates experiments for their KPIs, and there are none"
         return ""

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from prefcal_env.errors import SettingsError
-from prefcal_scenarios.bench import Cell, Result
+from prefcal_scenarios.bench import Cell, Result, digest
 
 CELL = Cell("RandomSearch", "camel", "perfect", 0, 1, 2)
 RESULT = Result(CELL, ((0.1, -0.0), (1.0, 2.0)), (3.0, 0.5), (3.0, 0.5), (0, 1), (1.0, 2.0))
@@ -43,6 +43,15 @@ def test_a_result_on_a_loop_goes_through_json_to_the_last_bit(worths, kpis, verd
     )  # fmt: skip
     assert through_json(result) == result
     assert repr(through_json(result)) == repr(result)
+
+
+def test_how_many_were_simulated_is_kept_and_older_results_stay_as_they_were():
+    simulating = replace(RESULT, simulated=1000)
+    assert through_json(simulating) == simulating
+    assert digest([simulating]) != digest([RESULT])
+    assert "simulated" not in RESULT.to_dict()
+    # Computed before there were agents that simulate.
+    assert digest([RESULT]).startswith("5e94f809e8983159")
 
 
 def test_a_failure_goes_through_json():

@@ -22,7 +22,7 @@ def test_every_agent_is_made_or_says_what_is_missing(name):
     if one.missing:
         assert "pip install 'prefcal[" in one.missing
         pytest.skip(one.missing)
-    agent = one.make(SPACE, 2, 4, 0)
+    agent = one.make(SPACE, 2, 4, 0, lambda theta: {"a": theta[0]})
     query = agent.ask()
     assert len(query.challenger.theta) == 2
     assert query.incumbent is None
@@ -45,6 +45,13 @@ def test_an_own_agent_is_told_what_its_tell_asks_for():
     assert entry(f"{OWN}:Own").kind == "preference"
     assert entry(f"{OWN}:Sees").kind == "value"
     assert entry(f"{OWN}:Own").make(SPACE, 2, 4, 0).n_max == 4
+    assert [entry(f"{OWN}:{name}").simulates for name in ("Own", "Simulates")] == [False, True]
+
+
+def test_agents_that_simulate_say_so_and_glisp_stays_the_first():
+    assert {name for name, one in AGENTS.items() if one.simulates} == {"Screening", "EqualWeights"}
+    assert next(iter(AGENTS)) == "GLISp"
+    assert in_order(["EqualWeights", "Screening", "GLIS"]) == ("Screening", "GLIS", "EqualWeights")
 
 
 @pytest.mark.parametrize(

@@ -46,6 +46,21 @@ def test_what_is_left_out_is_said():
     assert only.left_out[0].endswith("answer there")
 
 
+def test_agents_that_simulate_run_where_experiments_have_kpis():
+    suite = replace(
+        BOTH, agents=("Screening", "GLISp"), seeds=1,
+        problems=("camel", "servo", f"{LOOP}:PROBLEM", "cstr-guidelines"),
+        calibrators=("perfect", "lexicographic", "weights"),
+    )  # fmt: skip
+    simulating = [c.problem for c in suite.cells if c.agent == "Screening"]
+    assert simulating == ["servo", "cstr-guidelines"]
+    assert suite.left_out == tuple(
+        f"Screening on {name}: it simulates experiments for their KPIs, and there are none"
+        for name in ("camel", f"{LOOP}:PROBLEM")
+    )
+    assert Suite.full().baseline == "GLISp"
+
+
 def test_tastes_answer_on_closed_loops_and_tell_a_value_if_they_have_one():
     suite = replace(
         BOTH, problems=("servo", "camel", "overtake"), seeds=1,

@@ -100,6 +100,7 @@ def guidelines() -> Problem:
         calibrators={"lexicographic": partial(same, referee)},
         referee=referee,
         paper=scenario.references["paper, preferences"],
+        plant=scenario,
     )
 
 

@@ -60,6 +60,7 @@ class Person:
         worth: Function that returns the worth, see `prefcal_scenarios.tastes.worth`; None if there
             is no pool.
         told: Function that returns the KPIs that agents are told besides the answers.
+        withheld: Names of KPIs that agents are not told, also not of what they simulate.
     """
 
     judge: Judge
@@ -67,15 +68,18 @@ class Person:
     gap: Callable[[Outcome], float] | None = None
     worth: Callable[[Outcome], float] | None = None
     told: Callable[[Outcome], Mapping[str, float] | None] = all_kpis
+    withheld: frozenset[str] = frozenset()
 
 
 def person_of(taste: Taste, pool: Runs) -> Person:
     """Return the person with this taste, whose θ are compared with those of `pool`."""
+    withheld = frozenset(taste.withheld)
     return Person(
         judge=taste.calibrator(),
         cost=partial(_cost, taste),
         worth=partial(_worth, taste, pool),
-        told=partial(_told, frozenset(taste.withheld)),
+        told=partial(_told, withheld),
+        withheld=withheld,
     )
 
 

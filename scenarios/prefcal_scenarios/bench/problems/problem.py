@@ -40,6 +40,7 @@ class Problem:
         version: Version, raised when the same θ has another outcome, or calibrators answer
             differently.
         scenario: Scenario whose KPIs tastes judge; None if there are no tastes.
+        plant: Scenario of the experiments if `scenario` is None; None if there are no KPIs.
 
     Raises:
         SettingsError: If there are calibrators without a referee.
@@ -54,6 +55,7 @@ class Problem:
     paper: Float[np.ndarray, " n"] | None = None
     version: int | str = 1
     scenario: Scenario | None = None
+    plant: Scenario | None = None
 
     def __post_init__(self) -> None:
         if self.calibrators and self.referee is None:
@@ -69,6 +71,11 @@ class Problem:
         """Return the names of everyone who can answer: calibrators, and tastes."""
         tastes = TASTES if self.scenario is not None and _judged(self.scenario) else ()
         return (*self.calibrators, *tastes)
+
+    @property
+    def simulated(self) -> Scenario | None:
+        """Return the scenario whose KPIs agents that simulate are given; None if there is none."""
+        return self.scenario or self.plant
 
     @property
     def kpi_names(self) -> tuple[str, ...]:

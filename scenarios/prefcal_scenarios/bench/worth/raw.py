@@ -11,6 +11,7 @@ raw.parquet has a row for each comparison, and for each experiment that was neve
     theta                      θ of the experiment, in the order of the problem's knobs
     kpis, kpi_names            KPIs of the experiment and their names, as two lists
     worth                      worth of the θ that the agent would return after `after` experiments
+    simulated                  number of θ that the agent simulated in the study; else missing
     agent_version, problem_version, prefcal
 
 Lists of numbers and of names are read by pandas, polars and DuckDB alike. The incumbent's θ and
@@ -105,8 +106,8 @@ def _schema() -> Any:
         ("n_init", pa.int32()), ("n_max", pa.int32()), ("after", pa.int32()),
         ("experiment", pa.int32()), ("incumbent", pa.int32()), ("answer", pa.int8()),
         ("answers", pa.int32()), ("theta", numbers), ("kpis", numbers),
-        ("kpi_names", pa.list_(word)), ("worth", pa.float64()), ("agent_version", word),
-        ("problem_version", word), ("prefcal", word),
+        ("kpi_names", pa.list_(word)), ("worth", pa.float64()), ("simulated", pa.int32()),
+        ("agent_version", word), ("problem_version", word), ("prefcal", word),
     ])  # fmt: skip
 
 
@@ -141,7 +142,8 @@ def _rows(result: Result) -> Iterator[tuple[object, ...]]:
             kpis = result.kpis[challenger] if result.kpis else ()
             yield (
                 *study, newest + 1, challenger, incumbent, answer, answers,
-                result.thetas[challenger], kpis, result.kpi_names, worth, *versions,
+                result.thetas[challenger], kpis, result.kpi_names, worth, result.simulated,
+                *versions,
             )  # fmt: skip
         answered = total
 

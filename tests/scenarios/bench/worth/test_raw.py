@@ -54,6 +54,13 @@ def test_kpis_stand_beside_their_names_and_may_be_infinite(tmp_path):
     ]  # fmt: skip
 
 
+def test_the_number_of_simulated_theta_is_in_every_row_of_an_agent_that_simulates(tmp_path):
+    found = raw(tmp_path, study("Screening", simulated=812), study("GLISp"))
+    numbers = found.groupby("agent", observed=True)["simulated"]
+    assert numbers.unique().map(list)["Screening"] == [812]
+    assert numbers.count()["GLISp"] == 0
+
+
 def test_versions_are_in_every_row_and_unknown_ones_are_empty(tmp_path):
     found = raw(tmp_path, study("RandomSearch", "camel"), study("Gone", "nowhere"))
     known = found[found["agent"] == "RandomSearch"]

@@ -59,7 +59,8 @@ class BenchOptions:
         typer.Option(
             metavar="NAMES",
             help="Agents, separated by commas: names or own.py:Agent. All are compared with the "
-            "first. An unknown name lists all of them.",
+            "first. Those that simulate (Screening, EqualWeights) run where experiments have KPIs, "
+            "so not on test functions. An unknown name lists all of them.",
             show_default="all that are installed",
         ),
     ] = None

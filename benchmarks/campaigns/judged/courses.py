@@ -1,0 +1,80 @@
+"""Worth along the studies of a campaign, after so many answers."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_scenarios.bench import Result
+from prefcal_scenarios.bench.worth.curves import after_answers
+from prefcal_scenarios.bench.worth.statistics import Estimate, geometric_mean
+
+Study = tuple[str, int]
+"""Loop and seed."""
+
+
+@dataclass(frozen=True)
+class Courses:
+    """Worth along finished studies.
+
+    Args:
+        studies: Results by agent, taste and number of experiments.
+    """
+
+    studies: dict[tuple[str, str, int], list[Result]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, results: Iterable[Result]) -> "Courses":
+        """Return the courses of the results that have a worth; of repeated ones, the last."""
+        latest = {result.cell: result for result in results if result.worth is not None}
+        found: dict[tuple[str, str, int], list[Result]] = {}
+        for cell, result in latest.items():
+            found.setdefault((cell.agent, cell.calibrator, cell.n_max), []).append(result)
+        return cls(found)
+
+    def at(self, agent: str, taste: str, answers: int, loops: Sequence[str]) -> dict[Study, float]:
+        """Return the worth after so many answers, from the shortest studies that have so many."""
+        curves = self.along(agent, taste, answers, loops)
+        return {study: float(curve[-1]) for study, curve in curves.items()}
+
+    def along(
+        self, agent: str, taste: str, answers: int, loops: Sequence[str]
+    ) -> dict[Study, Float[np.ndarray, " answers+1"]]:
+        """Return the worth after 0, 1, ... answers; empty without studies of so many."""
+        budgets = [n for who, kind, n in self.studies if (who, kind) == (agent, taste)]
+        enough = [n for n in budgets if n > answers]
+        if not enough:
+            return {}
+        return {
+            (r.cell.problem, r.cell.seed): after_answers(
+                np.array(r.worth), np.array(r.questions), answers
+            )
+            for r in self.studies[agent, taste, min(enough)]
+            if r.cell.problem in loops
+        }
+
+
+def mean_of(found: dict[Study, float]) -> Estimate | None:
+    """Return the geometric mean over loops, each counting the same; None without studies.
+
+    The interval is a bootstrap over the seeds of each loop.
+    """
+    by_loop: dict[str, list[float]] = {}
+    for (loop, _), value in sorted(found.items()):
+        by_loop.setdefault(loop, []).append(value)
+    if not by_loop:
+        return None
+    loops = [np.array(values) for values in by_loop.values()]
+    return geometric_mean(loops, rng=np.random.default_rng(0))
+
+
+def ratio_of(ours: dict[Study, float], theirs: dict[Study, float]) -> Estimate | None:
+    """Return the geometric mean of the ratio, in pairs of one loop and seed."""
+    return mean_of({study: ours[study] / theirs[study] for study in ours if study in theirs})
+
+
+def largest_fall(curves: Iterable[Float[np.ndarray, " N"]]) -> float:
+    """Return the largest share that the median over the studies loses from its peak so far."""
+    median = np.median(np.array(list(curves)), axis=0)
+    return float(np.max(1 - median / np.maximum.accumulate(median)))

@@ -1,0 +1,162 @@
+"""Measure Screening where people tune, against screening without learning and other agents.
+
+    python benchmarks/campaigns/screening.py --out results            # all parts: many hours
+    python benchmarks/campaigns/screening.py --out results --parts loops --loops held-out --seeds 4
+    python benchmarks/campaigns/screening.py --out results --agents Screening --again
+    python benchmarks/campaigns/screening.py --quick --out look       # less than a minute
+
+Studies that are in the folder do not run again: the same line resumes after an interruption, and
+studies of more seeds or agents join. An agent whose code changed without a new version needs
+`--again`, which first drops the results of `--agents` in the chosen parts; resume without it.
+
+loops       worth after 0, 3, 5, 10, 20 and 50 answers, for each kind of taste
+noise       the same tastes with 10 and 20 % wrong answers: what is left, and how far it falls
+hidden      people whose KPIs are withheld, against GLISp on θ alone
+reactor     index after 8 and 12 experiments; the index is not among the KPIs
+overtaking  share of fresh random θ that are not better, and verdicts on the paper's optimum
+
+All figures of worth are geometric means in which every loop counts the same, with 95 % bootstrap
+intervals over the seeds of each loop. The folder gets raw.parquet (every comparison, see
+docs/raw_results.md), screening.md with all tables, and a file for each study in results/.
+Of each agent, the shortest studies with so many answers count.
+"""
+
+import argparse
+import os
+import sys
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one thread
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from judged import cases, tables
+from judged.courses import Courses
+from judged.here import Here
+from judged.plan import AGENTS, GROUPS, RANDOM, SCREENING, TASTES, Choice, suites
+from rich.console import Console
+
+from prefcal_env.errors import PrefcalError
+from prefcal_scenarios.app.cli.benchmark.display import BenchDisplay
+from prefcal_scenarios.bench import Processes, Result, Store, Suite, run_suite
+from prefcal_scenarios.bench.roster import entry
+from prefcal_scenarios.bench.worth import write_raw
+
+PARTS = ("loops", "noise", "hidden", "reactor", "overtaking")
+_NOISY = ("weights", "priorities")
+_QUICK_LOOPS = {"named": ("lag",)}
+
+
+def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
+    """Return the options of the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, default=Path("prefcal-screening"), metavar="FOLDER")
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument("--agents", nargs="+", choices=AGENTS, default=list(AGENTS))
+    parser.add_argument("--loops", nargs="+", default=list(GROUPS), metavar="GROUP",
+                        help="groups (held-out, named, cases) or names of loops")  # fmt: skip
+    parser.add_argument("--tastes", nargs="+", choices=TASTES, default=list(TASTES))
+    parser.add_argument("--noisy", nargs="+", choices=TASTES, default=list(_NOISY),
+                        help="kinds of taste of the part noise")  # fmt: skip
+    parser.add_argument("--seeds", type=int, default=4, help="seeds of each loop and taste")
+    parser.add_argument("--case-seeds", type=int, default=20,
+                        help="seeds of reactor and overtaking")  # fmt: skip
+    parser.add_argument("--longest", type=int, choices=(10, 20, 50), default=20,
+                        help="most answers that Screening gets on the loops")  # fmt: skip
+    parser.add_argument("--fresh", type=int, default=1000, help="random θ of the overtaking")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--again", action="store_true", help="drop the agents' results first")
+    parser.add_argument("--report", action="store_true", help="run nothing, report what is there")
+    parser.add_argument("--quick", action="store_true",
+                        help="one seed of one loop; random search on the cases")  # fmt: skip
+    return parser.parse_args(words)
+
+
+def choice_of(options: argparse.Namespace) -> Choice:
+    """Return what the options select."""
+    if options.quick:
+        return Choice(AGENTS[:-1], dict(_QUICK_LOOPS), _NOISY, _NOISY[1:], 1, 1, (RANDOM,), 20)
+    loops: dict[str, Sequence[str]] = {n: GROUPS[n] for n in options.loops if n in GROUPS}
+    named = [name for name in options.loops if name not in GROUPS]
+    loops |= {"chosen": named} if named else {}
+    return Choice(
+        options.agents, loops, options.tastes, options.noisy, options.seeds, options.case_seeds,
+        options.agents, options.longest,
+    )  # fmt: skip
+
+
+def run(todo: Sequence[Suite], store: Store, options: argparse.Namespace) -> None:
+    """Run the missing studies of all suites."""
+    if options.again:
+        for cell in {cell for suite in todo for cell in suite.cells}:
+            store.path(cell).unlink(missing_ok=True)
+    with BenchDisplay(Console(stderr=True)) as display:
+        for suite in todo:
+            for words in suite.left_out:
+                display.say(f"Left out: {words}")
+            workers = Here() if options.quick else Processes(options.jobs)
+            run_suite(suite, store, workers, display)
+
+
+def stored(todo: Sequence[Suite], store: Store) -> list[Result]:
+    """Return the stored results of suites, each once."""
+    cells = dict.fromkeys(cell for suite in todo for cell in suite.cells)
+    found = (store.find(cell)[0] for cell in cells)
+    return [result for result in found if result is not None]
+
+
+def reports(
+    options: argparse.Namespace, choice: Choice, results: dict[str, list[Result]]
+) -> list[tables.Report]:
+    """Return the report of each part."""
+    found = []
+    for part, some in results.items():
+        if part == "reactor":
+            found.append(cases.reactor(some))
+        elif part == "overtaking":
+            fresh = 20 if options.quick else options.fresh
+            found.append(cases.overtaking(some, fresh, options.out / "overtaking.json"))
+        else:
+            found.append(getattr(tables, part)(Courses.of(some), choice))
+    return found
+
+
+def page(found: Sequence[tables.Report], results: Sequence[Result], left: Sequence[str]) -> str:
+    """Return the Markdown page with bars, tables, failures and what was left out."""
+    bars = [bar for report in found for bar in report.bars]
+    failed = [f"- {r.cell}: {r.failure}" for r in results if r.failure]
+    lines = ["## Bars", ""] + (tables.bars_table(bars) if bars else [f"No study of {SCREENING}."])
+    lines += ["", "## Tables", *(line for report in found for line in report.lines)]
+    lines += ["", "## Not run or failed", "", *(f"- {words}" for words in left), *failed]
+    return "\n".join(lines) + "\n"
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the missing studies and write the page; return 1 if a study failed."""
+    options = options_of(words)
+    choice, store = choice_of(options), Store(options.out)
+    todo = {part: list(suites(part, choice)) for part in options.parts}
+    every = [suite for some in todo.values() for suite in some]
+    if not options.report:
+        try:
+            run(every, store, options)
+        except KeyboardInterrupt:
+            print(f"Stopped; finished studies are kept in {options.out}.", file=sys.stderr)
+            return 130
+    results = {part: stored(some, store) for part, some in todo.items()}
+    flat = list({r.cell: r for some in results.values() for r in some}.values())
+    left = [entry(agent).missing for agent in choice.agents if entry(agent).missing]
+    text = page(reports(options, choice, results), flat, left)
+    (options.out / "screening.md").write_text(text, encoding="utf-8")
+    write_raw(flat, options.out / "raw.parquet")
+    print(text)
+    return 1 if any(result.failure for result in flat) else 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except PrefcalError as error:
+        sys.exit(str(error))

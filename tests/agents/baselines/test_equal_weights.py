@@ -1,0 +1,64 @@
+"""EqualWeights shows what is best if all KPIs count the same, and learns nothing."""
+
+import numpy as np
+import pytest
+
+from contracts.agents import MIXED, run
+from prefcal_agents import EqualWeights
+from prefcal_agents.baselines.equal_weights import by_mean_rank
+from prefcal_env.errors import SettingsError
+from support.agents import quick
+
+
+def test_rows_come_by_the_mean_of_their_ranks():
+    #                ranks 1, 2, 3, 4   ranks 4, 1, 2.5, 2.5   the sum: 5, 3, 5.5, 6.5
+    kpis = np.column_stack([[0.1, 0.2, 0.3, 9.0], [np.inf, 1.0, 2.0, 2.0]])
+    assert list(by_mean_rank(kpis)) == [1, 0, 2, 3]
+
+
+def test_the_size_of_a_difference_does_not_count():
+    kpis = np.random.default_rng(0).random((30, 3))
+    stretched = np.exp(9 * kpis) * [1.0, 1e-6, 1e6]
+    assert list(by_mean_rank(kpis)) == list(by_mean_rank(stretched))
+
+
+def test_without_kpis_the_order_stays():
+    assert list(by_mean_rank(np.zeros((3, 0)))) == [0, 1, 2]
+
+
+def test_it_shows_its_best_first_and_then_the_next_best_whatever_is_answered():
+    agents = [EqualWeights(MIXED, simulate=quick, n_simulated=50, n_max=6) for _ in range(2)]
+    first, second = ([q.challenger for q in run(a, [None, *says])]
+                     for a, says in zip(agents, ([1] * 5, [-1] * 5), strict=True))  # fmt: skip
+    assert first == second
+    bank = agents[0].bank
+    order = by_mean_rank(bank.kpis)[:6]
+    assert np.array_equal([shown.theta for shown in first], bank.thetas[order])
+
+
+def test_each_theta_is_simulated_once_also_by_copies():
+    seen = []
+
+    def simulate(theta):
+        seen.append(tuple(theta))
+        return quick(theta)
+
+    agent = EqualWeights(MIXED, simulate=simulate, n_simulated=50, n_max=6)
+    assert not seen
+    run(agent)
+    run(agent.copy())
+    assert len(seen) == len(set(seen)) == agent.simulations.count == 50
+    other = agent.with_simulations(quick)
+    assert other.simulate is quick
+    assert other.simulations.count == 0
+
+
+def test_without_simulate_it_can_only_be_looked_at():
+    agent = EqualWeights(MIXED)
+    assert agent.simulate is None
+    assert agent.n_simulated == 1000
+    for look in (agent.ask, lambda: agent.simulations, lambda: agent.bank):
+        with pytest.raises(SettingsError, match="needs simulate"):
+            look()
+    with pytest.raises(SettingsError, match="n_simulated"):
+        EqualWeights(MIXED, n_simulated=0)

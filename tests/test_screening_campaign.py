@@ -1,0 +1,191 @@
+"""The campaign that judges Screening: what it runs, its figures by hand, and its bars."""
+
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from prefcal_scenarios.bench import Cell, Result, Store
+from prefcal_scenarios.bench.engine import each
+from prefcal_scenarios.bench.problems import CSTR_BROAD, problem
+from support.worths import study
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(autouse=True)
+def script(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "campaigns")
+    return importlib.import_module
+
+
+def rising(agent, worth, loop="servo", seed=0, n_max=11, **changes):
+    """A study whose worth is 1 at first and `worth` from the first answer on."""
+    values = (1.0,) + (float(worth),) * (n_max - 1)
+    return study(agent, loop, seed, values, n_max=n_max, n_init=5, **changes)
+
+
+def small(script, **changes):
+    plan = script("judged.plan")
+    values = {"agents": plan.AGENTS, "loops": {"named": ("servo", "lag")}, "tastes": ("weights",),
+              "noisy": ("weights",), "seeds": 2, "case_seeds": 1,
+              "case_agents": ("Screening",)}  # fmt: skip
+    return plan.Choice(**(values | changes))
+
+
+def test_each_part_runs_what_it_compares(script):
+    suites = script("judged.plan").suites
+    found = {n: [] for n in (11, 21, 51)}
+    for suite in suites("loops", small(script)):
+        assert suite.n_init == min(10, suite.n_max // 2)
+        found[suite.n_max] += suite.agents
+    assert found[11] == ["Screening"]
+    assert found[21] == ["Screening", "BOPE"]
+    assert found[51] == ["EqualWeights", "GLISp", "GLISp.no-outcomes", "RandomSearch"]
+    longest = list(suites("loops", small(script, longest=50)))
+    assert [s.n_max for s in longest if "Screening" in s.agents] == [11, 21, 51]
+    noisy = list(suites("noise", small(script)))
+    assert {s.calibrators for s in noisy} == {("weights", "weights-noisy10", "weights-noisy20")}
+    (reactor,) = suites("reactor", small(script))
+    assert (reactor.problems, reactor.calibrators, reactor.n_max) == (("cstr",), ("perfect",), 12)
+
+
+def test_held_out_loops_are_those_that_nobody_develops_on(script):
+    groups = script("judged.plan").GROUPS
+    assert groups["held-out"] == tuple(f"loop-{n}" for n in range(900, 915))
+    assert len(groups["named"]) == 12
+
+
+def test_the_shortest_studies_with_so_many_answers_count(script):
+    courses = script("judged.courses").Courses.of(
+        [rising("Screening", 4), rising("Screening", 9, n_max=21), rising("Screening", 2, "lag")]
+    )
+    assert courses.at("Screening", "weights", 10, ("servo",)) == {("servo", 0): 4.0}
+    assert courses.at("Screening", "weights", 11, ("servo", "lag")) == {("servo", 0): 9.0}
+    assert courses.at("Screening", "weights", 0, ("lag",)) == {("lag", 0): 1.0}
+    assert courses.at("Screening", "weights", 30, ("servo",)) == {}
+    assert courses.at("GLISp", "weights", 0, ("servo",)) == {}
+
+
+def test_answers_count_and_not_experiments(script):
+    asked = study("BOPE", worth=(1, 2, 8), questions=(0, 2, 4), n_max=3, comparisons=())
+    courses = script("judged.courses").Courses.of([asked])
+    curve = courses.along("BOPE", "weights", 2, ("servo",))["servo", 0]
+    assert list(curve) == [1, 1, 2]
+
+
+def test_every_loop_counts_the_same_and_ratios_are_paired(script):
+    courses = script("judged.courses")
+    ours = {("a", 0): 4.0, ("a", 1): 16.0, ("b", 0): 1.0}
+    assert courses.mean_of(ours).value == pytest.approx(np.sqrt(8.0))
+    theirs = {("a", 0): 2.0, ("a", 1): 8.0, ("c", 0): 5.0}
+    ratio = courses.ratio_of(ours, theirs)
+    assert (ratio.value, ratio.low, ratio.high) == pytest.approx((2.0, 2.0, 2.0))
+    assert courses.mean_of({}) is None
+
+
+def test_the_fall_is_that_of_the_median_from_its_peak_so_far(script):
+    fall = script("judged.courses").largest_fall
+    up, down = np.array([1.0, 8.0, 9.0]), np.array([1.0, 8.0, 2.0])
+    assert fall([up, up, down]) == 0
+    assert fall([up, down, down]) == 0.75
+
+
+def test_bars_of_worth_are_met_from_their_value_on_and_only_surely_above_equal_weights(script):
+    tables, courses = script("judged.tables"), script("judged.courses")
+    results = [rising("Screening", 401, seed=s, taste="priorities") for s in range(4)]
+    equal = [rising("EqualWeights", 400 if s else 900, seed=s, n_max=51, taste="priorities")
+             for s in range(4)]  # fmt: skip
+    choice = small(script, tastes=("priorities",), loops={"named": ("servo",)})
+    bars = tables.loops(courses.Courses.of([*results, *equal]), choice).bars
+    met = {bar.what: bar.met for bar in bars}
+    where = "priorities, named, after"
+    assert [met[f"worth: {where} {n} answers"] for n in (3, 5, 10)] == [True, True, False]
+    assert not any(met[f"ratio to EqualWeights: {where} {n} answers"] for n in (3, 5, 10))
+    better = [rising("EqualWeights", 300, seed=s, n_max=51, taste="priorities") for s in range(4)]
+    bars = tables.loops(courses.Courses.of([*results, *better]), choice).bars
+    assert all(bar.met for bar in bars if "ratio" in bar.what)
+
+
+def test_noise_is_measured_against_the_same_people_without_mistakes(script):
+    tables, courses = script("judged.tables"), script("judged.courses")
+    results = [
+        rising("Screening", worth, taste=f"weights{end}", n_max=21)
+        for end, worth in (("", 100), ("-noisy10", 60), ("-noisy20", 30))
+    ]
+    choice = small(script, loops={"named": ("servo",)}, agents=("Screening",))
+    report = tables.noise(courses.Courses.of(results), choice)
+    kept = [(bar.figure, bar.met) for bar in report.bars if "share" in bar.what]
+    assert kept == [("0.60", True), ("0.30", False)]
+    assert all(bar.met for bar in report.bars if "fall" in bar.what)
+    assert "| Screening | weights-noisy20 | 30 | 0.30 | 0 % |" in report.lines
+
+
+def test_the_reactor_is_judged_by_its_index_after_8_and_12(script):
+    cell = Cell("Screening", "cstr", "perfect", 0, 6, 12)
+    gaps = (1.0,) * 7 + (0.704 - CSTR_BROAD,) + (0.5,) * 3 + (0.698 - CSTR_BROAD,)
+    thetas = ((0.25, 26.0, -1.0),) * 12
+    result = Result(cell, thetas, gaps, gaps, tuple(range(12)), thetas[0])
+    report = script("judged.cases").reactor([result])
+    assert report.lines[-1] == "| Screening | 1 | 0.7040 | 0.7040 | 0.6980 | 0.6980 |"
+    assert [bar.met for bar in report.bars] == [True, False, True]
+
+
+def test_the_overtaking_counts_random_theta_that_are_not_better(script, monkeypatch, tmp_path):
+    cases = script("judged.cases")
+    where = problem("overtake")
+    paper = tuple(map(float, where.paper))
+    cell = Cell("Screening", "overtake", "lexicographic", 0, 5, 10)
+    result = Result(cell, (paper,) * 10, None, None, tuple(range(10)), paper)
+    file = tmp_path / "overtaking.json"
+    report = cases.overtaking([result], 4, file)
+    ours = where.outcome(where.paper)
+    drawn = [where.outcome(theta) for theta in cases.thetas(where.scenario, "fresh", 4)]
+    lost = sum(where.referee.prefer(ours.experiment, one.experiment) == 1 for one in drawn)
+    share = f"{1 - lost / 4:.4f}"
+    assert report.lines[-1] == f"| Screening | 1 | {share} | {share} | 0 | 1 | 0 |"
+    monkeypatch.setattr(cases, "_shares", None)  # what is in the file does not run again
+    assert cases.overtaking([result], 4, file) == report
+    assert not report.bars[1].met  # a tie with the paper's is not preferred
+
+
+def test_the_script_reports_what_is_in_a_folder(script, tmp_path, capsys):
+    store = Store(tmp_path)
+    for seed in range(2):
+        values = (1.0,) + (4.0 ** (seed + 1),) * 50
+        store.add(study("RandomSearch", "servo", seed, values, n_max=51, n_init=10))
+    campaign = script("screening")
+    words = ["--report", "--out", str(tmp_path), "--parts", "loops", "--loops", "servo",
+             "--tastes", "weights", "--agents", "RandomSearch", "--seeds", "2"]  # fmt: skip
+    assert campaign.main(words) == 0
+    page = (tmp_path / "screening.md").read_text()
+    assert "| RandomSearch | 2 | 1 [1, 1] | 8 [4, 16] |" in page
+    assert page in capsys.readouterr().out
+    assert (tmp_path / "raw.parquet").exists()
+
+
+def test_a_small_campaign_runs_here_and_keeps_what_a_failing_task_says(script):
+    def good():
+        return 3
+
+    def bad():
+        raise OSError("the pump")
+
+    results = dict(each([good, bad, good], script("judged.here").Here()))
+    assert (results[0], results[2]) == (3, 3)
+    assert results[1].why == "OSError: the pump"
+
+
+def test_again_drops_the_results_of_the_chosen_agents_alone(script, tmp_path, monkeypatch):
+    campaign, store, ran = script("screening"), Store(tmp_path), []
+    kept, dropped = (study(agent, "servo", worth=(1.0,) * 51, n_max=51, n_init=10)
+                     for agent in ("EqualWeights", "RandomSearch"))  # fmt: skip
+    for result in (kept, dropped):
+        store.add(result)
+    monkeypatch.setattr(campaign, "run_suite", lambda suite, *_: ran.append(suite))
+    campaign.main(["--again", "--out", str(tmp_path), "--parts", "loops", "--loops", "servo",
+                   "--tastes", "weights", "--agents", "RandomSearch", "--seeds", "1"])  # fmt: skip
+    assert [suite.agents for suite in ran] == [("RandomSearch",)]
+    assert store.find(kept.cell)[0] == kept
+    assert store.find(dropped.cell)[0] is None
