@@ -164,7 +164,9 @@ class Growth:
         for number, part in enumerate(np.array_split(np.arange(count), rounds)):
             rng = self._rng(past, _LEARN + 1 + number)
             points = near_leaders(self._space, stage.bank.z, stage.costs, len(part), rng)
-            bank = self._extended(stage.bank, *runnable(self._space, points))
+            z, thetas = runnable(self._space, points)
+            kept = np.atleast_1d(self._space.allows(thetas))  # rounding may cross an edge
+            bank = self._extended(stage.bank, z[kept], thetas[kept])
             stage = _stage(bank, stage.spread, stage.scale, stage.utilities)
         return stage
 
