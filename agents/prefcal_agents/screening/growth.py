@@ -18,7 +18,7 @@ from .refine import near_leaders
 from .simulations import Simulations
 from .utility import Scale, Utilities
 
-_FIRST, _SECOND, _LATER = (0.12, 0.03), (0.28, 0.17), (0.0, 0.04)
+_FIRST, _SECOND, _LATER = (0.2, 0.08), (0.2, 0.12), (0.0, 0.04)
 """Shares of the simulations, over the whole space and near the leaders: before the first question,
 which must come soon; after the first answer; and after each later one."""
 _ANSWERS = 10
