@@ -43,9 +43,9 @@ def outcome(scenario: Scenario, experiment: Experiment) -> Outcome:
 def screened(scenario: Scenario, experiment: Result) -> Outcome:
     """Return the KPIs by which simulated experiments are screened, lower is better.
 
-    They are the scenario's KPIs with a known direction of improvement and "interrupted", the KPIs
-    that people see. Only if no KPI has a direction, generic ones of the trajectory take their
-    place. Those of a run that was stopped are infinite; a run that failed has no KPIs at all.
+    They are the scenario's KPIs with a known direction of improvement. Only if no KPI has a
+    direction, generic ones of the trajectory take their place. All are infinite for a run that was
+    stopped, which keeps agents away from its θ; a run that failed has no KPIs at all.
 
     Args:
         scenario: Scenario of the experiment.
@@ -57,13 +57,15 @@ def screened(scenario: Scenario, experiment: Result) -> Outcome:
     if experiment.end is End.FAILED and not experiment.kpis:
         return Outcome({})
     if any(kpi.goal is not None for kpi in scenario.kpis):
-        return _outcome(_directed(scenario, experiment), experiment)
+        if experiment.end.interrupted:
+            return Outcome(dict.fromkeys(_names(scenario), np.inf))
+        return Outcome(_directed(scenario, experiment))
     if not isinstance(experiment, Experiment):
         raise ScenarioError(
             f"scenario {scenario.name!r} has no KPI with a direction, so its trajectories are "
             "needed: simulate_many(..., trajectories=True)"
         )
-    return _outcome(_generic(experiment), experiment)
+    return Outcome(_at_worst(_generic(experiment), experiment))
 
 
 def simulator(
@@ -103,14 +105,22 @@ def _directed(scenario: Scenario, experiment: Result) -> dict[str, float]:
 
 
 def _outcome(known: Mapping[str, float], experiment: Result) -> Outcome:
-    stopped = experiment.end.interrupted
-    values = dict.fromkeys(known, np.inf) if stopped else known
-    return Outcome({**values, INTERRUPTED: float(stopped)})
+    stopped = float(experiment.end.interrupted)
+    return Outcome({**_at_worst(known, experiment), INTERRUPTED: stopped})
+
+
+def _at_worst(known: Mapping[str, float], experiment: Result) -> Mapping[str, float]:
+    """Return KPIs as they are, or infinite if the run was stopped."""
+    return dict.fromkeys(known, np.inf) if experiment.end.interrupted else known
 
 
 def seen(scenario: Scenario) -> tuple[str, ...]:
     """Return the names of the KPIs that people see and agents use, in order of importance."""
-    return (*(kpi.name for kpi in scenario.kpis if kpi.goal is not None), INTERRUPTED)
+    return (*_names(scenario), INTERRUPTED)
+
+
+def _names(scenario: Scenario) -> tuple[str, ...]:
+    return tuple(kpi.name for kpi in scenario.kpis if kpi.goal is not None)
 
 
 def titles(scenario: Scenario) -> Mapping[str, str]:

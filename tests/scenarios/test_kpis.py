@@ -42,17 +42,19 @@ def test_of_a_run_that_was_stopped_everything_is_as_bad_as_can_be():
     assert known[INTERRUPTED] == 1.0
 
 
-def test_screened_are_the_kpis_that_people_see_if_any_has_a_direction():
-    assert tuple(sorted(screened(TOY, FINE))) == tuple(sorted(seen(TOY)))
+def test_screened_are_the_kpis_with_a_direction_if_any_has_one():
+    assert {*screened(TOY, FINE)} == {*seen(TOY)} - {INTERRUPTED}
     assert all(value == outcome(TOY, FINE)[name] for name, value in screened(TOY, FINE).items())
-    stopped = screened(TOY, UNSAFE)
-    assert {n: v for n, v in stopped.items() if np.isfinite(v)} == {INTERRUPTED: 1.0}
+    assert dict(screened(TOY, UNSAFE)) == dict.fromkeys(screened(TOY, FINE), np.inf)
+    nothing_measured = replace(UNSAFE, kpis={})
+    assert screened(TOY, nothing_measured) == screened(TOY, UNSAFE)
 
 
 def test_screened_are_generic_kpis_only_if_none_has_a_direction():
     bare = replace(TOY, kpis=())
-    assert screened(bare, FINE) == outcome(bare, FINE)
+    assert {**screened(bare, FINE), INTERRUPTED: 0.0} == dict(outcome(bare, FINE))
     assert len(screened(bare, FINE)) > 3
+    assert dict(screened(bare, UNSAFE)) == dict.fromkeys(screened(bare, FINE), np.inf)
     [short] = simulate_many(bare, [[0.4, 20, 1.0]], jobs=1)
     with pytest.raises(ScenarioError, match="trajectories=True"):
         screened(bare, short)
@@ -63,14 +65,14 @@ def test_many_simulations_are_screened_as_single_ones_and_a_failed_one_has_no_kp
     simulate = simulator(TOY)
     results = simulate_many(TOY, thetas, jobs=1)
     assert [screened(TOY, r) for r in results] == [simulate(theta) for theta in thetas]
-    assert simulate(thetas[1])[INTERRUPTED] == 1.0
+    assert np.isinf(list(simulate(thetas[1]).values())).all()
     assert len(screened(TOY, FailedRun(thetas[0], "died", "its process ended"))) == 0
 
 
 def test_a_simulator_is_made_of_a_name_and_refuses_a_run_that_is_no_experiment():
     servo = load("servo")
     middle = servo.space.decode(np.full(len(servo.space), 0.5))
-    assert set(simulator("servo")(middle)) == set(seen(servo))
+    assert set(simulator("servo")(middle)) == set(seen(servo)) - {INTERRUPTED}
     broken = replace(TOY, run=lambda theta, seed=0: None)
     with pytest.raises(ScenarioError, match="Experiment"):
         simulator(broken)(np.array([0.4, 20, 1.0]))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.kpis import Outcome
@@ -19,15 +19,17 @@ class Bank:
         thetas: θ, physical, shape (m, n).
         names: Names of the KPIs.
         kpis: KPIs, lower is better; infinite where one is missing, shape (m, k).
+        failed: Whether each simulation failed: it has no KPI at all, shape (m,).
     """
 
     z: Float[np.ndarray, "m n"]
     thetas: Float[np.ndarray, "m n"]
     names: tuple[str, ...]
     kpis: Float[np.ndarray, "m k"]
+    failed: Bool[np.ndarray, " m"]
 
     def __post_init__(self) -> None:
-        for array in (self.z, self.thetas, self.kpis):
+        for array in (self.z, self.thetas, self.kpis, self.failed):
             array.setflags(write=False)
 
     def __len__(self) -> int:
@@ -49,7 +51,9 @@ class Bank:
         z, thetas, outcomes = z[first], thetas[first], [outcomes[k] for k in first]
         names = tuple(sorted({name for outcome in outcomes for name in outcome}))
         kpis = [[outcome.get(name, np.inf) for name in names] for outcome in outcomes]
-        return cls(z, thetas, names, np.array(kpis, dtype=float).reshape(len(z), len(names)))
+        failed = np.array([not outcome for outcome in outcomes], dtype=np.bool_)
+        values = np.array(kpis, dtype=float).reshape(len(z), len(names))
+        return cls(z, thetas, names, values, failed)
 
     def find(self, theta: Sequence[float] | Float[np.ndarray, " n"]) -> int:
         """Return the row of a physical θ. Raises KeyError if it was not simulated."""

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.preferences.kpis import Outcome
-from prefcal_scenarios.kpis import screened
+from prefcal_scenarios.kpis import INTERRUPTED, screened
 
 from .problems import Problem
 
@@ -59,7 +59,11 @@ class Simulation:
     def _told(self, kpis: Outcome) -> Outcome:
         if not self._withheld:
             return kpis
-        return Outcome({k: value for k, value in kpis.items() if k not in self._withheld})
+        left = {k: value for k, value in kpis.items() if k not in self._withheld}
+        if not left and kpis:  # a run that was stopped remains recognizable
+            stopped = np.isinf(list(kpis.values())).all()
+            left = {INTERRUPTED: np.inf if stopped else 0.0}
+        return Outcome(left)
 
 
 def _known(where: Problem) -> dict[bytes, Outcome]:

@@ -35,6 +35,7 @@ def test_a_kpi_that_is_missing_is_infinite_and_names_are_in_order():
     assert bank.names == ("a", "b")
     assert bank.kpis.tolist() == [[np.inf, 1.0], [np.inf, np.inf], [-2.0, np.inf]]
     assert len(bank) == 3
+    assert bank.failed.tolist() == [False, True, False]
 
 
 def test_without_any_kpi_a_bank_has_no_columns():
@@ -58,7 +59,7 @@ def test_a_theta_is_kept_once_in_the_order_simulated():
 
 def test_a_bank_cannot_be_written_to():
     bank = bank_of({"a": 1.0}, {"a": 2.0}, {"a": 3.0})
-    for array in (bank.z, bank.thetas, bank.kpis):
+    for array in (bank.z, bank.thetas, bank.kpis, bank.failed):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
 

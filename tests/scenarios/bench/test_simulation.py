@@ -34,17 +34,22 @@ def watched(name=LOOP):
     return replace(where, run=run), ran
 
 
-def test_kpis_are_those_with_a_direction_and_whether_it_was_interrupted():
+def test_kpis_are_those_with_a_direction_all_infinite_if_it_was_interrupted():
     where = problem(LOOP)
     simulate = Simulation(where)
     experiment = where.outcome(THETA).experiment
     assert dict(simulate(THETA)) == {
         "error": experiment.kpis["error"], "effort": experiment.kpis["effort"],
-        "margin": -experiment.kpis["margin"], "interrupted": 0.0,
+        "margin": -experiment.kpis["margin"],
     }  # fmt: skip
     stopped = simulate(np.array([0.95, 0.5, 0.5]))
-    assert stopped["interrupted"] == 1.0
-    assert stopped["effort"] == np.inf
+    assert dict(stopped) == dict.fromkeys(["error", "effort", "margin"], np.inf)
+
+
+def test_that_it_was_interrupted_is_known_even_if_all_is_withheld():
+    simulate = Simulation(problem(LOOP), frozenset({"error", "effort", "margin"}))
+    assert dict(simulate(THETA)) == {"interrupted": 0.0}
+    assert dict(simulate(np.array([0.95, 0.5, 0.5]))) == {"interrupted": np.inf}
 
 
 @pytest.mark.usefixtures("small_samples")
@@ -54,7 +59,7 @@ def test_what_a_hidden_taste_is_about_is_not_simulated_either(seed):
     person = where.person("hidden", seed)
     assert person.withheld
     names = set(Simulation(where, person.withheld)(THETA))
-    assert names == {"error", "effort", "margin", "interrupted"} - person.withheld
+    assert names == {"error", "effort", "margin"} - person.withheld
     assert not where.person("weights", seed).withheld
 
 

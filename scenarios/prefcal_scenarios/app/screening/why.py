@@ -6,7 +6,6 @@ import numpy as np
 
 from prefcal_agents.screening.bank import Bank
 from prefcal_agents.screening.reason import Reason
-from prefcal_scenarios.kpis import INTERRUPTED
 from prefcal_scenarios.scenario import Scenario
 
 from .prospect import percent
@@ -76,8 +75,6 @@ def _namer(scenario: Scenario) -> Callable[[str, bool], str]:
     kpis = {kpi.name: kpi for kpi in scenario.kpis}
 
     def named(name: str, better: bool) -> str:
-        if name == INTERRUPTED:
-            return "no interruption" if better else "an interruption"
         kpi = kpis.get(name)
         if kpi is None:
             return f"{'lower' if better else 'higher'} {name.replace('_', ' ')}"

@@ -6,7 +6,6 @@ import pytest
 from prefcal_agents.screening.bank import Bank
 from prefcal_agents.screening.reason import Reason
 from prefcal_scenarios.app.screening import good_on_average, why
-from prefcal_scenarios.kpis import INTERRUPTED
 from support.looks import toy
 
 LEARNED = Reason(0.64, ("final",), ("t_f",), ("final",))
@@ -59,8 +58,7 @@ def test_a_requested_one_is_shown_since_it_was_asked_for():
         ((), (), "its KPIs are about those of the best so far"),
         ((), ("t_f",), "it has higher settling time t_f"),
         (("t_f",), (), "it has lower settling time t_f"),
-        ((INTERRUPTED,), (), "it has no interruption"),
-        (("t_f",), (INTERRUPTED,), "it has lower settling time t_f, but an interruption"),
+        (("t_f",), ("iae",), "it has lower settling time t_f, but higher iae"),
         (("iae_level",), (), "it has lower iae level"),
     ],
 )
@@ -82,5 +80,5 @@ def test_no_more_than_two_kpis_are_named_on_either_side():
 
 def test_good_on_average_is_the_best_quarter_by_mean_rank():
     kpis = np.column_stack([np.arange(8.0), [0, 1, 2, 3, 4, 5, 6, np.inf]])
-    bank = Bank(np.zeros((8, 1)), np.zeros((8, 1)), ("a", "b"), kpis)
+    bank = Bank(np.zeros((8, 1)), np.zeros((8, 1)), ("a", "b"), kpis, np.zeros(8, dtype=bool))
     assert [good_on_average(bank, row) for row in range(8)] == [True, True, *[False] * 6]

@@ -82,7 +82,7 @@ function told() {
   const shown = points.filter(({ number }) => number !== null).length;
   const inside = new Set(drawn(data, which).map((at) => at.row));
   const count = (end) => points.filter((point, k) => point.end === end && !inside.has(k)).length;
-  const parts = [["failed", "failed"], ["stopped", "stopped as unsafe"]].filter(([end]) => count(end))
+  const parts = [["failed", "failed"], ["stopped", "stopped as unsafe or without any value"]].filter(([end]) => count(end))
     .map(([end, words]) => `${count(end)} ${words}`);
   const edges = [...new Set(which)].map((k) => data.axes[k]).filter((axis, i) => axis.log
     && points.some(({ values }) => values[which[i]] !== null && values[which[i]] < axis.least));
@@ -130,7 +130,7 @@ function describe() {
     best ? el("td", { class: "number faint" }, written(best.values[k])) : null)]));
   const heads = ["KPI", "value", ...(best ? ["best so far"] : [])];
   return fill($("point"), el("h3", {}, name(point)), point.end ? el("p", { class: "problem" },
-    point.end === "failed" ? "This simulation failed." : "This run was stopped as unsafe.") : null, theta, actions(point),
+    point.end === "failed" ? "This simulation failed." : "This run was stopped as unsafe, or it has no value of any KPI.") : null, theta, actions(point),
   el("div", { class: "scroll" }, el("table", { class: "kpi-table" }, el("thead", {}, el("tr", {}, heads.map((words, k) =>
     el("th", { scope: "col", class: k ? "number" : null }, words)))), el("tbody", {}, rows))));
 }

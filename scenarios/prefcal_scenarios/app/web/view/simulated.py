@@ -9,7 +9,6 @@ from jaxtyping import Float
 from prefcal_scenarios.app.presentation.wording import knob_number
 from prefcal_scenarios.app.screening import Screened, good_on_average, why
 from prefcal_scenarios.app.session import Interview, Now, Question, Side
-from prefcal_scenarios.kpis import INTERRUPTED
 from prefcal_scenarios.scenario import KPI, Scenario
 
 from .seen import Seen
@@ -114,7 +113,7 @@ def _axes(screened: Screened, scenario: Scenario) -> list[_Axis]:
     """Return the KPIs, in the scenario's order, and the knobs."""
     bank, kpis = screened.bank, {kpi.name: kpi for kpi in scenario.kpis}
     order = [name for name in kpis if name in bank.names]
-    order += [name for name in bank.names if name not in kpis and name != INTERRUPTED]
+    order += [name for name in bank.names if name not in kpis]
     found = [_of_kpi(n, kpis.get(n), bank.kpis[:, bank.names.index(n)]) for n in order]
     for knob, values in zip(scenario.space, bank.thetas.T, strict=True):
         log = knob.scale == "log10"
@@ -155,17 +154,14 @@ def _points(
     screened: Screened, axes: list[_Axis], scenario: Scenario, numbers: dict[int, int]
 ) -> list[dict[str, Any]]:
     bank = screened.bank
-    stopped = np.zeros(len(bank))
-    if INTERRUPTED in bank.names:
-        stopped = bank.kpis[:, bank.names.index(INTERRUPTED)]
-    failed = ~np.isfinite(bank.kpis).any(axis=1)
+    stopped = np.isinf(bank.kpis).all(axis=1)  # or it has no value for another reason
     values = np.array([axis.values for axis in axes]).T
     return [
         {
             "theta": theta,
             "text": [knob_number(k, v) for k, v in zip(scenario.space, theta, strict=True)],
             "values": [None if v != v else float(f"{v:.6g}") for v in row],
-            "end": "failed" if failed[i] else "stopped" if stopped[i] > 0 else "",
+            "end": "failed" if bank.failed[i] else "stopped" if stopped[i] else "",
             "number": numbers.get(i),
         }
         for i, (theta, row) in enumerate(zip(bank.thetas.tolist(), values.tolist(), strict=True))

@@ -15,7 +15,6 @@ from prefcal_scenarios.app.session import Choice
 from prefcal_scenarios.app.simulating import Basis
 from prefcal_scenarios.app.web.view import look_view, map_view, now_view, why_view
 from prefcal_scenarios.app.web.view.simulated import _axes, _chosen, _points
-from prefcal_scenarios.kpis import INTERRUPTED
 from support.interviews import begin, proceed
 from support.looks import toy
 from support.screened import explained, screening
@@ -138,7 +137,8 @@ def screened(kpis, names, reason=None):
     """A bank of these KPIs."""
     kpis = np.array(kpis, dtype=float)
     thetas = np.tile([0.5, 20.0, 1.0], (len(kpis), 1))
-    bank = Bank(thetas, thetas, tuple(names), kpis)
+    failed = np.isnan(kpis).all(axis=1)
+    bank = Bank(thetas, thetas, tuple(names), np.where(failed[:, None], np.inf, kpis), failed)
     return Screened(toy.space, Basis(History(), None, bank, reason, 0.5))
 
 
@@ -160,8 +160,8 @@ def test_an_axis_is_logarithmic_beyond_two_decades(values, log):
     assert axis.log is log
 
 
-def test_interruptions_are_no_axis_and_unknown_kpis_keep_their_names():
-    axes = _axes(screened([[1, 0, 2]], ["other_one", INTERRUPTED, "t_f"]), toy)
+def test_kpis_that_the_scenario_does_not_know_keep_their_names():
+    axes = _axes(screened([[1, 2]], ["other_one", "t_f"]), toy)
     assert [axis.title for axis in axes][:2] == ["settling time t_f", "other one"]
 
 
@@ -173,7 +173,7 @@ def test_without_a_reason_the_first_two_kpis_are_chosen():
 
 
 def test_a_run_that_never_settles_is_neither_failed_nor_stopped():
-    found = screened([[np.inf, 1, 0], [np.inf, np.inf, 1], [np.inf] * 3], ["t_f", "a", INTERRUPTED])
+    found = screened([[np.inf, 1], [np.inf, np.inf], [np.nan, np.nan]], ["t_f", "a"])
     axes = _axes(found, toy)
     assert [p["end"] for p in _points(found, axes, toy, {})] == ["", "stopped", "failed"]
 
