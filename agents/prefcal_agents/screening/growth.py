@@ -87,32 +87,32 @@ class Growth:
     def stage(self, history: History) -> Stage:
         """Return what is known after `history`, simulating what was not simulated yet."""
         past = history.until(history.answered).bare()
-        if past not in self._stages:
-            before, stage = History(), self._begun()
-            for count in range(1, past.answered + 1):
-                here = past.until(count)
-                alone = replace(here, follow_ups=before.follow_ups)
-                stage = self._kept(alone, partial(self._grown, alone, before, stage))
-                if here != alone:  # answers to follow-ups teach, but bring no new θ
-                    stage = self._kept(here, partial(self._learned, here, alone, stage))
-                before = here
-            return stage
-        return self._kept(past, self._begun)
+        counts = range(past.answered, 0, -1)
+        known = next((c for c in counts if past.until(c) in self._stages), 0)
+        before = past.until(known)
+        stage = self._stages.get(before)
+        if stage is None or not known:
+            known, before, stage = 0, History(), self._kept(History(), self._first)
+        for count in range(known + 1, past.answered + 1):
+            here = past.until(count)
+            alone = replace(here, follow_ups=before.follow_ups)
+            stage = self._kept(alone, partial(self._grown, alone, before, stage))
+            if here != alone:  # answers to follow-ups teach, but bring no new θ
+                stage = self._kept(here, partial(self._learned, here, alone, stage))
+            before = here
+        return stage
 
     def _kept(self, past: History, make: Callable[[], Stage]) -> Stage:
         """Return the stage after `past`, made only if it is not in memory."""
-        if past not in self._stages:
-            self._stages[past] = make()
-        stage = self._stages[past]
-        while len(self._stages) > _REMEMBERED:
-            self._stages.pop(next(iter(self._stages)), None)
+        stage = self._stages.get(past)  # another thread may drop it at any time
+        if stage is None:
+            stage = self._stages[past] = make()
+            while len(self._stages) > _REMEMBERED:
+                self._stages.popitem(last=False)
         return stage
 
-    def _begun(self) -> Stage:
-        """Return the stage before the first answer: leaders by what anybody may want."""
-        return self._kept(History(), self._first)
-
     def _first(self) -> Stage:
+        """Return the stage before the first answer: leaders by what anybody may want."""
         wide, near = self._plan[0]
         bank = self._simulated(*runnable(self._space, self._design[:wide]))
         spread = np.arange(len(bank))
