@@ -370,8 +370,8 @@ def reactor() -> Lines:
     """Return the paper's reactor, calibrated without a person."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        words = "calibrate cstr --calibrator synthetic --n-max 14 --study r.prefcal --json"
-        best = json.loads(command(folder, words))["best"]
+        words = "calibrate cstr --agent glisp --calibrator synthetic --n-max 14 --study r.prefcal"
+        best = json.loads(command(folder, f"{words} --json"))["best"]
         return [*exported(folder, "r.prefcal", 3), f"best {best}"]
 
 

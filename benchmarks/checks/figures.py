@@ -108,7 +108,7 @@ def _column(row: Mapping[str, str], name: str) -> str:
 
 
 def reactor(folder: Path) -> tuple[Pictures, Story]:
-    """Draw the README's second command: its report's figures, and before and after."""
+    """Draw GLISp's study of the reactor: its report's figures, and before and after."""
     found = study("cstr", folder)
     scenario, tried = load("cstr"), found["tried"]
     pictures = {name: (folder / name).read_bytes() for name in REACTOR}

@@ -3,7 +3,7 @@
 Starts `prefcal calibrate cstr` and a headless browser on this machine, answers by keyboard, and
 prints medians. The browser starts before the command; everything else is time that a person waits.
 
-    python benchmarks/speed/window.py [--studies 5] [--answers 30] [--scenario cstr]
+    python benchmarks/speed/window.py [--studies 5] [--answers 10] [--scenario cstr]
 """
 
 import argparse
@@ -95,7 +95,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--studies", type=int, default=5)
-    parser.add_argument("--answers", type=int, default=30)
+    parser.add_argument("--answers", type=int, default=10)
     parser.add_argument("--scenario", default="cstr")
     given = parser.parse_args()
     with chromium() as browser:

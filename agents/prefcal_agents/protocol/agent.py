@@ -185,7 +185,7 @@ class Agent(Stored):
             ProtocolError: If there is no such answer, or it is already retracted.
         """
         changed = self.history.retracted(index, follow_up=further)
-        if not self.done:
+        if not self._all_answered:
             self.settle()
             changed = self.history.retracted(index, follow_up=further)
         self.history = changed
@@ -211,7 +211,8 @@ class Agent(Stored):
 
     def settle(self) -> None:
         """Store the sample of the open query, unless it is stored or none is needed now."""
-        if not self.done and self._known_pair() is None:
+        # Asked first, since finding a pair may take simulations.
+        if not self._all_answered and self._known_pair() is None:
             self._store()
 
     def _store(self) -> None:

@@ -70,7 +70,7 @@ def _learned(stage: Stage, names: tuple[str, ...], history: History) -> tuple[st
             continue
         rows = [stage.bank.find(history.samples[i].theta) for i in (verdict.winner, verdict.loser)]
         winner, loser = stage.scale(stage.bank, rows)
-        wins += np.sign(np.where(winner == loser, 0.0, loser - winner))
+        wins += np.where(loser > winner, 1.0, 0.0) - np.where(loser < winner, 1.0, 0.0)
     grown = stage.utilities.weights.mean(axis=0) * len(names)
     order = np.argsort(-grown, kind="stable")
     return tuple(names[kpi] for kpi in order if grown[kpi] > _COUNTS_MORE and wins[kpi] > 0)
