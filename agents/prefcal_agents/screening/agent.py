@@ -152,10 +152,12 @@ class Screening(PreferenceBased):
             Tried(self.space, history),
         )
         if self._beyond.is_next(history, stage):
-            return tried.fresh(self._beyond.propose(history, stage), rng)
+            beyond = tried.fresh(self._beyond.propose(history, stage), rng)
+            if self._growing.works(beyond):
+                return beyond
         row = None if best is None else stage.bank.find(history.samples[best].theta)
         order = np.argsort(-expected_best(stage.costs, row), kind="stable")
-        dull = _failed(stage) | _look_alike(stage, history)
+        dull = stage.bank.hopeless | _look_alike(stage, history)
         z = tried.first_new(stage.bank.z[order[np.argsort(dull[order], kind="stable")]])
         return tried.fresh(stage.bank.z[0], rng) if z is None else z
 
@@ -189,11 +191,6 @@ class Screening(PreferenceBased):
         twin = super()._twin(state)
         twin._growth = self._growth
         return twin
-
-
-def _failed(stage: Stage) -> Bool[np.ndarray, " m"]:
-    """Return which simulations failed, shape (m,)."""
-    return np.asarray(np.isinf(stage.bank.kpis).all(axis=1))
 
 
 def _look_alike(stage: Stage, history: History) -> Bool[np.ndarray, " m"]:

@@ -55,6 +55,11 @@ class Bank:
         values = np.array(kpis, dtype=float).reshape(len(z), len(names))
         return cls(z, thetas, names, values, failed)
 
+    @property
+    def hopeless(self) -> Bool[np.ndarray, " m"]:
+        """Return which θ have no finite KPI, shape (m,): they failed, or were interrupted."""
+        return np.asarray(np.isinf(self.kpis).all(axis=1))
+
     def find(self, theta: Sequence[float] | Float[np.ndarray, " n"]) -> int:
         """Return the row of a physical θ. Raises KeyError if it was not simulated."""
         rows = np.flatnonzero(np.all(self.thetas == np.asarray(theta, dtype=float), axis=1))

@@ -48,7 +48,8 @@ class BeyondKPIs:
     def is_next(self, history: History, stage: Stage) -> bool:
         """Return whether the next θ is proposed without KPIs."""
         lessons = history.lessons()
-        if len(lessons) < _AFTER or not any(c.answer.preference for c in lessons):
+        known = not stage.bank.hopeless[stage.spread].all()
+        if len(lessons) < _AFTER or not known or not any(c.answer.preference for c in lessons):
             return False
         if len(lessons) % 2 and not any(_won(c) for c in lessons[-_STALLED:]):
             return True
@@ -59,7 +60,8 @@ class BeyondKPIs:
         """Return the next point of the cube, shape (n,)."""
         count = len(history.lessons())
         if count < _UNTIL and count % _EVERY == _EVERY - 1:
-            return np.asarray(stage.bank.z[stage.spread[count % len(stage.spread)]])
+            rows = stage.spread[~stage.bank.hopeless[stage.spread]]
+            return np.asarray(stage.bank.z[rows[count % len(rows)]])
         return propose(self._setup, self._models.fit(history))
 
 

@@ -78,22 +78,15 @@ class Growth:
     ) -> None:
         self.simulations = simulations
         self._space, self._seed = space, seed
-        shares = (_FIRST, _SECOND, *[_LATER] * _ANSWERS)
-        self._plan = [tuple(int(share * n_simulated) for share in pair) for pair in shares]
-        self._plan[0] = (max(self._plan[0][0], 1), self._plan[0][1])
+        self._plan = _plan(n_simulated)
         self._design = latin_hypercube(space, sum(wide for wide, _ in self._plan), seed)
         self._stages: OrderedDict[History, Stage] = OrderedDict()
 
     def stage(self, history: History) -> Stage:
         """Return what is known after `history`, simulating what was not simulated yet."""
         past = history.until(history.answered).bare()
-        counts = range(past.answered, 0, -1)
-        known = next((c for c in counts if past.until(c) in self._stages), 0)
-        before = past.until(known)
-        stage = self._stages.get(before)
-        if stage is None or not known:
-            known, before, stage = 0, History(), self._kept(History(), self._first)
-        for count in range(known + 1, past.answered + 1):
+        before, stage = self._latest(past)
+        for count in range(before.answered + 1, past.answered + 1):
             here = past.until(count)
             alone = replace(here, follow_ups=before.follow_ups)
             stage = self._kept(alone, partial(self._grown, alone, before, stage))
@@ -101,6 +94,22 @@ class Growth:
                 stage = self._kept(here, partial(self._learned, here, alone, stage))
             before = here
         return stage
+
+    def _latest(self, past: History) -> tuple[History, Stage]:
+        """Return the latest part of `past` whose stage is in memory, and that stage.
+
+        Earlier ones may be forgotten: to work them out again would take seconds per answer.
+        """
+        for count in range(past.answered, 0, -1):
+            here = past.until(count)
+            stage = self._stages.get(here)
+            if stage is not None:
+                return here, stage
+        return History(), self._kept(History(), self._first)
+
+    def works(self, z: Float[np.ndarray, " n"]) -> bool:
+        """Simulate the θ of a point of the cube, shape (n,); return whether it has a finite KPI."""
+        return not self._simulated(*runnable(self._space, z[None])).hopeless[0]
 
     def _kept(self, past: History, make: Callable[[], Stage]) -> Stage:
         """Return the stage after `past`, made only if it is not in memory."""
@@ -180,3 +189,11 @@ class Growth:
 
     def _rng(self, past: History, stream: int) -> np.random.Generator:
         return np.random.default_rng([self._seed, past.answered, len(past.follow_ups), stream])
+
+
+def _plan(n_simulated: int) -> list[tuple[int, int]]:
+    """Return how many θ to simulate for each answer: over the space, and near the leaders."""
+    shares = np.array([_FIRST, _SECOND, *[_LATER] * _ANSWERS])
+    counts = np.diff(np.round(n_simulated * np.cumsum(shares)), prepend=0.0).reshape(shares.shape)
+    plan = [(int(wide), int(near)) for wide, near in counts]
+    return [(max(plan[0][0], 1), plan[0][1]), *plan[1:]]

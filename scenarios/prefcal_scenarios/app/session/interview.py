@@ -167,9 +167,11 @@ class Interview:
             return None
         basis, planned = flow.basis, flow.agent.n_simulated
         # What was simulated for answers that were not given is not counted.
-        count = min(flow.simulator.count, planned) if basis is None else len(basis.bank)
         shown = len(flow.state.finished)
-        return Simulated(count, planned, flow.simulator.failed, shown)
+        if basis is None:
+            count = min(flow.simulator.count, planned)
+            return Simulated(count, planned, flow.simulator.failed, shown)
+        return Simulated(len(basis.bank), planned, int(basis.bank.failed.sum()), shown)
 
     @property
     def basis(self) -> Basis | None:

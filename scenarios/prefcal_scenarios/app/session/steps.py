@@ -103,6 +103,9 @@ def retract(flow: Flow, answer: int) -> None:
         raise StaleError(f"answer {answer} is retracted already")
     if flow.phase is Phase.RUNNING and flow.must_think:
         raise StaleError("the next experiment is being chosen: retract the answer once it is shown")
+    if flow.phase is Phase.FAILED and flow.must_think:
+        # Choosing the next experiment may fail again, after the retraction is written.
+        raise StaleError("the last step failed: try it again first")
     if flow.phase is Phase.RUNNING and flow.pending is None:
         # Propose the open sample first: it must not depend on this retraction.
         flow.proceed()
