@@ -87,23 +87,33 @@ class Growth:
     def stage(self, history: History) -> Stage:
         """Return what is known after `history`, simulating what was not simulated yet."""
         past = history.until(history.answered).bare()
-        if past not in self._stages:
-            before, stage = History(), self._begun()
-            for count in range(1, past.answered + 1):
-                here = past.until(count)
-                alone = replace(here, follow_ups=before.follow_ups)
-                stage = self._kept(alone, partial(self._grown, alone, before, stage))
-                if here != alone:  # answers to follow-ups teach, but bring no new θ
-                    stage = self._kept(here, partial(self._learned, here, alone, stage))
-                before = here
-            return stage
-        return self._kept(past, self._begun)
+        before, stage = self._latest(past)
+        for count in range(before.answered + 1, past.answered + 1):
+            here = past.until(count)
+            alone = replace(here, follow_ups=before.follow_ups)
+            stage = self._kept(alone, partial(self._grown, alone, before, stage))
+            if here != alone:  # answers to follow-ups teach, but bring no new θ
+                stage = self._kept(here, partial(self._learned, here, alone, stage))
+            before = here
+        return stage
+
+    def _latest(self, past: History) -> tuple[History, Stage]:
+        """Return the latest part of `past` whose stage is in memory, and that stage.
+
+        Earlier ones may be forgotten: to work them out again would take seconds per answer.
+        """
+        for count in range(past.answered, 0, -1):
+            here = past.until(count)
+            stage = self._stages.get(here)
+            if stage is not None:
+                return here, stage
+        return History(), self._begun()
 
     def _kept(self, past: History, make: Callable[[], Stage]) -> Stage:
         """Return the stage after `past`, made only if it is not in memory."""
-        if past not in self._stages:
-            self._stages[past] = make()
-        stage = self._stages[past]
+        stage = self._stages.get(past)
+        if stage is None:
+            stage = self._stages[past] = make()
         while len(self._stages) > _REMEMBERED:
             self._stages.pop(next(iter(self._stages)), None)
         return stage
