@@ -1,0 +1,99 @@
+"""When KPIs are left: a person may judge by what no KPI measures."""
+
+import numpy as np
+import pytest
+
+from prefcal_agents.screening.beyond_kpis import BeyondKPIs
+from prefcal_agents.screening.growth import Growth
+from prefcal_agents.screening.simulations import Simulations
+from prefcal_env.preferences.history import History
+from support.simulated import SQUARE, in_chain
+
+
+def unrelated(theta):
+    """KPIs that θ does not explain, so that a person judges by either."""
+    noise = np.random.default_rng(list(theta.tobytes())).uniform(-1, 1, 3)
+    return dict(zip("abc", 10.0**noise, strict=True))
+
+
+def by_theta(theta):
+    return float(np.sum((theta - [0.3, 0.8]) ** 2))
+
+
+def by_kpis(theta):
+    kpis = unrelated(theta)
+    return float(np.log(kpis["a"]) + 0.2 * np.log(kpis["b"]))
+
+
+def studied(cost, count, seed=0):
+    """The record of someone with this cost and `count` answers, and its stage."""
+    grown = Growth(SQUARE, Simulations(unrelated), 60, seed)
+    bank = grown.stage(History()).bank
+    costs = [cost(theta) for theta in bank.thetas[: count + 1]]
+    record = in_chain(bank, range(count + 1), np.sign(np.diff(costs)).astype(int).tolist())
+    return record, grown.stage(record)
+
+
+def beyond(seed=0):
+    return BeyondKPIs(SQUARE, seed)
+
+
+def test_who_judges_by_theta_is_shown_proposals_without_kpis_after_ten_answers():
+    found = [beyond(s).is_next(*studied(by_theta, 10, s)) for s in range(3)]
+    assert all(found)
+
+
+def test_who_judges_by_the_kpis_is_not():
+    found = [beyond(s).is_next(*studied(by_kpis, 10, s)) for s in range(3)]
+    assert not any(found)
+
+
+@pytest.mark.parametrize("count", [1, 9])
+def test_fewer_than_ten_answers_say_too_little(count):
+    record, stage = studied(by_theta, count)
+    assert not beyond().is_next(record, stage)
+
+
+def in_vain(count):
+    """A record in which every challenger loses."""
+    grown = Growth(SQUARE, Simulations(unrelated), 60, 0)
+    bank = grown.stage(History()).bank
+    rows = [int(row) for row in np.argsort([by_kpis(theta) for theta in bank.thetas])]
+    record = in_chain(bank, rows[: count + 1], [1] * count)
+    return record, grown.stage(record)
+
+
+def test_every_second_time_while_challengers_lose():
+    assert beyond().is_next(*in_vain(11))
+    assert not beyond().is_next(*in_vain(12))
+    record, stage = in_vain(9)
+    assert not beyond().is_next(record, stage)
+
+
+def test_ties_alone_leave_the_kpis():
+    grown = Growth(SQUARE, Simulations(unrelated), 60, 0)
+    record = in_chain(grown.stage(History()).bank, range(12), [0] * 11)
+    assert not beyond().is_next(record, grown.stage(record))
+
+
+def test_what_is_proposed_is_a_point_of_the_cube_and_the_same_for_the_same_seed():
+    record, stage = studied(by_theta, 12)
+    one, again = (beyond(4).propose(record, stage) for _ in range(2))
+    assert one.shape == (2,)
+    assert np.all((one >= 0) & (one <= 1))
+    assert np.array_equal(one, again)
+
+
+def test_every_fourth_proposal_fills_the_space():
+    record, stage = studied(by_theta, 11)
+    point = beyond().propose(record, stage)
+    assert np.array_equal(point, stage.bank.z[stage.spread[11]])
+    record, stage = studied(by_theta, 12)
+    assert not np.any(np.all(stage.bank.z == beyond().propose(record, stage), axis=1))
+
+
+def test_proposals_come_near_what_is_wanted():
+    record, stage = studied(by_theta, 14)
+    apart = np.linalg.norm(beyond().propose(record, stage) - [0.3, 0.8])
+    random = np.linalg.norm(stage.bank.z[stage.spread] - [0.3, 0.8], axis=1)
+    assert apart < np.median(random)

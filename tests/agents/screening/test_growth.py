@@ -1,0 +1,194 @@
+"""How the bank grows from answer to answer."""
+
+import gc
+
+import numpy as np
+import pytest
+
+from contracts.agents import MIXED, judge, run
+from prefcal_agents import Screening, restore
+from prefcal_agents.screening.growth import Growth, Stage
+from prefcal_agents.screening.simulations import Simulations
+from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.history import History
+from support.agents import quick
+from support.simulated import SQUARE, in_chain
+
+
+def trade_off(theta):
+    """KPIs of `SQUARE` that contradict each other."""
+    x, y = theta
+    return {"a": 0.1 + (x - 0.2) ** 2, "b": 0.1 + (x - 0.9) ** 2, "c": 0.1 + (y - 0.4) ** 2}
+
+
+def growth(n_simulated=100, simulate=trade_off, seed=3):
+    return Growth(SQUARE, Simulations(simulate), n_simulated, seed)
+
+
+def chain(grown, answers):
+    """A record of the first simulated θ, each compared with the one before."""
+    bank = grown.stage(History()).bank
+    return in_chain(bank, range(len(answers) + 1), answers)
+
+
+def same(one, other):
+    """Whether two stages know the same."""
+    return (
+        np.array_equal(one.bank.thetas, other.bank.thetas)
+        and np.array_equal(one.bank.kpis, other.bank.kpis)
+        and np.array_equal(one.spread, other.spread)
+        and np.array_equal(one.utilities.normals, other.utilities.normals)
+        and np.array_equal(one.costs, other.costs)
+    )
+
+
+def test_the_plan_simulates_a_quarter_first_then_a_third_then_a_little_after_each_answer():
+    grown = growth(100)
+    record = chain(grown, [1, -1] * 7)
+    counts = np.array([len(grown.stage(record.until(k)).bank) for k in range(16)])
+    # 20 + 8, nothing for an experiment that is compared with nothing, 20 + 12, then ten times 4.
+    assert counts[:3].tolist() == [28, 28, 60]
+    steps = np.diff(counts[2:])
+    assert np.all(steps[:10] > 0)
+    assert np.all(steps <= [4] * 10 + [0] * 3)
+    assert counts[-1] >= 90  # a few θ are the same when rounded
+    assert grown.simulations.count == counts[-1]
+    stage = grown.stage(record)
+    assert len(stage.spread) == 40
+    assert np.all(np.diff(stage.spread) > 0)
+
+
+def test_a_stage_has_a_cost_for_each_theta_and_draw():
+    grown = growth(40)
+    stage = grown.stage(chain(grown, [1, -1]))
+    assert stage.costs.shape == (128, len(stage.bank))
+    assert stage.noticed.shape == (128,)
+    assert np.all((stage.costs >= 0) & (stage.costs <= 1))
+    assert np.all(stage.noticed > 0)
+
+
+def test_even_one_simulation_makes_a_stage():
+    assert len(growth(1).stage(History()).bank) == 1
+
+
+def test_what_is_shown_joins_the_bank():
+    grown = growth(20)
+    record = chain(grown, [1, -1])
+    other = record.with_pending(type(record.samples[0])((0.123, 0.456), (0.123, 0.456)))
+    shown = other.with_answer(Answer(-1), 1)
+    assert grown.stage(shown).bank.find((0.123, 0.456)) >= 0
+    with pytest.raises(KeyError):
+        grown.stage(record).bank.find((0.123, 0.456))
+
+
+def test_a_stage_depends_on_the_record_alone_not_on_what_was_asked_before():
+    used = growth()
+    record = chain(used, [1, -1, -1, 1])
+    for count in (5, 2, 4):
+        used.stage(record.until(count))
+    undone = record.undone()
+    again = undone.with_pending(record.samples[4]).with_answer(Answer(-1), 3)
+    for now in (record, undone, again, record.retracted(2), again.retracted(1)):
+        assert same(used.stage(now), growth().stage(now))
+    assert not same(used.stage(record), used.stage(again))
+    assert not same(used.stage(record), used.stage(record.retracted(2)))
+
+
+def test_an_agent_after_undo_and_retraction_knows_what_a_restored_one_knows():
+    agent = Screening(MIXED, simulate=quick, n_simulated=60, n_max=8, seed=2)
+    run(agent, [None, judge, 1, judge])
+    agent.undo()
+    agent.undo()
+    run(agent, [judge, -1])
+    agent.retract(2)
+    again = restore(MIXED, agent.state, simulate=quick)
+    assert np.array_equal(again.bank.thetas, agent.bank.thetas)
+    assert again.chance_of_better == agent.chance_of_better
+    assert again.ask() == agent.ask()
+    assert again.simulations.count <= agent.simulations.count
+
+
+def test_circumstances_and_the_open_sample_do_not_matter():
+    grown = growth(40)
+    record = chain(grown, [1, -1])
+    stage = grown.stage(record)
+    assert grown.stage(record.with_pending(record.samples[0])) is stage
+    assert grown.stage(record) is stage
+
+
+def test_answers_to_follow_ups_teach_but_bring_no_new_theta():
+    grown = growth()
+    record = chain(grown, [1, 1, 1])
+    before, count = grown.stage(record), grown.simulations.count
+    after = grown.stage(record.with_follow_up(Answer(1), 3, 0))
+    assert grown.simulations.count == count
+    assert np.array_equal(after.bank.thetas, before.bank.thetas)
+    assert not np.array_equal(after.costs, before.costs)
+    lead = [np.mean(s.costs[:, 0] < s.costs[:, 3]) for s in (before, after)]
+    assert lead[1] >= lead[0]
+
+
+def test_an_abstention_teaches_nothing():
+    grown = growth(20)
+    first = grown.stage(History())
+    assert grown.stage(chain(grown, [None, None])).utilities is first.utilities
+
+
+def test_the_answers_move_the_simulations_toward_what_is_wanted():
+    def leaders(answer):
+        grown = growth(200)
+        record = chain(grown, [0])
+        bank = grown.stage(History()).bank
+        order = np.argsort(bank.kpis[:, 0])  # a: wants x near 0.2
+        rows = [int(r) for r in order[[-1, 20, 3, 1]]]
+        record = in_chain(bank, rows, [answer] * 3)
+        stage = grown.stage(record)
+        return stage.bank.kpis[np.argsort(stage.costs.mean(axis=0))[:10], 0].mean()
+
+    assert leaders(-1) < 0.8 * leaders(1)
+
+
+@pytest.mark.parametrize("known", [{}, {"late": 0.0}], ids=["absent", "constant"])
+def test_a_kpi_that_appears_after_the_first_answer_is_learned(known):
+    first = growth().stage(History()).bank.thetas.tolist()
+
+    def simulate(theta):
+        late = {"late": 0.1 + abs(np.sin(40 * theta.sum()))}
+        return trade_off(theta) | (known if theta.tolist() in first else late)
+
+    grown = growth(simulate=simulate)
+    begun = grown.stage(History())
+    assert begun.scale.names == ("a", "b", "c")
+    begin = chain(grown, [0])
+    stage = grown.stage(begin)
+    assert stage.scale.names == ("a", "b", "c", "late")
+    late = stage.bank.kpis[:, stage.bank.names.index("late")]
+    new = [row for row in np.argsort(-late) if row >= len(begun.bank)][:24:2]
+    record = in_chain(stage.bank, [0, 1, *new], [0, None, *[-1] * (len(new) - 1)])
+    assert np.array_equal(grown.stage(record.until(2)).bank.thetas, stage.bank.thetas)
+    after = grown.stage(record).utilities.weights
+    assert after.shape == (1024, 4)
+    assert after.mean(axis=0)[3] > 0.5
+
+
+def test_an_answer_takes_no_longer_once_early_stages_are_forgotten(monkeypatch):
+    grown, made = growth(200), []
+    record = chain(grown, [None] * 45)
+    grow = grown._grown
+    monkeypatch.setattr(grown, "_grown", lambda *known: made.append(1) or grow(*known))
+    for count in range(record.answered + 1):
+        grown.stage(record.until(count))
+    assert len(made) == record.answered
+
+
+def test_memory_is_bounded_and_what_was_forgotten_is_worked_out_again():
+    gc.collect()
+    others = {id(o) for o in gc.get_objects() if isinstance(o, Stage)}
+    grown = growth(200)
+    record = chain(grown, [-1, 1, *[None] * 42])
+    costs = grown.stage(record.until(3)).costs.copy()
+    grown.stage(record)
+    gc.collect()
+    alive = [o for o in gc.get_objects() if isinstance(o, Stage) and id(o) not in others]
+    assert 1 < len(alive) <= 40
+    assert np.array_equal(grown.stage(record.until(3)).costs, costs)
