@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+from prefcal_agents.registry import WORDS
+
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"(<!-- not executed:[^>]*-->\s*)?^```(python|console)\n(.*?)^```", re.M | re.S)
@@ -130,3 +132,10 @@ def test_the_pages_tell_the_numbers_that_their_figures_were_made_with():
     assert f"index of all {reactor['experiments']} experiments" in readme
     story = (ROOT / "docs" / "reactor_index.md").read_text()
     assert f"| index | {made['index']['broad basin']:.4f} | {made['index']['hole']:.4f} |" in story
+
+
+def test_a_page_tells_every_word_for_an_agent():
+    page = (ROOT / "docs" / "simulate.md").read_text()
+    table = page.partition("| `--agent` | what it does |")[2].partition("\n\n")[0]
+    told = re.findall(r"`([a-z-]+)`", "".join(line.split("|")[1] for line in table.split("\n")[2:]))
+    assert told == list(WORDS)
