@@ -55,7 +55,7 @@ class Scale:
         floor, quantiles = np.ones(len(columns)), np.zeros((1001, len(columns)))
         for place, j in enumerate(columns):
             distances = usual[j] - good[place]
-            floor[place] = _FLOOR * np.median(distances[distances > 0])
+            floor[place] = max(_FLOOR * np.median(distances[distances > 0]), 1.0 / _HUGE)
             logs = np.log(np.maximum(distances, floor[place]))
             quantiles[:, place] = np.quantile(logs, np.linspace(0, 1, 1001))
         return cls(tuple(bank.names[j] for j in columns), good, floor, quantiles)
