@@ -41,22 +41,25 @@ def after_a_mistake(seed):
     while not study.done:
         query = study.ask()
         answer = sure(query)
-        if wrong is None and study.history.answered > 3 and answer == -1:
+        if wrong is None and study.history.answered > 2 and answer == -1:
             wrong, answer = (query.challenger.index, query.incumbent.index), 1
         study.tell(query, answer)
-    assert wrong is not None
     return study, wrong
 
 
 def test_a_mistake_of_a_sure_person_is_asked_again_or_overtaken():
-    asked = 0
-    for seed in range(5):
+    asked, mistakes = 0, 0
+    for seed in range(6):
         study, wrong = after_a_mistake(seed)
+        if wrong is None:  # the best one came too early to be called worse
+            continue
+        mistakes += 1
         costs = [wanted(theta) for theta in study.samples]
         again = [c for c in study.history.follow_ups if (c.challenger, c.incumbent) == wrong]
         assert len(again) <= 1
         asked += len(again)
         assert costs[study.best_index] <= costs[wrong[0]]
+    assert mistakes >= 3
     assert asked >= 1
 
 
