@@ -21,18 +21,18 @@ def sure(query):
     return int(np.sign(wanted(query.challenger.theta) - wanted(query.incumbent.theta)))
 
 
-def agent(seed, n_max=12):
-    return Screening(MIXED, simulate=quick, n_simulated=80, n_max=n_max, seed=seed)
+def agent(seed, n_max=10):
+    return Screening(MIXED, simulate=quick, n_simulated=50, n_max=n_max, seed=seed)
 
 
 def test_a_sure_person_is_hardly_ever_asked_again():
     asked = 0
-    for seed in range(4):
+    for seed in range(3):
         study = agent(seed)
         while not study.done:
             study.tell(study.ask(), sure(study.ask()))
         asked += len(study.history.follow_ups)
-    assert asked <= 2  # in 44 answers
+    assert asked <= 1  # in 27 answers
 
 
 def after_a_mistake(seed):
@@ -41,22 +41,25 @@ def after_a_mistake(seed):
     while not study.done:
         query = study.ask()
         answer = sure(query)
-        if wrong is None and study.history.answered > 3 and answer == -1:
+        if wrong is None and study.history.answered > 2 and answer == -1:
             wrong, answer = (query.challenger.index, query.incumbent.index), 1
         study.tell(query, answer)
-    assert wrong is not None
     return study, wrong
 
 
 def test_a_mistake_of_a_sure_person_is_asked_again_or_overtaken():
-    asked = 0
+    asked, mistakes = 0, 0
     for seed in range(5):
         study, wrong = after_a_mistake(seed)
+        if wrong is None:  # the best one came too early to be called worse
+            continue
+        mistakes += 1
         costs = [wanted(theta) for theta in study.samples]
         again = [c for c in study.history.follow_ups if (c.challenger, c.incumbent) == wrong]
         assert len(again) <= 1
         asked += len(again)
         assert costs[study.best_index] <= costs[wrong[0]]
+    assert mistakes >= 3
     assert asked >= 1
 
 

@@ -172,7 +172,7 @@ def test_a_kpi_that_appears_after_the_first_answer_is_learned(known):
 
 
 def test_an_answer_takes_no_longer_once_early_stages_are_forgotten(monkeypatch):
-    grown, made = growth(200), []
+    grown, made = growth(180), []
     record = chain(grown, [None] * 45)
     grow = grown._grown
     monkeypatch.setattr(grown, "_grown", lambda *known: made.append(1) or grow(*known))

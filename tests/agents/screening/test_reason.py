@@ -91,6 +91,8 @@ def test_only_kpis_in_which_preferred_experiments_were_better_are_learned():
     learned = reason_for(reverse, 0, 1, record).learned
     assert "b" in learned
     assert "a" not in learned
+    # A weight that has grown although preferred experiments were worse is not mentioned.
+    assert "a" not in reason_for(after, 0, 1, record).learned
 
 
 def test_an_agent_says_what_a_person_looks_at_who_looks_at_one_kpi():
