@@ -41,7 +41,8 @@ class Screening(PreferenceBased):
             see `Simulate`. Without it, the agent can only be inspected.
         n_simulated: Number of θ to simulate, of which the answers place the later ones.
         n_init: Required of all agents, without effect here; 1 or more.
-        n_max: Number of experiments shown, which take n_max - 1 comparisons.
+        n_max: Number of experiments shown, which take n_max - 1 comparisons, and one more for each
+            earlier experiment that is probably better than the best and shown again.
         seed: Seed of all randomness, 0 or more.
         start: Physical θ to show first, such as the current tuning, shape (n,), or several.
 
@@ -147,10 +148,8 @@ class Screening(PreferenceBased):
 
     def _propose(self, history: History) -> Float[np.ndarray, " n"]:
         stage, best = self._growing.stage(history), history.incumbent
-        rng, tried = (
-            np.random.default_rng([self._seed, history.answered]),
-            Tried(self.space, history),
-        )
+        rng = np.random.default_rng([self._seed, history.answered])
+        tried = Tried(self.space, history)
         if self._beyond.is_next(history, stage):
             beyond = tried.fresh(self._beyond.propose(history, stage), rng)
             if self._growing.works(beyond):
