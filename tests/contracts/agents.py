@@ -52,9 +52,25 @@ def judge(query):
 
 
 def run(agent, answers=None):
-    """Answer until done, or with each of `answers`; return the queries."""
+    """Answer until done, or with each of `answers`; return the queries.
+
+    Fixed answers are about new experiments: follow-ups confirm the best, and are left out.
+    """
+    if answers is None:
+        return answered(agent, [judge] * (agent.n_max + 1))
     queries = []
-    for answer in [judge] * (agent.n_max + 1) if answers is None else answers:
+    for answer in answers:
+        queries += answered(agent, [answer])
+        while not agent.done and agent.ask().further:
+            query = agent.ask()
+            agent.tell(query, -1 if query.challenger.index == agent.best_index else 1)
+    return queries
+
+
+def answered(agent, answers):
+    """Answer with each of `answers`, a function of the query or a value; return the queries."""
+    queries = []
+    for answer in answers:
         if agent.done:
             break
         queries.append(agent.ask())

@@ -45,16 +45,15 @@ def test_an_own_scenario_loads_its_file_in_each_worker(alone):
             assert simulator.many(THETAS) == alone
 
 
-def test_an_agent_learns_from_kpis_with_a_direction_and_from_interruptions(alone):
+def test_an_agent_learns_from_kpis_with_a_direction(alone):
     calm = next(kpis for kpis, theta in zip(alone, THETAS, strict=True) if 0.1 < theta[0] < 0.9)
-    assert set(calm) == {"slow", "rough", "interrupted"}
+    assert set(calm) == {"slow", "rough"}
 
 
 def test_without_any_direction_it_learns_from_the_trajectory():
     bare = replace(unseen, kpis=())
     with Simulator(bare, jobs=1) as simulator:
         (found,) = simulator.many([np.array([0.5, 0.5])])
-    assert "interrupted" in found
     assert len(found) > 1
     assert not {"slow", "rough", "mood"} & set(found)
 
