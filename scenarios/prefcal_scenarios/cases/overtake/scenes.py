@@ -60,9 +60,4 @@ class Scenes:
 
     def of(self, scenario: Scenario) -> Scenario:
         """Return `scenario` with these scenes instead of its own."""
-        # Several drives for each θ take too long to run hundreds of θ unseen.
-        quick = len(self.options) == 1
-        return replace(
-            scenario, run=self.run, controller=self.controller, settings=self.settings,
-            simulated=quick,
-        )  # fmt: skip
+        return replace(scenario, run=self.run, controller=self.controller, settings=self.settings)
