@@ -42,7 +42,8 @@ class Minimum:
     Args:
         best: Best θ, physical, shape (n,).
         samples: All θ in the order compared, physical, shape (N, n).
-        answers: N - 1 answers; answer h compares sample h + 1 with the best one before it.
+        answers: All answers in the order given: each sample but the first against the best one
+            before it, and pairs that were asked about besides.
         simulated: θ that were simulated and their KPIs, among them all samples; None if nothing was
             simulated.
     """
@@ -71,9 +72,9 @@ def minimize_by_preference(
 ) -> Minimum:
     """Find the θ that `prefer` likes best, in `n_max` experiments.
 
-    They take n_max - 1 comparisons, unless the agent asks several for each experiment. If you can
-    simulate, give `simulate`: then many θ are simulated unseen, and `prefer` compares only the few
-    that its earlier answers leave undecided.
+    They take n_max - 1 comparisons, and some more if the agent asks about a pair again or compares
+    an experiment with several others. If you can simulate, give `simulate`: then many θ are
+    simulated unseen, and `prefer` compares only the few that its earlier answers leave undecided.
 
     Args:
         prefer: Function `prefer(a, b)` of two θ, physical, shape (n,), that returns -1 if a is

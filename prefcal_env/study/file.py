@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.knobs.key import theta_key
 
 from . import schema
 from .codec import LONGEST_HEADER, decode, encode, end_of, pack, unpack
@@ -110,7 +111,7 @@ class StudyFile:
             self._state = step(self._state, seq, at, event)
         if isinstance(event, Finished):
             theta = self._state.history.samples[event.index].theta
-            self._experiments[_key(theta)] = self._state.finished[event.index]
+            self._experiments[theta_key(theta)] = self._state.finished[event.index]
 
     @property
     def state(self) -> State:
@@ -162,7 +163,7 @@ class StudyFile:
 
     def find_experiment(self, theta: Float[np.ndarray, " n"]) -> int | None:
         """Return the number of an event with an experiment of θ, (n,), even after an undo."""
-        return self._experiments.get(_key(tuple(map(float, theta))))
+        return self._experiments.get(theta_key(tuple(map(float, theta))))
 
     def append(self, *entries: Entry) -> tuple[int, ...]:
         """Record all events or none; they are durable when this returns.
@@ -253,7 +254,3 @@ class StudyFile:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _key(theta: tuple[float, ...]) -> bytes:
-    return (np.array(theta) + 0.0).tobytes()  # -0.0 is 0.0

@@ -172,7 +172,8 @@ class Scenario:
             data, as read by `--config`.
         on_processor: Function that returns the scenario with computation times evaluated for a
             `Processor`; None if computation time is not a criterion.
-        simulated: Whether an experiment is a quick simulation, which may run unseen.
+        simulated: Whether `prefcal calibrate` simulates many experiments unseen; they must be
+            quick simulations.
         pictures: Function that returns the scenario's own figures, shown above the report's
             standard ones. It is a function so that plotting is imported only for reports.
 

@@ -165,7 +165,7 @@ def test_the_incumbent_is_the_winner_along_the_answers(make_agent):
     agent = make_agent(MIXED, n_init=3, n_max=9)
     queries = run(agent, [None, 1, -1, 0, None, -1])
     assert [q.incumbent and q.incumbent.index for q in queries] == [None, 0, 0, 2, 2, 2]
-    assert agent.best_index == 5
+    assert agent.ask().incumbent.index == agent.best_index == 5
     assert np.array_equal(agent.best, queries[5].challenger.theta)
 
 

@@ -103,7 +103,7 @@ def test_a_state_keeps_marks_strengths_and_outcomes(make_agent):
 
 def test_an_older_algorithms_samples_are_kept(make_agent):
     agent = make_agent(MIXED, n_init=3, n_max=9)
-    run(agent, [None, -1, -1])
+    run(agent, [None, -1, 1])
     moved = tuple(
         Sample.of(MIXED, np.array([*sample.z[:-1], 0.125]))
         for sample in agent.state.history.samples

@@ -1,17 +1,13 @@
 """The agent Screening: simulate many θ unseen, show those that the answers leave undecided."""
 
-from typing import Any, ClassVar, Self, final
+from typing import ClassVar, Self, final
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.optimize.search import Tried
-from prefcal_agents.protocol.agent import Pair, PreferenceBased, one_thread
-from prefcal_agents.space.start import Start
-from prefcal_agents.support.checks import integer
-from prefcal_env.errors import SettingsError
-from prefcal_env.knobs.space import KnobSpace
+from prefcal_agents.protocol.agent import Pair, one_thread
 from prefcal_env.preferences.history import History
 
 from .bank import Bank
@@ -19,7 +15,8 @@ from .beyond_kpis import BeyondKPIs
 from .choice import expected_best
 from .growth import Growth, Stage
 from .reason import Reason, chances, reason_for
-from .simulations import Simulate, Simulations
+from .simulating import Simulating
+from .simulations import Simulations
 
 _DOUBT = 0.5
 """Probability of being better than the best above which an earlier experiment is shown again."""
@@ -30,75 +27,23 @@ _ALIKE = 0.005
 
 
 @final
-class Screening(PreferenceBased):
+class Screening(Simulating):
     """Simulate many θ unseen, learn the person's utility from KPIs, and show few experiments.
 
-    It needs a simulation of the plant. `n_max` is the number of experiments that are shown.
-
-    Args:
-        space: Knobs to tune.
-        simulate: Function of a physical θ, shape (n,), that returns KPIs by name, lower is better;
-            see `Simulate`. Without it, the agent can only be inspected.
-        n_simulated: Number of θ to simulate, of which the answers place the later ones.
-        n_init: Required of all agents, without effect here; 1 or more.
-        n_max: Number of experiments shown, which take n_max - 1 comparisons, and one more for each
-            earlier experiment that is probably better than the best and shown again.
-        seed: Seed of all randomness, 0 or more.
-        start: Physical θ to show first, such as the current tuning, shape (n,), or several.
-
-    Raises:
-        SettingsError: If a value is not valid.
-        KnobError: If a θ of `start` is outside the space.
+    Arguments and errors are those of `Simulating`. n_max experiments take n_max - 1 comparisons,
+    and one more for each earlier experiment that is probably better than the best and shown again.
     """
 
     version: ClassVar[int] = 1
+    _growth: Growth | None = None
+    _beyond: BeyondKPIs
 
-    def __init__(
-        self,
-        space: KnobSpace,
-        *,
-        simulate: Simulate | None = None,
-        n_simulated: int = 1000,
-        n_init: int = 1,
-        n_max: int = 11,
-        seed: int = 0,
-        start: Start | None = None,
-    ) -> None:
-        super().__init__(space, n_init=n_init, n_max=n_max, seed=seed, start=start)
-        integer("n_simulated", n_simulated, low=1)
-        self._n_simulated = int(n_simulated)
-        self._beyond = BeyondKPIs(space, self._seed)
-        self._growth = None if simulate is None else self._grown(Simulations(simulate))
-
-    def _grown(self, simulations: Simulations) -> Growth:
-        return Growth(self.space, simulations, self._n_simulated, self._seed)
-
-    def with_simulations(self, simulate: Simulate) -> Self:
-        """Return a copy that simulates by `simulate`, for example one restored from a file."""
-        twin = self.copy()
-        twin._growth = twin._grown(Simulations(simulate))
-        return twin
+    def _begin(self, simulations: Simulations) -> None:
+        super()._begin(simulations)
+        self._growth = Growth(self.space, simulations, self._n_simulated, self._seed)
+        self._beyond = BeyondKPIs(self.space, self._seed)
 
     # What people and programs look at.
-
-    @property
-    def n_simulated(self) -> int:
-        """Return the number of θ that the agent may simulate."""
-        return self._n_simulated
-
-    @property
-    def simulate(self) -> Simulate | None:
-        """Return the function that simulates a θ; None for an agent that was restored without."""
-        return None if self._growth is None else self._growth.simulations.simulate
-
-    @property
-    def simulations(self) -> Simulations:
-        """Return the simulations so far: how many, and how many failed.
-
-        Raises:
-            SettingsError: If the agent has no `simulate`.
-        """
-        return self._growing.simulations
 
     @property
     def bank(self) -> Bank:
@@ -141,7 +86,7 @@ class Screening(PreferenceBased):
     @property
     def _growing(self) -> Growth:
         if self._growth is None:
-            raise SettingsError("Screening needs simulate, a function of θ that returns KPIs")
+            raise self._unable()
         return self._growth
 
     # What the agent does.
@@ -183,12 +128,10 @@ class Screening(PreferenceBased):
     def _final(self, history: History) -> Pair | None:
         return self._follow_up(history)
 
-    def _settings(self) -> dict[str, Any]:
-        return {"n_simulated": self._n_simulated}
-
     def _twin(self, state: AgentState) -> Self:
         twin = super()._twin(state)
         twin._growth = self._growth
+        twin._beyond = BeyondKPIs(self.space, self._seed)  # its solver may not be shared
         return twin
 
 

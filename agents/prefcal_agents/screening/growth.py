@@ -90,8 +90,8 @@ class Growth:
             here = past.until(count)
             alone = replace(here, follow_ups=before.follow_ups)
             stage = self._kept(alone, partial(self._grown, alone, before, stage))
-            if here != alone:  # answers to follow-ups teach, but bring no new θ
-                stage = self._kept(here, partial(self._learned, here, alone, stage))
+            if here != alone:
+                stage = self._kept(here, partial(self._followed, here, alone, stage))
             before = here
         return stage
 
@@ -136,34 +136,37 @@ class Growth:
         """Return the stage after `past`, given the one after `before`, an answer earlier."""
         turn = past.answered - 1  # the first one is compared with nothing
         wide, near = self._plan[turn] if 0 < turn < len(self._plan) else (0, 0)
-        known = stage.scale.names
-        stage = self._widened(stage, past, turn, wide)
-        if stage.scale.names != known:
-            before = History()
-        stage = self._learned(past, before, stage)
-        return self._refined(past, stage, near)
+        bank, spread = self._widened(stage, past, turn, wide)
+        scale, utilities = Scale.of(bank, spread), stage.utilities
+        if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
+            before, utilities = History(), self._drawn(scale)
+        utilities = self._learned(past, before, bank, scale, utilities)
+        return self._refined(past, _stage(bank, spread, scale, utilities), near)
 
-    def _widened(self, stage: Stage, past: History, turn: int, wide: int) -> Stage:
-        """Return the stage with the next `wide` θ of the design, and all that were shown."""
+    def _followed(self, past: History, before: History, stage: Stage) -> Stage:
+        """Return the stage after the follow-ups of `past`, which teach, but bring no new θ."""
+        utilities = self._learned(past, before, stage.bank, stage.scale, stage.utilities)
+        return _stage(stage.bank, stage.spread, stage.scale, utilities)
+
+    def _widened(
+        self, stage: Stage, past: History, turn: int, wide: int
+    ) -> tuple[Bank, Int[np.ndarray, " r"]]:
+        """Return the bank with the next `wide` θ of the design and all shown, and its design."""
         start = sum(count for count, _ in self._plan[:turn])
         z, thetas = runnable(self._space, self._design[start : start + wide])
         bank, old = self._extended(stage.bank, z, thetas), len(stage.bank)
         spread = np.append(stage.spread, np.arange(old, len(bank)))
         shown = [np.array([getattr(s, name) for s in past.samples]) for name in ("z", "theta")]
-        bank = self._extended(bank, *shown)
-        scale, utilities = Scale.of(bank, spread), stage.utilities
-        if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
-            utilities = self._drawn(scale)
-        return _stage(bank, spread, scale, utilities)
+        return self._extended(bank, *shown), spread
 
-    def _learned(self, past: History, before: History, stage: Stage) -> Stage:
-        """Return the stage after the answers of `past`, given the one after those of `before`."""
+    def _learned(
+        self, past: History, before: History, bank: Bank, scale: Scale, utilities: Utilities
+    ) -> Utilities:
+        """Return draws given the answers of `past`, from draws given those of `before`."""
         if not past.lessons() and not past.unsafe():
-            return stage
-        old, new = (Lessons.of(stage.bank, stage.scale, record) for record in (before, past))
-        rng = self._rng(past, _LEARN)
-        utilities = updated(stage.utilities, old, new, stage.scale, rng)
-        return _stage(stage.bank, stage.spread, stage.scale, utilities)
+            return utilities
+        old, new = (Lessons.of(bank, scale, record) for record in (before, past))
+        return updated(utilities, old, new, scale, self._rng(past, _LEARN))
 
     def _refined(self, past: History, stage: Stage, count: int) -> Stage:
         """Return the stage with `count` more θ near the leaders, in rounds if they are many."""

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import PreferenceError, SettingsError, SimulationError
+from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.kpis import Outcome
 
 Theta = Float[np.ndarray, " n"]
@@ -78,7 +79,7 @@ class Simulations:
             SimulationError: If no simulation has worked so far, or `simulate` does not return what
                 it should: KPIs by name, the same names for every θ.
         """
-        keys = [_key(theta) for theta in thetas]
+        keys = [theta_key(theta) for theta in thetas]
         new = {k: t for k, t in zip(keys, thetas, strict=True) if k not in self._known}
         if new:
             run = self._one_by_one if self._many is None else self._all_at_once
@@ -147,7 +148,3 @@ def _outcome(found: Any, theta: Theta) -> Outcome:
             f"simulate must return a mapping from names of KPIs to numbers, or None if it failed, "
             f"got {found!r} at θ = {theta}"
         ) from error
-
-
-def _key(theta: Theta) -> bytes:
-    return bytes((np.asarray(theta, dtype=float) + 0.0).tobytes())  # -0.0 is 0.0

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, SettingsError
+from prefcal_env.knobs.key import theta_key
 from prefcal_env.knobs.space import KnobSpace
 
 Points = tuple[tuple[float, ...], ...]
@@ -44,7 +45,7 @@ def start_points(space: KnobSpace, start: Start | None, n_max: int) -> Points:
         except (TypeError, ValueError, KnobError) as error:
             which = f"start θ {number}" if len(thetas) > 1 else "start"
             raise KnobError(f"{which}: {error}") from error
-        key = (space.decode(z) + 0.0).tobytes()
+        key = theta_key(space.decode(z))
         if key in points:
             raise SettingsError(
                 f"start must not hold one θ twice: number {number} is {space.decode(z)} again"

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from prefcal_agents.protocol.agent import one_thread
 from prefcal_env.errors import BenchmarkError, MissingExtraError, ProtocolError
+from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.answer import Answer, Preference, Query, Suggestion
 from prefcal_env.preferences.loop import ask_and_tell
 
@@ -169,7 +170,7 @@ class _Study:
             raise ProtocolError(f"experiment {suggestion.index} had another θ before")
 
     def _outcome(self, theta: Float[np.ndarray, " n"]) -> Outcome:
-        key = (theta + 0.0).tobytes()  # + 0.0 turns -0.0 into 0.0
+        key = theta_key(theta)
         if key not in self._known:
             self._known[key] = self._where.outcome(theta)
         return self._known[key]

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import SettingsError
+from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_scenarios.kpis import INTERRUPTED, screened
 
@@ -43,7 +44,7 @@ class Simulation:
         Raises:
             KnobError: If θ does not fit the space.
         """
-        key = (theta + 0.0).tobytes()  # + 0.0 turns -0.0 into 0.0
+        key = theta_key(theta)
         self._asked.add(key)
         known = _known(self._where)
         kpis = known.get(key)

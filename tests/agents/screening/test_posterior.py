@@ -14,7 +14,7 @@ from support.simulated import bank_of, of_pairs, random_bank
 BANK = random_bank()
 SCALE = Scale.of(BANK, np.arange(len(BANK)))
 WANTED = np.log(BANK.kpis) @ [10.0, 1.0, 0.1]
-"""Cost of a person to whom the first KPI matters most and the last one least."""
+"""Cost of a person who cares most about the first KPI and least about the last one."""
 
 
 def pairs_of(count, seed=0, start=0):

@@ -78,9 +78,9 @@ def _check_simulates(options: Options, scenario: Scenario) -> None:
         )
     if not scenario.simulated:
         raise SettingsError(
-            f"scenario {scenario.name!r} does not say that its experiments are quick simulations, "
-            f"so none runs unseen: leave --simulate and --agent {options.agent} out, or state "
-            "Scenario(..., simulated=True)"
+            f"scenario {scenario.name!r} does not let experiments run unseen: leave --simulate and "
+            f"--agent {options.agent} out, or, if it is your own and a run is a quick simulation, "
+            "state Scenario(..., simulated=True)"
         )
     if options.simulate < 1:
         raise SettingsError(

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import RunError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs.key import theta_key
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study.codec import decode
 from prefcal_env.study.spaces import knobs_as_dicts, within_as_dict
@@ -64,12 +65,12 @@ class Worker:
     def reserve(self, theta: Float[np.ndarray, " n"]) -> None:
         """Announce the next run: from now on `busy_with` says so, and `stop` stops it."""
         with self._lock:
-            self._theta, self._why, self._due = _key(theta), "late", np.inf
+            self._theta, self._why, self._due = theta_key(theta), "late", np.inf
 
     def busy_with(self, theta: Float[np.ndarray, " n"]) -> bool | None:
         """Return whether θ is running now; None if nothing is running."""
         with self._lock:
-            return None if self._theta is None else self._theta == _key(theta)
+            return None if self._theta is None else self._theta == theta_key(theta)
 
     def stop(self, why: str, within: float = 0.0) -> None:
         """End the current run in `within` seconds; the run raises RunError."""
@@ -193,7 +194,3 @@ def _request(theta: Float[np.ndarray, " n"], seed: int, space: KnobSpace | None)
     if space is not None:
         ranges = {"knobs": knobs_as_dicts(space), "within": within_as_dict(space)}
     return json.dumps({"theta": theta.tolist(), "seed": seed, "space": ranges}).encode()
-
-
-def _key(theta: Float[np.ndarray, " n"]) -> bytes:
-    return bytes((np.asarray(theta, dtype=float) + 0.0).tobytes())  # -0.0 is 0.0

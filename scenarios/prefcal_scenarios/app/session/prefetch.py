@@ -9,6 +9,7 @@ from jaxtyping import Float
 from prefcal_agents.protocol.agent import Agent
 from prefcal_env.errors import RunError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.answer import Answer, Preference, Strength
 from prefcal_scenarios.app.simulating import Basis
 
@@ -87,26 +88,22 @@ class Prefetch:
 
     def keep(self, theta: Float[np.ndarray, " n"], experiment: Experiment) -> None:
         """Keep the experiment of the requested θ; the plant may report a rounded one."""
-        self._experiments[_key(theta)] = experiment
+        self._experiments[theta_key(theta)] = experiment
         while len(self._experiments) > _KEPT:
             self._experiments.popitem(last=False)
 
     def keep_failure(self, theta: Float[np.ndarray, " n"], error: RunError) -> None:
         """Keep the error of a θ that crashed or took too long, to avoid waiting for it twice."""
-        self._failures[_key(theta)] = error
+        self._failures[theta_key(theta)] = error
 
     def is_known(self, theta: Float[np.ndarray, " n"]) -> bool:
         """Return whether θ has run, with or without an experiment."""
-        return _key(theta) in self._experiments or _key(theta) in self._failures
+        return theta_key(theta) in self._experiments or theta_key(theta) in self._failures
 
     def take_failure(self, theta: Float[np.ndarray, " n"]) -> RunError | None:
         """Return the error of θ and forget it, so that a retry runs θ again."""
-        return self._failures.pop(_key(theta), None)
+        return self._failures.pop(theta_key(theta), None)
 
     def experiment(self, theta: Float[np.ndarray, " n"]) -> Experiment | None:
         """Return the experiment of θ; None if it has not run."""
-        return self._experiments.get(_key(theta))
-
-
-def _key(theta: Float[np.ndarray, " n"]) -> bytes:
-    return bytes((np.asarray(theta, dtype=float) + 0.0).tobytes())  # -0.0 is 0.0
+        return self._experiments.get(theta_key(theta))

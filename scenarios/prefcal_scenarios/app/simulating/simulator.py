@@ -8,6 +8,7 @@ from typing import Self, final
 import numpy as np
 from jaxtyping import Float
 
+from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_scenarios.app.isolated import IsolatedRun
 from prefcal_scenarios.kpis import screened
@@ -107,12 +108,12 @@ class Simulator:
             ScenarioError: If the workers cannot load the scenario.
         """
         with self._batch:
-            new = {key: t for t in thetas if (key := _key(t)) not in self._known}
+            new = {key: t for t in thetas if (key := theta_key(t)) not in self._known}
             if self._pool is None:
                 self._here(list(new.values()))
             elif new:
                 self._in(self._pool, new)
-            return [self._known[_key(theta)] for theta in thetas]
+            return [self._known[theta_key(theta)] for theta in thetas]
 
     def resume(self) -> None:
         """Let batches run again after `abandon`."""
@@ -164,11 +165,7 @@ class Simulator:
             self.tell()
 
     def _keep(self, theta: Theta, result: Result) -> bytes:
-        key = _key(theta)
+        key = theta_key(theta)
         failed = isinstance(result, FailedRun)
         self._known[key] = Outcome({}) if failed else screened(self._scenario, result)
         return key
-
-
-def _key(theta: Theta) -> bytes:
-    return bytes((np.asarray(theta, dtype=float) + 0.0).tobytes())  # -0.0 is 0.0

@@ -76,8 +76,7 @@ overtake = Scenario(
     brief=words.BRIEF,
     configured=_configured,
     on_processor=on_target,
-    # Quick enough, but with its 23 KPIs ten answers of Screening found less than GLISp's fifty
-    # (docs/research/screening.md).
+    # Quick enough, but Screening does not yet cope with the 23 KPIs (docs/research/screening.md).
     simulated=False,
 )
 """The scenario has no cost, since there is no single score."""

@@ -54,9 +54,10 @@ def test_elsewhere_all_experiments_are_shown():
         (["cstr", "--simulate", "-1"], "--simulate must be 0 or above"),
         (["cstr", "--n-init", "4"], "--agent screening has no initial experiments"),
         (["cstr", "--delta", "1"], "only the agent glisp takes --delta, not 'screening'"),
-        ([TOY, "--agent", "screening"], "does not say that its experiments are quick simulations"),
+        ([TOY, "--agent", "screening"], "does not let experiments run unseen: leave --simulate"),
         ([TOY, "--simulate", "500"], "state Scenario(..., simulated=True)"),
-        (["overtake-robust", "--simulate", "9"], "does not say"),
+        (["overtake-robust", "--simulate", "9"], "does not let experiments run unseen"),
+        (["overtake", "--simulate", "9"], "does not let experiments run unseen"),
     ],
 )
 def test_contradictions_are_one_clear_line(prefcal, words, complaint):

@@ -120,7 +120,7 @@ def is_object(body):
 
 @st.composite
 def strangers(draw):
-    """All in order, but for whom it comes from or what it calls itself."""
+    """A valid request with a wrong host, origin, cookie or content type."""
     well = draw(st.sampled_from(WELL))
     field = draw(st.sampled_from(["host", "origin", "cookie", "kind"]))
     junk = draw(JUNK).replace(b";", b"")  # which would set a cookie apart
