@@ -49,6 +49,8 @@ from .envs import PlantEnv as PlantEnv
 from .envs import Task as Task
 from .errors import PrefcalError as PrefcalError
 from .rig import Rig as Rig
+from .tables import TableColumns as TableColumns
+from .tables import from_frame as from_frame
 
 _register("prefcal/CSTR-v0", "prefcal_env.envs.cstr:cstr_env")
 _register(

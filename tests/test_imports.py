@@ -25,7 +25,7 @@ LAYERS = {
     "prefcal_env": (
         {"errors", "jit"},
         {"knobs", "experiments", "qp", "plain"},
-        {"preferences", "plants"},
+        {"preferences", "plants", "tables"},
         {"mpc", "envs", "rig", "calibrators", "study"},
         {"compiling"},
     ),
@@ -205,7 +205,7 @@ def test_the_folders_of_agents_and_scenarios_are_no_packages():
 
 
 def test_importing_prefcal_env_loads_nothing_heavy():
-    heavy = ("torch", "pygame", "highway_env", "matplotlib", "numba", "stable_baselines3")
+    heavy = ("torch", "pygame", "highway_env", "matplotlib", "numba", "stable_baselines3", "pandas")
     code = (
         "import sys, prefcal_env, gymnasium\n"
         f"print([m for m in {heavy!r} if m in sys.modules],"

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import RecordError
-
-from .cells import Cells, cells_of, number_of, parts_of, same_unit
+from prefcal_env.tables.cells import Cells, cells_of, number_of, parts_of, same_unit
 
 _MOST_LISTED = 5
 """Largest number of problems in a message; people fix some of them and try again."""

@@ -45,13 +45,25 @@ def cells_of(text: str, wanted: Collection[str]) -> Cells:
     ]
     if not lines:
         return Cells((), (), False)
-    first = lines[0][1]
-    separator = max(_SEPARATORS, key=lambda s: _found(first, s, wanted))
+    separator = separator_of(lines[0][1], wanted)
     cells = _split("\n".join(line for _, line in lines), separator)
     if len(cells) != len(lines):
         raise RecordError("a quoted cell spans several lines")
     numbers = [number for number, _ in lines]
     return Cells(tuple(cells[0]), tuple(zip(numbers[1:], cells[1:], strict=True)), separator != ",")
+
+
+def separator_of(line: str, wanted: Collection[str], separators: str = _SEPARATORS) -> str:
+    """Return the separator by which most of the headings in `line` are wanted ones.
+
+    If several find as many, it is the one that finds most headings.
+    """
+    return max(separators, key=lambda s: _found(line, s, wanted))
+
+
+def split_line(line: str, separator: str) -> list[str]:
+    """Return the cells of one line. Raises RecordError if quotes are broken."""
+    return _split(line, separator)[0]
 
 
 def parts_of(heading: str) -> tuple[str, str | None]:

@@ -1,0 +1,301 @@
+"""Read a table from wherever it is: CSV, Parquet, text or a DataFrame, with the place of each row."""
+
+import io
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from prefcal_env.errors import RecordError
+
+from .cells import parts_of, same_unit, separator_of, split_line
+
+Table = Any
+"""A pandas DataFrame, the path of a CSV or Parquet file, its content, or the text of a CSV."""
+_SEPARATORS = ",;\t|"
+_LINE_END = re.compile(r"\r\n|\r|\n")
+_PARQUET = b"PAR1"
+_MOST_NAMED = 12
+"""Largest number of headings in a message."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sheet:
+    """A table with its headings and the places of its rows.
+
+    Args:
+        headings: Heading of each column.
+        frame: pandas DataFrame whose columns are numbered from 0.
+        lines: Line of each row as an editor shows it, shape (K,); None if it comes from no text.
+    """
+
+    headings: tuple[str, ...]
+    frame: Any
+    lines: Int[np.ndarray, " K"] | None = None
+
+    def place(self, row: int) -> str:
+        """Return where a row is, for messages: "line 7" of a file, or "row 5" counted from 0."""
+        return f"row {row}" if self.lines is None else f"line {self.lines[row]}"
+
+    def find(self, heading: str) -> int | None:
+        """Return the number of the column with this heading, with or without its unit.
+
+        Raises:
+            RecordError: If several columns have it.
+        """
+        wanted = heading.strip()
+        exact = [i for i, h in enumerate(self.headings) if h.strip() == wanted]
+        found = exact or [i for i, h in enumerate(self.headings) if parts_of(h)[0] == wanted]
+        if len(found) > 1:
+            raise RecordError(
+                f"column {heading!r} appears {len(found)} times: rename or remove all but one"
+            )
+        return found[0] if found else None
+
+    def column(self, heading: str, name: str) -> int:
+        """Return the number of the column `heading`, which holds `name`.
+
+        Raises:
+            RecordError: If there is none, or there are several.
+        """
+        found = self.find(heading)
+        if found is not None:
+            return found
+        names = [parts_of(h)[0] for h in self.headings]
+        close = get_close_matches(heading, names, 1)
+        hint = f"did you mean {close[0]!r}? " if close else ""
+        more = ", ..." if len(names) > _MOST_NAMED else ""
+        use = "" if heading != name else f"; name another one with columns={{{name!r}: HEADING}}"
+        raise RecordError(
+            f"no column is called {heading!r}; {hint}There are "
+            f"{', '.join(map(repr, names[:_MOST_NAMED]))}{more}{use}"
+        )
+
+    def unit(self, column: int, given: str | None) -> str:
+        """Return the unit of a column: `given`, or what its heading says.
+
+        Raises:
+            RecordError: If they contradict each other.
+        """
+        name, found = parts_of(self.headings[column])
+        if given is not None and found is not None and not same_unit(given, found):
+            raise RecordError(
+                f"column {name!r} is in {found or 'no unit'} by its heading, but units= says "
+                f"{given or 'no unit'}: convert the values, or correct the unit"
+            )
+        return found or "" if given is None else given
+
+    def numbers(self, column: int) -> Float[np.ndarray, " K"]:
+        """Return a column as numbers, shape (K,); NaN for empty cells.
+
+        Raises:
+            RecordError: If a cell is neither a number nor empty.
+        """
+        import pandas as pd
+
+        values = self.frame[column]
+        if not pd.api.types.is_numeric_dtype(values.dtype):
+            converted = pd.to_numeric(values, errors="coerce")
+            wrong = np.flatnonzero(np.asarray(converted.isna() & values.notna()))
+            if len(wrong) or pd.api.types.is_datetime64_any_dtype(values.dtype):
+                raise RecordError(self._no_number(column, wrong))
+            values = converted
+        return np.asarray(values.to_numpy(dtype=float, na_value=np.nan))
+
+    def _no_number(self, column: int, wrong: Sequence[int] | Int[np.ndarray, " M"]) -> str:
+        name = parts_of(self.headings[column])[0]
+        if not len(wrong):
+            return f"column {name!r} holds time stamps, expected numbers: name it as time={name!r}"
+        row = int(wrong[0])
+        cell = str(self.frame[column].iloc[row]).strip()
+        more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
+        return (
+            f"{self.place(row)}, column {name!r}: expected a number, got {cell[:40]!r}{more}; "
+            f"{_advice(cell)}"
+        )
+
+
+def _advice(cell: str) -> str:
+    """Return what to do about a cell that is no number."""
+    if re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", cell):
+        return "use decimal points in all columns, or decimal commas in all of them"
+    if re.fullmatch(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d+)?", cell):
+        return "remove the separators of thousands"
+    if re.fullmatch(r"[+-]?[\d.,]+([eE][+-]?\d+)? *[^\d\s.,]+", cell):
+        return "put the unit into the heading, as in 'level [m]'"
+    return "correct it, or leave the cell empty"
+
+
+def sheet_of(table: Table, wanted: Collection[str] = ()) -> Sheet:
+    """Read a table.
+
+    Args:
+        table: A pandas DataFrame, the path of a CSV or Parquet file (text without a line end, or
+            a `Path`), the content of such a file as bytes, or the text of a CSV.
+        wanted: Headings that are expected, which tell which separator a CSV has.
+
+    Raises:
+        RecordError: If there is no such file, or it is not a table with a row of headings.
+    """
+    if hasattr(table, "columns") and hasattr(table, "iloc"):
+        return _of_frame(table)
+    if isinstance(table, str) and not _LINE_END.search(table):
+        table = Path(table)
+    if isinstance(table, Path):
+        table = _content(table)
+    if isinstance(table, bytes):
+        table = _parquet(table) if table[:4] == _PARQUET else decoded(table)
+    if isinstance(table, str):
+        return _of_text(table, wanted)
+    if hasattr(table, "columns"):
+        return _of_frame(table)
+    raise RecordError(
+        "a table must be a pandas DataFrame, the path of a CSV or Parquet file, or the text of a "
+        f"CSV, got {type(table).__name__}"
+    )
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.expanduser().read_bytes()
+    except (OSError, ValueError, RuntimeError) as error:  # no such file, NUL, no such user
+        why = getattr(error, "strerror", None) or error
+        raise RecordError(f"cannot read the table {str(path)[:200]!r}: {why}") from error
+
+
+def decoded(content: bytes) -> str:
+    """Return the text of a file: UTF-8 or UTF-16 with its mark, or else Windows' Western one."""
+    encodings = ["utf-16"] if content[:2] in (b"\xff\xfe", b"\xfe\xff") else ["utf-8-sig", "cp1252"]
+    for encoding in encodings:
+        try:
+            text = content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if "\0" not in text:
+            return text
+    raise RecordError("the file is neither text nor Parquet: save it as CSV in UTF-8")
+
+
+def _parquet(content: bytes) -> Any:
+    import pandas as pd
+
+    try:
+        return pd.read_parquet(io.BytesIO(content))
+    except Exception as error:  # pyarrow has many
+        raise RecordError(f"the Parquet file cannot be read: {error}") from error
+
+
+def _of_frame(frame: Any) -> Sheet:
+    """Return the sheet of a DataFrame; an index that is no row number becomes its first column."""
+    import pandas as pd
+
+    if isinstance(frame.columns, pd.MultiIndex) or isinstance(frame.index, pd.MultiIndex):
+        raise RecordError("the DataFrame has several levels: flatten it with reset_index()")
+    index = frame.index
+    if not isinstance(index, pd.RangeIndex) or index.name is not None:
+        name = "time" if index.name is None else index.name
+        frame = pd.concat([index.to_series(index=index, name=name), frame], axis=1)
+    headings = tuple(str(heading) for heading in frame.columns)
+    return Sheet(headings, frame.set_axis(range(len(headings)), axis=1).reset_index(drop=True))
+
+
+def _of_text(text: str, wanted: Collection[str]) -> Sheet:
+    """Return the sheet of a CSV. Empty lines and lines that begin with # are skipped."""
+    every = _LINE_END.split(text.removeprefix("\ufeff"))
+    if every and re.fullmatch("sep=.", every[0].strip()):
+        every[0] = ""  # a hint for spreadsheets
+    places = [
+        number
+        for number, line in enumerate(every, start=1)
+        if line.strip(" \t") and not line.lstrip().startswith("#")
+    ]
+    if len(places) < 2:
+        raise RecordError(
+            f"a table needs a line of headings and rows of values, got {len(places)} lines"
+        )
+    lines = [every[number - 1] for number in places]
+    separator = _separator(lines[0], lines[1], wanted)
+    headings = lines[0].split() if separator == r"\s+" else split_line(lines[0], separator)
+    while len(headings) > 1 and not headings[-1].strip():
+        headings.pop()  # a separator at the end of each line
+    _check_headings(headings)
+    _check_width(lines, places, separator, len(headings))
+    frame = _parsed(lines[1:], separator, len(headings))
+    if len(frame) != len(places) - 1:
+        raise RecordError("a quoted cell spans several lines: remove the line ends in it")
+    return Sheet(tuple(headings), frame, np.array(places[1:]))
+
+
+def _separator(first: str, second: str, wanted: Collection[str]) -> str:
+    found = separator_of(first, wanted, _SEPARATORS)
+    names, values = first.split(), second.split()
+    if found not in first and 1 < len(names) == len(values):
+        return r"\s+"
+    return found
+
+
+def _check_headings(headings: Sequence[str]) -> None:
+    if all(re.fullmatch(r"\s*[+-]?[\d.,]+([eE][+-]?\d+)?\s*", heading) for heading in headings):
+        raise RecordError(
+            f"the first line must hold headings, got the numbers {', '.join(headings[:5])}: add a "
+            "line such as 'time [s],level [m]'"
+        )
+
+
+def _check_width(lines: Sequence[str], places: Sequence[int], separator: str, width: int) -> None:
+    """Refuse rows with more cells than headings: a decimal comma would shift all columns."""
+    if separator == r"\s+":
+        return
+    for line, place in zip(lines, places, strict=True):
+        if line.count(separator) >= width:
+            cells = split_line(line, separator)
+            if any(cell.strip() for cell in cells[width:]):
+                hint = ": a decimal comma needs semicolons between the cells"
+                raise RecordError(
+                    f"line {place} has {len(cells)} cells under {width} headings"
+                    f"{hint if separator == ',' else ''}"
+                )
+
+
+def _parsed(lines: Sequence[str], separator: str, width: int) -> Any:
+    """Return the values of a CSV as a DataFrame whose columns are numbered."""
+    import pandas as pd
+
+    body = "\n".join(lines)
+
+    def parse(decimal: str) -> Any:
+        try:
+            return pd.read_csv(
+                io.StringIO(body), sep=separator, decimal=decimal, header=None, index_col=False,
+                names=range(width), usecols=range(width), skip_blank_lines=False,
+                skipinitialspace=True, low_memory=False,
+            )  # fmt: skip
+        except (ValueError, pd.errors.ParserError) as error:
+            raise RecordError(f"the table is not a valid CSV: {error}") from error
+
+    frame = parse(".")
+    if separator == "," or not any(_has_decimal_comma(frame[k]) for k in frame):
+        return frame
+    with_comma = parse(",")
+    # Time stamps may be text in both: what counts is how many columns turn into numbers.
+    return with_comma if _numeric(with_comma) > _numeric(frame) else frame
+
+
+def _has_decimal_comma(values: Any) -> bool:
+    import pandas as pd
+
+    if pd.api.types.is_numeric_dtype(values.dtype):
+        return False
+    found = values.dropna().astype(str).str.fullmatch(r"\s*[+-]?\d*,\d+([eE][+-]?\d+)?\s*")
+    return bool(found.any())
+
+
+def _numeric(frame: Any) -> int:
+    import pandas as pd
+
+    return sum(pd.api.types.is_numeric_dtype(frame[k].dtype) for k in frame)

@@ -1,0 +1,140 @@
+"""Find the time of a table and turn it into numbers: seconds, time stamps, durations."""
+
+import re
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import RecordError
+
+from .cells import parts_of
+from .sheet import Sheet
+
+SECONDS = {
+    **dict.fromkeys(("ns",), 1e-9), **dict.fromkeys(("us", "µs", "μs"), 1e-6),
+    **dict.fromkeys(("ms", "msec"), 1e-3), **dict.fromkeys(("s", "sec", "seconds"), 1.0),
+    **dict.fromkeys(("min", "minutes"), 60.0), **dict.fromkeys(("h", "hours"), 3600.0),
+    **dict.fromkeys(("d", "days"), 86400.0),
+}  # fmt: skip
+"""Length of each known unit of time in seconds."""
+_NAMES = ("time", "t", "timestamp", "datetime", "date", "date time", "time stamp", "index")
+"""Usual names of the column with the time, in lower case."""
+
+
+def time_column(sheet: Sheet, given: str | None) -> int:
+    """Return the number of the column that holds the time.
+
+    Args:
+        sheet: Table.
+        given: Its heading; None to find it by its usual names.
+
+    Raises:
+        RecordError: If there is none, or there are several.
+    """
+    if given is not None:
+        return sheet.column(given, "")
+    called = [parts_of(heading)[0].lower() for heading in sheet.headings]
+    found = [i for i, name in enumerate(called) if name in _NAMES]
+    exact = [i for i in found if called[i] == "time"]
+    found = exact or found
+    if len(found) == 1:
+        return found[0]
+    there = ", ".join(repr(parts_of(h)[0]) for h in sheet.headings[:12])
+    what = "several columns may be the time" if found else "no column is called time"
+    raise RecordError(f"{what}: give the right one as time=...; there are {there}")
+
+
+def time_unit_of(sheet: Sheet, column: int, given: str | None) -> str:
+    """Return the unit of the experiment's time: `given`, or the heading's, or seconds."""
+    return given or parts_of(sheet.headings[column])[1] or "s"
+
+
+def instants(
+    sheet: Sheet, column: int, unit: str, time_format: str | None
+) -> tuple[Float[np.ndarray, " K"], bool]:
+    """Return the time of each row in `unit`, shape (K,), and whether the rows had time stamps.
+
+    Time stamps count from the earliest one; those with time zones are converted to UTC.
+
+    Args:
+        sheet: Table.
+        column: Number of the column with the time.
+        unit: Unit of time.
+        time_format: Format of time stamps as for `datetime.strptime`; None for ISO 8601.
+
+    Raises:
+        RecordError: If a cell is empty or no time, or units of time cannot be converted.
+    """
+    import pandas as pd
+
+    values = sheet.frame[column]
+    _check_filled(sheet, column, np.asarray(values.isna()))
+    if pd.api.types.is_timedelta64_dtype(values.dtype):
+        return values.dt.total_seconds().to_numpy() / _seconds(unit), False
+    stamps = _stamps(sheet, column, values, time_format)
+    if stamps is not None:
+        elapsed = (stamps - stamps.min()).dt.total_seconds().to_numpy(dtype=float)
+        return elapsed / _seconds(unit), True
+    found, heading = sheet.numbers(column), parts_of(sheet.headings[column])[1] or unit
+    if heading != unit:
+        found = found * (_seconds(heading) / _seconds(unit))
+    _check_filled(sheet, column, ~np.isfinite(found))
+    return found, False
+
+
+def _check_filled(sheet: Sheet, column: int, empty: np.ndarray) -> None:
+    """Refuse rows without a time."""
+    if empty.any():
+        row = int(np.argmax(empty))
+        raise RecordError(
+            f"{sheet.place(row)}, column {parts_of(sheet.headings[column])[0]!r}: expected a time, "
+            f"got nothing{_and_more(int(empty.sum()))}: fill it, or remove the row"
+        )
+
+
+def _stamps(sheet: Sheet, column: int, values: Any, time_format: str | None) -> Any | None:
+    """Return time stamps as a pandas Series in UTC; None if the column holds numbers."""
+    import pandas as pd
+
+    if pd.api.types.is_datetime64_any_dtype(values.dtype):
+        return values
+    if pd.api.types.is_numeric_dtype(values.dtype):
+        return None
+    text = values.astype(str).str.strip()
+    if time_format is None and re.fullmatch(r"[+-]?[\d.,]+([eE][+-]?\d+)?", text.iloc[0]):
+        return None
+    german = r"\d{1,2}\.\d{1,2}\.\d{4}.*"  # dots come with the day first
+    dotted = time_format is None and re.fullmatch(german, text.iloc[0]) is not None
+    if dotted:
+        found = pd.to_datetime(text, format="mixed", dayfirst=True, errors="coerce", utc=True)
+    else:
+        text = text.str.replace(r"(:\d\d),(\d+)", r"\1.\2", regex=True)
+        found = pd.to_datetime(text, format=time_format or "ISO8601", errors="coerce", utc=True)
+    wrong = np.asarray(found.isna())
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise RecordError(
+            f"{sheet.place(row)}, column {parts_of(sheet.headings[column])[0]!r}: expected "
+            f"{_expected(time_format)}, got {str(values.iloc[row])[:40]!r}"
+            f"{_and_more(int(wrong.sum()))}; give time_format='%d/%m/%Y %H:%M:%S' or the like"
+        )
+    return found
+
+
+def _expected(time_format: str | None) -> str:
+    if time_format is not None:
+        return f"a time stamp like {time_format!r}"
+    return "a number or a time stamp like 2026-11-23T09:30:00"
+
+
+def _seconds(unit: str) -> float:
+    if unit not in SECONDS:
+        raise RecordError(
+            f"the unit of time {unit!r} cannot be converted: use one of s, ms, us, min, h, d"
+        )
+    return SECONDS[unit]
+
+
+def _and_more(count: int) -> str:
+    return f" (and {count - 1} more)" if count > 1 else ""
