@@ -213,6 +213,21 @@ class Experiment:
         found: Float[np.ndarray, " K"] | None = self.signals.get(channel.name)
         return found
 
+    def to_frame(self) -> Any:
+        """Return the curves as a pandas DataFrame: time as index, columns "name [unit]".
+
+        Columns are the outputs, states, inputs and signals; `from_frame` reads it back.
+        """
+        from .notebook import frame_of
+
+        return frame_of(self)
+
+    def _repr_html_(self) -> str:
+        """Return a picture of the curves and the KPIs, for notebooks."""
+        from .notebook import html_of
+
+        return html_of(self)
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Experiment):
             return NotImplemented

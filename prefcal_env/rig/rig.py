@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -9,6 +10,7 @@ from jaxtyping import Float
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channels, End, Experiment
 from prefcal_env.experiments.rollout import computed
+from prefcal_env.tables.sheet import text_of
 
 from .records import Columns
 
@@ -32,6 +34,8 @@ class Rig:
         instructions: Instructions that tell the person how to run an experiment.
         max_gap: Longest step in time that is not a gap, in median steps.
         max_rows: Largest number of rows of a record.
+        headings: Maps "time" and names of channels to the headings of the record's columns where
+            they differ, such as {"temperature": "TI-101.PV"}.
 
     Raises:
         SettingsError: If references or ranges do not fit the channels, or a bound is not valid.
@@ -44,6 +48,7 @@ class Rig:
     instructions: str = ""
     max_gap: float = 3.0
     max_rows: int = 200_000
+    headings: Mapping[str, str] = field(default_factory=dict)
 
     signals = ()
     """Additional signals of the records: none."""
@@ -55,9 +60,14 @@ class Rig:
                 f"y_ref must hold a finite reference for each of {len(self.channels.y)} outputs, "
                 f"got {self.y_ref}"
             )
-        names = (*self.columns.names, *(f"{c.name} ref" for c in self.channels.y))
-        if len(set(names)) != len(names):
-            raise SettingsError(f"the names of the columns must differ, got {names}")
+        signals = [c.name for c in (*self.channels.x, *self.channels.u)]
+        names = (TIME, *signals, *(f"{c.name} ref" for c in self.channels.y))
+        unknown = [name for name in self.headings if name not in names]
+        if unknown:
+            raise SettingsError(f"headings must name some of {names}, got {unknown[0]!r}")
+        called = [self.headings.get(name, name) for name in names]
+        if len(set(called)) != len(called):
+            raise SettingsError(f"the names of the columns must differ, got {tuple(called)}")
         for name, (low, high) in self.ranges.items():
             if name not in names or not low < high:
                 raise SettingsError(
@@ -82,14 +92,14 @@ class Rig:
     @property
     def columns(self) -> Columns:
         """Columns of a record."""
-        signals = (*self.channels.x, *self.channels.u)
+        signals, called = (*self.channels.x, *self.channels.u), self.headings
         return Columns(
-            (TIME, *(c.name for c in signals)),
+            tuple(called.get(n, n) for n in (TIME, *(c.name for c in signals))),
             (self.channels.time_unit, *(c.unit for c in signals)),
-            self.ranges,
+            {called.get(name, name): limits for name, limits in self.ranges.items()},
             self.max_gap,
             self.max_rows,
-            {f"{c.name} ref": c.unit for c in self.channels.y},
+            {called.get(f"{c.name} ref", f"{c.name} ref"): c.unit for c in self.channels.y},
         )
 
     def template(self) -> str:
@@ -97,28 +107,26 @@ class Rig:
         return self.columns.template
 
     def read_bytes(self, content: bytes) -> str:
-        """Return the text of a file. Raises RecordError if it is not UTF-8."""
-        try:
-            return content.decode("utf-8")
-        except UnicodeDecodeError as error:
-            raise RecordError(
-                f"the record is not UTF-8 text (byte {error.start}): save it as CSV in UTF-8"
-            ) from error
+        """Return a file as CSV. Raises RecordError if it is neither UTF-8 nor Parquet."""
+        return text_of(content)
 
     def read(
-        self, text: str, theta: Float[np.ndarray, " n"], *, unsafe: bool = False
+        self, source: Any, theta: Float[np.ndarray, " n"], *, unsafe: bool = False
     ) -> Experiment:
         """Return the experiment of a physical θ, shape (n,), from its record.
 
         Args:
-            text: Text of the CSV file.
+            source: Text of a CSV, path of a CSV or Parquet file, its content as bytes, or a pandas
+                DataFrame. Lines in messages count the headings as line 1.
             theta: Controller parameters of the run.
             unsafe: Whether the run was stopped because it became unsafe.
 
         Raises:
             RecordError: If the record is not valid; the message lists all problems.
         """
-        made = self._of(self.columns.read(text), theta, End.UNSAFE if unsafe else End.TIME_UP)
+        made = self._of(
+            self.columns.read(text_of(source)), theta, End.UNSAFE if unsafe else End.TIME_UP
+        )
         return made if self.kpis is None else replace(made, kpis=_computed(self.kpis, made))
 
     def failed(self, theta: Float[np.ndarray, " n"], text: str | None = None) -> Experiment:

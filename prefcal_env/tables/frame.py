@@ -228,7 +228,7 @@ class _Used:
             called = parts_of(self.sheet.headings[self.places[name]])[0]
             raise RecordError(
                 f"{self.place(int(holes[0]))}, column {called!r}: expected a number, got nothing"
-                f"{_and_more(len(holes))}: fill it, or give allow=('missing',) to bridge empty cells"
+                f"{_and_more(len(holes))}: fill it, or give allow=('missing',) to bridge them"
             )
         if len(holes):
             return self._bridged(name, values, finite)

@@ -1,4 +1,4 @@
-"""Read a table from wherever it is: CSV, Parquet, text or a DataFrame, with the place of each row."""
+"""Read a table: CSV, Parquet, text or a DataFrame, with the place of each row."""
 
 import io
 import re
@@ -158,6 +158,41 @@ def sheet_of(table: Table, wanted: Collection[str] = ()) -> Sheet:
         "a table must be a pandas DataFrame, the path of a CSV or Parquet file, or the text of a "
         f"CSV, got {type(table).__name__}"
     )
+
+
+def text_of(source: Table) -> str:
+    """Return a table as the text of a CSV: a DataFrame, a path, the content of a file, or text.
+
+    Text is a path if it has no line end and ends like the name of a file.
+
+    Raises:
+        RecordError: If there is no such file, or it is neither CSV nor Parquet.
+    """
+    named = isinstance(source, str) and not _LINE_END.search(source)
+    if named and Path(source).suffix.lower() in (".csv", ".txt", ".parquet"):
+        source = Path(source)
+    if isinstance(source, Path):
+        source = _content(source)
+    if isinstance(source, bytes):
+        source = _parquet(source) if source[:4] == _PARQUET else _utf8(source)
+    if isinstance(source, str):
+        return source
+    if not hasattr(source, "to_csv"):
+        raise RecordError(
+            "a record must be the text or path of a CSV, a Parquet file or a pandas DataFrame, "
+            f"got {type(source).__name__}"
+        )
+    sheet = _of_frame(source)
+    return str(sheet.frame.set_axis(list(sheet.headings), axis=1).to_csv(index=False))
+
+
+def _utf8(content: bytes) -> str:
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise RecordError(
+            f"the record is not UTF-8 text (byte {error.start}): save it as CSV in UTF-8"
+        ) from error
 
 
 def _content(path: Path) -> bytes:

@@ -1,0 +1,212 @@
+"""Tables of logged data: what is read, what is mended if allowed, and what is refused in words."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from prefcal_env import Channel, Channels, End, Rig, TableColumns, from_frame, recorded
+from prefcal_env.errors import RecordError, SettingsError
+
+GOOD = "time [s],level [m],valve [%],note\n0,1,5,a\n1,2.5,6,b\n2,3,7,c\n3,4,8,d\n"
+USE = {"outputs": ["level"], "inputs": ["valve"]}
+
+
+def same(e):
+    assert np.array_equal(e.t, [0, 1, 2, 3])
+    assert np.array_equal(e.y[:, 0], [1, 2.5, 3, 4])
+    assert np.array_equal(e.u[:, 0], [5, 6, 7, 8])
+    assert (e.channels.y, e.channels.u) == ((Channel("level", "m"),), (Channel("valve", "%"),))
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        GOOD,
+        GOOD.replace(",", ";"),
+        GOOD.replace(",", ";").replace(".", ","),
+        GOOD.replace(",", "\t"),
+        GOOD.replace(",", "|"),
+        "\ufeff# logged\n\n" + GOOD.replace("\n", "\r\n"),
+        "sep=;\n" + GOOD.replace(",", ";"),
+        GOOD.encode("utf-16"),
+        GOOD.replace("note", "µ°").encode("cp1252"),
+        GOOD.replace("\n", ",\n"),
+        GOOD.replace("time [s]", "time [ms]").replace("\n1,", "\n1000,").replace("\n2,", "\n2000,")
+        .replace("\n3,", "\n3000,"),
+        GOOD.replace("\n0,", "\n2026-11-23T09:59:59Z,").replace("\n1,", "\n2026-11-23 11:00+0100,")
+        .replace("\n2,", "\n2026-11-23T10:00:01Z,").replace("\n3,", "\n2026-11-23T10:00:02.000Z,"),
+        GOOD.replace("\n0,", "\n100,").replace("\n1,", "\n101,").replace("\n2,", "\n102,")
+        .replace("\n3,", "\n103,"),
+    ],
+)  # fmt: skip
+def test_spellings_of_the_same_table(table):
+    same(from_frame(table, 1.0, time_unit="s", **USE))
+
+
+def test_files_and_frames_of_the_same_table(tmp_path):
+    frame = pd.DataFrame({"level [m]": [1, 2.5, 3, 4], "valve [%]": [5, 6, 7, 8]})
+    frame.index = pd.date_range("2026-11-23", periods=4, freq="1s", tz="Europe/Berlin")
+    frame.to_parquet(tmp_path / "run.parquet")
+    (tmp_path / "run.csv").write_text(GOOD, encoding="utf-8")
+    same(from_frame(frame, 1.0, **USE))
+    same(from_frame(tmp_path / "run.parquet", 1.0, **USE))
+    same(from_frame(str(tmp_path / "run.csv"), 1.0, **USE))
+
+
+def test_headings_are_mapped_and_the_mapping_can_be_kept():
+    table = GOOD.replace("level [m]", "TI-101").replace("valve", "V1")
+    log = TableColumns(
+        columns={"level": "TI-101", "valve": "V1"}, inputs="valve", units={"level": "m"}
+    )
+    same(log.read(table, 1.0))
+    assert log.read(table, 1.0) == from_frame(
+        table, 1.0, columns=log.columns, inputs=["valve"], units=log.units
+    )
+
+
+def test_without_names_all_columns_of_numbers_are_outputs():
+    e = from_frame(GOOD, 1.0)
+    assert [c.label for c in e.channels.y] == ["level [m]", "valve [%]"]
+
+
+def test_a_reference_comes_from_a_column_or_a_number():
+    table = GOOD.replace("note", "level ref")
+    for letter, value in zip("abcd", "2233", strict=True):
+        table = table.replace(f",{letter}\n", f",{value}\n")
+    assert np.array_equal(from_frame(table, 1.0, **USE).y_ref[:, 0], [2, 2, 3, 3])
+    named = from_frame(GOOD, 1.0, outputs="level", reference={"level": "valve"})
+    assert np.array_equal(named.y_ref[:, 0], [5, 6, 7, 8])
+    assert from_frame(GOOD, 1.0, reference={"level": 3.0}, **USE).channels.y[0].target == 3.0
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ("", "cannot read the table"),
+        ("\n", "a line of headings and rows of values, got 0 lines"),
+        ("absent.csv", "cannot read the table 'absent.csv': No such file"),
+        (b"\x00\x01", "neither text nor Parquet"),
+        (b"PAR1xxxx", "the Parquet file cannot be read"),
+        (3, "a table must be a pandas DataFrame, the path"),
+        ("0,1\n1,2\n", "the first line must hold headings, got the numbers 0, 1"),
+        (GOOD.replace("level", "levle"), "no column is called 'level'; did you mean 'levle'"),
+        (GOOD.replace("note", "level [m]"), "column 'level' appears 2 times"),
+        (GOOD.replace("time [s]", "x"), "no column is called time: give the right one as time="),
+        (GOOD.replace("1,2.5", "1,x"), "line 3, column 'level': expected a number, got 'x'"),
+        (GOOD.replace("1,2.5", "1,2.5 m"), "put the unit into the heading"),
+        (GOOD.replace("1,2.5", "1,1.234.567"), "remove the separators of thousands"),
+        (GOOD.replace(",", ";").replace("3;4", "3;4,5"), "use decimal points in all columns, or"),
+        (GOOD.replace("1,2.5", "1,"), "line 3, column 'level': expected a number, got nothing"),
+        (GOOD.replace("1,2.5", ",2.5"), "line 3, column 'time': expected a time, got nothing"),
+        (GOOD.replace("1,2.5", "noon,2.5"), "line 3, column 'time': expected a number, got 'noon'"),
+        (GOOD.replace("1,2.5", "1,2,5"), "line 3 has 5 cells under 4 headings: a decimal comma"),
+        (GOOD + "2.5,1,1,e\n", "line 6: time must increase, got 2.5 s after 3 s"),
+        (GOOD + "3,1,1,e\n", r"line 6: time must increase, got 3 s after 3 s.*\('duplicates',\)"),
+        (GOOD + "33,1,1,e\n", "line 6: a gap of 30 s after 3 s, where 1 s is usual"),
+        (GOOD.replace("[s]", "[ticks]"), "the unit of time 'ticks' cannot be converted"),
+        (GOOD.replace("\n0,", "\n11/12/2026 10:00,"), "line 2, column 'time': expected a num"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_table_is_refused_in_words(table, words):
+    with pytest.raises(RecordError, match=words):
+        from_frame(table, 1.0, time_unit="s", **USE)
+
+
+def test_rows_of_a_frame_are_counted_from_zero_when_refused():
+    frame = pd.DataFrame({"time": [0, 1, 2], "level": [1, None, 2]})
+    with pytest.raises(RecordError, match="row 1, column 'level': expected a number, got nothing"):
+        from_frame(frame, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"units": {"level": "K"}}, "column 'level' is in m by its heading, but units= says K"),
+        ({"allow": "repair"}, "allow must hold some of"),
+        ({"max_rows": 5}, "max_rows must be 100 or more"),
+        ({"resample": "often"}, "resample must be a period above 0 s"),
+        ({"reference": {"flow": 1.0}}, "reference names 'flow'"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused(change, words):
+    with pytest.raises((SettingsError, RecordError), match=words):
+        from_frame(GOOD, 1.0, **USE, **change)
+
+
+def test_flaws_that_are_allowed_are_mended():
+    def read(table, word):
+        return from_frame(table, 1.0, allow=word, **USE)
+
+    assert np.array_equal(read(GOOD + "2.5,9,1,e\n", "unsorted").y[:, 0], [1, 2.5, 3, 9, 4])
+    assert np.array_equal(read(GOOD + "3,9,1,e\n", "duplicates").y[:, 0], [1, 2.5, 3, 9])
+    bridged = read(GOOD.replace("1,2.5,6", "1,,"), "missing")
+    assert (bridged.y[1, 0], bridged.u[1, 0]) == (2.0, 5.0)
+    assert read(GOOD + "33,1,1,e\n", "gaps").duration == 33.0
+
+
+def test_a_column_that_ends_early_is_a_run_that_stopped():
+    e = from_frame(GOOD.replace("3,4,8", "3,,8"), 1.0, **USE)
+    assert (e.duration, e.end) == (2.0, End.UNSAFE)
+
+
+def test_time_stamps_of_other_habits_need_a_format_or_dots():
+    table = "time;a\n{} 09:00:00,5;1,5\n{} 09:00:01,5;2,5\n"
+    dotted = from_frame(table.format("23.11.2026", "23.11.2026"), 1.0)
+    assert np.array_equal(dotted.t, [0, 1])
+    text = "time,a\n11/12/2026 09:00,1\n12/12/2026 09:00,2\n"
+    assert from_frame(text, 1.0, time_format="%d/%m/%Y %H:%M", time_unit="h").duration == 24.0
+
+
+def test_resampling_interpolates_outputs_and_holds_inputs():
+    e = from_frame(GOOD, 1.0, resample="500ms", **USE)
+    assert np.allclose(e.t, np.arange(0, 3.1, 0.5))
+    assert np.allclose(e.y[:4, 0], [1, 1.75, 2.5, 2.75])
+    assert np.array_equal(e.u[:4, 0], [5, 5, 6, 6])
+
+
+def test_a_million_rows_are_read_and_thinned_to_their_extremes():
+    values = np.random.default_rng(0).normal(size=1_000_000)
+    e = from_frame(pd.DataFrame({"time": np.arange(1e6) / 8, "level": values}), 1.0)
+    assert 50_000 < len(e.t) <= 100_000
+    assert (e.y.max(), e.y.min(), e.duration) == (values.max(), values.min(), 999_999 / 8)
+
+
+@given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=2, max_size=20))
+def test_what_goes_out_as_a_frame_comes_back(rows):
+    y, u = np.array(rows).T
+    e = recorded([1.0], np.arange(len(y)) / 8, {"level": y}, {"valve": u}, {"level": 1.0},
+                 {"level": "m", "valve": "%"})  # fmt: skip
+    assert from_frame(e.to_frame(), [1.0], reference={"level": 1.0}, **USE) == e
+
+
+def test_an_experiment_shows_itself_in_a_notebook():
+    e = from_frame(GOOD, 1.0, reference={"level": 2.0}, **USE)
+    shown = e._repr_html_()
+    assert "overshoot of level" in shown
+    assert "data:image/png;base64," in shown
+    nothing = recorded(1.0, [0.0, 1.0], {"a": [np.nan, np.nan]})
+    assert "failed" in nothing._repr_html_()
+    assert "img" not in nothing._repr_html_()
+
+
+def test_a_rig_reads_frames_files_and_other_headings(tmp_path):
+    level, valve = Channel("level", "m"), Channel("valve", "%")
+    rig = Rig(Channels((level,), (valve,), (), "s"), (), headings={"level": "TI-101"})
+    text = "time [s],TI-101 [m],valve [%]\n0,1,5\n1,2,6\n2,3,7\n"
+    (tmp_path / "run.csv").write_text(text, encoding="utf-8")
+    frame = pd.read_csv(tmp_path / "run.csv")
+    frame.to_parquet(tmp_path / "run.parquet")
+    theta = np.ones(1)
+    e = rig.read(text, theta)
+    assert np.array_equal(e.x[:, 0], [1, 2, 3])
+    content = (tmp_path / "run.parquet").read_bytes()
+    for source in (tmp_path / "run.csv", str(tmp_path / "run.csv"), frame, content):
+        assert rig.read(source, theta) == e
+    with pytest.raises(RecordError, match="column 'TI-101' is missing"):
+        rig.read(text.replace("TI-101", "level"), theta)
+    with pytest.raises(RecordError, match="a record must be the text"):
+        rig.read(3, theta)
+    with pytest.raises(SettingsError, match="headings must name some of"):
+        Rig(rig.channels, (), headings={"flow": "F"})
