@@ -42,7 +42,7 @@ class Curve:
             return self.values[: len(t)]
         if not self.held:
             outside = np.nan if self.gaps else None
-            return np.interp(t, self.t, self.values, left=outside, right=outside)
+            return np.asarray(np.interp(t, self.t, self.values, left=outside, right=outside))
         return np.asarray(self.values[np.maximum(held_rows(self.t, t), 0)])
 
 

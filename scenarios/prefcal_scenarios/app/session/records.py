@@ -67,7 +67,7 @@ def preview(flow: Flow, given: Given) -> Preview:
     theta = _dialed(flow, given)
     if theta is None:
         theta = np.array(flow.state.history.samples[given.index].theta)
-    experiment = rig.read(rig.read_bytes(given.content), theta, unsafe=given.unsafe)
+    experiment = rig.read(given.content, theta, unsafe=given.unsafe)
     check_experiment(flow.store.scenario, experiment.theta, experiment)
     return Preview(experiment, _same(flow, given.index, experiment), len(_about(flow, given.index)))
 
