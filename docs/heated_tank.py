@@ -16,7 +16,9 @@ def tank(x, u, d):
     return [0.143 * (u[0] - 0.05 * x[0]) - d[0] / 100 * x[0]]
 
 
-plant = FunctionPlant(tank, states=[TEMPERATURE], inputs=[HEATER], disturbances=[COLD], time_unit="min")
+plant = FunctionPlant(
+    tank, states=[TEMPERATURE], inputs=[HEATER], disturbances=[COLD], time_unit="min"
+)
 knobs = KnobSpace(
     [Knob("K_p", 0.1, 30, "kW/K", scale="log10"), Knob("T_i", 0.5, 30, "min", scale="log10")]
 )

@@ -38,7 +38,7 @@ function draw() {
   if (!open || !some) return;
   const groups = [...new Set(shown.map(({ group }) => group))];
   if (groups.length > 1) {
-    fill($("compare"), el("div", { class: "tables" }, groups.map((group) =>
+    fill($("compare"), el("div", { class: "tables grouped" }, groups.map((group) =>
       table(shown.filter((row) => row.group === group), NAMES[group] ?? group))));
     return;
   }

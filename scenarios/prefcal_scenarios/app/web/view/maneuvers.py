@@ -95,9 +95,7 @@ def largest_difference(
     return largest
 
 
-def _on(
-    t: Float[np.ndarray, " M"], panel: Plot, experiment: Experiment
-) -> Float[np.ndarray, " M"]:
+def _on(t: Float[np.ndarray, " M"], panel: Plot, experiment: Experiment) -> Float[np.ndarray, " M"]:
     """Return a curve at other instants: the last value of an input, else between two values."""
     values = panel.values(experiment)
     if panel.held:
