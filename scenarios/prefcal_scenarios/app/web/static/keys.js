@@ -1,7 +1,7 @@
 // Handle keys. They do nothing while the person types, with a modifier other than shift, or on repeat.
 
 import { answer, finish, mark, open, skip, toggleBlind, undo, current } from "./flow.js";
-import { moveCursor, repeat, resetZoom, toggleOverlay, togglePlay, toggleTable, toggleZoom } from "./question.js";
+import { jump, moveCursor, repeat, resetZoom, showManeuver, toggleOverlay, togglePlay, toggleTable, toggleZoom } from "./question.js";
 import { briefing } from "./brief.js";
 import { $, ask, el } from "./dom.js";
 
@@ -28,6 +28,8 @@ const QUESTION = {
   ";": [null, "", () => moveCursor(-10)],
   ">": [null, "", () => moveCursor(10)],
   ":": [null, "", () => moveCursor(10)],
+  j: ["J", "go to where the two differ most; again: in the next maneuver", jump],
+  "1-9": ["1 … 9", "show the first, second, ... maneuver", () => {}],
   " ": ["space", "play and pause the animation", togglePlay],
   p: ["P", "ask me an earlier question again", repeat],
 };
@@ -62,7 +64,8 @@ export function keyboard() {
     const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     const asked = document.body.dataset.view === "now" && current()?.phase === "question";
     const shifted = event.shiftKey && QUESTION[`shift ${name}`];
-    const found = (asked && (shifted || QUESTION[name])) || EVERYWHERE[name];
+    const maneuver = asked && /^[1-9]$/.test(name) && [null, "", () => showManeuver(Number(name) - 1)];
+    const found = maneuver || (asked && (shifted || QUESTION[name])) || EVERYWHERE[name];
     if (!found) return;
     event.preventDefault();
     const repeats = [",", ".", "<", ">", ";", ":"].includes(name);
@@ -73,7 +76,8 @@ export function keyboard() {
 export async function showKeys() {
   // Objects list numeric keys first; the sort below moves "0" to the end.
   const known = Object.values({ ...QUESTION, ...EVERYWHERE })
-    .filter(([key]) => key && (key !== "M" || current()?.screening));
+    .filter(([key]) => key && (key !== "M" || current()?.screening)
+      && (key !== "1 … 9" || current()?.question?.maneuver));
   const told = await briefing();
   if ($("dialog").open) return; // pressed twice while loading
   const rows = known.sort((a, b) => (a[0] === "0") - (b[0] === "0"))

@@ -7,6 +7,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_scenarios.app.presentation.wording import measured, with_unit
 from prefcal_scenarios.app.report.tables import objective
 from prefcal_scenarios.app.session import Question
+from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.scenario import KPI, Scenario
 
 from .seen import Seen
@@ -16,17 +17,20 @@ NOTICED = 0.02
 
 
 def comparison_view(question: Question, scenario: Scenario, seen: Seen) -> list[dict[str, Any]]:
-    """Return a row for each KPI that either side has.
+    """Return a row for each KPI that either side has, largest difference first in each group.
 
     `size` is the difference as a share of what is usual in this study (`Seen.spread`), at most 1;
     values that read the same do not differ. `better` is the better side by the KPI's goal, or None
-    without a goal. `difference` is the right value minus the left one.
+    without a goal. `difference` is the right value minus the left one. `group` is "worst", "mean"
+    or a maneuver, or "" if the experiments have no maneuvers.
     """
     left, right = question.left.experiment, question.right.experiment
-    kpis = [k for k in scenario.shown_kpis if k.name in left.kpis or k.name in right.kpis]
-    rows = [(_size(kpi, left, right, seen), kpi) for kpi in kpis]
-    rows.sort(key=lambda row: -row[0])  # stable: more important KPIs first among equals
-    return [_row(kpi, left, right, size) for size, kpi in rows]
+    kpis = grouped(scenario.shown_kpis, left, right)
+    rows = [(group, _size(kpi, left, right, seen), kpi) for group, kpi in kpis]
+    order = list(dict.fromkeys(group for group, _ in kpis))
+    # Stable: more important KPIs first among equals.
+    rows.sort(key=lambda row: (order.index(row[0]), -row[1]))
+    return [{"group": group, **_row(kpi, left, right, size)} for group, size, kpi in rows]
 
 
 def _row(kpi: KPI, left: Experiment, right: Experiment, size: float) -> dict[str, Any]:
