@@ -1,5 +1,6 @@
 """Compare two experiments KPI by KPI, largest difference first, for page and terminal."""
 
+from collections.abc import Iterable
 from math import inf, isfinite, isnan
 from typing import Any
 
@@ -22,8 +23,15 @@ def comparison_view(question: Question, scenario: Scenario, seen: Seen) -> list[
     values that read the same do not differ. `better` is the better side by the KPI's goal, or None
     without a goal. `difference` is the right value minus the left one.
     """
-    left, right = question.left.experiment, question.right.experiment
-    kpis = [k for k in scenario.shown_kpis if k.name in left.kpis or k.name in right.kpis]
+    sides = question.left.experiment, question.right.experiment
+    return compared(*sides, scenario.shown_kpis, seen)
+
+
+def compared(
+    left: Experiment, right: Experiment, known: Iterable[KPI], seen: Seen
+) -> list[dict[str, Any]]:
+    """Return the rows of `comparison_view` for two experiments and these KPIs."""
+    kpis = [k for k in known if k.name in left.kpis or k.name in right.kpis]
     rows = [(_size(kpi, left, right, seen), kpi) for kpi in kpis]
     rows.sort(key=lambda row: -row[0])  # stable: more important KPIs first among equals
     return [_row(kpi, left, right, size) for size, kpi in rows]
