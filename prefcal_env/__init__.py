@@ -18,6 +18,8 @@ from prefcal_env.experiments.experiment import Channels as Channels
 from prefcal_env.experiments.experiment import End as End
 from prefcal_env.experiments.experiment import Experiment as Experiment
 from prefcal_env.experiments.kpis import tracking_kpis as tracking_kpis
+from prefcal_env.experiments.maneuvers import Maneuvers as Maneuvers
+from prefcal_env.experiments.maneuvers import combined as combined
 from prefcal_env.experiments.panels import Panel as Panel
 from prefcal_env.experiments.recorded import recorded as recorded
 from prefcal_env.experiments.rollout import rollout as rollout

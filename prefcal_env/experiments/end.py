@@ -15,3 +15,7 @@ class End(Enum):
     def interrupted(self) -> bool:
         """Whether it was stopped before its natural end."""
         return self in (End.UNSAFE, End.FAILED)
+
+
+BEST_FIRST = (End.SETTLED, End.TIME_UP, End.UNSAFE, End.FAILED)
+"""Ends of a run, from the best to the worst."""

@@ -110,8 +110,10 @@ class Experiment:
         end: Why the run ended.
         kpis: Key performance indicators by name; the scenario knows their units.
         signals: Additional signals on `t` by name, each of shape (K,).
-        runs: All of several seeded variants; the other fields are those of the first one.
+        runs: All of several seeded variants or maneuvers; the other fields are those of the first
+            one. Variants are drawn together, maneuvers (see `combined`) apart.
         y: Outputs at `t`, shape (K, n_y); None if they were not recorded (see `output`).
+        maneuver: Name of this run among several maneuvers; "" if there is only one.
 
     Raises:
         ExperimentError: If an array has the wrong shape, states or inputs are not finite, KPIs or
@@ -134,6 +136,7 @@ class Experiment:
     signals: Mapping[str, Float[np.ndarray, " K"]] = field(default_factory=FrozenMapping)
     runs: tuple["Experiment", ...] = ()
     y: Float[np.ndarray, "K n_y"] | None = None
+    maneuver: str = ""
 
     def __post_init__(self) -> None:
         for name, dtype in _ARRAYS.items():
@@ -167,6 +170,8 @@ class Experiment:
                 raise ExperimentError(f"{name} must be finite, even in a run that was stopped")
         if self.theta.ndim != 1 or not len(self.theta):
             raise ExperimentError(f"theta must have shape (n,), got {self.theta.shape}")
+        if not isinstance(self.maneuver, str):
+            raise ExperimentError(f"maneuver must be a name, got {self.maneuver!r}")
         if not isinstance(self.end, End):
             raise ExperimentError(f"end must be one of {list(End)}, got {self.end!r}")
         if not (self.t[1:] > self.t[:-1]).all():

@@ -7,10 +7,8 @@ import numpy as np
 
 from prefcal_env.errors import ExperimentError
 
-from .end import End
+from .end import BEST_FIRST
 from .experiment import Experiment
-
-_BEST_FIRST = (End.SETTLED, End.TIME_UP, End.UNSAFE, End.FAILED)
 
 
 def worst_of(runs: Sequence[Experiment], higher_is_better: Collection[str] = ()) -> Experiment:
@@ -47,7 +45,7 @@ def worst_of(runs: Sequence[Experiment], higher_is_better: Collection[str] = ())
     return replace(
         first,
         kpis=_worst(runs, higher_is_better),
-        end=max((run.end for run in runs), key=_BEST_FIRST.index),
+        end=max((run.end for run in runs), key=BEST_FIRST.index),
         runs=tuple(runs),
     )
 

@@ -48,6 +48,7 @@ class _Header(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fi
         runs: Headers of the runs that the experiment consists of.
         y_states: For outputs that are states: the number of each state.
         y_shape: For other outputs: the shape of their array. Both are None without outputs.
+        maneuver: Name of the run among several maneuvers; "" if there is only one.
     """
 
     shapes: dict[str, tuple[Size, ...]]
@@ -61,6 +62,7 @@ class _Header(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fi
     runs: tuple["_Header", ...] = ()
     y_states: tuple[Size, ...] | None = None
     y_shape: tuple[Size, Size] | None = None
+    maneuver: str = ""
 
 
 class _Beginning(msgspec.Struct, frozen=True):
@@ -147,6 +149,7 @@ def _header(experiment: Experiment, arrays: list[bytes]) -> _Header:
         runs=tuple(_header(run, arrays) for run in experiment.runs),
         y_states=y_states,
         y_shape=y_shape,
+        maneuver=experiment.maneuver,
     )
 
 
@@ -220,6 +223,7 @@ def _experiment(header: _Header, reader: _Reader) -> Experiment:
         signals=signals,
         y=outputs,
         runs=tuple(_experiment(run, reader) for run in header.runs),
+        maneuver=header.maneuver,
     )
 
 

@@ -1,6 +1,7 @@
 """What an agent can learn about an experiment besides θ: the scenario's KPIs and generic ones."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -9,6 +10,7 @@ from jaxtyping import Float
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
+from prefcal_env.experiments.maneuvers import MEAN, by_maneuver, named
 from prefcal_env.preferences.kpis import Outcome
 
 from .own.checks import returned
@@ -16,6 +18,10 @@ from .scenario import KPI, Scenario, load
 
 INTERRUPTED = "interrupted"
 """Name of the KPI that is 1 for a run that was stopped or failed, and 0 otherwise."""
+
+
+WORST = "worst"
+"""Group of the KPIs that are the worst of all maneuvers."""
 
 
 class Result(Protocol):
@@ -91,7 +97,12 @@ def simulator(
 
 
 def _generic(experiment: Experiment) -> dict[str, float]:
-    return dict(tracking_kpis(experiment)) if len(experiment.t) else {}
+    """Return the generic KPIs of an experiment, the worst of all maneuvers if it has several."""
+    worst: dict[str, float] = {}
+    for run in by_maneuver(experiment).values():
+        for name, value in tracking_kpis(run).items() if len(run.t) else ():
+            worst[name] = max(worst.get(name, value), value)
+    return worst
 
 
 def _directed(scenario: Scenario, experiment: Result) -> dict[str, float]:
@@ -112,6 +123,29 @@ def _outcome(known: Mapping[str, float], experiment: Result) -> Outcome:
 def _at_worst(known: Mapping[str, float], experiment: Result) -> Mapping[str, float]:
     """Return KPIs as they are, or infinite if the run was stopped."""
     return dict.fromkeys(known, np.inf) if experiment.end.interrupted else known
+
+
+def grouped(kpis: Sequence[KPI], *experiments: Experiment) -> list[tuple[str, KPI]]:
+    """Return the KPIs that some of the experiments have, each with the group that it belongs to.
+
+    Without maneuvers there is one group, "". With maneuvers the groups are "worst" (the KPIs that
+    agents learn from), "mean", whose KPIs have no objective, and the name of each maneuver.
+    """
+    parts = {part: None for e in experiments for part in by_maneuver(e) if part}
+    if not parts:
+        rows = [("", kpi) for kpi in kpis]
+    else:
+        rows = [(WORST, kpi) for kpi in kpis]
+        rows += [(MEAN, _without_objective(kpi)) for kpi in kpis]
+        rows += [(part, replace(k, name=named(k.name, part))) for part in parts for k in kpis]
+    return [(part, kpi) for part, kpi in rows if any(kpi.name in e.kpis for e in experiments)]
+
+
+def _without_objective(kpi: KPI) -> KPI:
+    """Return the mean of a KPI; limits apply to each maneuver, not to their mean."""
+    better = None if kpi.goal == "target" else kpi.goal
+    name = named(kpi.name, MEAN)
+    return replace(kpi, name=name, at_most=np.inf, at_least=-np.inf, better=better)
 
 
 def seen(scenario: Scenario) -> tuple[str, ...]:

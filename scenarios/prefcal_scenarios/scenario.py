@@ -16,6 +16,7 @@ from jaxtyping import Float
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.control import Controller
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.maneuvers import Maneuvers
 from prefcal_env.experiments.panels import Panel as Panel
 from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.knobs.space import KnobSpace
@@ -262,6 +263,8 @@ def with_ranges(scenario: Scenario, space: KnobSpace) -> Scenario:
 
 
 def _within(function: Any, space: KnobSpace) -> Any:
+    if isinstance(function, Maneuvers):
+        return function.each(partial(_within, space=space))
     if hasattr(function, "within"):  # a run in another process
         return function.within(space)
     takes = callable(function) and "space" in signature(function).parameters

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
+from prefcal_env.experiments.maneuvers import MEAN, Maneuvers, named
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.rig import Rig
@@ -36,6 +37,7 @@ def check_parts(scenario: Scenario, kpi: type) -> None:
         raise ScenarioError(f"{where}: run must be a function of θ, got {scenario.run!r}")
     _check_types(scenario, kpi, where)
     _check_simulated(scenario, where)
+    _check_maneuvers(scenario, where)
     names = [kpi.name for kpi in scenario.kpis]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -81,6 +83,34 @@ def _check_simulated(scenario: Scenario, where: str) -> None:
         raise ScenarioError(
             f"{where}: simulated must be False for a rig, whose experiments a person runs"
         )
+
+
+def _check_maneuvers(scenario: Scenario, where: str) -> None:
+    """Check that the worst maneuver is worst in the direction in which each KPI improves."""
+    if not isinstance(scenario.run, Maneuvers):
+        return
+    rigs = [name for name, run in scenario.run.runs.items() if isinstance(run, Rig)]
+    if rigs:
+        raise ScenarioError(
+            f"{where}: maneuver {rigs[0]!r} must not be a rig, whose experiments a person runs one "
+            "by one"
+        )
+    higher, targets = scenario.run.higher_is_better, scenario.run.targets
+    parts = tuple(named("", part) for part in (*scenario.run.runs, MEAN))
+    for kpi in scenario.kpis:
+        if kpi.name.endswith(parts):  # of one maneuver alone
+            continue
+        if kpi.goal == "higher" and kpi.name not in higher:
+            raise ScenarioError(
+                f"{where}: KPI {kpi.name!r} is better when higher, so its worst maneuver has the "
+                f"smallest value: write Maneuvers(..., higher_is_better=({kpi.name!r},))"
+            )
+        if kpi.goal == "target" and kpi.name not in targets:
+            middle = (kpi.at_least + kpi.at_most) / 2
+            raise ScenarioError(
+                f"{where}: KPI {kpi.name!r} has a target, from which its worst maneuver is "
+                f"farthest: write Maneuvers(..., targets={{{kpi.name!r}: {middle:g}}})"
+            )
 
 
 def _check_against_run(scenario: Scenario, where: str) -> None:

@@ -1,6 +1,6 @@
 """Compare two experiments KPI by KPI, largest difference first, for page and terminal."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from math import inf, isfinite, isnan
 from typing import Any
 
@@ -8,6 +8,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_scenarios.app.presentation.wording import measured, with_unit
 from prefcal_scenarios.app.report.tables import objective
 from prefcal_scenarios.app.session import Question
+from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.scenario import KPI, Scenario
 
 from .seen import Seen
@@ -17,24 +18,27 @@ NOTICED = 0.02
 
 
 def comparison_view(question: Question, scenario: Scenario, seen: Seen) -> list[dict[str, Any]]:
-    """Return a row for each KPI that either side has.
+    """Return a row for each KPI that either side has, largest difference first in each group.
 
     `size` is the difference as a share of what is usual in this study (`Seen.spread`), at most 1;
     values that read the same do not differ. `better` is the better side by the KPI's goal, or None
-    without a goal. `difference` is the right value minus the left one.
+    without a goal. `difference` is the right value minus the left one. `group` is "worst", "mean"
+    or a maneuver, or "" if the experiments have no maneuvers.
     """
     sides = question.left.experiment, question.right.experiment
     return compared(*sides, scenario.shown_kpis, seen)
 
 
 def compared(
-    left: Experiment, right: Experiment, known: Iterable[KPI], seen: Seen
+    left: Experiment, right: Experiment, known: Sequence[KPI], seen: Seen
 ) -> list[dict[str, Any]]:
     """Return the rows of `comparison_view` for two experiments and these KPIs."""
-    kpis = [k for k in known if k.name in left.kpis or k.name in right.kpis]
-    rows = [(_size(kpi, left, right, seen), kpi) for kpi in kpis]
-    rows.sort(key=lambda row: -row[0])  # stable: more important KPIs first among equals
-    return [_row(kpi, left, right, size) for size, kpi in rows]
+    kpis = grouped(known, left, right)
+    rows = [(group, _size(kpi, left, right, seen), kpi) for group, kpi in kpis]
+    order = list(dict.fromkeys(group for group, _ in kpis))
+    # Stable: more important KPIs first among equals.
+    rows.sort(key=lambda row: (order.index(row[0]), -row[1]))
+    return [{"group": group, **_row(kpi, left, right, size)} for group, size, kpi in rows]
 
 
 def _row(kpi: KPI, left: Experiment, right: Experiment, size: float) -> dict[str, Any]:

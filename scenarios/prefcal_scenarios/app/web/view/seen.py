@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import Plot
 from prefcal_scenarios.app.session import Interview
 from prefcal_scenarios.scenario import Scenario, panels_of
@@ -21,8 +22,8 @@ _GRAIN = 20
 """Steps of an axis, up to twice as many: axes end at a step, so small growth moves nothing."""
 _FEW = 4
 """Minimum number of experiments whose spread tells what a large difference is."""
-_KEPT = 8
-"""Number of experiments whose curves are kept for the page: those of the last questions."""
+_KEPT = 24
+"""Number of runs whose curves are kept for the page: those of the last questions."""
 
 _AT_ONCE = 200
 """Number of experiments read per look, to avoid waiting while thousands load from disk."""
@@ -46,7 +47,7 @@ class Seen:
     Axes only grow, so that a height on the screen means the same in every question.
     """
 
-    _reach: dict[int, _Reach] = field(default_factory=dict)
+    _reach: dict[int, dict[str, _Reach]] = field(default_factory=dict)
     _kpis: dict[int, dict[str, float]] = field(default_factory=dict)
     _drawn: dict[int, tuple[Experiment, dict[str, Any]]] = field(default_factory=dict)
 
@@ -59,14 +60,22 @@ class Seen:
         new = sorted((index, seq) for index, seq in finished if seq not in self._reach)
         for index, seq in new[-_AT_ONCE:]:
             experiment = interview.experiment(index)
-            panels = panels_of(interview.scenario, experiment)
-            self._reach[seq] = _reach(experiment, panels)
+            self._reach[seq] = {
+                name: _reach(run, panels_of(interview.scenario, run))
+                for name, run in by_maneuver(experiment).items()
+            }
             self._kpis[seq] = dict(experiment.kpis)
         return self
 
-    def frame(self, panels: Sequence[Plot], *shown: Experiment) -> dict[str, Any]:
-        """Return the axes of all experiments so far and of `shown`: `x`, and `y` by panel."""
-        reached = [r for r in self._reach.values() if len(r.y) == len(panels)]
+    def frame(
+        self, panels: Sequence[Plot], *shown: Experiment, maneuver: str = ""
+    ) -> dict[str, Any]:
+        """Return the axes of all experiments so far and of `shown`: `x`, and `y` by panel.
+
+        Each maneuver has axes of its own; `shown` are runs of it.
+        """
+        known = [parts[maneuver] for parts in self._reach.values() if maneuver in parts]
+        reached = [reach for reach in known if len(reach.y) == len(panels)]
         reached += [_reach(experiment, panels) for experiment in shown]
         return _axes(panels, reached)
 

@@ -8,9 +8,10 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.app.presentation.wording import knob_number, measured
 from prefcal_scenarios.app.report.tables import objective
 from prefcal_scenarios.app.session import Question, Side
-from prefcal_scenarios.scenario import KPI, Scenario, panels_of
+from prefcal_scenarios.scenario import KPI, Scenario
 
 from .compare import comparison_view
+from .maneuvers import Pair, largest_difference, pairs_of
 from .panels import panel_view
 from .seen import Seen
 
@@ -24,30 +25,59 @@ def question_view(
     """
     seen = Seen() if seen is None else seen
     sides = (question.left, question.right)
-    panels = panels_of(scenario, *(side.experiment for side in sides))
-    both = tuple(s.experiment for s in sides)
+    first, *others = pairs_of(scenario, *(side.experiment for side in sides))
     left, right = (
-        side_view(side, other.experiment, scenario, seen, blind=blind)
-        for side, other in (sides, sides[::-1])
+        side_view(side, other.experiment, scenario, seen, blind=blind, drawn=drawn)
+        for side, other, drawn in ((*sides, first.left), (*sides[::-1], first.right))
     )
     return {
         "id": question.id,
         "number": question.number,
         "repeat": question.repeats is not None,
         "further": question.further,
-        "panels": [panel_view(panel) for panel in panels],
-        "axes": seen.frame(panels, *both),
         "comparison": comparison_view(question, scenario, seen),
+        **_pair_view(first, seen),
         "left": left,
         "right": right,
         "has_scene": scenario.scene is not None,
+        "others": [
+            {
+                **_pair_view(pair, seen),
+                "left": _run_view(pair.left, scenario, seen),
+                "right": _run_view(pair.right, scenario, seen),
+            }
+            for pair in others
+        ],
     }
 
 
+def _pair_view(pair: Pair, seen: Seen) -> dict[str, Any]:
+    """Return what both sides of a maneuver share."""
+    axes = seen.frame(pair.panels, pair.left, pair.right, maneuver=pair.name)
+    return {
+        "maneuver": pair.name,
+        "panels": [panel_view(panel) for panel in pair.panels],
+        "axes": axes,
+        "differ": largest_difference(pair.panels, axes["y"], pair.left, pair.right),
+    }
+
+
+def _run_view(run: Experiment, scenario: Scenario, seen: Seen) -> dict[str, Any]:
+    """Return the curves of one maneuver, its KPIs, and how it ended."""
+    part = {"part": numbers_view(run, scenario)} if run.maneuver else {"part": None}
+    return {**seen.drawn(run, scenario), **part, "empty": not len(run.t)}
+
+
 def side_view(
-    side: Side, other: Experiment, scenario: Scenario, seen: Seen, *, blind: bool
+    side: Side,
+    other: Experiment,
+    scenario: Scenario,
+    seen: Seen,
+    *,
+    blind: bool,
+    drawn: Experiment | None = None,
 ) -> dict[str, Any]:
-    """Return one experiment with its curves."""
+    """Return one experiment with the curves of `drawn`: one of its maneuvers, or itself if None."""
     experiment = side.experiment
     return {
         **numbers_view(experiment, scenario),
@@ -56,7 +86,7 @@ def side_view(
         "marks": sorted(side.marks),
         "counts_as_unsafe": side.counts_as_unsafe,
         "theta": [] if blind else theta_view(scenario.space, experiment, other),
-        **seen.drawn(experiment, scenario),
+        **_run_view(experiment if drawn is None else drawn, scenario, seen),
     }
 
 

@@ -1,0 +1,247 @@
+"""Combine runs of one θ under different conditions, its maneuvers, into one experiment."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import ExperimentError
+
+from .end import BEST_FIRST
+from .experiment import Channels, Experiment
+
+MEAN = "mean"
+"""What the mean over all maneuvers is called: "NAME (mean)". No maneuver can have this name."""
+
+
+class Run(Protocol):
+    """A closed-loop run of one θ."""
+
+    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
+        """Run a physical θ, shape (n,)."""
+
+
+def combined(
+    runs: Sequence[Experiment],
+    *,
+    higher_is_better: Collection[str] = (),
+    targets: Mapping[str, float] | None = None,
+) -> Experiment:
+    """Combine the maneuvers of one θ into one experiment, which is as good as its worst maneuver.
+
+    Each KPI that a maneuver returns is stored as "NAME (MANEUVER)". The KPI called NAME is the
+    worst of all maneuvers, so the KPIs of a scenario, their limits and agents need nothing else;
+    "NAME (mean)" is the mean. A KPI of one maneuver alone has no mean. If an interrupted maneuver
+    lacks a KPI that others have, its worst and its mean are left out: they are unknown.
+
+    Args:
+        runs: One or more runs of the same θ, each with its own `maneuver` name.
+        higher_is_better: Names of the KPIs whose smallest value is the worst.
+        targets: Names of the KPIs whose worst value is the one farthest from a target, and that
+            target in the KPI's unit. For all other KPIs the largest value is the worst.
+
+    Returns:
+        The first run without its maneuver name, with all maneuvers in order as its `runs`, and the
+        worst end of all.
+
+    Raises:
+        ExperimentError: If there are no runs, a maneuver has no name or the name of another one,
+            the runs differ in θ or in the names of their channels, a run is itself a combination,
+            or no run has a KPI called as in `higher_is_better` or `targets` says.
+    """
+    targets = {} if targets is None else targets
+    _check(runs)
+    names = dict.fromkeys(name for run in runs for name in run.kpis)
+    unknown = sorted({*higher_is_better, *targets} - set(names))
+    if unknown and names:
+        raise ExperimentError(
+            f"higher_is_better and targets must name KPIs of the maneuvers, got {unknown}; "
+            f"there are {sorted(names)}"
+        )
+    badness = {name: _badness(name, higher_is_better, targets) for name in names}
+    return replace(
+        runs[0],
+        kpis=_kpis(runs, badness),
+        end=max((run.end for run in runs), key=BEST_FIRST.index),
+        runs=tuple(runs),
+        maneuver="",
+    )
+
+
+def by_maneuver(experiment: Experiment) -> dict[str, Experiment]:
+    """Return the runs of the maneuvers by name, or the experiment itself as "" if it has none.
+
+    Seeded variants of one run (see `worst_of`) are no maneuvers: they are drawn together.
+    """
+    if any(run.maneuver for run in experiment.runs):
+        return {run.maneuver: run for run in experiment.runs}
+    return {"": experiment}
+
+
+def named(kpi: str, part: str) -> str:
+    """Return the name of a KPI in one maneuver, or of its mean: "NAME (PART)"."""
+    return f"{kpi} ({part})"
+
+
+class Maneuvers:
+    """A run that lets the same θ perform several maneuvers, and combines them.
+
+    Args:
+        runs: Maps the name of each maneuver to its run: a function `run(theta, seed=0)` that
+            returns an `Experiment`, such as a `ClosedLoop` with another `Task`.
+        higher_is_better: Names of the KPIs whose smallest value is the worst.
+        targets: Names of the KPIs whose worst value is the one farthest from a target, and that
+            target in the KPI's unit.
+
+    Raises:
+        ExperimentError: If there is no run, a name is empty or "mean", something is not a
+            function, or the runs declare channels with different names.
+    """
+
+    def __init__(
+        self,
+        runs: Mapping[str, Run],
+        *,
+        higher_is_better: Collection[str] = (),
+        targets: Mapping[str, float] | None = None,
+    ) -> None:
+        if not isinstance(runs, Mapping) or not runs:
+            raise ExperimentError(
+                'maneuvers must map names to runs, such as {"step": run_1, "load": run_2}, '
+                f"got {runs!r}"
+            )
+        for name, run in runs.items():
+            _check_name(name)
+            if not callable(run):
+                raise ExperimentError(f"maneuver {name!r} must be a function of θ, got {run!r}")
+        if isinstance(higher_is_better, str):
+            raise ExperimentError(
+                f"higher_is_better must hold names of KPIs; write ({higher_is_better!r},)"
+            )
+        self.runs = dict(runs)
+        self.higher_is_better = tuple(higher_is_better)
+        self.targets = dict(targets or {})
+        declared = {name: getattr(run, "channels", None) for name, run in runs.items()}
+        _check_channels({k: c for k, c in declared.items() if isinstance(c, Channels)})
+
+    @property
+    def channels(self) -> Channels | None:
+        """Channels of the first maneuver; None if its run does not declare them."""
+        found = getattr(next(iter(self.runs.values())), "channels", None)
+        return found if isinstance(found, Channels) else None
+
+    @property
+    def signals(self) -> tuple[str, ...] | None:
+        """Keys of the signals that all maneuvers have; None if a run does not declare them."""
+        declared = [getattr(run, "signals", None) for run in self.runs.values()]
+        if any(signals is None for signals in declared):
+            return None
+        return tuple(key for key in declared[0] if all(key in signals for signals in declared))
+
+    def each(self, change: Callable[[Run], Run]) -> "Maneuvers":
+        """Return the same maneuvers with `change` applied to each run."""
+        runs = {name: change(run) for name, run in self.runs.items()}
+        return Maneuvers(runs, higher_is_better=self.higher_is_better, targets=self.targets)
+
+    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
+        """Run all maneuvers of a physical θ, shape (n,), each with the same seed.
+
+        Raises:
+            ExperimentError: If a run returns something else than an experiment, or the
+                experiments cannot be combined.
+        """
+        done = [_run(name, run, theta, seed) for name, run in self.runs.items()]
+        return combined(done, higher_is_better=self.higher_is_better, targets=self.targets)
+
+
+def _run(name: str, run: Run, theta: Float[np.ndarray, " n"], seed: int) -> Experiment:
+    found: object = run(theta, seed=seed)
+    if not isinstance(found, Experiment):
+        forgotten = ": is a return missing?" if found is None else ""
+        raise ExperimentError(
+            f"maneuver {name!r} must return an Experiment, got {type(found).__name__}{forgotten}"
+        )
+    return replace(found, maneuver=name)
+
+
+def _check(runs: Sequence[Experiment]) -> None:
+    if not runs:
+        raise ExperimentError("there must be one or more maneuvers, got none")
+    for k, run in enumerate(runs):
+        _check_name(run.maneuver)
+        if run.maneuver in [other.maneuver for other in runs[:k]]:
+            raise ExperimentError(f"two maneuvers are called {run.maneuver!r}: rename one of them")
+        if run.runs:
+            raise ExperimentError(
+                f"maneuver {run.maneuver!r} must be a single run, got a combination of "
+                f"{len(run.runs)} runs"
+            )
+        if not np.array_equal(run.theta, runs[0].theta):
+            raise ExperimentError(
+                f"maneuvers must run the same θ, got {runs[0].theta} in {runs[0].maneuver!r} and "
+                f"{run.theta} in {run.maneuver!r}"
+            )
+    _check_channels({run.maneuver: run.channels for run in runs})
+
+
+def _check_name(name: object) -> None:
+    if not isinstance(name, str) or not name.strip() or not name.isprintable() or name == MEAN:
+        raise ExperimentError(
+            f"a maneuver needs a name of its own other than {MEAN!r}, such as 'step', got {name!r}"
+        )
+
+
+def _check_channels(declared: Mapping[str, Channels]) -> None:
+    """Raise ExperimentError if maneuvers differ in the names or units of their channels."""
+    names = list(declared)
+    for kind, what in (("x", "states"), ("u", "inputs"), ("y", "outputs")):
+        labels = {k: [c.label for c in getattr(declared[k], kind)] for k in names}
+        for name in names[1:]:
+            if labels[name] != labels[names[0]]:
+                raise ExperimentError(
+                    f"maneuvers must have the same {what}, got {labels[names[0]]} in "
+                    f"{names[0]!r} and {labels[name]} in {name!r}"
+                )
+    units = {name: declared[name].time_unit for name in names}
+    for name in names[1:]:
+        if units[name] != units[names[0]]:
+            raise ExperimentError(
+                f"maneuvers must have the same unit of time, got {units[names[0]]!r} in "
+                f"{names[0]!r} and {units[name]!r} in {name!r}"
+            )
+
+
+def _badness(
+    name: str, higher_is_better: Collection[str], targets: Mapping[str, float]
+) -> Callable[[float], float]:
+    if name in targets:
+        return lambda value: abs(value - targets[name])
+    return (lambda value: -value) if name in higher_is_better else (lambda value: value)
+
+
+def _kpis(
+    runs: Sequence[Experiment], badness: Mapping[str, Callable[[float], float]]
+) -> dict[str, float]:
+    """Return the worst of each KPI, then the means, then the KPIs of each maneuver."""
+    known = {
+        name: [float(run.kpis[name]) for run in runs if name in run.kpis]
+        for name in badness
+        if all(name in run.kpis or not run.end.interrupted for run in runs)
+    }
+    worst = {name: _worst(values, badness[name]) for name, values in known.items()}
+    means = {named(n, MEAN): float(np.mean(v)) for n, v in known.items() if len(v) > 1}
+    each = {named(n, run.maneuver): float(v) for run in runs for n, v in run.kpis.items()}
+    clashes = sorted(set(worst) & set(means | each))
+    if clashes:
+        raise ExperimentError(
+            f"the KPI {clashes[0]!r} has the name of a KPI in one maneuver: rename it"
+        )
+    return {**worst, **means, **each}
+
+
+def _worst(values: Sequence[float], badness: Callable[[float], float]) -> float:
+    """Return the worst value; NaN is worse than any number."""
+    unknown = [value for value in values if np.isnan(value)]
+    return unknown[0] if unknown else max(values, key=badness)
