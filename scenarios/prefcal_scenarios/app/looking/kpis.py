@@ -1,25 +1,20 @@
 """Compute KPIs of any run and say their units: tracking errors, or the range of a curve."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
+from prefcal_scenarios.own.tracking import tracking_rows
 from prefcal_scenarios.scenario import KPI
 
-_ABOUT = {
-    "integrated error": "Integral of the absolute distance from the reference.",
-    "late error": "Integral of time times the absolute distance from the reference.",
-    "settling time": "Time after which the output stays close to its reference.",
-    "overshoot": "How far the output goes beyond its reference.",
-    "final error": "Distance from the reference at the end.",
-    "total move": "Sum of all changes of the input.",
-    "largest move": "Largest change of the input in a step.",
-    "RMS move": "Root mean square of the changes of the input.",
-}
-"""What the KPIs of `tracking_kpis` mean, by their first words."""
+_KINDS = (
+    "settling time", "overshoot", "integrated error", "final error", "late error",
+    "total move", "largest move", "RMS move",
+)  # fmt: skip
+"""Kinds of tracking KPIs, the most telling ones first."""
 
 
 def measured_run(experiment: Experiment) -> tuple[Experiment, tuple[KPI, ...]]:
@@ -29,7 +24,7 @@ def measured_run(experiment: Experiment) -> tuple[Experiment, tuple[KPI, ...]]:
     reference has its mean, its standard deviation and its range, none of which is better or worse.
     """
     values = tracking_kpis(experiment)
-    kpis = [kpi for kpi in _tracking(experiment) if kpi.name in values]
+    kpis = _tracking(experiment, values)
     for channel, y in _untracked(experiment, values):
         for words, value, about in _statistics(experiment.t, y):
             name = f"{words} of {channel.name}"
@@ -38,22 +33,12 @@ def measured_run(experiment: Experiment) -> tuple[Experiment, tuple[KPI, ...]]:
     return experiment.with_kpis(values), tuple(kpis)
 
 
-def _tracking(experiment: Experiment) -> Iterator[KPI]:
-    """Yield what each KPI of `tracking_kpis` means, the most telling first."""
-    time = experiment.channels.time_unit
-    of_outputs = {
-        "settling time": "{t}", "overshoot": "{u}", "integrated error": "{u} {t}",
-        "final error": "{u}", "late error": "{u} {t}²",
-    }  # fmt: skip
-    for kinds, channels in (
-        (of_outputs, experiment.channels.y),
-        (dict.fromkeys(("total move", "largest move", "RMS move"), "{u}"), experiment.channels.u),
-    ):
-        for kind, unit in kinds.items():
-            for channel in channels:
-                name = f"{kind} of {channel.name}"
-                of = unit.format(u=channel.unit, t=time).strip()
-                yield KPI(name, name, of, better="lower", about=_ABOUT[kind])
+def _tracking(experiment: Experiment, values: Mapping[str, float]) -> list[KPI]:
+    """Return what each of the tracking KPIs in `values` means."""
+    rows = [row for name, row in tracking_rows(experiment.channels).items() if name in values]
+    kinds = [next(k for k in _KINDS if row["name"].startswith(f"{k} of ")) for row in rows]
+    ordered = sorted(zip(kinds, rows, strict=True), key=lambda pair: _KINDS.index(pair[0]))
+    return [KPI(**row) for _, row in ordered]
 
 
 def _untracked(

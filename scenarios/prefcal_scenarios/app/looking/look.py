@@ -70,11 +70,11 @@ class Look:
         # Imported here: plotting takes half a second to import.
         from prefcal_scenarios.app.presentation.style import save, style
 
-        from .picture import overlay
+        from .picture import picture
 
         buffer = BytesIO()
         with style():
-            save(overlay(self.pair), buffer)
+            save(picture(self.pair), buffer)
         return buffer.getvalue()
 
     def save(self, path: str | Path) -> Path:

@@ -1,17 +1,15 @@
 """Put two runs from anywhere on the same panels, the same time axis and the same KPIs."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_scenarios.scenario import KPI
 
-_REFERENCE = "reference of "
-"""Start of the key of the signal that holds an output's reference."""
 _SECONDS = {"ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 """Units of time that can be converted, in seconds."""
 
@@ -35,13 +33,12 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two runs on the same panels.
+    """Two runs with the same channels, so that one set of panels draws both.
 
     Args:
         left: Left run.
         right: Right run.
-        panels: Panels with the look that both share, from top to bottom.
-        plots: Curve of every panel, by side; one without values where a run lacks it.
+        panels: Panels from top to bottom; a run that lacks a curve has no values there.
         kpis: KPIs that either run has.
         notes: What was changed to make them comparable, in sentences.
     """
@@ -49,14 +46,8 @@ class Pair:
     left: Run
     right: Run
     panels: tuple[Plot, ...]
-    plots: tuple[tuple[Plot, ...], tuple[Plot, ...]]
     kpis: tuple[KPI, ...]
     notes: tuple[str, ...] = ()
-
-    @property
-    def sides(self) -> tuple[tuple[Run, tuple[Plot, ...]], tuple[Run, tuple[Plot, ...]]]:
-        """Return both runs, each with its curves."""
-        return (self.left, self.plots[0]), (self.right, self.plots[1])
 
 
 def paired(left: Run, right: Run, *, align: bool | None = None) -> Pair:
@@ -79,12 +70,13 @@ def paired(left: Run, right: Run, *, align: bool | None = None) -> Pair:
         )
         if any(starts):
             notes = (*notes, "Both runs start at 0 here: their own times are left out.")
-    found = [_curves(run.experiment) for run in (left, right)]
-    panels, plots = _shared(*found, fixed=_same_targets(left.experiment, right.experiment))
-    sides = [replace(run, experiment=_with_references(run.experiment)) for run in (left, right)]
-    kpis = {kpi.name: kpi for run in (right, left) for kpi in run.kpis}
-    order = dict.fromkeys(kpi.name for run in (left, right) for kpi in run.kpis)
-    return Pair(*sides, panels, plots, tuple(kpis[name] for name in order), notes)
+    right = _with_other_kpis(right, left)
+    kpis = {kpi.name: kpi for run in (left, right) for kpi in run.kpis}
+    layout = _Layout.of(left.experiment, right.experiment)
+    left, right = (
+        replace(run, experiment=layout.applied(run.experiment)) for run in (left, right)
+    )  # fmt: skip
+    return Pair(left, right, layout.panels, tuple(kpis.values()), notes)
 
 
 def _in_unit_of(left: Run, right: Run) -> tuple[Run, tuple[str, ...]]:
@@ -129,14 +121,84 @@ def _apart(left: Experiment, right: Experiment) -> bool:
     return bool(left.t[-1] < right.t[0] or right.t[-1] < left.t[0])
 
 
+def _with_other_kpis(run: Run, other: Run) -> Run:
+    """Return `run` with other names for the KPIs that `other` has in another unit."""
+    units = {kpi.name: kpi.unit for kpi in other.kpis}
+    names = {
+        kpi.name: f"{kpi.name} [{kpi.unit}]"
+        for kpi in run.kpis
+        if units.get(kpi.name, kpi.unit) != kpi.unit
+    }
+    if not names:
+        return run
+    values = {names.get(name, name): value for name, value in run.experiment.kpis.items()}
+    kpis = tuple(replace(kpi, name=names.get(kpi.name, kpi.name)) for kpi in run.kpis)
+    return replace(run, experiment=run.experiment.with_kpis(values), kpis=kpis)
+
+
 _Key = tuple[str, str, int]
 """Name and unit of a curve, and its position among those of the same name and unit."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """The panels that two runs share.
+
+    Args:
+        panels: Panels from top to bottom.
+        keys: Curve of each panel.
+    """
+
+    panels: tuple[Plot, ...]
+    keys: tuple[_Key, ...]
+
+    @classmethod
+    def of(cls, left: Experiment, right: Experiment) -> "_Layout":
+        """Return the panels of two runs: those of the left one first, and inputs last."""
+        curves = [_curves(left), _curves(right)]
+        held = {
+            key: all(side[key].held for side in curves if key in side)
+            for key in {**curves[0], **curves[1]}
+        }
+        keys = sorted(held, key=lambda key: held[key])
+        fixed = _with_fixed_targets(left, right)
+        panels = []
+        for key in keys:
+            looks = [side[key].channel for side in curves if key in side]
+            look = _look(looks[0], looks[-1], keeps_target=key[0] in fixed)
+            label = _label(key, keys)
+            reference = "" if look.target is not None else _reference(label)
+            panels.append(Plot(look, "u" if held[key] else "y", label, reference=reference))
+        return cls(tuple(panels), tuple(keys))
+
+    def applied(self, experiment: Experiment) -> Experiment:
+        """Return `experiment` with one channel for each panel; without values if it has none."""
+        known, n = _curves(experiment), len(experiment.t)
+        pairs = list(zip(self.keys, self.panels, strict=True))
+        y = [(p, known[k].values(experiment) if k in known else np.full(n, np.nan))
+             for k, p in pairs if not p.held]  # fmt: skip
+        u = [(p, known[k].values(experiment)) for k, p in pairs if p.held and k in known]
+        channels = Channels(
+            x=(), u=tuple(replace(p.channel, name=p.name) for p, _ in u),
+            y=tuple(replace(p.channel, name=p.name) for p, _ in y),
+            time_unit=experiment.channels.time_unit,
+        )  # fmt: skip
+        references = _references(experiment)
+        drawn = {p.reference: references[key[0]] for key, p in pairs
+                 if p.reference and not p.held and key in known and key[0] in references}  # fmt: skip
+        steps = len(experiment.t_control)
+        return replace(
+            experiment, x=np.zeros((n, 0)), y=_table([v for _, v in y], n),
+            u=_table([v for _, v in u], n), u_control=np.zeros((steps, len(u))),
+            y_ref=np.full((steps, len(y)), np.nan), channels=channels, signals=drawn,
+            runs=tuple(self.applied(run) for run in experiment.runs),
+        )  # fmt: skip
+
+
 def _curves(experiment: Experiment) -> dict[_Key, Plot]:
-    """Return the curves of a run by name and unit: inputs last."""
+    """Return the curves of a run by name and unit."""
     found: dict[_Key, Plot] = {}
-    for plot in sorted(plots_of(experiment.channels), key=lambda plot: plot.held):
+    for plot in plots_of(experiment.channels):
         name, unit, nth = plot.channel.name, plot.channel.unit, 0
         while (name, unit, nth) in found:
             nth += 1
@@ -144,76 +206,56 @@ def _curves(experiment: Experiment) -> dict[_Key, Plot]:
     return found
 
 
-def _shared(
-    left: dict[_Key, Plot], right: dict[_Key, Plot], fixed: frozenset[str]
-) -> tuple[tuple[Plot, ...], tuple[tuple[Plot, ...], tuple[Plot, ...]]]:
-    """Return the panels of two runs, and each run's curve of every panel."""
-    keys = sorted({**left, **right}, key=lambda key: (left.get(key) or right[key]).held)
-    panels, sides = [], ([], [])
-    for key in keys:
-        own = [side.get(key) for side in (left, right)]
-        known = [plot for plot in own if plot is not None]
-        looks = [plot.channel for plot in known]
-        panel = replace(known[0], channel=_look(looks, keeps_target=looks[0].name in fixed))
-        panel = replace(panel, reference="" if panel.channel.target is not None else _key(panel))
-        panels.append(panel)
-        for side, plot in zip(sides, own, strict=True):
-            absent = Plot(panel.channel, "signal", "")
-            side.append(absent if plot is None else replace(
-                plot, channel=panel.channel, reference=panel.reference))  # fmt: skip
-    return tuple(panels), (tuple(sides[0]), tuple(sides[1]))
+def _label(key: _Key, keys: Sequence[_Key]) -> str:
+    """Return a name that no other curve has."""
+    name, unit, nth = key
+    others = {other for other_name, other, _ in keys if other_name == name}
+    label = name if len(others) == 1 else f"{name} [{unit}]"
+    return f"{label} ({nth + 1})" if nth else label
 
 
-def _key(panel: Plot) -> str:
-    return _REFERENCE + panel.name
+def _reference(name: str) -> str:
+    """Return the key of the signal that holds the reference of an output; see `plots_of`."""
+    return f"{name} ref"
 
 
-def _look(channels: Sequence[Channel], *, keeps_target: bool) -> Channel:
-    """Return what the channels of both runs agree on."""
-    first, last = channels[0], channels[-1]
-    look = replace(
-        first,
-        low=first.low if first.low == last.low else -np.inf,
-        high=first.high if first.high == last.high else np.inf,
-        band=first.band if first.band == last.band else None,
+def _table(columns: Sequence[Float[np.ndarray, " K"]], n: int) -> Float[np.ndarray, "K m"]:
+    return np.stack(columns, axis=1) if columns else np.zeros((n, 0))
+
+
+def _look(left: Channel, right: Channel, *, keeps_target: bool) -> Channel:
+    """Return what both runs agree on of a channel."""
+    agreed = replace(
+        left,
+        low=left.low if left.low == right.low else -np.inf,
+        high=left.high if left.high == right.high else np.inf,
+        band=left.band if left.band == right.band else None,
     )
-    same = first.target == last.target and keeps_target
-    return look if same else replace(look, target=None, band=None)
+    same = left.target == right.target and keeps_target
+    return agreed if same else replace(agreed, target=None, band=None)
 
 
-def _same_targets(*experiments: Experiment) -> frozenset[str]:
-    """Return the names of the channels that are not tracked, or whose reference is the target."""
+def _with_fixed_targets(*experiments: Experiment) -> frozenset[str]:
+    """Return the names of the curves whose reference, if any, is their target all the time."""
+    targets = [{c.name: c.target for c in e.channels.y} for e in experiments]
     moving = {
         name
-        for experiment in experiments
-        for name, reference in _references(experiment)
-        if not np.array_equal(reference, np.full_like(reference, _target(experiment, name)))
+        for experiment, target in zip(experiments, targets, strict=True)
+        for name, values in _references(experiment).items()
+        if not (values == target.get(name)).all()
     }
-    channels = [c for e in experiments for c in (*e.channels.x, *e.channels.u, *e.channels.y)]
-    return frozenset(c.name for c in channels) - moving
+    names = [name for e in experiments for name, _, _ in _curves(e)]
+    return frozenset(names) - moving
 
 
-def _target(experiment: Experiment, name: str) -> float:
-    targets = [c.target for c in experiment.channels.y if c.name == name]
-    return np.nan if not targets or targets[0] is None else targets[0]
-
-
-def _references(experiment: Experiment) -> Iterator[tuple[str, Float[np.ndarray, " N"]]]:
-    """Yield name and reference of each output that has one, at the sampling instants."""
-    for j, channel in enumerate(experiment.channels.y):
-        reference = experiment.y_ref[:, j]
-        if len(reference) and np.isfinite(reference).any():
-            yield channel.name, reference
-
-
-def _with_references(experiment: Experiment) -> Experiment:
-    """Return `experiment` with the reference of each output as a signal."""
+def _references(experiment: Experiment) -> dict[str, Float[np.ndarray, " K"]]:
+    """Return the reference of each output that has one, on `t`."""
+    if not len(experiment.t_control):
+        return {}
     held = np.searchsorted(experiment.t_control, experiment.t, side="right") - 1
-    drawn = {
-        _REFERENCE + name: reference[np.maximum(held, 0)]
-        for name, reference in _references(experiment)
+    values = experiment.y_ref[np.maximum(held, 0)]
+    return {
+        channel.name: values[:, j]
+        for j, channel in enumerate(experiment.channels.y)
+        if np.isfinite(values[:, j]).any()
     }
-    if not drawn:
-        return experiment
-    runs = tuple(_with_references(run) for run in experiment.runs)
-    return replace(experiment, signals={**experiment.signals, **drawn}, runs=runs)

@@ -77,7 +77,14 @@ class Seen:
         known = [parts[maneuver] for parts in self._reach.values() if maneuver in parts]
         reached = [reach for reach in known if len(reach.y) == len(panels)]
         reached += [_reach(experiment, panels) for experiment in shown]
-        return _axes(panels, reached)
+        t = _union(r.t for r in reached)
+        y = [
+            _axis(panel.channel, _union(r.y[i] for r in reached)) for i, panel in enumerate(panels)
+        ]
+        return {
+            "x": list(_snapped(*t)) if t[0] < t[1] else [0.0, 1.0],
+            "y": [list(range_) for range_ in y],
+        }
 
     def spread(self, kpi: str, *values: float) -> float:
         """Return how far apart this KPI's values usually are, in its unit.
@@ -100,27 +107,6 @@ class Seen:
                 del self._drawn[next(iter(self._drawn))]
             kept = self._drawn[id(experiment)] = (experiment, drawn_view(experiment, scenario))
         return kept[1]
-
-
-def axes_of(
-    panels: Sequence[Plot], *shown: tuple[Experiment, Sequence[Plot]]
-) -> dict[str, Any]:
-    """Return axes that hold some experiments: `x`, and `y` by panel.
-
-    Args:
-        panels: Panels, with the look that all experiments share.
-        shown: Experiments, each with its own curve for every panel.
-    """
-    return _axes(panels, [_reach(experiment, own) for experiment, own in shown])
-
-
-def _axes(panels: Sequence[Plot], reached: Sequence[_Reach]) -> dict[str, Any]:
-    t = _union(r.t for r in reached)
-    y = [_axis(panel.channel, _union(r.y[i] for r in reached)) for i, panel in enumerate(panels)]
-    return {
-        "x": list(_snapped(*t)) if t[0] < t[1] else [0.0, 1.0],
-        "y": [list(range_) for range_ in y],
-    }
 
 
 def _reach(experiment: Experiment, panels: Sequence[Plot]) -> _Reach:
