@@ -3,9 +3,8 @@
 import { get } from "./api.js";
 import { $, ask, el, fill, say, when } from "./dom.js";
 import { WORDS } from "./flow.js";
-import { Cursor } from "./cursor.js";
-import { Plots } from "./plots.js";
-import { headline, item, thetas } from "./side.js";
+import { figures } from "./maneuvers.js";
+import { summary, thetas } from "./side.js";
 
 const HEADS = ["question", "experiment", "against", "verdict", "marks", "comment", "answered", "retract"];
 
@@ -90,19 +89,10 @@ async function lookAgain(number) {
   fill(place, el("div", { class: "card-head" }, el("h3", {}, heading),
     comment ? el("span", { class: "faint" }, `“${comment}”`) : null, close),
   el("div", { class: "pair small" }, ["left", "right"].map((name) => side(name, question[name], verdict === name && (asked.much ? "much preferred" : "preferred")))));
-  draw(place.querySelector(".pair"), question, unit);
+  figures(place, question, unit);
   place.scrollIntoView({ block: "nearest" });
   place.focus({ preventScroll: true });
   return say(heading);
-}
-
-// Draw the question's figures with the same axes, titles and cursor.
-function draw(pair, question, unit) {
-  const plots = new Plots((name) => pair.querySelector(`[data-side=${name}]`));
-  plots.take(question, unit);
-  pair.style.setProperty("--least", `${1.25 * plots.least}px`);
-  new Cursor(plots, () => {}).start(pair);
-  plots.draw();
 }
 
 function side(name, shown, won) {
@@ -110,6 +100,6 @@ function side(name, shown, won) {
   return el("section", { class: `side ${name}`, "aria-label": title },
     el("header", {}, el("h4", {}, title), el("p", { class: "which" }, `experiment ${shown.number}`),
       won ? el("span", { class: "chip good" }, won) : null),
-    el("dl", { class: "kpis" }, headline(shown).map(item)), thetas(shown),
+    el("dl", { class: "kpis" }, summary(shown)), thetas(shown),
     el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side: name } }));
 }

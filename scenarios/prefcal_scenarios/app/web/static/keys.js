@@ -1,7 +1,7 @@
 // Handle keys. They do nothing while the person types, with a modifier other than shift, or on repeat.
 
 import { answer, finish, mark, open, skip, toggleBlind, undo, current } from "./flow.js";
-import { moveCursor, repeat, resetZoom, toggleOverlay, togglePlay, toggleTable, toggleZoom } from "./question.js";
+import { jump, moveCursor, repeat, resetZoom, showManeuver, toggleOverlay, togglePlay, toggleTable, toggleZoom } from "./question.js";
 import { briefing } from "./brief.js";
 import { $, ask, el } from "./dom.js";
 
@@ -28,6 +28,8 @@ export const QUESTION = {
   ";": [null, "", () => moveCursor(-10)],
   ">": [null, "", () => moveCursor(10)],
   ":": [null, "", () => moveCursor(10)],
+  j: ["J", "go to where the two differ most; again: in the next maneuver", jump],
+  "1-9": ["1 … 9", "show the first, second, ... maneuver", () => {}],
   " ": ["space", "play and pause the animation", togglePlay],
   p: ["P", "ask me an earlier question again", repeat],
 };
@@ -69,14 +71,18 @@ export function keyboard(of = asked) {
   });
 }
 
+export const maneuver = (name) => (/^[1-9]$/.test(name) ? [null, "", () => showManeuver(Number(name) - 1)] : undefined);
+
 function asked(name, shift) {
   const open = document.body.dataset.view === "now" && current()?.phase === "question";
+  if (open && maneuver(name)) return maneuver(name);
   return (open && ((shift && QUESTION[`shift ${name}`]) || QUESTION[name])) || EVERYWHERE[name];
 }
 
 export async function showKeys() {
   const known = Object.values({ ...QUESTION, ...EVERYWHERE })
-    .filter(([key]) => key && (key !== "M" || current()?.screening));
+    .filter(([key]) => key && (key !== "M" || current()?.screening)
+      && (key !== "1 … 9" || current()?.question?.maneuver));
   const told = await briefing();
   if ($("dialog").open) return; // pressed twice while loading
   ask("What this is about", [...told, el("h3", {}, "Keys"), keyTable(known),

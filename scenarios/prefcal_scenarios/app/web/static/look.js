@@ -2,10 +2,10 @@
 
 import { get } from "./api.js";
 import { $, ask, el, fill, say } from "./dom.js";
-import { QUESTION, keyTable, keyboard } from "./keys.js";
+import { QUESTION, keyTable, keyboard, maneuver } from "./keys.js";
 import * as question from "./question.js";
 
-const VIEW = ["t", "f", "0", "o", ",", ".", "<", ";", ">", ":"]; // the keys of a question that apply
+const VIEW = ["t", "f", "0", "o", "j", "1-9", ",", ".", "<", ";", ">", ":"]; // the keys of a question that apply
 const KEYS = {
   ...Object.fromEntries(VIEW.map((key) => [key, QUESTION[key]])),
   x: ["X", "swap left and right", swap],
@@ -70,7 +70,8 @@ function next() {
 function help() {
   if (!shown) return;
   const read = runs.map(({ name, about }) => el("p", {}, el("strong", {}, name), about ? `: ${about}` : ""));
-  const known = Object.entries(KEYS).filter(([key]) => key !== "n" || runs.length > 2);
+  const known = Object.entries(KEYS)
+    .filter(([key]) => (key !== "n" || runs.length > 2) && (key !== "1-9" || shown.maneuver));
   ask("What this shows", [...read, ...shown.notes.map((words) => el("p", {}, words)), el("h3", {}, "Keys"),
     keyTable(known.map(([, row]) => row)),
     el("p", {}, "Drag over a plot to zoom both sides. Ctrl-C in the terminal ends prefcal.")], [["Close", null, "primary"]], "wide");
@@ -79,7 +80,7 @@ function help() {
 async function begin() {
   if (location.pathname !== "/") history.replaceState(null, "", "/");
   question.start();
-  keyboard((name) => KEYS[name]);
+  keyboard((name) => maneuver(name) ?? KEYS[name]);
   $("swap").addEventListener("click", swap);
   $("next").addEventListener("click", next);
   $("help").addEventListener("click", help);

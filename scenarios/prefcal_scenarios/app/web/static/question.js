@@ -3,15 +3,18 @@
 import { act } from "./flow.js";
 import { $, el, fill, withUnit } from "./dom.js";
 import { Cursor } from "./cursor.js";
+import { Maneuvers } from "./maneuvers.js";
 import { Plots } from "./plots.js";
 import { Scenes } from "./scene.js";
-import { describe, marks } from "./side.js";
+import { describe, marks, told } from "./side.js";
 import * as table from "./table.js";
 
 const plots = new Plots((name) => $(`${name}-plot`));
 const scenes = new Scenes((time) => cursor.put(time));
 const cursor = new Cursor(plots, (time) => scenes.follow(time));
 let overlaid = false;
+let maneuvers = null;
+let unit = "";
 
 export function start() {
   // On a screen too narrow for two sides, show both in one plot.
@@ -28,10 +31,11 @@ export function start() {
   scenes.start();
   cursor.start($("pair"));
   table.start();
+  maneuvers = new Maneuvers($("maneuvers"), showPart, jumpTo);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", ({ matches }) => {
     if (themeChosen()) return;
     document.documentElement.dataset.theme = matches ? "dark" : "light";
-    plots.draw();
+    redraw();
   });
   $("theme").addEventListener("click", () => {
     const root = document.documentElement.dataset;
@@ -41,7 +45,7 @@ export function start() {
     } catch {
       // No local storage: the choice is not remembered.
     }
-    plots.draw();
+    redraw();
   });
   fill($("both"), el("p", { class: "legend" }, el("span", { class: "key left" }, "Left"),
     el("span", { class: "key right" }, "Right")),
@@ -56,6 +60,12 @@ function themeChosen() {
   }
 }
 
+// Draw again in the colors of another theme.
+function redraw() {
+  plots.draw();
+  maneuvers.draw();
+}
+
 // Show the text of a question; `fit` draws the curves once the layout is known.
 export function show(now, same) {
   const { question } = now;
@@ -65,10 +75,18 @@ export function show(now, same) {
   }
   if (same) return;
   table.take(question);
-  plots.take(question, now.scenario.time_unit);
+  unit = now.scenario.time_unit;
+  maneuvers.take(question);
+}
+
+// Show one maneuver, or the whole experiment if it has no others.
+function showPart(part) {
+  for (const side of ["left", "right"]) told(side, part);
+  plots.take(part, unit);
   cursor.reset();
-  scenes.take(question);
+  scenes.take(part);
   arrange();
+  if (!$("view-question").hidden) fit();
 }
 
 function arrange() {
@@ -101,6 +119,15 @@ export function toggleZoom() {
   if (plots.question?.has_scene) cursor.enter(); // the scenes show the same time as the curves
 }
 
+function jumpTo(time) {
+  const [from, to] = plots.range;
+  if (time < from || time > to) plots.reset();
+  cursor.put(time);
+  scenes.follow(time);
+}
+
+export const jump = () => maneuvers.jump();
+export const showManeuver = (k) => maneuvers.choose(k);
 export const toggleTable = () => table.toggle();
 export const resetZoom = () => plots.reset();
 export const moveCursor = (steps) => cursor.step(steps);
@@ -108,14 +135,14 @@ export const togglePlay = () => scenes.toggle();
 export { toggleOverlay };
 
 export function inWords(question) {
-  const told = (name) => {
+  const words = (name) => {
     const side = question[name];
     const met = side.kpis.filter((kpi) => kpi.met !== null);
-    const words = met.map((kpi) =>
+    const kpis = met.map((kpi) =>
       `${kpi.title} ${withUnit(kpi.text, kpi.unit)}, objective ${kpi.met ? "met" : "missed"}`);
-    return `${name}: ${words.slice(0, 3).join("; ") || side.ended}`;
+    return `${name}: ${kpis.slice(0, 3).join("; ") || side.ended}`;
   };
-  return `${told("left")}. ${told("right")}.`;
+  return `${words("left")}. ${words("right")}.`;
 }
 
 export const repeat = () => act("repeat", {});

@@ -22,30 +22,44 @@ function card(name, question) {
 export function describe(name, question) {
   if (!$(`${name}-plot`)) card(name, question);
   const side = question[name];
-  const words = which(side);
+  const words = which(side, question.others.length + 1);
   $(`${name}-which`).textContent = words;
   $(`${name}-which`).title = words;
   numbers(name, side);
   const theta = thetas(side);
   fill($(`${name}-thetas`), theta ? [theta] : []);
-  $(`${name}-empty`).textContent = side.empty ? "This run failed and left no record." : "";
-  $(`${name}-plot`).setAttribute("aria-label", `${TITLES[name]}: ${side.stories.join(". ")}`);
   marks(name, side);
 }
 
-function which(side) {
+// Show what belongs to the maneuver on the screen: its KPIs, and its curves in words.
+export function told(name, { [name]: side, maneuver }) {
+  $(`${name}-empty`).textContent = side.empty ? "This run failed and left no record." : "";
+  $(`${name}-plot`).setAttribute("aria-label", `${TITLES[name]}: ${side.stories.join(". ")}`);
+  $(`${name}-here`)?.remove();
+  if (!maneuver || !side.part) return;
+  $(`${name}-numbers`).append(el("dl", { class: "kpis here", id: `${name}-here` },
+    group(maneuver, side.part.interrupted ? side.part.ended : ""), headline(side.part).map(item)));
+}
+
+const group = (title, words = "") => el("div", {}, el("dt", { class: "group" }, title), el("dd", {}, words));
+
+// Return the main KPIs of a side; of several maneuvers they are the worst.
+export const summary = (side) => [side.part ? group("worst") : null, ...headline(side).map(item)];
+
+function which(side, maneuvers) {
   const words = side.name ? [side.name] : [];
   if (side.number) words.push(`experiment ${side.number}`);
   if (side.role) words.push(side.role);
   if (side.interrupted) words.push(side.ended);
   if (side.runs > 1) words.push(`${side.runs} runs, the first bold`);
+  if (maneuvers > 1) words.push(`${maneuvers} maneuvers`);
   return words.join(" · ");
 }
 
 // Show the KPIs with an objective, or else the first three; the table of both sides has all KPIs.
 function numbers(name, side) {
   const button = el("button", { type: "button", class: "link", on: { click: toggle } }, `all ${side.kpis.length}`);
-  fill($(`${name}-numbers`), el("dl", { class: "kpis" }, headline(side).map(item)),
+  fill($(`${name}-numbers`), el("dl", { class: "kpis" }, summary(side)),
     side.kpis.length > headline(side).length ? button : null);
 }
 

@@ -1,12 +1,11 @@
 // Show what was simulated unseen: a picture of it, and each point to look at or to ask for.
 
 import { get } from "./api.js";
-import { Cursor } from "./cursor.js";
 import { $, el, fill, say, symbol, withUnit } from "./dom.js";
 import { open } from "./flow.js";
 import { draw, drawn, step } from "./map.js";
-import { Plots } from "./plots.js";
-import { headline, item, thetas } from "./side.js";
+import { figures } from "./maneuvers.js";
+import { summary, thetas } from "./side.js";
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 let data = null;
@@ -173,12 +172,7 @@ async function lookAt(event) {
   fill(place, el("div", { class: "card-head" }, el("h3", {}, title),
     el("button", { type: "button", on: { click: () => fill(place) } }, "Close")),
   el("div", { class: "pair small" }, ["left", "right"].map((side) => half(side, question[side], number))));
-  const pair = place.querySelector(".pair");
-  const plots = new Plots((side) => pair.querySelector(`[data-side=${side}]`));
-  plots.take(question, unit);
-  pair.style.setProperty("--least", `${1.25 * plots.least}px`);
-  new Cursor(plots, () => {}).start(pair);
-  plots.draw();
+  figures(place, question, unit);
   place.scrollIntoView({ block: "nearest" });
   place.focus({ preventScroll: true });
   return say(title);
@@ -188,6 +182,6 @@ function half(side, shown, number) {
   const [title, which] = side === "left" ? ["Best so far", `experiment ${shown.number}`]
     : ["This one", number === null ? "never shown" : `experiment ${number}`];
   return el("section", { class: `side ${side}`, "aria-label": title }, el("header", {}, el("h4", {}, title),
-    el("p", { class: "which" }, which)), el("dl", { class: "kpis" }, headline(shown).map(item)), thetas(shown),
+    el("p", { class: "which" }, which)), el("dl", { class: "kpis" }, summary(shown)), thetas(shown),
   el("div", { class: "plot", role: "img", "aria-label": shown.stories.join(". "), data: { side } }));
 }

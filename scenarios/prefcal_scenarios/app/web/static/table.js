@@ -2,6 +2,7 @@
 
 import { $, el, fill, symbol, withUnit } from "./dom.js";
 
+const NAMES = { worst: "Worst maneuver", mean: "Mean of all maneuvers" };
 let open = false;
 let shown = null;
 let usual = true;
@@ -37,17 +38,23 @@ function draw() {
   $("compare-toggle").setAttribute("aria-expanded", open && some);
   $("compare").hidden = !(open && some);
   if (!open || !some) return;
+  const groups = [...new Set(shown.map(({ group }) => group))];
+  if (groups.length > 1) {
+    fill($("compare"), el("div", { class: "tables" }, groups.map((group) =>
+      table(shown.filter((row) => row.group === group), NAMES[group] ?? group))));
+    return;
+  }
   const differing = shown.filter((row) => row.size > 0);
   const alike = shown.filter((row) => !(row.size > 0));
   const half = differing.length > 6 ? Math.ceil(differing.length / 2) : differing.length;
   fill($("compare"), differing.length ? el("div", { class: "tables" },
-    [differing.slice(0, half), differing.slice(half)].filter((rows) => rows.length).map(table)) : el("p", {}, "No KPI differs."),
+    [differing.slice(0, half), differing.slice(half)].filter((rows) => rows.length).map((rows) => table(rows))) : el("p", {}, "No KPI differs."),
     alike.length && differing.length ? el("p", { class: "faint" }, "The same on both sides: ",
       alike.flatMap((row, k) => [k ? ", " : "", ...symbol(row.title), ` ${withUnit(row.left.text, row.unit)}`])) : null);
 }
 
-function table(rows) {
-  const heads = [["KPI", ""], ["Left", "left"], ["Right", "right"], ["right − left", ""],
+function table(rows, group = "KPI") {
+  const heads = [[group, group === "KPI" ? "" : "group"], ["Left", "left"], ["Right", "right"], ["right − left", ""],
     [usual ? "vs usual" : "relative", "usual"]];
   const about = usual ? "The difference compared with the spread of all experiments so far" : "The difference compared with the larger value";
   return el("table", {}, el("thead", {}, el("tr", {}, heads.map(([text, kind]) =>

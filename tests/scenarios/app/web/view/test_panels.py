@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from prefcal_env.experiments.experiment import Channel, Channels
 from prefcal_env.experiments.panels import Panel, Plot
 from prefcal_scenarios.app.web.view.panels import curve, curves, panel_view, reference, story
-from prefcal_scenarios.app.web.view.sides import panels_of
+from prefcal_scenarios.scenario import panels_of
 from support.looks import LEVEL, THETA, VALVE, plain, run, toy
 
 values = st.lists(
