@@ -1,5 +1,6 @@
 """Read a run from a CSV or Parquet file of any logger, and say what was taken for what."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -120,6 +121,11 @@ def _listed(names: Sequence[str]) -> str:
 def _table(path: Path, reading: Reading) -> _Table:
     """Read a file; columns get the names that `reading.columns` gives to their headings."""
     frame = _frame(path)
+    if all(re.fullmatch(r"[+-]?[\d.,]+([eE][+-]?\d+)?", str(h).strip()) for h in frame.columns):
+        raise RecordError(
+            f"{path} has numbers in its first line: add a line of headings such as "
+            "'time [s],level [m]'"
+        )
     ours = {heading: name for name, heading in reading.columns.items()}
     columns: dict[str, Any] = {}
     units: dict[str, str] = {}
@@ -142,7 +148,9 @@ def _table(path: Path, reading: Reading) -> _Table:
 def _parts(heading: str) -> tuple[str, str]:
     """Return name and unit of a heading "name [unit]"."""
     name, bracket, unit = heading.strip().rpartition("[")
-    return (name.strip(), unit[:-1].strip()) if bracket and unit[-1:] == "]" else (heading.strip(), "")
+    if bracket and unit.endswith("]"):
+        return name.strip(), unit[:-1].strip()
+    return heading.strip(), ""
 
 
 def _frame(path: Path) -> Any:
@@ -207,13 +215,15 @@ def _sorted_rows(t: np.ndarray) -> tuple[np.ndarray, list[str]]:
     said = []
     rows = np.flatnonzero(np.isfinite(t))
     if len(rows) < len(t):
-        said.append(f"{len(t) - len(rows)} rows without a time left out")
+        said.append(f"{len(t) - len(rows)} of {len(t)} rows have no time and are left out")
     if not (np.diff(t[rows]) >= 0).all():
         rows = rows[np.argsort(t[rows], kind="stable")]
         said.append("rows sorted by time")
     last = np.append(np.diff(t[rows]) > 0, True) if len(rows) else np.zeros(0, dtype=bool)
     if not last.all():
-        said.append(f"{int((~last).sum())} rows with a repeated time left out, the last one kept")
+        said.append(
+            f"of rows with the same time only the last one is kept ({int((~last).sum())} left out)"
+        )
     return rows[last], said
 
 
@@ -249,9 +259,7 @@ def _references(table: _Table, reading: Reading) -> dict[str, Any]:
     return found
 
 
-def _outputs(
-    table: _Table, reading: Reading, used: set[str]
-) -> tuple[tuple[str, ...], list[str]]:
+def _outputs(table: _Table, reading: Reading, used: set[str]) -> tuple[tuple[str, ...], list[str]]:
     """Return the outputs, and what was left out."""
     import pandas as pd
 
@@ -260,13 +268,17 @@ def _outputs(
     there = [n for n in table.columns if n not in used]
     numeric = [n for n in there if pd.api.types.is_numeric_dtype(table.columns[n])
                and table.columns[n].notna().any()]  # fmt: skip
-    if not numeric and not reading.inputs:
+    said = []
+    text = [n for n in there if n not in numeric]
+    for name in text:
+        values = pd.to_numeric(table.columns[name], errors="coerce")
+        if 2 * values.notna().sum() > len(values):
+            table.numbers(name)  # numbers but for a few cells: the error says which
+    if not numeric:
         raise RecordError(
             f"{table.source} has no column of numbers beside the time; "
             f"there are {_listed(list(table.columns))}"
         )
-    said = []
-    text = [n for n in there if n not in numeric]
     if text:
         said.append(f"without numbers and left out: {_listed(text[:5])}")
     if len(numeric) > _MOST:

@@ -69,8 +69,20 @@ def _curves(run: Experiment, pair: Pair) -> dict[str, Any]:
 
 
 def _without_record(run: Experiment) -> Experiment:
-    none = {name: getattr(run, name)[:0] for name in (
-        "t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved")}
+    none = {
+        name: getattr(run, name)[:0]
+        for name in (
+            "t",
+            "x",
+            "u",
+            "t_control",
+            "u_control",
+            "y_ref",
+            "iterations",
+            "solve_time",
+            "solved",
+        )
+    }
     return replace(run, **none, y=None, signals={}, runs=(), kpis={})
 
 

@@ -67,9 +67,7 @@ class LookOptions:
     browser: Annotated[bool, Option("--no-browser", help="Only print the link.")] = True
     host: Annotated[str, Option(metavar="ADDRESS", help="Address of the page.")] = "127.0.0.1"
     port: Annotated[int, Option(metavar="N", help="Port of the page; 0: any free one.")] = 0
-    out: Annotated[
-        Path | None, Option(metavar="FILE.png", help="Write a picture instead.")
-    ] = None
+    out: Annotated[Path | None, Option(metavar="FILE.png", help="Write a picture instead.")] = None
     json: Annotated[bool, Option("--json", help="Print the KPIs as JSON instead.")] = False
 
 

@@ -152,9 +152,10 @@ def _serve(runs: Sequence[Run], options: LookOptions) -> None:
     from prefcal_scenarios.app.web import open_browser
 
     gallery = Gallery(runs, options.align or None)
-    with interruption(others=True) as ctrl_c, LookWindow(
-        gallery, host=options.host, port=options.port
-    ) as window:
+    with (
+        interruption(others=True) as ctrl_c,
+        LookWindow(gallery, host=options.host, port=options.port) as window,
+    ):
         if window.warning:
             print(window.warning, file=sys.stderr)
         # On a line of its own, unwrapped and flushed, so that programs can read it.
