@@ -12,7 +12,7 @@ from prefcal_scenarios.app.looking.view import pair_view
 def run(speed=0.2, n=101, unit="m", start=0.0, time_unit="s", **more):
     t = np.linspace(0, 50, n)
     y = 2 - 2 * np.exp(-speed * t)
-    return recorded(  # fmt: skip
+    return recorded(
         [0.0],
         start + t,
         {"level": y, **more},

@@ -20,7 +20,7 @@ from prefcal_scenarios.app.looking.table import Reading, run_from
 from prefcal_scenarios.app.presentation.wording import printable
 from prefcal_scenarios.scenario import KPI
 
-from .command import LookOptions
+from .options import LookOptions
 
 _STUDY = re.compile(r"(.+):(\d+|best)")
 
