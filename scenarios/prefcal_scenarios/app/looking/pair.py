@@ -184,8 +184,11 @@ class _Layout:
             time_unit=experiment.channels.time_unit,
         )  # fmt: skip
         references = _references(experiment)
-        drawn = {p.reference: references[key[0]] for key, p in pairs
-                 if p.reference and not p.held and key in known and key[0] in references}  # fmt: skip
+        drawn = {
+            panel.reference: references[key[0]]
+            for key, panel in pairs
+            if panel.reference and not panel.held and key in known and key[0] in references
+        }
         steps = len(experiment.t_control)
         return replace(
             experiment, x=np.zeros((n, 0)), y=_table([v for _, v in y], n),

@@ -49,7 +49,12 @@ def show_runs(
         table.add_column(heading, header_style=style, justify="right" if style else "left")
     table.add_column("right − left", justify="right")
     for row in rows:
-        values = [Text(with_unit(row[side]["text"], row["unit"]),
-                       style="bold" if row["better"] == side else "") for side in sides]  # fmt: skip
+        values = [
+            Text(
+                with_unit(row[side]["text"], row["unit"]),
+                style="bold" if row["better"] == side else "",
+            )
+            for side in sides
+        ]
         table.add_row(Text(printable(row["title"])), *values, row["difference"] or "–")
     console.print(table)
