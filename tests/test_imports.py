@@ -48,7 +48,7 @@ LAYERS = {
         {"app.screening"},
         {"app.report", "app.session", "tastes"},
         {"app.web", "cases"},
-        {"bench", "app.terminal"},
+        {"app.looking", "bench", "app.terminal"},
         {"app.reproduce"},
         {"app.cli"},
         {"__main__"},

@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from prefcal_scenarios.app.looking.look import look as look
     from prefcal_scenarios.app.report.export import load_controller as load_controller
     from prefcal_scenarios.app.report.trajectories import figure as figure
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "figure": "app.report.trajectories",
     "load_controller": "app.report.export",
+    "look": "app.looking.look",
     "outcome": "kpis",
     "screened": "kpis",
     "simulator": "kpis",

@@ -15,6 +15,8 @@ from prefcal_scenarios.app.cli.studies.commands import app as studies
 from .calibrate import EPILOG, calibrate
 from .check import EPILOG as CHECK_EPILOG
 from .check import check
+from .look.command import EPILOG as LOOK_EPILOG
+from .look.command import look
 from .processor import app as processor
 from .reproduce import EPILOG as REPRODUCE_EPILOG
 from .reproduce import reproduce
@@ -29,6 +31,7 @@ app = typer.Typer(
 )
 app.command(epilog=EPILOG)(calibrate)
 app.command(no_args_is_help=True, epilog=CHECK_EPILOG)(check)
+app.command(no_args_is_help=True, epilog=LOOK_EPILOG)(look)
 app.command(epilog=REPORT_EPILOG)(report)
 app.command(no_args_is_help=True, epilog=REPRODUCE_EPILOG)(reproduce)
 app.add_typer(bench)
@@ -127,6 +130,7 @@ _MISSING = {
     "OLD": "name the study to rename and its new name: `prefcal studies list` shows yours",
     "NEW": "give the new name, too",
     "FILE": "name the exported file",
+    "RUN RUN ...": "name two runs or more: CSV or Parquet files, or STUDY:3",
     "AGENT": "name an agent, or your own as path/to/own.py:Agent",
 }
 """Messages for missing arguments, by placeholder."""

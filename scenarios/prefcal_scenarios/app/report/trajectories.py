@@ -122,6 +122,27 @@ def alone(scenario: Scenario, experiment: Experiment) -> Figure:
     return figure
 
 
+def overlaid(panels: Sequence[Plot], curves: Sequence[Curve]) -> Figure:
+    """Draw experiments over each other, a panel per signal, with the references that change.
+
+    Args:
+        panels: Panels from top to bottom, the same for all experiments.
+        curves: Experiments with their labels and colors.
+    """
+    rows = [_Row(panel) for panel in panels]
+    figure = canvas(0.7 + 1.75 * len(rows))
+    grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)
+    for place, row in zip(grid[:, 0], rows, strict=True):
+        for curve in curves:
+            values = curve.experiment.signals.get(row.panel.reference)
+            if values is not None:
+                place.plot(curve.experiment.t, values, drawstyle="steps-post", color=GOOD,
+                           linewidth=0.9, linestyle=(0, (1, 2)))  # fmt: skip
+    _fill(list(grid[:, 0]), rows, curves)
+    legend(figure, grid[0, 0], len(curves))
+    return figure
+
+
 def _pair(scenario: Scenario, rows: Sequence[_Row], pair: Sequence[Curve]) -> Figure:
     figure = canvas(0.8 + 1.75 * len(rows))
     grid = figure.subplots(len(rows), 2, sharex=True, sharey="row", squeeze=False)

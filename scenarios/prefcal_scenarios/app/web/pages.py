@@ -24,12 +24,14 @@ class Pages:
         reports: Finished report.
         token: Secret of the link.
         port: Port, part of the cookie's name.
+        page: File of the page that the link opens.
     """
 
     assets: Assets
     reports: Reports
     token: str
     port: int
+    page: str = "index.html"
 
     async def open(self, request: Request) -> Response:
         """Return the page and set the cookie that all other requests need."""
@@ -41,7 +43,7 @@ class Pages:
 
     async def index(self, request: Request) -> Response:
         """Return the page."""
-        page = self.assets.get("index.html")
+        page = self.assets.get(self.page)
         if page is None:
             raise HTTPException(404)
         return Response(page.content, media_type=page.media_type)

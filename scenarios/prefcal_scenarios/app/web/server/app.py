@@ -36,17 +36,26 @@ def make_app(
         hosts: Host names of the server; the loopback names if None.
         static: Folder of the page's files; the package's own if None.
     """
-    assets = Assets(static)
+    pages = Pages(Assets(static), api.views.reports, token, port)
+    return guarded(pages, _of_api(api), hosts or Hosts.of("127.0.0.1", port))
+
+
+def guarded(pages: Pages, api: list[Route], hosts: Hosts) -> Starlette:
+    """Return an application that serves pages and an API only to who has the secret link.
+
+    Args:
+        pages: Handlers of the pages, with their files and the secret.
+        api: Routes of the API.
+        hosts: Host names of the server.
+    """
     app = Starlette(
-        routes=[*_of_pages(Pages(assets, api.views.reports, token, port)), *_of_api(api)],
-        middleware=[
-            Middleware(Guard, token=token, hosts=hosts or Hosts.of("127.0.0.1", port)),
-        ],
+        routes=[*_of_pages(pages), *api],
+        middleware=[Middleware(Guard, token=pages.token, hosts=hosts)],
         exception_handlers={HTTPException: http_error},
     )
     # A redirect would repeat the Host header, for addresses that the page never asks for.
     app.router.redirect_slashes = False
-    app.state.assets = assets
+    app.state.assets = pages.assets
     return app
 
 

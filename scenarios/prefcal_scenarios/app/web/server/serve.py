@@ -1,14 +1,11 @@
-"""Serve the application on a socket, in its own thread."""
+"""Serve the query window of an interview."""
 
-import asyncio
-import secrets
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any, Self
-
-import uvicorn
+from typing import Self
 
 from prefcal_scenarios.app.session import Interview
 from prefcal_scenarios.app.web.api import Api
@@ -17,13 +14,8 @@ from prefcal_scenarios.app.web.views import Views
 from prefcal_scenarios.app.web.watch import Watch
 
 from .app import make_app
-from .binding import bind
-from .connections import Connection
-from .hosts import Hosts, in_link, seen_from_outside, warning
-from .security import LARGEST_HEAD
+from .site import Site
 
-_GRACE = 1
-"""Seconds to finish open requests when the window closes."""
 _HIDDEN = 70.0
 """Seconds that a page in a hidden tab may be silent; browsers wake it once a minute."""
 
@@ -78,28 +70,16 @@ class Window:
         command: str = "",
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        # Listen before anything else: a taken port fails at once, and a link that is opened early
-        # only has to wait.
-        self._socket = bind(host, port)
-        address, self.port = self._socket.getsockname()[:2]
-        address = address.partition("%")[0]
-        self._token = secrets.token_urlsafe(32)
         self._presence = Presence(clock)
-        self.warning = warning(address)
-        self.link = f"http://{in_link(address)}:{self.port}/open/{self._token}"
-        outside = seen_from_outside(address)
-        self.link_for_others = outside and f"http://{outside}:{self.port}/open/{self._token}"
         self.closed = threading.Event()
         self._reports = Reports()
         self._watch = Watch(interview)
         self._reports.changed = self._watch.wake
         views = Views(interview, self._reports, again, command)
         api = Api(interview, views, self._watch, self.closed, self._presence.seen)
-        self._app = make_app(
-            api, token=self._token, port=self.port, hosts=Hosts.of(address, self.port)
-        )
-        self._server = uvicorn.Server(_config(self._app))
-        self._thread = threading.Thread(target=self._serve, name="window", daemon=True)
+        self._site = Site(partial(make_app, api), host=host, port=port)
+        self.port, self.link = self._site.port, self._site.link
+        self.warning, self.link_for_others = self._site.warning, self._site.link_for_others
 
     @property
     def reports(self) -> Path | None:
@@ -120,39 +100,9 @@ class Window:
         return self._watch.waiting
 
     def __enter__(self) -> Self:
-        self._thread.start()
-        self._app.state.assets.pack_all()
+        self._site.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         """Stop serving. Pages that wait for a change get a response first."""
-        self._server.should_exit = True
-        self._watch.stop()
-        self._thread.join(timeout=_GRACE + 1)
-        self._socket.close()
-
-    def _serve(self) -> None:
-        self._server.run(sockets=[self._socket])
-
-
-def _connections() -> type[asyncio.Protocol]:
-    """Return a connection class whose instances share their list of waiting connections."""
-    waiting: dict[str, dict[Connection, None]] = {}
-
-    class Ours(Connection):
-        """A connection of one window."""
-
-        def __init__(self, *args: Any, **kwargs: Any) -> None:
-            super().__init__(*args, waiting=waiting, **kwargs)
-
-    return Ours
-
-
-def _config(app: Callable[..., object]) -> uvicorn.Config:
-    """Return uvicorn settings: no log, and nothing taken from the environment or proxies."""
-    return uvicorn.Config(
-        app, loop="asyncio", http=_connections(), ws="none", lifespan="off", log_config=None,
-        log_level="critical", access_log=False, proxy_headers=False, server_header=False,
-        h11_max_incomplete_event_size=LARGEST_HEAD, timeout_keep_alive=30,
-        timeout_graceful_shutdown=_GRACE,
-    )  # fmt: skip
+        self._site.stop(self._watch.stop)

@@ -5,7 +5,7 @@ import { jump, moveCursor, repeat, resetZoom, showManeuver, toggleOverlay, toggl
 import { briefing } from "./brief.js";
 import { $, ask, el } from "./dom.js";
 
-const QUESTION = {
+export const QUESTION = {
   ArrowLeft: ["← →", "left, right is better", () => answer("left")],
   ArrowRight: [null, "", () => answer("right")],
   "shift ArrowLeft": ["shift ← →", "left, right is much better", () => answer("much left")],
@@ -50,7 +50,8 @@ function leave() {
 const typing = (target) =>
   target instanceof Element && (target.matches("input, textarea, select, [contenteditable]"));
 
-export function keyboard() {
+// Listen for keys. `of(name, shifted)` returns the row of a table like those above, or nothing.
+export function keyboard(of = asked) {
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey || event.isComposing || $("dialog").open) return;
     if (typing(event.target)) {
@@ -62,10 +63,7 @@ export function keyboard() {
     const button = event.target instanceof Element && event.target.closest("button, summary, a");
     if (button && (event.key === " " || event.key === "Enter")) return;
     const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    const asked = document.body.dataset.view === "now" && current()?.phase === "question";
-    const shifted = event.shiftKey && QUESTION[`shift ${name}`];
-    const maneuver = asked && /^[1-9]$/.test(name) && [null, "", () => showManeuver(Number(name) - 1)];
-    const found = maneuver || (asked && (shifted || QUESTION[name])) || EVERYWHERE[name];
+    const found = of(name, event.shiftKey);
     if (!found) return;
     event.preventDefault();
     const repeats = [",", ".", "<", ">", ";", ":"].includes(name);
@@ -73,16 +71,29 @@ export function keyboard() {
   });
 }
 
+export const maneuver = (name) => (/^[1-9]$/.test(name) ? [null, "", () => showManeuver(Number(name) - 1)] : undefined);
+
+function asked(name, shift) {
+  const open = document.body.dataset.view === "now" && current()?.phase === "question";
+  if (open && maneuver(name)) return maneuver(name);
+  return (open && ((shift && QUESTION[`shift ${name}`]) || QUESTION[name])) || EVERYWHERE[name];
+}
+
 export async function showKeys() {
-  // Objects list numeric keys first; the sort below moves "0" to the end.
   const known = Object.values({ ...QUESTION, ...EVERYWHERE })
     .filter(([key]) => key && (key !== "M" || current()?.screening)
       && (key !== "1 … 9" || current()?.question?.maneuver));
   const told = await briefing();
   if ($("dialog").open) return; // pressed twice while loading
-  const rows = known.sort((a, b) => (a[0] === "0") - (b[0] === "0"))
-    .map(([key, words]) => el("tr", {}, el("th", { scope: "row" }, el("kbd", {}, key)), el("td", {}, words)));
-  ask("What this is about", [...told, el("h3", {}, "Keys"), el("table", { class: "keys" }, el("tbody", {}, rows)),
+  ask("What this is about", [...told, el("h3", {}, "Keys"), keyTable(known),
     el("p", {}, "Keys are off while you type. Drag over a plot to zoom both sides.")],
   [["Close", null, "primary"], ["Finish the study…", finish]], "wide");
+}
+
+// Return the keys and what they do as a table.
+export function keyTable(known) {
+  // Objects list numeric keys first: move "0" to the end.
+  const rows = known.filter(([key]) => key).sort((a, b) => (a[0] === "0") - (b[0] === "0"))
+    .map(([key, words]) => el("tr", {}, el("th", { scope: "row" }, el("kbd", {}, key)), el("td", {}, words)));
+  return el("table", { class: "keys" }, el("tbody", {}, rows));
 }

@@ -47,7 +47,7 @@ const group = (title, words = "") => el("div", {}, el("dt", { class: "group" }, 
 export const summary = (side) => [side.part ? group("worst") : null, ...headline(side).map(item)];
 
 function which(side, maneuvers) {
-  const words = [];
+  const words = side.name ? [side.name] : [];
   if (side.number) words.push(`experiment ${side.number}`);
   if (side.role) words.push(side.role);
   if (side.interrupted) words.push(side.ended);
@@ -87,8 +87,9 @@ export function thetas(side) {
 }
 
 export function marks(name, side) {
-  const unsafe = side.marks.includes("unsafe");
+  const unsafe = Boolean(side.marks?.includes("unsafe"));
   $(name).classList.toggle("unsafe", unsafe || side.counts_as_unsafe);
+  if (!side.marks) return; // a run without a study
   const buttons = Object.entries(MARKS).map(([kind, { words, [name]: key }]) =>
     el("button", { type: "button", class: `mark ${kind === "unsafe" ? "bad" : "good"}`,
       id: `${name}-${kind.replace(" ", "-")}`, "aria-pressed": String(side.marks.includes(kind)), disabled: kind === "good enough" && side.counts_as_unsafe,

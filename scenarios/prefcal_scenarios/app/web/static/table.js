@@ -5,6 +5,7 @@ import { $, el, fill, symbol, withUnit } from "./dom.js";
 const NAMES = { worst: "Worst maneuver", mean: "Mean of all maneuvers" };
 let open = false;
 let shown = null;
+let usual = true;
 
 export function start() {
   try {
@@ -27,6 +28,7 @@ export function toggle() {
 
 export function take(question) {
   shown = question.comparison;
+  usual = !question.notes; // a study knows what is usual
   draw();
 }
 
@@ -53,9 +55,10 @@ function draw() {
 
 function table(rows, group = "KPI") {
   const heads = [[group, group === "KPI" ? "" : "group"], ["Left", "left"], ["Right", "right"], ["right − left", ""],
-    ["vs usual", "usual"]];
+    [usual ? "vs usual" : "relative", "usual"]];
+  const about = usual ? "The difference compared with the spread of all experiments so far" : "The difference compared with the larger value";
   return el("table", {}, el("thead", {}, el("tr", {}, heads.map(([text, kind]) =>
-    el("th", { scope: "col", class: kind, title: kind === "usual" ? "The difference compared with the spread of all experiments so far" : null }, text)))),
+    el("th", { scope: "col", class: kind, title: kind === "usual" ? about : null }, text)))),
   el("tbody", {}, rows.map(row)));
 }
 

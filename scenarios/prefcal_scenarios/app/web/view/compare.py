@@ -1,5 +1,6 @@
 """Compare two experiments KPI by KPI, largest difference first, for page and terminal."""
 
+from collections.abc import Sequence
 from math import inf, isfinite, isnan
 from typing import Any
 
@@ -24,8 +25,15 @@ def comparison_view(question: Question, scenario: Scenario, seen: Seen) -> list[
     without a goal. `difference` is the right value minus the left one. `group` is "worst", "mean"
     or a maneuver, or "" if the experiments have no maneuvers.
     """
-    left, right = question.left.experiment, question.right.experiment
-    kpis = grouped(scenario.shown_kpis, left, right)
+    sides = question.left.experiment, question.right.experiment
+    return compared(*sides, scenario.shown_kpis, seen)
+
+
+def compared(
+    left: Experiment, right: Experiment, known: Sequence[KPI], seen: Seen
+) -> list[dict[str, Any]]:
+    """Return the rows of `comparison_view` for two experiments and these KPIs."""
+    kpis = grouped(known, left, right)
     rows = [(group, _size(kpi, left, right, seen), kpi) for group, kpi in kpis]
     order = list(dict.fromkeys(group for group, _ in kpis))
     # Stable: more important KPIs first among equals.

@@ -1,5 +1,6 @@
 """Show one side of a question, and a question with both sides."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from prefcal_env.experiments.experiment import Experiment
@@ -91,7 +92,12 @@ def side_view(
 
 def numbers_view(experiment: Experiment, scenario: Scenario) -> dict[str, Any]:
     """Return how an experiment ended, and its KPIs: those with an objective first."""
-    shown = [kpi for kpi in scenario.shown_kpis if kpi.name in experiment.kpis]
+    return numbers_of(experiment, scenario.shown_kpis)
+
+
+def numbers_of(experiment: Experiment, kpis: Iterable[KPI]) -> dict[str, Any]:
+    """Return how an experiment ended, and those of `kpis` that it has."""
+    shown = [kpi for kpi in kpis if kpi.name in experiment.kpis]
     shown.sort(key=lambda kpi: not objective(kpi))
     return {
         "ended": experiment.end.value,

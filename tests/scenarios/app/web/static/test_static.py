@@ -11,9 +11,10 @@ SCRIPTS = sorted(name for name in FILES if name.endswith(".js"))
 
 
 def test_every_module_has_one_address_or_it_would_run_twice():
-    linked = re.findall(r'<script type="module" src="/static/([^"]+)"', FILES["index.html"])
+    pages = FILES["index.html"] + FILES["look.html"]
+    linked = re.findall(r'<script type="module" src="/static/([^"]+)"', pages)
     imported = {f for s in SCRIPTS for f in re.findall(r'from "\./([^"]+)"', FILES[s])}
-    assert linked == ["main.js"]
+    assert linked == ["main.js", "look.js"]
     assert imported <= set(SCRIPTS)
 
 
@@ -36,7 +37,7 @@ def test_files_stay_small(name):
 
 
 def test_every_element_that_the_scripts_name_is_on_the_page_or_made_by_them():
-    ids = set(re.findall(r'\bid="([^"]+)"', FILES["index.html"]))
+    ids = set(re.findall(r'\bid="([^"]+)"', FILES["index.html"] + FILES["look.html"]))
     made = {i for s in SCRIPTS for i in re.findall(r'id: "([^"]+)"', FILES[s])}
     wanted = {i for s in SCRIPTS for i in re.findall(r'\$\("([^"]+)"\)', FILES[s])}
     assert wanted <= ids | made

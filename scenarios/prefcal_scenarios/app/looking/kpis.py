@@ -1,0 +1,70 @@
+"""Compute KPIs of any run and say their units: tracking errors, or the range of a curve."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.kpis import tracking_kpis
+from prefcal_scenarios.own.tracking import tracking_rows
+from prefcal_scenarios.scenario import KPI
+
+_KINDS = (
+    "settling time", "overshoot", "integrated error", "final error", "late error",
+    "total move", "largest move", "RMS move",
+)  # fmt: skip
+"""Kinds of tracking KPIs, the most telling ones first."""
+
+
+def measured_run(experiment: Experiment) -> tuple[Experiment, tuple[KPI, ...]]:
+    """Return `experiment` with KPIs of its own, and what they mean.
+
+    Outputs with a reference and inputs have those of `tracking_kpis`. An output without a
+    reference has its mean, its standard deviation and its range, none of which is better or worse.
+    """
+    values = tracking_kpis(experiment)
+    kpis = _tracking(experiment, values)
+    for channel, y in _untracked(experiment, values):
+        for words, value, about in _statistics(experiment.t, y):
+            name = f"{words} of {channel.name}"
+            values[name] = value
+            kpis.append(KPI(name, name, channel.unit, about=about))
+    return experiment.with_kpis(values), tuple(kpis)
+
+
+def _tracking(experiment: Experiment, values: Mapping[str, float]) -> list[KPI]:
+    """Return what each of the tracking KPIs in `values` means."""
+    rows = [row for name, row in tracking_rows(experiment.channels).items() if name in values]
+    kinds = [next(k for k in _KINDS if row["name"].startswith(f"{k} of ")) for row in rows]
+    ordered = sorted(zip(kinds, rows, strict=True), key=lambda pair: _KINDS.index(pair[0]))
+    return [KPI(**row) for _, row in ordered]
+
+
+def _untracked(
+    experiment: Experiment, known: dict[str, float]
+) -> Iterator[tuple[Channel, Float[np.ndarray, " K"]]]:
+    """Yield the outputs without tracking KPIs, with their values."""
+    for j, channel in enumerate(experiment.channels.y):
+        y = experiment.output(j)
+        if f"integrated error of {channel.name}" in known or y is None:
+            continue
+        if np.isfinite(y).any():
+            yield channel, np.asarray(y)
+
+
+def _statistics(
+    t: Float[np.ndarray, " K"], y: Float[np.ndarray, " K"]
+) -> Iterator[tuple[str, float, str]]:
+    """Yield name, value and meaning of what describes a curve; gaps are left out."""
+    there = np.isfinite(y)
+    t, y = t[there], y[there]
+    # A value counts for half of the time to each of its neighbors, as in the trapezoidal rule.
+    steps = np.diff(t)
+    weights = np.append(steps, 0.0) + np.append(0.0, steps) if len(t) > 1 else np.ones(1)
+    mean = float(np.average(y, weights=weights))
+    spread = float(np.sqrt(np.average((y - mean) ** 2, weights=weights)))
+    yield "mean", mean, "Mean over time."
+    yield "standard deviation", spread, "Standard deviation over time."
+    yield "lowest", float(y.min()), "Smallest value."
+    yield "highest", float(y.max()), "Largest value."

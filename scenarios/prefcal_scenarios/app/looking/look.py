@@ -1,0 +1,130 @@
+"""Look at two runs from Python: a picture in a notebook, the page in a browser."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from html import escape
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from prefcal_env.errors import ExperimentError
+from prefcal_env.experiments.experiment import Experiment
+
+from .kpis import measured_run
+from .pair import Pair, Run, paired
+
+
+def look(
+    left: Experiment,
+    right: Experiment,
+    *,
+    names: tuple[str, str] = ("left", "right"),
+    align: bool | None = None,
+) -> "Look":
+    """Compare two runs from anywhere: in a notebook, the result shows their picture and KPIs.
+
+    Args:
+        left: A run, for example from `recorded`, `from_frame` or a study.
+        right: Another run. Its time base, its length and its signals may differ.
+        names: Names of both, as shown to people.
+        align: Whether to draw both from time 0; None to do so only if their times do not overlap.
+
+    Raises:
+        ExperimentError: If one of them is not an experiment.
+    """
+    runs = []
+    for side, name, experiment in zip(("left", "right"), names, (left, right), strict=True):
+        if not isinstance(experiment, Experiment):
+            raise ExperimentError(
+                f"the {side} run must be an Experiment, got {type(experiment).__name__}: "
+                "prefcal_env.from_frame makes one of a table"
+            )
+        runs.append(run_of(str(name), experiment))
+    return Look(paired(*runs, align=align))
+
+
+def run_of(name: str, experiment: Experiment, about: str = "") -> Run:
+    """Return an experiment as a run to look at, with KPIs that every run has."""
+    measured, kpis = measured_run(experiment)
+    return Run(name, measured, kpis, about)
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """Two runs beside each other.
+
+    Args:
+        pair: The runs, on the same panels.
+    """
+
+    pair: Pair
+
+    def kpis(self) -> list[dict[str, Any]]:
+        """Return the KPIs of both runs with their differences, the largest first."""
+        from .view import comparison
+
+        return comparison(self.pair)
+
+    def png(self) -> bytes:
+        """Return the picture of both runs."""
+        # Imported here: plotting takes half a second to import.
+        from prefcal_scenarios.app.presentation.style import save, style
+
+        from .picture import picture
+
+        buffer = BytesIO()
+        with style():
+            save(picture(self.pair), buffer)
+        return buffer.getvalue()
+
+    def save(self, path: str | Path) -> Path:
+        """Write the picture of both runs to a PNG file and return its path.
+
+        Raises:
+            SettingsError: If `path` does not end in .png, or its folder cannot be written to.
+        """
+        from prefcal_env.errors import SettingsError
+        from prefcal_scenarios.app.presentation.folder import folder_for, put
+
+        target = Path(path)
+        if target.suffix.lower() != ".png":
+            raise SettingsError(f"out must be a file that ends in .png, got {str(path)!r}")
+        folder_for(target.parent)
+        put(target, self.png())
+        return target
+
+    def show(self, wait: Callable[[], object] = input) -> None:
+        """Open the page of both runs in a browser, until Enter is pressed.
+
+        Args:
+            wait: Function that returns when the page is no longer needed.
+        """
+        from prefcal_scenarios.app.web import open_browser
+
+        from .window import Gallery, LookWindow
+
+        with LookWindow(Gallery((self.pair.left, self.pair.right))) as window:
+            print(window.link, flush=True)
+            open_browser(window.link)
+            wait()
+
+    def _repr_html_(self) -> str:
+        """Return picture and KPIs for a notebook, self-contained."""
+        from base64 import b64encode
+
+        from prefcal_scenarios.app.presentation.wording import with_unit
+
+        left, right = escape(self.pair.left.name), escape(self.pair.right.name)
+        rows = "".join(
+            f"<tr><th>{escape(row['title'])}</th>"
+            + "".join(f"<td>{escape(with_unit(row[s]['text'], row['unit']))}</td>"
+                      for s in ("left", "right"))
+            + f"<td>{escape(row['difference'] or '–')}</td></tr>"
+            for row in self.kpis()
+        )  # fmt: skip
+        picture = b64encode(self.png()).decode()
+        return (
+            f'<img alt="{left} and {right}" src="data:image/png;base64,{picture}">'
+            f"<table><tr><th>KPI</th><th>{left}</th><th>{right}</th><th>difference</th></tr>"
+            f"{rows}</table>"
+        )

@@ -1,0 +1,100 @@
+"""Turn two runs into plain data for the page, in the form of a question of a study."""
+
+from dataclasses import replace
+from typing import Any
+
+from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.maneuvers import by_maneuver
+from prefcal_scenarios.app.web.view.compare import compared
+from prefcal_scenarios.app.web.view.drawn import curves_view
+from prefcal_scenarios.app.web.view.maneuvers import largest_difference
+from prefcal_scenarios.app.web.view.panels import panel_view
+from prefcal_scenarios.app.web.view.seen import Seen
+from prefcal_scenarios.app.web.view.sides import numbers_of
+
+from .pair import Pair, Run
+
+
+def pair_view(pair: Pair) -> dict[str, Any]:
+    """Return PAIR for the page: what `question_view` returns, without a study."""
+    first, *others = _maneuvers(pair)
+    return {
+        "id": f"{pair.left.name}\n{pair.right.name}",
+        "time_unit": pair.left.experiment.channels.time_unit,
+        "comparison": comparison(pair),
+        **first,
+        "left": {**_side(pair.left, pair), **first["left"]},
+        "right": {**_side(pair.right, pair), **first["right"]},
+        "has_scene": False,
+        "others": others,
+        "notes": list(pair.notes),
+    }
+
+
+def comparison(pair: Pair) -> list[dict[str, Any]]:
+    """Return the KPIs of both runs with their differences, the largest first."""
+    return compared(pair.left.experiment, pair.right.experiment, pair.kpis, Seen())
+
+
+def _maneuvers(pair: Pair) -> list[dict[str, Any]]:
+    """Return the curves of every maneuver; those of the runs themselves if they have none."""
+    parts = [by_maneuver(run.experiment) for run in (pair.left, pair.right)]
+    names = [name for name in {**parts[0], **parts[1]} if name] or [""]
+    # A run without maneuvers stands beside every maneuver of the other one.
+    sides = [[part.get(name, part.get("")) for part in parts] for name in names]
+    return [_drawn(pair, n, *both) for n, both in zip(names, sides, strict=True)]
+
+
+def _drawn(
+    pair: Pair, maneuver: str, left: Experiment | None, right: Experiment | None
+) -> dict[str, Any]:
+    known = [run for run in (left, right) if run is not None]
+    nothing = _without_record(known[0])
+    both = tuple(nothing if run is None else run for run in (left, right))
+    axes = Seen().frame(pair.panels, *both)
+    a, b = both
+    return {
+        "maneuver": maneuver,
+        "panels": [panel_view(panel) for panel in pair.panels],
+        "axes": axes,
+        "differ": largest_difference(pair.panels, axes["y"], a, b),
+        "left": _curves(a, pair),
+        "right": _curves(b, pair),
+    }
+
+
+def _curves(run: Experiment, pair: Pair) -> dict[str, Any]:
+    part = numbers_of(run, pair.kpis) if run.maneuver else None
+    return {**curves_view(run, pair.panels), "scene": None, "part": part, "empty": not len(run.t)}
+
+
+def _without_record(run: Experiment) -> Experiment:
+    none = {
+        name: getattr(run, name)[:0]
+        for name in (
+            "t",
+            "x",
+            "u",
+            "t_control",
+            "u_control",
+            "y_ref",
+            "iterations",
+            "solve_time",
+            "solved",
+        )
+    }
+    return replace(run, **none, y=None, signals={}, runs=(), kpis={})
+
+
+def _side(run: Run, pair: Pair) -> dict[str, Any]:
+    """Return one run; it has no θ, no role and no marks."""
+    return {
+        **numbers_of(run.experiment, pair.kpis),
+        "name": run.name,
+        "about": run.about,
+        "number": None,
+        "role": None,
+        "marks": None,
+        "counts_as_unsafe": False,
+        "theta": [],
+    }

@@ -1,0 +1,48 @@
+"""`prefcal look` as a command."""
+
+import json
+import signal
+
+from support.processes import start
+
+
+def tables(folder):
+    for name, top in (("a", 1), ("b", 3)):
+        (folder / f"{name}.csv").write_text(f"time,level [m]\n0,0\n1,{top}\n2,2\n")
+
+
+def done(folder, *words):
+    process = start(folder, "look", *words)
+    out, errors = process.communicate(timeout=60)
+    return process.returncode, out, errors
+
+
+def test_the_link_comes_on_a_line_of_its_own_and_ctrl_c_ends(tmp_path):
+    tables(tmp_path)
+    process = start(tmp_path, "look", "a.csv", "b.csv", "--no-browser")
+    lines = [process.stdout.readline().strip() for _ in range(3)]
+    assert lines[0] == "a.csv: time from 'time' in s; outputs level"
+    assert lines[2].startswith("http://127.0.0.1:")
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=30)
+    assert process.returncode == 0
+
+
+def test_json_has_both_and_their_differences(tmp_path):
+    tables(tmp_path)
+    code, out, _ = done(tmp_path, "a.csv", "b.csv", "--json", "--reference", "level=2")
+    found = json.loads(out)
+    assert code == 0
+    assert [run["rows"] for run in found["runs"]] == [3, 3]
+    (row,) = [r for r in found["comparison"] if r["title"] == "overshoot of level"]
+    assert (row["left"]["text"], row["right"]["text"], row["difference"]) == ("0", "1", "+1 m")
+
+
+def test_a_picture_is_written_and_one_run_is_refused(tmp_path):
+    tables(tmp_path)
+    code, out, _ = done(tmp_path, "a.csv", "b.csv", "--out", "pair.png")
+    assert (code, out.splitlines()[-1]) == (0, "Picture: pair.png")
+    assert (tmp_path / "pair.png").read_bytes()[:4] == b"\x89PNG"
+    code, _, errors = done(tmp_path, "a.csv")
+    assert code == 2
+    assert "name two runs or more" in errors

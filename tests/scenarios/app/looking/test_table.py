@@ -1,0 +1,95 @@
+"""Tables of any logger as runs, and what is said of those that are none."""
+
+import numpy as np
+import pytest
+
+from prefcal_env.errors import RecordError
+from prefcal_scenarios.app.looking.table import Reading, run_from
+
+pytest.importorskip("pandas")
+
+
+def read(folder, text, **reading):
+    path = folder / "run.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return run_from(path, Reading(**reading))
+
+
+def test_a_plain_table_is_understood_and_this_is_said(tmp_path):
+    run = read(tmp_path, "time [min],level [m],level ref,note\n0,1,2,a\n1,2,2,b\n")
+    e = run.experiment
+    assert (e.channels.time_unit, e.channels.y[0].unit, e.channels.y[0].target) == ("min", "m", 2)
+    assert "outputs level; references of level" in run.about
+    assert "left out: note" in run.about
+
+
+def test_semicolons_decimal_commas_gaps_and_repeated_times(tmp_path):
+    run = read(tmp_path, "t;level\n3;4,5\n0;1,5\n1;\n2;2,5\n2;3,5\n")
+    assert run.experiment.t.tolist() == [0, 1, 2, 3]
+    assert run.experiment.output(0).tolist() == [1.5, 2.5, 3.5, 4.5]
+    assert "sorted" in run.about
+    assert "only the last one is kept (1 left out)" in run.about
+
+
+def test_time_stamps_count_from_the_first(tmp_path):
+    run = read(tmp_path, "Timestamp,y\n2026-01-01T00:00:01Z,1\n2026-01-01T00:00:03Z,2\n")
+    assert run.experiment.t.tolist() == [0, 2]
+
+
+def test_columns_of_a_historian_get_names_units_inputs_and_references(tmp_path):
+    run = read(
+        tmp_path,
+        "Stamp,TI,SP,V\n0,1,2,3\n1,1,2,3\n",
+        time="Stamp",
+        inputs=("V",),
+        columns={"level": "TI"},
+        units={"level": "m"},
+        reference={"level": "SP"},
+    )
+    channels = run.experiment.channels
+    assert [(c.name, c.unit) for c in channels.y] == [("level", "m")]
+    assert [c.name for c in channels.u] == ["V"]
+    assert channels.y[0].target == 2
+
+
+def test_of_two_hundred_columns_the_first_are_shown(tmp_path):
+    head = ",".join(f"c{k}" for k in range(200))
+    run = read(tmp_path, f"t,{head}\n" + "\n".join(f"{t}," + ",".join("1" * 200) for t in (0, 1)))
+    assert len(run.experiment.channels.y) == 12
+    assert "choose others with --outputs" in run.about
+
+
+def test_parquet_is_read_with_its_index(tmp_path):
+    pd, _ = pytest.importorskip("pandas"), pytest.importorskip("pyarrow")
+    path = tmp_path / "run.parquet"
+    pd.DataFrame({"level [m]": [1.0, 2.0]}, index=pd.Index([0.0, 5.0], name="time")).to_parquet(
+        path
+    )
+    assert np.array_equal(run_from(path).experiment.t, [0, 5])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "not a table with a line of headings"),
+        ("time,level\n", "no row of values"),
+        ("0,1\n1,2\n", "numbers in its first line"),
+        ("time,who\n0,anna\n", "no column of numbers beside the time"),
+        ("time,level\n0,1\n1,2\n2,x\n", "'level' holds text such as 'x' in row 3"),
+        ("time,level\nsoon,1\n", "must hold times"),
+        ("time,y,y \n0,1,2\n", "two columns 'y'"),
+        (bytes(range(256)) * 3, "neither text nor Parquet"),
+    ],
+)
+def test_a_bad_table_is_refused_with_what_to_do(tmp_path, text, words):
+    with pytest.raises(RecordError, match=words):
+        read(tmp_path, text)
+
+
+@pytest.mark.parametrize("reading", [
+    {"time": "nix"}, {"outputs": ("nix",)}, {"inputs": ("nix",)}, {"columns": {"a": "nix"}},
+    {"reference": {"nix": "2"}}, {"reference": {"level": "nix"}},
+])  # fmt: skip
+def test_a_missing_column_is_named_with_those_that_exist(tmp_path, reading):
+    with pytest.raises(RecordError, match="has no column 'nix'; there are t, level"):
+        read(tmp_path, "t,level\n0,1\n1,2\n", **reading)
