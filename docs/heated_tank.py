@@ -87,3 +87,8 @@ heated_tank = Scenario(
     simulated=True,
     brief="Heat the tank by 10 K, hold it when more cold water comes, and work at 70 °C, too.",
 )
+
+if __name__ == "__main__":
+    tried = {K_p: heated_tank.run(np.array([K_p, 5.0])) for K_p in (2.0, 5.0, 10.0)}
+    best = min(tried, key=lambda K_p: tried[K_p].kpis["settling time"])
+    print(f"best of three: K_p = {best:g} kW/K, at worst {tried[best].kpis['settling time']:g} min")
