@@ -135,8 +135,9 @@ class Maneuvers:
     @property
     def signals(self) -> tuple[str, ...] | None:
         """Keys of the signals that all maneuvers have; None if a run does not declare them."""
-        declared = [getattr(run, "signals", None) for run in self.runs.values()]
-        if any(signals is None for signals in declared):
+        found = [getattr(run, "signals", None) for run in self.runs.values()]
+        declared = [tuple(signals) for signals in found if signals is not None]
+        if len(declared) < len(found):
             return None
         return tuple(key for key in declared[0] if all(key in signals for signals in declared))
 

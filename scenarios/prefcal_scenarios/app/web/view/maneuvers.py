@@ -100,4 +100,4 @@ def _on(t: Float[np.ndarray, " M"], panel: Plot, experiment: Experiment) -> Floa
     values = panel.values(experiment)
     if panel.held:
         return np.asarray(values[np.searchsorted(experiment.t, t, side="right") - 1])
-    return np.interp(t, experiment.t, values)
+    return np.asarray(np.interp(t, experiment.t, values))
