@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from gymnasium import register as _register
 
+from prefcal_env.controllers.do_mpc import DoMPC as DoMPC
 from prefcal_env.envs.experiment_env import ClosedLoop as ClosedLoop
 from prefcal_env.envs.preference_reward import PreferenceReward as PreferenceReward
 from prefcal_env.envs.tuning_env import TuningEnv as TuningEnv

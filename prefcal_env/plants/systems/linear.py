@@ -63,8 +63,8 @@ class LinearPlant:
         self.inputs = _channels("inputs", inputs, split[0], n_all - n_d, "u")
         self.outputs = _channels("outputs", outputs, system.outputs or None, n_y, "y")
         self.disturbances = _channels("disturbances", disturbances, split[1], n_d, "d")
-        self.x0 = _numbers("x0", 0.0 if x0 is None else x0, n_x)
-        self.u0 = _numbers("u0", 0.0 if u0 is None else u0, n_all - n_d)
+        self.x0 = numbers("x0", 0.0 if x0 is None else x0, n_x)
+        self.u0 = numbers("u0", 0.0 if u0 is None else u0, n_all - n_d)
         self.input_delay = self._delays("delay", delay, len(self.inputs))
         self.output_delay = self._delays("output_delay", output_delay, n_y)
         self._kept: dict[float, np.ndarray] = {}
@@ -158,7 +158,7 @@ class LinearPlant:
         return rates[:n_x, :n_x], rates[:n_x, n_x:]
 
     def _delays(self, what: str, value: Numbers, n: int) -> tuple[float, ...]:
-        found = _numbers(what, value, n)
+        found = numbers(what, value, n)
         if np.any(found < 0):
             raise PlantError(f"{what} must be 0 {self.time_unit} or more, got {found.tolist()}")
         dt = self.system.dt
@@ -200,7 +200,8 @@ def _channels(
     return tuple(replace(c) for c in channels)
 
 
-def _numbers(what: str, value: Any, n: int) -> Float[np.ndarray, " n"]:
+def numbers(what: str, value: Any, n: int) -> Float[np.ndarray, " n"]:
+    """Return a number or `n` of them, shape (n,). Raises PlantError if they are anything else."""
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
