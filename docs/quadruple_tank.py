@@ -2,9 +2,18 @@
 
 import numpy as np
 
-from prefcal_agents import minimize_by_preference
-from prefcal_env import Channel, ClosedLoop, FunctionPlant, Knob, KnobSpace, LinearMPC, MPCSettings
-from prefcal_env import PlantEnv, Task, tracking_kpis
+from prefcal_env import (
+    Channel,
+    ClosedLoop,
+    FunctionPlant,
+    Knob,
+    KnobSpace,
+    LinearMPC,
+    MPCSettings,
+    PlantEnv,
+    Task,
+    tracking_kpis,
+)
 from prefcal_scenarios import Scenario
 
 a, A = np.array([0.071, 0.057, 0.071, 0.057]), np.array([28.0, 32.0, 28.0, 32.0])  # cm²
@@ -28,5 +37,9 @@ def mpc(theta):
     return LinearMPC(plant, MPCSettings(5.0, int(N_p), 3, Q_y=np.eye(2), Q_du=Q_du * np.eye(2)))
 
 
-knobs = KnobSpace([Knob("N_p", 3, 40, "steps", integer=True), Knob("Q_du", 1e-3, 10, scale="log10")])
-tanks = Scenario("tanks", "MPC of four tanks", knobs, ClosedLoop(PlantEnv(plant, task), mpc, tracking_kpis))
+knobs = KnobSpace(
+    [Knob("N_p", 3, 40, "steps", integer=True), Knob("Q_du", 1e-3, 10, scale="log10")]
+)
+tanks = Scenario(
+    "tanks", "MPC of four tanks", knobs, ClosedLoop(PlantEnv(plant, task), mpc, tracking_kpis)
+)
