@@ -18,7 +18,7 @@ from prefcal_scenarios.app.presentation.wording import measured, quantity, with_
 from prefcal_scenarios.app.report.export import jsonable
 from prefcal_scenarios.own.checks import check_experiment, kpi_problems, theta_problems
 from prefcal_scenarios.own.own_line import in_words, located
-from prefcal_scenarios.scenario import KPI, Scenario
+from prefcal_scenarios.scenario import KPI, Scenario, with_found_kpis
 
 _DRAWS = 2000
 """Number of random θ to try if the constraints exclude the middle of the box."""
@@ -119,6 +119,7 @@ class Checkup:
             check_experiment(self.scenario, self.theta, result)  # raises if anything is wrong
             return
         self.experiment = result
+        self.scenario = with_found_kpis(self.scenario, result)
         yield Finding("run", True, f"{took:.2g} s, ended: {result.end.value}")
         wrong = list(theta_problems(self.scenario.space, self.theta, result))
         rounded = not wrong and not np.allclose(result.theta, self.theta, rtol=1e-9, atol=0)
