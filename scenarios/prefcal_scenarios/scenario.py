@@ -48,6 +48,9 @@ BUILT_IN: Mapping[str, str] = {
 """Scenario name to "module:attribute"; the module is imported on first use."""
 NAMES = ", ".join([*(n for n in BUILT_IN if n not in CLOSED_LOOPS), "a closed loop such as servo"])
 """What a scenario may be called, for messages: the closed loops are too many to list."""
+_DESCRIBED = "prefcal_scenarios.own.described.making"
+CONTROLLERS = ("pid",)
+"""Standard controllers that `prefcal calibrate NAME --plant model.py:plant` tunes."""
 _RANDOM_LOOP = re.compile(r"loop-(0|[1-9]\d*)", re.ASCII)
 
 
@@ -312,12 +315,28 @@ def _home(name: str) -> str | None:
 
 
 def is_own(source: str) -> bool:
-    """Return whether the scenario is a user's own (path/to/own.py:attribute), configured or not."""
-    return source.partition("{")[0].strip().rpartition(":")[0].endswith(".py")
+    """Return whether the scenario is a user's own, configured or not.
+
+    It is path/to/own.py:attribute, or described by plain data (see `is_described`).
+    """
+    name = source.partition("{")[0].strip()
+    return is_described(name) or name.rpartition(":")[0].endswith(".py")
+
+
+def is_described(source: str) -> bool:
+    """Return whether a scenario is described by plain data.
+
+    It is a TOML file, an FMU, or a standard controller such as "pid", configured or not.
+    """
+    name = source.partition("{")[0].strip()
+    return name in CONTROLLERS or name.endswith((".toml", ".fmu"))
 
 
 def load(name: str) -> Scenario:
-    """Return the scenario called `name`: one of `BUILT_IN`, or "path/to/own.py:attribute".
+    """Return the scenario called `name`: one of `BUILT_IN`, or a user's own.
+
+    A user's own is "path/to/own.py:attribute", or described by plain data: "path/to/tank.toml",
+    "path/to/loop.fmu", or 'pid {"plant": "path/to/model.py:plant"}'.
 
     "loop-17" is the random closed loop with seed 17, see `prefcal_scenarios.cases.loops.loop`.
 
@@ -329,6 +348,9 @@ def load(name: str) -> Scenario:
         SettingsError: If the scenario rejects the configuration.
     """
     bare, config = split_source(str(name))
+    if is_described(bare):
+        made: Scenario = import_module(_DESCRIBED).scenario_of(bare, config)
+        return made
     if config is not None:
         scenario = load(bare)
         if scenario.configured is None:
@@ -345,7 +367,8 @@ def load(name: str) -> Scenario:
         return _scenario_in(import_module(module), attribute, name)
     raise ScenarioError(
         f"no scenario is called {name!r}.{did_you_mean(str(name), BUILT_IN)} "
-        f"Expected {NAMES}, or path/to/own.py:NAME (see `prefcal scenarios`)"
+        f"Expected {NAMES}, or your own: path/to/own.py:NAME, tank.toml, loop.fmu or pid "
+        "(see `prefcal scenarios`)"
     )
 
 
