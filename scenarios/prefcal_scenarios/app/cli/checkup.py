@@ -18,6 +18,7 @@ from prefcal_scenarios.app.presentation.wording import measured, quantity, with_
 from prefcal_scenarios.app.report.export import jsonable
 from prefcal_scenarios.own.checks import check_experiment, kpi_problems, theta_problems
 from prefcal_scenarios.own.own_line import in_words, located
+from prefcal_scenarios.own.tracking import tracking_rows
 from prefcal_scenarios.scenario import KPI, Scenario, with_found_kpis
 
 _DRAWS = 2000
@@ -166,7 +167,8 @@ class Checkup:
         for kpi in self.scenario.kpis:
             if kpi.name in e.kpis:
                 yield _kpi(kpi, e)
-        spare = sorted(set(e.kpis) - {kpi.name for kpi in self.scenario.kpis})
+        known = {kpi.name for kpi in self.scenario.kpis} | tracking_rows(e.channels).keys()
+        spare = sorted(set(e.kpis) - known)
         if spare:
             yield Finding(
                 "other KPIs", None, f"returned, but not shown anywhere: {', '.join(spare)}"

@@ -9,7 +9,7 @@ import numpy as np
 
 from prefcal_env.errors import KnobError, ScenarioError
 from prefcal_env.experiments.experiment import Channels
-from prefcal_env.experiments.panels import Panel
+from prefcal_env.experiments.panels import Panel, plots_of
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.own.nearest import did_you_mean
@@ -20,8 +20,6 @@ from .reading import description_of
 from .rig import rig_of
 from .tables import Description, KnobTable, KPITable, PanelTable, checked
 from .words import KNOB_EXAMPLE, ranged_knob
-
-_ANY = (KnobError, ScenarioError)
 
 
 def scenario_of(name: str, config: Mapping[str, Any] | None = None) -> Scenario:
@@ -86,10 +84,9 @@ def _of_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
     assert d.rig is not None
     if d.stop_time is not None:
         raise ScenarioError(f"{where}: a rig has no stop_time: say it in its instructions")
+    rig = rig_of(d.rig, d.reference, where)
     title = d.title or f"Rig {Path(where).stem}"
-    return Scenario(
-        Path(where).stem, title, _space(knobs, where), rig_of(d.rig, d.reference, where)
-    )
+    return Scenario(Path(where).stem, title, _space(knobs, where), rig)
 
 
 def _of_live_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
@@ -173,7 +170,10 @@ def _kpi(
 def _panels(d: Description, made: Scenario, where: str) -> tuple[Panel, ...]:
     """Return the panels: those to show in their order, each with the look that the file gives."""
     looks = {n: checked(t, PanelTable, f"{where}, [panels] {n}") for n, t in d.panels.items()}
+    channels = getattr(made.run, "channels", None)
     usual = {panel.name: panel for panel in made.panels}
+    if not usual and isinstance(channels, Channels):
+        usual = {plot.name: Panel(plot.name) for plot in plots_of(channels)}
     shown = d.show or [*usual, *(name for name in looks if name not in usual)]
     found = []
     for name in dict.fromkeys([*shown, *looks]):

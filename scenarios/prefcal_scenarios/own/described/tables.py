@@ -123,14 +123,18 @@ def _value(value: Any, type_: Any, where: str) -> Any:
         return msgspec.convert(value, type_)
     except msgspec.ValidationError as error:
         problem, _, place = str(error).partition(" - at `$")
-        # Without the name of the entry: msgspec does not tell it.
-        inside = " (in one of its entries)" if place.strip(".`") else ""
+        if place.startswith("[...]") and isinstance(value, dict) and len(value) > 1:
+            for key, entry in value.items():  # msgspec does not tell which entry is wrong
+                _value({key: entry}, type_, where)
+        if place.startswith("[...]") and isinstance(value, dict) and value:
+            key, value = next(iter(value.items()))
+            where = f"{where}, {key}"
         wanted = re.sub(r"`([^`]*)`", lambda m: _in_words(m[1]), problem.split(", got")[0])
         wanted = wanted[:1].lower() + wanted[1:]
         if wanted.startswith("invalid enum value"):
             options = ", ".join(repr(option) for option in _options(type_))
             wanted = f"expected one of {options}"
-        raise ScenarioError(f"{where}{inside}: {wanted}, got {value!r:.80}") from error
+        raise ScenarioError(f"{where}: {wanted}, got {value!r:.80}") from error
 
 
 _WORDS = {
