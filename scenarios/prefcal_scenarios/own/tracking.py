@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
+from prefcal_env.experiments.maneuvers import Maneuvers
 from prefcal_env.knobs.space import KnobSpace
 
 _MOST = 10
@@ -136,6 +137,8 @@ def within(function: Any, space: KnobSpace) -> Any:
     """Return a scenario's function for the knobs of `space`, if it has something to do with them."""
     from functools import partial
 
+    if isinstance(function, Maneuvers):
+        return function.each(partial(within, space=space))
     if hasattr(function, "within"):
         return function.within(space)
     takes = callable(function) and "space" in signature(function).parameters
