@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.recorded import recorded
 
 from .drive import Outcome
@@ -17,29 +17,41 @@ if TYPE_CHECKING:
 def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outcome) -> Experiment:
     """Return the experiment of a physical θ, shape (n,), from the samples of its run.
 
-    Outputs of bad quality stay NaN. Inputs and references keep their latest good value meanwhile,
-    since they are held between samples anyway.
+    Where an output had bad quality, its curve is interpolated, and the signal "NAME as read" keeps
+    the gaps. Inputs and references keep their latest good value meanwhile, since they are held
+    between samples anyway. A run in which an output never had a good value has failed.
     """
-    t = np.array([instant for instant, _ in outcome.rows])
-    columns: dict[str, dict[str, Float[np.ndarray, " K"]]] = {
-        "output": {}, "input": {}, "reference": {},
-    }  # fmt: skip
-    for tag in rig.tags:
-        values = np.array([row[f"{tag.role} {tag.name}"] for _, row in outcome.rows])
-        columns[tag.role][tag.name] = values if tag.role == "output" else held(values)
+    rows = outcome.rows
+    read = {
+        tag: np.array([row[f"{tag.role} {tag.name}"] for _, row in rows]) for tag in rig.tags
+    }
+    outputs = {tag.name: values for tag, values in read.items() if tag.role == "output"}
+    nothing = any(np.isnan(values).all() for values in outputs.values())
+    kept = slice(0, 0) if nothing else slice(None)
     drawn = [tag for tag in rig.tags if tag.role != "reference"]
     return recorded(
         theta,
-        t,
-        columns["output"],
-        columns["input"] or None,
-        columns["reference"] or None,
+        np.array([instant for instant, _ in rows])[kept],
+        {name: interpolated(values[kept]) for name, values in outputs.items()},
+        {tag.name: held(v[kept]) for tag, v in read.items() if tag.role == "input"},
+        {tag.name: held(v[kept]) for tag, v in read.items() if tag.role == "reference"},
         {tag.name: tag.unit for tag in drawn},
         {tag.name: (tag.low, tag.high) for tag in drawn if tag.low > -np.inf or tag.high < np.inf},
+        signals={
+            f"{name} as read": values[kept]
+            for name, values in outputs.items()
+            if np.isnan(values[kept]).any()
+        },
         kpis=rig.kpis,
-        end=outcome.end,
+        end=End.FAILED if nothing else outcome.end,
         time_unit="s",
     )
+
+
+def interpolated(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
+    """Return `values` with NaN replaced by interpolation, at the ends by the nearest good value."""
+    good = np.flatnonzero(~np.isnan(values))
+    return np.interp(np.arange(len(values)), good, values[good]) if len(good) else values
 
 
 def held(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:

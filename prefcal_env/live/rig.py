@@ -93,7 +93,8 @@ class LiveRig:
         for what, found in (
             ("name of a knob or start value", [w.name for w in written]),
             ("node that is written to", [w.node for w in written]),
-            ("tag", [_key(tag) for tag in self.tags]),
+            ("output or input", [tag.name for tag in self.tags if tag.role != "reference"]),
+            ("reference", [tag.name for tag in self.tags if tag.role == "reference"]),
         ):
             twice = sorted({each for each in found if found.count(each) > 1})
             if twice:
