@@ -109,7 +109,7 @@ class OPCUAPlant:
         found = await client.read_attributes([client.get_node(node) for node in nodes])
         codes = self._ua.StatusCodes
         for node, value in zip(nodes, found, strict=True):
-            if value.StatusCode_.value in (codes.BadNodeIdUnknown, codes.BadNodeIdInvalid):
+            if value.StatusCode.value in (codes.BadNodeIdUnknown, codes.BadNodeIdInvalid):
                 raise LiveError(f"the server {self.address} has no node {node!r}")
         return [_number(value) for value in found]
 
@@ -130,6 +130,7 @@ class OPCUAPlant:
 
     def _do(self, work: Coroutine[Any, Any, T]) -> T:
         """Run a request in the connection's thread; a connection that fails is dropped."""
+        from concurrent.futures import CancelledError
         from concurrent.futures import TimeoutError as TooLate
 
         future = asyncio.run_coroutine_threadsafe(
@@ -143,7 +144,7 @@ class OPCUAPlant:
             if self._is_loss(error):
                 raise self._lost(error) from error
             raise LiveError(f"the server {self.address} refuses: {error}") from error
-        except (OSError, TooLate, TimeoutError, asyncio.TimeoutError) as error:
+        except (OSError, EOFError, CancelledError, TooLate, TimeoutError, asyncio.TimeoutError) as error:
             future.cancel()
             raise self._lost(error) from error
         except self._ua.UaError as error:
@@ -193,7 +194,7 @@ class OPCUAPlant:
 
 def _number(value: Any) -> float:
     """Return a value as a number; NaN if its quality is bad or it is none."""
-    if not value.StatusCode_.is_good() or value.Value is None:
+    if not value.StatusCode.is_good() or value.Value is None:
         return nan
     try:
         return float(value.Value.Value)
