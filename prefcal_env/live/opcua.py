@@ -144,7 +144,7 @@ class OPCUAPlant:
             if self._is_loss(error):
                 raise self._lost(error) from error
             raise LiveError(f"the server {self.address} refuses: {error}") from error
-        except (OSError, EOFError, CancelledError, TooLate, TimeoutError, asyncio.TimeoutError) as error:
+        except (OSError, EOFError, CancelledError, TooLate, TimeoutError) as error:
             future.cancel()
             raise self._lost(error) from error
         except self._ua.UaError as error:

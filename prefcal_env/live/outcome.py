@@ -22,9 +22,7 @@ def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outco
     between samples anyway. A run in which an output never had a good value has failed.
     """
     rows = outcome.rows
-    read = {
-        tag: np.array([row[f"{tag.role} {tag.name}"] for _, row in rows]) for tag in rig.tags
-    }
+    read = {tag: np.array([row[f"{tag.role} {tag.name}"] for _, row in rows]) for tag in rig.tags}
     outputs = {tag.name: values for tag, values in read.items() if tag.role == "output"}
     nothing = any(np.isnan(values).all() for values in outputs.values())
     kept = slice(0, 0) if nothing else slice(None)

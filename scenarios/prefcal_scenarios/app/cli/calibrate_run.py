@@ -23,6 +23,7 @@ from rich.text import Text
 
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import RunError
+from prefcal_env.live import LiveRig
 from prefcal_env.preferences.loop import Comparison
 from prefcal_scenarios.app.isolated import isolation
 from prefcal_scenarios.app.presentation.wording import earlier_text, theta_text
@@ -180,6 +181,11 @@ class CalibrateRun:
         default = default_folder(self.opened, self.interview.scenario.name)
         if folder.name != default.name and self.options.out is None:
             self.say(f"{default} holds another study's report: this one goes to {folder}.")
+        run = self.interview.scenario.run
+        left = run.left if isinstance(run, LiveRig) else None
+        if left:
+            values = ", ".join(f"{name} = {value:g}" for name, value in left.items())
+            self.say(f"A run was interrupted: the plant's old values are restored now ({values}).")
         taken = self.opened.file.state.configuration.get("earlier")
         if taken and not self.opened.resumed:
             self.say(f"From {earlier_text(taken)}.")

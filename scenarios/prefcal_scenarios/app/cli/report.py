@@ -13,6 +13,7 @@ from rich.text import Text
 
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
 from prefcal_scenarios.app.cli.studies.files import existing, open_described, trusted_source
 from prefcal_scenarios.app.isolated import IsolatedRun, isolation
@@ -210,7 +211,7 @@ def references(scenario: Scenario, seed: int, messages: Console) -> dict[str, Ex
     """Run the reference θ; leave out those that fail, since the study itself is complete."""
     experiments: dict[str, Experiment] = {}
     run = scenario.run
-    if isinstance(run, Rig):
+    if isinstance(run, Rig | LiveRig):
         return experiments
     if isinstance(run, IsolatedRun) and run.worker.hangs and scenario.references:
         messages.print("The references did not run: the last run had to be ended.")
