@@ -67,9 +67,11 @@ class World:
     integral: float = 1.0
 
     def clock(self) -> float:
+        """Return the simulated time in seconds."""
         return self.now
 
     def sleep(self, seconds: float) -> None:
+        """Let time pass, and the tank with it."""
         self._alive()
         self.now += seconds
         for _ in range(2):
@@ -85,6 +87,7 @@ class World:
             raise Killed
 
     def lost(self) -> int | None:
+        """Return the number of the interval in which the connection is lost now; None if it stands."""
         for number, (start, end) in enumerate(self.down):
             if start <= self.now < end:
                 return number
@@ -100,16 +103,19 @@ class World:
             raise ConnectionLostError("the connection is lost")
 
     def connect(self) -> None:
+        """Connect."""
         self.connected = True
         self._reach()
 
     def read(self, nodes: Sequence[str]) -> list[float]:
+        """Return the values of nodes, sometimes of bad quality."""
         self._reach()
         bad = self.rng.random(len(nodes)) < 0.02
         return [nan if b and n in ("level", "valve") else self.values[n]
                 for n, b in zip(nodes, bad, strict=True)]  # fmt: skip
 
     def write(self, node: str, value: float) -> None:
+        """Take a value; sometimes its answer is lost."""
         number = self.lost()
         if number is None and self.rng.random() < 0.02:
             # Lost while writing: the value may have arrived.
@@ -134,6 +140,7 @@ class World:
         self.writes.append((self.now, node, before, value))
 
     def close(self) -> None:
+        """Disconnect."""
         self.connected = False
 
     def at(self, node: str, when: float, first: float) -> float:

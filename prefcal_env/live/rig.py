@@ -78,7 +78,7 @@ class LiveRig:
             raise SettingsError("a live rig needs a knob to write and an output to record")
         self._check_names()
         for name, least in (
-            ("duration", self.period), ("period", 0.0), ("ready_within", 0.0), ("hold", -1.0),
+            ("period", 0.0), ("duration", self.period), ("ready_within", 0.0), ("hold", -1.0),
             ("blind", -1.0),
         ):  # fmt: skip
             value = getattr(self, name)

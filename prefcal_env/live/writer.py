@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import isfinite
+from math import copysign, isfinite
 
 from prefcal_env.errors import LiveError
 
@@ -86,10 +86,11 @@ class Writer:
             if known is None or written.same(known.value, target):
                 continue
             allowed = written.step(self._clock() - known.since, self._period)
-            change = min(max(target - known.value, -allowed), allowed)
-            if change:
-                value = target if abs(target - known.value) <= allowed else known.value + change
-                self._write(written, known, value)
+            way = target - known.value
+            if abs(way) <= allowed * (1 + _ROUNDING):
+                self._write(written, known, target)
+            elif allowed:
+                self._write(written, known, known.value + copysign(allowed, way))
 
     def _write(self, written: Written, known: _Known, value: float) -> None:
         """Check one value against limits and rate, then write it."""
@@ -100,7 +101,7 @@ class Writer:
                 f"{written.name} = {value:g} {written.unit} is outside "
                 f"[{written.low:g}, {written.high:g}]: nothing was written"
             )
-        if abs(value - known.value) > allowed * (1 + _ROUNDING):
+        if abs(value - known.value) > allowed * (1 + 2 * _ROUNDING):
             raise LiveError(
                 f"{written.name} may change by {allowed:g} {written.unit} now, got "
                 f"{known.value:g} to {value:g}: nothing was written"

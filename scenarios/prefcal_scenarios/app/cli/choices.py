@@ -113,7 +113,7 @@ def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
     """Return the error message for a calibrator that the scenario does not have."""
     if isinstance(scenario.run, Rig | LiveRig):
         return (
-            f"scenario {scenario.name!r} is a real plant, where a person confirms or does each run: its calibrator is "
+            f"scenario {scenario.name!r} is a rig that only a person can run: its calibrator is "
             f"human, got {calibrator!r}"
         )
     hint = "" if known else " (give it a cost, or calibrators, to calibrate it unattended)"

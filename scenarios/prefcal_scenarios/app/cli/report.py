@@ -75,7 +75,7 @@ class Reporter:
         wanted = self.reportable
         self.interview.wait_for_screened(_KNOWN)
         shown = references(scenario, options.seed, self.messages) if rig_works and wanted else {}
-        record = record_of(self.interview, options, shown)
+        record = record_of(self.interview, options, shown, self.opened.name)
         if wanted:
             self._write(record)
         return record
@@ -165,7 +165,10 @@ def report_of(
 
 
 def record_of(
-    interview: Interview, options: Options, references: Mapping[str, Experiment]
+    interview: Interview,
+    options: Options,
+    references: Mapping[str, Experiment],
+    name: str | None = None,
 ) -> Record:
     """Return the record of the study as it stands, for reports."""
     now = interview.now()
@@ -191,7 +194,15 @@ def record_of(
         good_enough=state.ended == GOOD_ENOUGH,
         outlook=interview.outlook,
         judged=follows_cost(options, interview.scenario),
+        study=name or "",
+        dates=_dates(interview),
     )
+
+
+def _dates(interview: Interview) -> tuple[str, ...]:
+    """Return the times of the study's first and last event."""
+    times = [recorded.at for recorded in interview.study.events()]
+    return tuple(dict.fromkeys((times[0], times[-1])))
 
 
 def _best_after_each(now: Now) -> tuple[int, ...]:

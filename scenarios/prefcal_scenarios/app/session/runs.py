@@ -223,10 +223,11 @@ def fail(flow: Flow, index: int, reason: str) -> None:
 def retry(flow: Flow) -> None:
     """Retry what failed."""
     if flow.phase is Phase.CONFIRM:
-        return driving.look_again(flow)
-    if flow.phase is not Phase.FAILED:
+        driving.look_again(flow)
+    elif flow.phase is Phase.FAILED:
+        flow.move(Phase.RUNNING)
+    else:
         raise StaleError("nothing has failed, so there is nothing to try again")
-    flow.move(Phase.RUNNING)
 
 
 def finish(flow: Flow) -> None:
