@@ -146,7 +146,7 @@ def test_what_a_killed_run_left_is_restored_before_the_next_run(tmp_path):
 def test_old_values_that_this_rig_does_not_write_must_be_restored_by_hand(tmp_path):
     plant = Memory()
     Journal(tmp_path / "old.json").save({"K_d": 1.5})
-    with pytest.raises(LiveError, match="K_d = 1.5, which this rig does not write"):
+    with pytest.raises(LiveError, match=r"K_d = 1\.5, which this rig does not write"):
         drive(memory_rig(plant, tmp_path), plant)
     (tmp_path / "old.json").write_text("{")
     with pytest.raises(LiveError, match="restore them by hand"):
