@@ -87,7 +87,7 @@ class World:
             raise Killed
 
     def lost(self) -> int | None:
-        """Return the number of the interval in which the connection is lost now; None if it stands."""
+        """Return which interval without a connection it is now; None if it stands."""
         for number, (start, end) in enumerate(self.down):
             if start <= self.now < end:
                 return number

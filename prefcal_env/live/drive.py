@@ -319,7 +319,8 @@ class Drive:
             self._wait(stops=True)
         now = self.hands.clock()
         names = [*self.plan.written, *self.plan.tags]
-        nodes = [part.node for part in (*self.plan.written.values(), *self.plan.tags.values())]
+        nodes = [written.node for written in self.plan.written.values()]
+        nodes += [tag.node for tag in self.plan.tags.values()]
         values = dict(zip(names, self.plant.read(nodes), strict=True))
         self.writer.see({name: values[name] for name in self.plan.written})
         self._now = values

@@ -44,7 +44,9 @@ class OPCUAPlant:
                 f"the address of an OPC UA server begins with opc.tcp://, got {address!r}"
             )
         self.address, self._timeout = address, timeout
-        self._asyncua, self._ua = asyncua, asyncua.ua
+        # Without types: asyncua exports its names implicitly.
+        self._asyncua: Any = asyncua
+        self._ua: Any = asyncua.ua
         self._user, self._password, self._security = user, password, security
         self._client: Any = None
         self._types: dict[str, Any] = {}

@@ -221,7 +221,8 @@ class LiveRig:
 
     def _drive(self, theta: Float[np.ndarray, " n"], hands: Hands) -> Drive:
         values = self.space.check(theta)
-        written = {w.name: w for w in (part.written for part in (*self.knobs, *self.start))}
+        parts = [*(knob.written for knob in self.knobs), *(start.written for start in self.start)]
+        written = {part.name: part for part in parts}
         plan = Plan(
             written=written,
             theta=dict(zip(self.space.names, values.tolist(), strict=True)),

@@ -15,7 +15,7 @@ from .record import Record
 
 
 def write_report(record: Record, folder: Path, extra: Sequence[Picture] = ()) -> Path:
-    """Write best.json, comparisons.csv, figures, acceptance.html and report.html; return the path of report.html.
+    """Write the report's files into `folder`; return the path of report.html.
 
     Equal studies give equal bytes. Files of an earlier report in `folder` are replaced.
 

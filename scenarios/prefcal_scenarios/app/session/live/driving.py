@@ -57,6 +57,7 @@ def confirm(flow: Flow, index: int) -> None:
 def look_again(flow: Flow) -> None:
     """Read the plant's present values again."""
     flow.live.ask()
+    flow.live.problem, flow.live.recovered = "", False
     flow.version += 1
 
 
