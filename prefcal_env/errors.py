@@ -56,6 +56,14 @@ class RecordError(PrefcalError, ValueError):
     """A record of a run on a rig is not valid; the message lists what is wrong with it."""
 
 
+class LiveError(PrefcalError, RuntimeError):
+    """A live plant is described wrongly, cannot be reached, or refuses a value."""
+
+
+class ConnectionLostError(LiveError):
+    """The connection to a live plant is lost; it may come back."""
+
+
 class MissingExtraError(PrefcalError, ImportError):
     """An optional dependency is not installed; the message says how to install it."""
 

@@ -26,7 +26,7 @@ LAYERS = {
         {"errors", "jit"},
         {"knobs", "experiments", "qp", "plain"},
         {"preferences", "plants", "tables"},
-        {"mpc", "envs", "rig", "calibrators", "study"},
+        {"mpc", "envs", "rig", "live", "calibrators", "study"},
         {"compiling"},
     ),
     "prefcal_agents": (

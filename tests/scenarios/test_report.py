@@ -48,7 +48,7 @@ def page(folder):
 def test_the_folder_holds_everything_that_was_promised(folder):
     files = {p.name for p in folder.iterdir()}
     figures = {p.file for p in PICTURES if p.applies(toy_record())}
-    assert files == {"report.html", "best.json", "comparisons.csv", *figures}
+    assert files == {"report.html", "acceptance.html", "best.json", "comparisons.csv", *figures}
 
 
 def test_every_figure_is_a_png_of_readme_width(folder):

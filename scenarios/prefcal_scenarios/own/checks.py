@@ -12,6 +12,7 @@ from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.maneuvers import MEAN, Maneuvers, named
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
 
 Scenario = Any
@@ -80,7 +81,7 @@ def _check_types(scenario: Scenario, kpi: type, where: str) -> None:
 def _check_simulated(scenario: Scenario, where: str) -> None:
     if not isinstance(scenario.simulated, bool):
         raise ScenarioError(f"{where}: simulated must be True or False, got {scenario.simulated!r}")
-    if scenario.simulated and isinstance(scenario.run, Rig):
+    if scenario.simulated and isinstance(scenario.run, Rig | LiveRig):
         raise ScenarioError(
             f"{where}: simulated must be False for a rig, whose experiments a person runs"
         )

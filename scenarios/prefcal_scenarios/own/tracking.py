@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from inspect import signature
 from typing import Any
 
@@ -134,8 +135,7 @@ class TrackedRecord:
 
 
 def within(function: Any, space: KnobSpace) -> Any:
-    """Return a scenario's function for the knobs of `space`, if it has something to do with them."""
-    from functools import partial
+    """Return a scenario's function for the knobs of `space`, if they matter to it."""
 
     if isinstance(function, Maneuvers):
         return function.each(partial(within, space=space))

@@ -22,7 +22,8 @@ from rich.progress import (
 from rich.text import Text
 
 from prefcal_env.compiling import Compiling
-from prefcal_env.errors import RunError
+from prefcal_env.errors import RunError, SettingsError
+from prefcal_env.live import LiveRig
 from prefcal_env.preferences.loop import Comparison
 from prefcal_scenarios.app.isolated import isolation
 from prefcal_scenarios.app.presentation.wording import earlier_text, theta_text
@@ -74,6 +75,7 @@ def run(given: Mapping[str, Any]) -> int:
         with isolation(source, given["run_timeout"]) as isolated:
             scenario = isolated(with_cost(load(source), given["cost"]))
             _check_address(Options.of(given))
+            _check_live(Options.of(given), scenario)
 
             def say(text: str) -> None:
                 _say(messages, text)
@@ -95,6 +97,15 @@ def _check_address(options: Options) -> None:
         from prefcal_scenarios.app.web.server.binding import bind
 
         bind(options.host, options.port).close()
+
+
+def _check_live(options: Options, scenario: Scenario) -> None:
+    """Raise SettingsError if a person cannot confirm the runs on a live plant this way."""
+    if isinstance(scenario.run, LiveRig) and options.by_a_person and not options.terminal:
+        raise SettingsError(
+            f"scenario {scenario.name!r} is a live plant, whose runs are confirmed in the terminal "
+            "so far: add --terminal"
+        )
 
 
 def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Console) -> int:
@@ -182,6 +193,11 @@ class CalibrateRun:
         default = default_folder(self.opened, self.interview.scenario.name)
         if folder.name != default.name and self.options.out is None:
             self.say(f"{default} holds another study's report: this one goes to {folder}.")
+        run = self.interview.scenario.run
+        left = run.left if isinstance(run, LiveRig) else None
+        if left:
+            values = ", ".join(f"{name} = {value:g}" for name, value in left.items())
+            self.say(f"A run was interrupted: the plant's old values are restored now ({values}).")
         taken = self.opened.file.state.configuration.get("earlier")
         if taken and not self.opened.resumed:
             self.say(f"From {earlier_text(taken)}.")

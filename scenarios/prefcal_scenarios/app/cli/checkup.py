@@ -11,6 +11,7 @@ from jaxtyping import Float
 from prefcal_env.errors import RecordError, ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.panels import KINDS
+from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.rig import Rig
 from prefcal_env.study.codec import decode, encode
@@ -113,6 +114,9 @@ class Checkup:
         if isinstance(self.scenario.run, Rig):
             self.experiment = _made_up(self.scenario.run, self.theta)
             yield Finding("run", None, "only you can run this rig: a made-up record is checked")
+            return
+        if isinstance(self.scenario.run, LiveRig):
+            yield Finding("run", None, "this is a live plant: nothing is written to it by a check")
             return
         result: object = self.scenario.run(self.theta.copy(), seed=self.seed)
         took = self.clock() - start

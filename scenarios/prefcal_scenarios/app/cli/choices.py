@@ -11,6 +11,7 @@ from prefcal_agents.registry import WORDS
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.rig import Rig
 from prefcal_scenarios.own.nearest import did_you_mean
@@ -71,7 +72,7 @@ def _check_simulates(options: Options, scenario: Scenario) -> None:
     """Raise SettingsError if the options do not fit what may run unseen."""
     if options.agent not in SIMULATING:
         return
-    if isinstance(scenario.run, Rig):
+    if isinstance(scenario.run, Rig | LiveRig):
         raise SettingsError(
             f"scenario {scenario.name!r} is a rig, and nothing runs on it unseen: leave --simulate "
             f"and --agent {options.agent} out"
@@ -110,7 +111,7 @@ def _fed(options: Options) -> dict[str, Any]:
 
 def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
     """Return the error message for a calibrator that the scenario does not have."""
-    if isinstance(scenario.run, Rig):
+    if isinstance(scenario.run, Rig | LiveRig):
         return (
             f"scenario {scenario.name!r} is a rig that only a person can run: its calibrator is "
             f"human, got {calibrator!r}"

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
 from prefcal_scenarios.app.cli.studies.files import existing, open_described, trusted_source
 from prefcal_scenarios.app.isolated import IsolatedRun, isolation
@@ -74,7 +75,7 @@ class Reporter:
         wanted = self.reportable
         self.interview.wait_for_screened(_KNOWN)
         shown = references(scenario, options.seed, self.messages) if rig_works and wanted else {}
-        record = record_of(self.interview, options, shown)
+        record = record_of(self.interview, options, shown, self.opened.name)
         if wanted:
             self._write(record)
         return record
@@ -164,7 +165,10 @@ def report_of(
 
 
 def record_of(
-    interview: Interview, options: Options, references: Mapping[str, Experiment]
+    interview: Interview,
+    options: Options,
+    references: Mapping[str, Experiment],
+    name: str | None = None,
 ) -> Record:
     """Return the record of the study as it stands, for reports."""
     now = interview.now()
@@ -190,7 +194,15 @@ def record_of(
         good_enough=state.ended == GOOD_ENOUGH,
         outlook=interview.outlook,
         judged=follows_cost(options, interview.scenario),
+        study=name or "",
+        dates=_dates(interview),
     )
+
+
+def _dates(interview: Interview) -> tuple[str, ...]:
+    """Return the times of the study's first and last event."""
+    times = [recorded.at for recorded in interview.study.events()]
+    return tuple(dict.fromkeys((times[0], times[-1])))
 
 
 def _best_after_each(now: Now) -> tuple[int, ...]:
@@ -210,7 +222,7 @@ def references(scenario: Scenario, seed: int, messages: Console) -> dict[str, Ex
     """Run the reference θ; leave out those that fail, since the study itself is complete."""
     experiments: dict[str, Experiment] = {}
     run = scenario.run
-    if isinstance(run, Rig):
+    if isinstance(run, Rig | LiveRig):
         return experiments
     if isinstance(run, IsolatedRun) and run.worker.hangs and scenario.references:
         messages.print("The references did not run: the last run had to be ended.")

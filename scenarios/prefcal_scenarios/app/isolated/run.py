@@ -10,6 +10,7 @@ from jaxtyping import Float
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
 from prefcal_scenarios.scenario import Scenario, is_own
 
@@ -62,7 +63,7 @@ def isolation(
     worker = Worker(source, limit)
 
     def isolated(scenario: Scenario) -> Scenario:
-        if isinstance(scenario.run, Rig):
+        if isinstance(scenario.run, Rig | LiveRig):
             worker.close()
             return scenario
         return replace(scenario, run=IsolatedRun(worker))

@@ -84,6 +84,8 @@ class Record:
         waiting: Experiments that ran and are not compared yet, by index.
         judged: Whether the answers follow the scenario's cost; otherwise, the cost is not shown.
         outlook: Whether to continue; None if unknown.
+        study: Name of the study; empty if it is not kept.
+        dates: Times of the study's first and last event.
     """
 
     scenario: Scenario
@@ -103,6 +105,8 @@ class Record:
     waiting: Mapping[int, Experiment] = field(default_factory=dict)
     judged: bool = True
     outlook: Outlook | None = None
+    study: str = ""
+    dates: tuple[str, ...] = ()
 
     @cached_property
     def trials(self) -> tuple[Trial, ...]:

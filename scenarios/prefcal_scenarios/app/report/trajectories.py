@@ -74,6 +74,35 @@ def best_against(record: Record) -> Figure:
     return figure
 
 
+def before_and_after(record: Record, *, panels: int, height: float) -> Figure | None:
+    """Draw the first and the best run in at most `panels` panels; None if neither has a record.
+
+    Args:
+        record: Record of the study.
+        panels: Largest number of panels, most important first.
+        height: Height of a figure with that many panels, in inches.
+    """
+    assert record.best is not None
+    runs = {
+        number: Curve(experiment, label, color, width)
+        for number, experiment, label, color, width in (
+            (record.trials[0].number, record.trials[0].experiment, "before", FIRST, 1.4),
+            (record.best.number, record.best.experiment, "after", BEST, 2.0),
+        )
+        if len(experiment.t)
+    }
+    curves = list(runs.values())
+    if not curves:
+        return None
+    rows = [_Row(panel) for panel in panels_of(record.scenario, *(c.experiment for c in curves))]
+    rows = rows[:panels]
+    figure = canvas(0.8 + (height - 0.8) * len(rows) / panels)
+    grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)
+    _fill(list(grid[:, 0]), rows, curves)
+    legend(figure, grid[0, 0], len(curves))
+    return figure
+
+
 def side_by_side(record: Record, other: str) -> Figure:
     """Draw the best trajectory on the left and the reference `other` on the right."""
     assert record.best is not None

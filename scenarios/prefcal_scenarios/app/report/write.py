@@ -6,6 +6,7 @@ from pathlib import Path
 from prefcal_scenarios.app.presentation.folder import put
 from prefcal_scenarios.scenario import Picture
 
+from .acceptance import FILE, sheet
 from .comparisons import comparisons_as_csv
 from .export import best_as_json
 from .html import page
@@ -14,7 +15,7 @@ from .record import Record
 
 
 def write_report(record: Record, folder: Path, extra: Sequence[Picture] = ()) -> Path:
-    """Write best.json, comparisons.csv, figures and report.html; return the path of report.html.
+    """Write the report's files into `folder`; return the path of report.html.
 
     Equal studies give equal bytes. Files of an earlier report in `folder` are replaced.
 
@@ -33,6 +34,10 @@ def write_report(record: Record, folder: Path, extra: Sequence[Picture] = ()) ->
         (folder / stale).unlink(missing_ok=True)
     for d in drawn:
         put(folder / d.picture.file, d.content)
+    if record.best is not None:
+        put(folder / FILE, sheet(record).encode())
+    else:
+        (folder / FILE).unlink(missing_ok=True)
     report = folder / "report.html"
     put(report, page(record, drawn).encode())
     return report

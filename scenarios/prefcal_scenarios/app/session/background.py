@@ -27,6 +27,8 @@ class Background:
 
     def __exit__(self, *_: object) -> None:
         self._interview.close()
+        while self._interview.drives and self._thread.is_alive():
+            self._thread.join(timeout=0.2)  # the live plant gets its old values back
         self._thread.join(timeout=1.0 + GRACE)
 
     def _loop(self) -> None:

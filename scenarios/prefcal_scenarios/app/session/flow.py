@@ -9,6 +9,7 @@ from prefcal_agents.protocol.agent import Agent, rematch
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Answer, Query
 from prefcal_env.preferences.history import History, Sample
 from prefcal_env.preferences.run_facts import completed
@@ -29,6 +30,7 @@ from prefcal_scenarios.app.simulating import Basis, Simulator, past_of
 from prefcal_scenarios.own.own_line import in_words
 
 from .experiments import ExperimentStore
+from .live.state import Live
 from .order import challenger_left
 from .prefetch import Prefetch, Prepared
 from .view import Phase, Question, Side
@@ -63,6 +65,9 @@ class Flow:
     """The agent and the record for which it knows its next query."""
     thinking: tuple[Agent, History] | None = None
     """The agent and the record whose next query is being chosen in the background."""
+
+    live: Live = field(default_factory=Live)
+    """What is known of the live plant, if the scenario has one."""
 
     @property
     def state(self) -> State:
@@ -205,6 +210,9 @@ class Flow:
     def _wait_for(self, index: int) -> None:
         if isinstance(self.store.scenario.run, Rig):
             self.move(Phase.RECORD)
+        elif isinstance(self.store.scenario.run, LiveRig):
+            self.live.ask()
+            self.move(Phase.CONFIRM)
         else:
             # Also if its run failed before: the person may have fixed the plant since.
             self.move(Phase.RUNNING)

@@ -14,6 +14,7 @@ from prefcal_agents.models.kpi_importance import Importance
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
 from prefcal_env.compiling import Compiling, compile_missing
+from prefcal_env.errors import StaleError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.preferences.answer import Answer, Strength
 from prefcal_env.preferences.history import Comparison
@@ -31,6 +32,7 @@ from . import records, runs, steps
 from .experiments import ExperimentStore
 from .flow import Flow
 from .kpi_importance import importance_of, index_of, known_outcomes
+from .live import driving
 from .memory import agent_of, as_studied, is_simulating
 from .records import Given, Preview
 from .view import Choice, Now, Phase, Question
@@ -78,6 +80,7 @@ class Interview:
         self._flow = Flow(study, ExperimentStore(scenario, study), agent, simulator)
         self._closing = self._has_background = False
         self._idle_at: int | None = None
+        self._flow.live.changed = self._driving
         if asks:
             self._flow.resume()
 
@@ -108,6 +111,7 @@ class Interview:
                 can_undo=steps.can_undo(flow), state=flow.state, preparing=flow.preparing,
                 draft=flow.draft, run_limit=None if worker is None else worker.limit,
                 simulated=self._simulated(),
+                live=None if driving.live_of(flow) is None else flow.live.now(),
             )  # fmt: skip
 
     def wait(self, version: int, timeout: float) -> Now:
@@ -387,8 +391,24 @@ class Interview:
         """
         return self._do(runs.stop, index)
 
+    def write_and_start(self, index: int) -> Now:
+        """Confirm what is written to the live plant, and start the run of the pending sample.
+
+        Raises:
+            StaleError: If it is not waited for, or the plant's present values are not known.
+        """
+        return self._do(driving.confirm, index)
+
+    @property
+    def drives(self) -> bool:
+        """Return whether a run on a live plant is in progress; it takes no lock."""
+        return driving.is_driving(self._flow)
+
     def retry(self, index: int = 0) -> Now:
-        """Retry what failed, in phase FAILED: a run, or writing the study file."""
+        """Retry what failed, in phase FAILED: a run, or writing the study file.
+
+        In phase CONFIRM, read the live plant's present values again.
+        """
         return self._do(runs.retry)
 
     def finish(self) -> Now:
@@ -457,6 +477,7 @@ class Interview:
         """Take no more work and end a run of the user's scenario; the study file stays open."""
         with self._changed:
             self._closing = True
+            self._flow.live.closing.set()
             worker = runs.worker_of(self._flow)
             if worker is not None:
                 worker.stop("given up")
@@ -470,11 +491,18 @@ class Interview:
             if flow.phase is Phase.RUNNING or flow.basis is None:
                 flow.version += 1
 
+    def _driving(self) -> None:
+        """Tell front ends how far a run on the live plant is."""
+        with self._change() as flow:
+            flow.version += 1
+
     def _do(
         self, step: Callable[Concatenate[Flow, P], None], *args: P.args, **kwargs: P.kwargs
     ) -> Now:
         """Take a step, and return what is to be seen after it."""
         with self._change() as flow:
+            if driving.is_driving(flow) and step is not runs.stop:
+                raise StaleError("a run on the plant is in progress: stop it first")
             step(flow, *args, **kwargs)
             return self.now()
 

@@ -16,6 +16,7 @@ from prefcal_scenarios.own.own_line import located
 
 from . import thinking
 from .flow import Flow
+from .live import driving
 from .memory import agent_of
 from .thinking import Attempt
 from .view import GOOD_ENOUGH, Phase
@@ -31,11 +32,14 @@ _ONE_AT_A_TIME = threading.Lock()
 
 def due(flow: Flow, *, ahead: bool) -> Attempt | None:
     """Return the next piece of work; None if there is none."""
+    rig = driving.live_of(flow)
+    if rig is not None and (work := driving.due(flow, rig)) is not None:
+        return work
     if flow.phase is Phase.RUNNING:
         if flow.must_think:
             return thinking.think(flow)
         pending = flow.pending
-        if pending is None or pending.index in flow.state.finished:
+        if pending is None or pending.index in flow.state.finished or rig is not None:
             return lambda: lambda: _go_on_running(flow)
         known = _known(flow, pending)
         if known is None:
@@ -43,7 +47,7 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
         return lambda: _running(flow, pending, known)
     if flow.phase in (Phase.QUESTION, Phase.OVER) and thinking.is_unexplained(flow):
         return thinking.explain(flow)
-    if flow.phase is Phase.QUESTION and ahead:
+    if flow.phase is Phase.QUESTION and ahead and rig is None:
         return _looking_ahead(flow)
     return None
 
@@ -181,6 +185,8 @@ def reserve(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
 
 def stop(flow: Flow, index: int) -> None:
     """Stop the run of the pending sample, which then counts as failed."""
+    if driving.live_of(flow) is not None:
+        return driving.stop(flow, index)
     theta = np.array(awaited(flow, index, Phase.RUNNING).theta)
     worker = worker_of(flow)
     if worker is None:
@@ -204,20 +210,24 @@ def make_way(flow: Flow) -> None:
 
 def fail(flow: Flow, index: int, reason: str) -> None:
     """Count the run of the pending sample as failed."""
-    awaited(flow, index, Phase.RECORD, Phase.FAILED)
+    awaited(flow, index, Phase.RECORD, Phase.CONFIRM, Phase.FAILED)
     if index in flow.state.finished:
         # A later step failed, for example on a full disk: this experiment must not be replaced.
         raise StaleError(f"experiment {index + 1} is saved, it has not failed: try again")
     noted = [Noted(f"experiment {index + 1} failed: {reason}")] if reason else []
-    flow.study.append(*noted, (Finished(index), flow.store.failed(index)))
+    partial, flow.live.partial = flow.live.partial, None
+    flow.study.append(*noted, (Finished(index), partial or flow.store.failed(index)))
     flow.proceed()
 
 
 def retry(flow: Flow) -> None:
     """Retry what failed."""
-    if flow.phase is not Phase.FAILED:
+    if flow.phase is Phase.CONFIRM:
+        driving.look_again(flow)
+    elif flow.phase is Phase.FAILED:
+        flow.move(Phase.RUNNING)
+    else:
         raise StaleError("nothing has failed, so there is nothing to try again")
-    flow.move(Phase.RUNNING)
 
 
 def finish(flow: Flow) -> None:

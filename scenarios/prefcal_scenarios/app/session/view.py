@@ -10,6 +10,8 @@ from prefcal_env.preferences.run_facts import completed, counts_as_unsafe
 from prefcal_env.study import State, Suggested
 from prefcal_scenarios.app.simulating import Simulated
 
+from .live.state import LiveNow
+
 UNSAFE, GOOD_ENOUGH = "unsafe", "good enough"
 MARKS = (UNSAFE, GOOD_ENOUGH)
 """Marks that a person can give an experiment, apart from any verdict."""
@@ -25,6 +27,8 @@ class Phase(Enum):
     """A proposal is being computed or an experiment is being run."""
     RECORD = "record"
     """The person must run the experiment and provide its record."""
+    CONFIRM = "confirm"
+    """The person must confirm what is written to a live plant."""
     FAILED = "failed"
     """The run raised an error, or the study file could not be written."""
     QUESTION = "question"
@@ -141,6 +145,7 @@ class Now:
         preparing: Part that is being compiled before the first experiment; None when done.
         run_limit: Time limit of a run in seconds; None if runs cannot be stopped.
         simulated: Numbers of what was simulated unseen; None if the agent simulates nothing.
+        live: What is known of the live plant; None if the scenario has none.
     """
 
     version: int
@@ -155,3 +160,4 @@ class Now:
     preparing: Compiling | None = None
     run_limit: float | None = None
     simulated: Simulated | None = None
+    live: LiveNow | None = None

@@ -11,18 +11,20 @@ from rich.console import Console
 
 from prefcal_env.errors import PrefcalError, RecordError, StaleError
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.live import Stage
 from prefcal_env.preferences.answer import Strength
 from prefcal_env.study import Suggested
 from prefcal_scenarios.app.isolated import in_time
 from prefcal_scenarios.app.presentation.wording import theta_text
 from prefcal_scenarios.app.session import Choice, Given, Interview, Now, Phase
+from prefcal_scenarios.app.session.live.state import LiveNow
 from prefcal_scenarios.app.session.view import GOOD_ENOUGH, UNSAFE
 from prefcal_scenarios.app.web.view import Seen, preview_view
 
 from .briefing import show_brief
 from .keys import END, ESCAPE, ask_line, pressed
 from .looking import show_history, show_status
-from .showing import show_comparison, show_keys, show_next, show_question
+from .showing import show_changes, show_comparison, show_keys, show_next, show_question
 
 # Keys that the page has too mean the same there.
 CHOICES = {
@@ -79,7 +81,8 @@ class _Conversation:
             while now.phase is Phase.RUNNING:
                 self._compiling(now)
                 status.update(_waiting(now))
-                stops = pressed() == STOP_RUN and now.run_limit is not None
+                can_stop = now.run_limit is not None or now.live is not None
+                stops = pressed() == STOP_RUN and can_stop
                 if stops and now.pending is not None:
                     with suppress(StaleError):  # the run has just ended
                         self.interview.stop_run(now.pending.index)
@@ -98,6 +101,8 @@ class _Conversation:
                 return self._question(now)
             if now.phase is Phase.RECORD:
                 return self._record(now)
+            if now.phase is Phase.CONFIRM:
+                return self._confirm(now)
             return self._failed(now)
         except PrefcalError as error:
             self._say(f"{error}")
@@ -194,6 +199,29 @@ class _Conversation:
             self._file(said, now.pending)
         return True
 
+    def _confirm(self, now: Now) -> bool:
+        """Let the person confirm what is written to the live plant."""
+        assert now.live is not None
+        assert now.pending is not None
+        while now.phase is Phase.CONFIRM and now.live.changes is None and not now.live.problem:
+            now = self.interview.wait(now.version, _LOOK)
+            assert now.live is not None
+        if now.phase is not Phase.CONFIRM or now.pending is None:
+            return True
+        show_changes(self.interview, now, self.console)
+        said = self.line("write and start? yes, again (read the plant again), failed, undo, stop")
+        if said in STOP:
+            return False
+        if said == "yes":
+            self.interview.write_and_start(now.pending.index)
+        elif said == "again":
+            self.interview.retry()
+        elif said == "failed":
+            self.interview.fail(now.pending.index, "it was not run")
+        elif said in ("z", "undo"):
+            self.interview.undo(now.version)
+        return True
+
     def _file(self, said: str, pending: Suggested) -> None:
         """Save a record of the pending experiment, or of an earlier one with "replace N"."""
         index, theta = pending.index, self.dialed
@@ -258,10 +286,26 @@ def _waiting(now: Now) -> str:
         unseen = "" if now.simulated is None else f" ({now.simulated.line})"
         return f"choosing the next experiment{unseen}"
     words = f"running experiment {now.pending.index + 1}"
+    if now.live is not None:
+        return f"{words}{_live_words(now.live)}"
     if now.run_limit is None:
         return words
     limit = f"at most {in_time(now.run_limit)}; " if isfinite(now.run_limit) else ""
     return f"{words} ({limit}k stops it)"
+
+
+def _live_words(live: LiveNow) -> str:
+    """Return how far a run on a live plant is."""
+    progress = live.progress
+    if progress is None:
+        return ""
+    left = max(progress.duration - progress.elapsed, 0.0)
+    time = f", {left:.0f} s left" if progress.stage is Stage.RECORDING else ""
+    values = ", ".join(f"{key.split(' ', 1)[1]} {v:.4g}" for key, v in progress.values.items()
+                       if not key.startswith("reference"))  # fmt: skip
+    shown = f" ({values})" if values else ""
+    problem = f"; {progress.problem}" if progress.problem else ""
+    return f": {progress.stage.value}{time}{shown}{problem}; k stops it"
 
 
 def dialed(text: str, space: KnobSpace, sample: Suggested) -> tuple[float, ...]:

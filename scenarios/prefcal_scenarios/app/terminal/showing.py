@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
 from prefcal_scenarios.app.presentation.wording import INTERRUPTED, printable, with_unit
 from prefcal_scenarios.app.session import Interview, Now, Question, Side
@@ -222,3 +223,23 @@ def show_next(interview: Interview, now: Now, console: Console) -> None:
     console.print(
         f"The record: a CSV file with the columns {columns}", markup=False, soft_wrap=True
     )
+
+
+def show_changes(interview: Interview, now: Now, console: Console) -> None:
+    """Print what would be written to a live plant: the old and the new value of each knob."""
+    rig, sample, live = interview.scenario.run, now.pending, now.live
+    assert isinstance(rig, LiveRig)
+    assert sample is not None
+    assert live is not None
+    console.rule(f"Experiment {sample.index + 1}: confirm what is written to the plant")
+    for change in live.changes or ():
+        limits = f"limits {change.low:g} to {change.high:g}, at most {change.rate:g} per second"
+        line = f"  {change.name}: {change.old:.6g} → {with_unit(f'{change.new:.6g}', change.unit)}"
+        console.print(f"{line}   ({limits})", style="bold", markup=False, highlight=False)
+    after = "restored" if rig.after == "restore" else "kept"
+    console.print(
+        f"Then {rig.duration:g} s are recorded. Afterward, the new θ is {after}; k stops the run.",
+        markup=False, highlight=False,
+    )  # fmt: skip
+    for words in filter(None, (rig.instructions, live.problem)):
+        console.print(words, markup=False)

@@ -21,6 +21,7 @@ export function showOver(now, act) {
     el("p", { class: "actions" },
       report ? el("a", { class: "button primary", href: report.link, target: "_blank", rel: "noopener" }, "Open the report")
         : el("span", { class: "faint" }, "The report is being written…"),
+      report ? el("a", { class: "button", href: report.acceptance, target: "_blank", rel: "noopener" }, "Acceptance sheet") : null,
       over.next.download ? el("a", { class: "button", href: over.next.download, download: "best.json" }, "Download best.json") : null)),
   gained(over.gain), bestCard(over.best, "The result"), steps(now, act), pictures(report));
 }

@@ -3,6 +3,7 @@
 from typing import Any
 
 from prefcal_env.knobs.knob import Knob
+from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
 from prefcal_scenarios.app.presentation.wording import number
 from prefcal_scenarios.app.report.tables import objective
@@ -50,7 +51,7 @@ def how(interview: Interview) -> str:
 
 
 def _by_hand(scenario: Scenario) -> bool:
-    return isinstance(scenario.run, Rig)
+    return isinstance(scenario.run, Rig | LiveRig)
 
 
 def kpi_view(kpi: KPI) -> dict[str, str]:

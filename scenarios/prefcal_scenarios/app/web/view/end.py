@@ -100,5 +100,6 @@ def report_view(folder: Path | None) -> Any:
     return {
         "place": str(folder / "report.html"),
         "link": "/report/report.html",
+        "acceptance": "/report/acceptance.html",
         "pictures": [f"/report/{name}" for name in pictures],
     }

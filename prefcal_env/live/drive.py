@@ -1,0 +1,368 @@
+"""Do one run on a live plant: write, start, record, and restore whatever happens."""
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from math import isnan
+
+from prefcal_env.errors import ConnectionLostError, LiveError
+from prefcal_env.experiments.end import End
+
+from .journal import Journal
+from .parts import Tag, Written, all_within, within
+from .plant import LivePlant
+from .progress import Change, Confirm, Progress, Stage, Tell
+from .writer import Writer
+
+_SLICE = 0.2
+"""Longest sleep in seconds, so that a stop is noticed soon although the period may be long."""
+_SLACK = 10
+"""Additional periods that a plant may take to show a written value."""
+_RESTORING = 1.0
+"""Longest period, in seconds, at which old values are restored."""
+_REFUSALS = 20
+"""Number of times in a row that a plant may refuse its old values before a person must help."""
+_PATIENCE = 10.0
+"""Seconds for which a lost plant is waited for once the process was told to end; its old values
+are then restored at the next start."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hands:
+    """What a run gets from outside: time, and the will of a person.
+
+    Args:
+        clock: Function that returns the time in seconds.
+        sleep: Function that waits for a number of seconds.
+        confirm: Function that shows a person the changes and returns whether they confirm them.
+        stop: Function that returns whether to stop the run and restore the old values.
+        closing: Function that returns whether the process has been told to end.
+        tell: Function that is called after every sample.
+    """
+
+    clock: Callable[[], float]
+    sleep: Callable[[float], None]
+    confirm: Confirm = lambda changes: False
+    stop: Callable[[], bool] = lambda: False
+    closing: Callable[[], bool] = lambda: False
+    tell: Tell = lambda progress: None
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is done in a run; times in seconds, values in their units.
+
+    Args:
+        written: Nodes that may be written to, by name: knobs and start values.
+        theta: New value of each knob, by name.
+        start: Value that starts the run, by name.
+        tags: Recorded nodes by key.
+        period: Sampling period.
+        duration: Longest recorded time.
+        ready: Limits of tags by key, in which the plant must be before the start.
+        ready_within: Longest wait for that.
+        done: Limits of tags by key, in which the run ends early; empty for never.
+        hold: Time for which a condition must hold.
+        blind: Longest time for which a tag with an abort limit may have no good value.
+        keep: Whether the knobs keep their new values after a completed run.
+    """
+
+    written: Mapping[str, Written]
+    theta: Mapping[str, float]
+    start: Mapping[str, float]
+    tags: Mapping[str, Tag]
+    period: float
+    duration: float
+    ready: Mapping[str, tuple[float, float]]
+    ready_within: float
+    done: Mapping[str, tuple[float, float]]
+    hold: float
+    blind: float
+    keep: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Outcome of a run: what was recorded, how it ended, and whether the old values are back."""
+
+    rows: tuple[tuple[float, Mapping[str, float]], ...]
+    end: End
+    why: str = ""
+    restored: bool = True
+    stopped: bool = False
+
+
+class _EndedError(Exception):
+    """End of a run before its time, for a reason that is no error of the caller."""
+
+    def __init__(self, end: End, why: str, *, stopped: bool = False) -> None:
+        super().__init__(why)
+        self.end, self.why, self.stopped = end, why, stopped
+
+
+@dataclass(slots=True)
+class Drive:
+    """One run, as mutable state; `run` does all of it.
+
+    Args:
+        plant: Plant to run on.
+        plan: What to do.
+        journal: File for the old values.
+        hands: Clock, confirmation, stop and progress.
+    """
+
+    plant: LivePlant
+    plan: Plan
+    journal: Journal
+    hands: Hands
+    writer: Writer = field(init=False)
+    old: dict[str, float] = field(default_factory=dict)
+    rows: list[tuple[float, Mapping[str, float]]] = field(default_factory=list)
+    stage: Stage = Stage.CONNECTING
+    problem: str = ""
+    _next: float = field(init=False)
+    _period: float = field(init=False)
+    _began: float | None = None
+    _now: Mapping[str, float] = field(default_factory=dict)
+    _held_since: float | None = None
+    _seen_at: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        plan = self.plan
+        self.writer = Writer(self.plant, plan.written, plan.period, self.hands.clock)
+        self._next, self._period = self.hands.clock(), plan.period
+
+    def run(self) -> Outcome:
+        """Do the run. Whatever happens, the old values are restored, at the latest afterward."""
+        end, why, stopped, keep = End.FAILED, "", False, False
+        try:
+            end = self._forward()
+            keep = self.plan.keep
+        except _EndedError as ended:
+            end, why, stopped = ended.end, ended.why, ended.stopped
+        except LiveError as error:
+            why = str(error)
+        except BaseException:
+            self.restore()
+            raise
+        self.problem = why
+        restored = self.restore(keep=keep)
+        return Outcome(tuple(self.rows), end, why, restored, stopped)
+
+    def look(self) -> tuple[Change, ...]:
+        """Return what would be written.
+
+        Raises:
+            ConnectionLostError: If the plant cannot be reached.
+            LiveError: If the plant has no good value of a node, or one outside the limits.
+        """
+        if not self.plant.connected:
+            self.plant.connect()
+        values, new = self.writer.read(), {**self.plan.theta, **self.plan.start}
+        for name, written in self.plan.written.items():
+            if not within(values[name], (written.low, written.high)):
+                got = "no good value" if isnan(values[name]) else f"{values[name]:g}"
+                raise LiveError(
+                    f"the plant has {got} for {name}, expected one in [{written.low:g}, "
+                    f"{written.high:g}] {written.unit}: set it there, or widen the range"
+                )
+        return tuple(
+            Change(name, values[name], new[name], w.low, w.high, w.rate, w.unit)
+            for name, w in self.plan.written.items()
+        )
+
+    def restore(self, old: Mapping[str, float] | None = None, *, keep: bool = False) -> bool:
+        """Move the plant back to its old values; return whether it has them again.
+
+        While the connection is lost, this tries to connect again once per sampling period, for as
+        long as the process is not told to end.
+
+        Args:
+            old: Values to restore; by default, those from before this run.
+            keep: Whether to keep the knobs' new values, and take back the start values only.
+        """
+        targets = dict(self.old if old is None else old)
+        if not targets:
+            return True  # nothing was written
+        if keep:
+            targets = {name: v for name, v in targets.items() if name in self.plan.start}
+        self._next, self._period = self.hands.clock(), min(self.plan.period, _RESTORING)
+        refused, lost = 0, None
+        while refused < _REFUSALS and not (
+            lost is not None and self.hands.closing() and self.hands.clock() - lost > _PATIENCE
+        ):
+            stage = Stage.RESTORING
+            try:
+                if self._moved_to(targets):
+                    self.journal.clear()
+                    return not keep
+                refused, lost = 0, None
+            except ConnectionLostError as error:
+                stage, self.problem = Stage.LOST, self.problem or str(error)
+                lost = self.hands.clock() if lost is None or not self.hands.closing() else lost
+            except LiveError as error:
+                refused, self.problem = refused + 1, str(error)
+            with suppress(Exception):  # a front end that fails must not keep the values changed
+                self._tell(stage)
+            self._wait()
+        return False
+
+    def _moved_to(self, targets: Mapping[str, float]) -> bool:
+        """Connect if necessary, move one step, and return whether the plant shows the targets."""
+        if not self.plant.connected:
+            self.plant.connect()
+        values = self.writer.read()
+        if all(self.plan.written[n].same(values[n], target) for n, target in targets.items()):
+            return True
+        self.writer.step(targets)
+        return False
+
+    def _forward(self) -> End:
+        changes = self.look()
+        if not self.hands.confirm(changes):
+            raise _EndedError(End.FAILED, "it was not confirmed: nothing was written", stopped=True)
+        # Again, since the person may have taken minutes, and on the disk before the first write.
+        if [c.old for c in self.look()] != [c.old for c in changes]:
+            raise LiveError("the plant's values changed before they were confirmed: look again")
+        old = {change.name: change.old for change in changes}
+        self.journal.save(old)
+        self.old = old
+        self._next = self.hands.clock()
+        self._ramp(self.plan.theta)
+        self._until_ready()
+        return self._record()
+
+    def _ramp(self, targets: Mapping[str, float]) -> None:
+        """Write `targets` at their rates, and read them back."""
+        deadline = self._deadline(targets)
+        while not self._shows(targets):
+            if self.hands.clock() > deadline:
+                raise LiveError(self._refused(targets))
+            self.writer.step(targets)
+            self._sample(Stage.WRITING)
+
+    def _deadline(self, targets: Mapping[str, float]) -> float:
+        """Return the time by which the plant must show `targets`."""
+        written = self.plan.written
+        longest = max((abs(v - self.old[n]) / written[n].rate for n, v in targets.items()),
+                      default=0.0)  # fmt: skip
+        return self.hands.clock() + 2.0 * longest + _SLACK * self.plan.period
+
+    def _shows(self, targets: Mapping[str, float]) -> bool:
+        written = self.plan.written
+        return all(written[n].same(self._now.get(n, self.old[n]), v) for n, v in targets.items())
+
+    def _refused(self, targets: Mapping[str, float]) -> str:
+        wrong = [
+            f"{n} = {self._now.get(n, self.old[n]):g} instead of {v:g} {self.plan.written[n].unit}"
+            for n, v in targets.items()
+            if not self.plan.written[n].same(self._now.get(n, self.old[n]), v)
+        ]
+        return (
+            f"the plant shows {', '.join(wrong)}: it limits the value, or another station writes it"
+        )
+
+    def _until_ready(self) -> None:
+        if not self.plan.ready:
+            return
+        deadline, self._held_since = self.hands.clock() + self.plan.ready_within, None
+        while not self._holds(self.plan.ready):
+            if self.hands.clock() >= deadline:
+                wanted = ", ".join(
+                    f"{self.plan.tags[key].name} in [{low:g}, {high:g}] {self.plan.tags[key].unit}"
+                    for key, (low, high) in self.plan.ready.items()
+                )
+                raise LiveError(
+                    f"the start condition was not met within {self.plan.ready_within:g} s: {wanted}"
+                )
+            self._sample(Stage.WAITING)
+
+    def _holds(self, limits: Mapping[str, tuple[float, float]]) -> bool:
+        """Return whether a condition has held long enough, by the latest sample."""
+        if not self._now or not all_within(self._now, limits):
+            self._held_since = None
+            return False
+        now = self.hands.clock()
+        self._held_since = now if self._held_since is None else self._held_since
+        return now - self._held_since >= self.plan.hold - 1e-9
+
+    def _record(self) -> End:
+        """Start the run and record it from there on."""
+        plan, started = self.plan, not self.plan.start
+        deadline, self._held_since = self._deadline(plan.start), None
+        while True:
+            self._sample(Stage.RECORDING)
+            self._unchanged(plan.theta)
+            started = started or self._shows(plan.start)
+            if started and plan.done and self._holds(plan.done):
+                return End.SETTLED
+            if self.rows[-1][0] >= plan.duration - 1e-9:
+                return End.TIME_UP
+            if not started:
+                if self.hands.clock() > deadline:
+                    raise LiveError(self._refused(plan.start))
+                self.writer.step(plan.start)
+
+    def _unchanged(self, targets: Mapping[str, float]) -> None:
+        """Stop if somebody else changed a knob: the record would be one of another θ."""
+        for name, value in targets.items():
+            shown, written = self._now[name], self.plan.written[name]
+            if not isnan(shown) and not written.same(shown, value):
+                raise _EndedError(
+                    End.FAILED,
+                    f"{name} was changed on the plant to {shown:g} {written.unit} during the run",
+                )
+
+    def _sample(self, stage: Stage) -> None:
+        """Wait for the next sampling instant, read everything, and check the abort limits."""
+        if self._began is not None or stage is not Stage.RECORDING:
+            self._wait(stops=True)
+        now = self.hands.clock()
+        names = [*self.plan.written, *self.plan.tags]
+        nodes = [written.node for written in self.plan.written.values()]
+        nodes += [tag.node for tag in self.plan.tags.values()]
+        values = dict(zip(names, self.plant.read(nodes), strict=True))
+        self.writer.see({name: values[name] for name in self.plan.written})
+        self._now = values
+        if stage is Stage.RECORDING:
+            self._began = now if self._began is None else self._began
+            self.rows.append((now - self._began, {key: values[key] for key in self.plan.tags}))
+        self._tell(stage)
+        self._supervise(now)
+
+    def _supervise(self, now: float) -> None:
+        for key, tag in self.plan.tags.items():
+            value = self._now[key]
+            if not tag.supervised:
+                continue
+            if not isnan(value):
+                self._seen_at[key] = now
+                if not within(value, tag.abort):
+                    raise _EndedError(
+                        End.UNSAFE,
+                        f"{tag.name} = {value:g} {tag.unit} is outside its abort limits "
+                        f"[{tag.abort[0]:g}, {tag.abort[1]:g}]",
+                    )
+            elif now - self._seen_at.setdefault(key, now) > self.plan.blind:
+                raise _EndedError(
+                    End.FAILED, f"{tag.name} had no good value for {self.plan.blind:g} s"
+                )
+
+    def _wait(self, *, stops: bool = False) -> None:
+        """Sleep until the next sampling instant; a person can stop the run meanwhile."""
+        hands, period = self.hands, self._period
+        self._next = max(self._next + period, hands.clock() - period)
+        while True:
+            if stops and (hands.stop() or hands.closing()):
+                raise _EndedError(End.FAILED, "it was stopped", stopped=True)
+            left = self._next - hands.clock()
+            if left <= 1e-9:
+                return
+            hands.sleep(min(left, _SLICE))
+
+    def _tell(self, stage: Stage) -> None:
+        self.stage = stage
+        elapsed = self.rows[-1][0] if self.rows else 0.0
+        values = {key: self._now[key] for key in self.plan.tags if key in self._now}
+        told = Progress(stage, elapsed, self.plan.duration, values, self.problem)
+        self.hands.tell(told)

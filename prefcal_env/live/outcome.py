@@ -1,0 +1,61 @@
+"""Turn what was read from a live plant into an experiment."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.experiments.recorded import recorded
+
+from .drive import Outcome
+
+if TYPE_CHECKING:
+    from .rig import LiveRig
+
+
+def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outcome) -> Experiment:
+    """Return the experiment of a physical θ, shape (n,), from the samples of its run.
+
+    Where an output had bad quality, its curve is interpolated, and the signal "NAME as read" keeps
+    the gaps. Inputs and references keep their latest good value meanwhile, since they are held
+    between samples anyway. A run in which an output never had a good value has failed.
+    """
+    rows = outcome.rows
+    read = {tag: np.array([row[f"{tag.role} {tag.name}"] for _, row in rows]) for tag in rig.tags}
+    outputs = {tag.name: values for tag, values in read.items() if tag.role == "output"}
+    nothing = any(np.isnan(values).all() for values in outputs.values())
+    kept = slice(0, 0) if nothing else slice(None)
+    drawn = [tag for tag in rig.tags if tag.role != "reference"]
+    return recorded(
+        theta,
+        np.array([instant for instant, _ in rows])[kept],
+        {name: interpolated(values[kept]) for name, values in outputs.items()},
+        {tag.name: held(v[kept]) for tag, v in read.items() if tag.role == "input"},
+        {tag.name: held(v[kept]) for tag, v in read.items() if tag.role == "reference"},
+        {tag.name: tag.unit for tag in drawn},
+        {tag.name: (tag.low, tag.high) for tag in drawn if tag.low > -np.inf or tag.high < np.inf},
+        signals={
+            f"{name} as read": values[kept]
+            for name, values in outputs.items()
+            if np.isnan(values[kept]).any()
+        },
+        kpis=rig.kpis,
+        end=End.FAILED if nothing else outcome.end,
+        time_unit="s",
+    )
+
+
+def interpolated(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
+    """Return `values` with NaN replaced by interpolation, at the ends by the nearest good value."""
+    good = np.flatnonzero(~np.isnan(values))
+    return np.interp(np.arange(len(values)), good, values[good]) if len(good) else values
+
+
+def held(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
+    """Return `values` with each NaN replaced by the latest good value, or else by the first one."""
+    good = np.flatnonzero(~np.isnan(values))
+    if not len(good):
+        return np.zeros(len(values))
+    places = np.clip(np.searchsorted(good, np.arange(len(values)), side="right") - 1, 0, None)
+    return np.asarray(values[good[places]])

@@ -1,0 +1,29 @@
+"""Random sessions of a live plant break no promise; 10,000 of them are a benchmark."""
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture
+def sessions(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "checks")
+    import live_sessions
+
+    return live_sessions
+
+
+def test_random_sessions_keep_every_promise(sessions):
+    outcomes = sessions.run(300)
+    assert sum(outcomes.values()) == 300
+    assert {"killed", "time is up", "failed, lost", "unsafe"} <= set(outcomes)
+
+
+def test_the_check_sees_a_write_that_is_too_fast(sessions, monkeypatch):
+    from prefcal_env.live.parts import Written
+
+    monkeypatch.setattr(Written, "step", lambda self, elapsed, period: 1e9)
+    with pytest.raises(sessions.Broken, match="is faster than"):
+        sessions.run(20)

@@ -1,0 +1,112 @@
+"""An interview about a live plant asks before each run, saves it, and loses no answer."""
+
+import pytest
+
+from prefcal_env import End
+from prefcal_env.errors import StaleError
+from prefcal_env.live import LiveRig
+from prefcal_scenarios.app.session import Choice, Phase
+from prefcal_scenarios.scenario import KPI, Scenario
+from support.interviews import begin, reopened
+from support.live import Memory, memory_rig
+
+
+@pytest.fixture
+def plant():
+    return Memory()
+
+
+@pytest.fixture
+def scenario(plant, tmp_path, monkeypatch):
+    real = LiveRig.drive
+
+    def drive(self, theta, confirm, **rest):
+        return real(self, theta, confirm, clock=plant.clock, sleep=plant.sleep, **rest)
+
+    monkeypatch.setattr(LiveRig, "drive", drive)
+    rig = memory_rig(plant, tmp_path)
+    kpi = KPI("overshoot of level", "overshoot", "m", better="lower")
+    return Scenario("tank", "A tank", rig.space, rig, kpis=(kpi,))
+
+
+def waited_for(interview):
+    """Work until a person must do something: what is waited for."""
+    while True:
+        now = interview.now()
+        known = now.live.changes is not None or now.live.problem
+        if now.phase not in (Phase.RUNNING, Phase.CONFIRM) or (
+            now.phase is Phase.CONFIRM and known
+        ):
+            return now
+        assert interview.work()
+
+
+def test_each_run_is_confirmed_saved_and_compared(scenario, plant, tmp_path):
+    path = tmp_path / "mine.prefcal"
+    interview, confirmed, answered = begin(scenario, n_max=4, path=path), 0, 0
+    while (now := waited_for(interview)).phase is not Phase.OVER:
+        if now.phase is Phase.CONFIRM:
+            before = len(plant.writes)
+            assert [change.old for change in now.live.changes] == pytest.approx([1.0, 10.0, 1.0])
+            assert len(plant.writes) == before
+            interview.write_and_start(now.pending.index)
+            confirmed += 1
+        else:
+            assert len(now.state.finished) == confirmed
+            interview.answer(now.question.id, Choice.LEFT)
+            answered += 1
+    assert confirmed == 4
+    interview.study.close()
+    state = reopened(scenario, path).now().state
+    assert len(state.answers) == answered
+    assert len(state.finished) == 4
+    assert plant.values["kp"] == pytest.approx(1.0)
+
+
+def test_nothing_is_written_before_the_confirmation(scenario, plant):
+    interview = begin(scenario)
+    with pytest.raises(StaleError, match="not known yet"):
+        interview.write_and_start(0)
+    waited_for(interview)
+    with pytest.raises(StaleError, match="nothing was written"):
+        interview.write_and_start(1)
+    assert not interview.work()
+    assert plant.writes == []
+
+
+def test_a_plant_that_changed_since_the_confirmation_is_not_touched(scenario, plant):
+    interview = begin(scenario)
+    waited_for(interview)
+    interview.write_and_start(0)
+    plant.values["kp"] = 1.2
+    now = waited_for(interview)
+    assert now.phase is Phase.FAILED
+    assert plant.writes == []
+    interview.retry()
+    assert waited_for(interview).live.changes[0].old == pytest.approx(1.2)
+
+
+def test_a_stopped_run_can_be_tried_again_or_counted_as_failed(scenario, plant):
+    interview = begin(scenario)
+    waited_for(interview)
+    plant.at = lambda p: interview.stop_run(0) if 7.9 < p.now < 8.3 else None
+    interview.write_and_start(0)
+    with pytest.raises(StaleError, match="stop it first"):
+        interview.finish()
+    now = waited_for(interview)
+    assert now.phase is Phase.FAILED
+    assert "The old values are restored" in now.problem
+    assert plant.values["kp"] == pytest.approx(1.0)
+    interview.fail(0, now.problem)
+    assert interview.experiment(0).end is End.FAILED
+    assert len(interview.experiment(0).t)
+
+
+def test_an_unreachable_plant_is_a_problem_that_can_be_looked_at_again(scenario, plant):
+    plant.up = False
+    interview = begin(scenario)
+    now = waited_for(interview)
+    assert "no connection to memory" in now.live.problem
+    plant.up = True
+    interview.retry()
+    assert waited_for(interview).live.changes
