@@ -89,7 +89,7 @@ def test_a_plant_that_changed_since_the_confirmation_is_not_touched(scenario, pl
 def test_a_stopped_run_can_be_tried_again_or_counted_as_failed(scenario, plant):
     interview = begin(scenario)
     waited_for(interview)
-    plant.at = lambda p: interview.stop_run(0) if 7.9 < p.now < 8.3 else None
+    plant.at = lambda p: interview.stop_run(0) if 11.9 < p.now < 12.3 else None
     interview.write_and_start(0)
     with pytest.raises(StaleError, match="stop it first"):
         interview.finish()
