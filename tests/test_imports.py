@@ -25,7 +25,7 @@ LAYERS = {
     "prefcal_env": (
         {"errors", "jit"},
         {"knobs", "experiments", "qp", "plain"},
-        {"preferences", "plants", "tables"},
+        {"preferences", "plants", "tables", "controllers"},
         {"mpc", "envs", "rig", "live", "calibrators", "study"},
         {"compiling"},
     ),

@@ -28,9 +28,10 @@ class FunctionPlant:
     analytic. Where f overflows or divides by zero, the derivative is NaN, so that the experiment
     ends there instead of raising.
 
-    f and g may be CasADi Functions of (x, u) or (x, u, d), whose Jacobians CasADi derives. If f, and g if given, are compiled by `numba.njit`, the simulation and the MPC never wait for
-    Python: a period takes 7 to 30 µs instead of 40 to 1,400. They must return an array, or a tuple
-    of floats.
+    f and g may be CasADi Functions of (x, u) or (x, u, d), whose Jacobians CasADi derives. If f,
+    and g if given, are compiled by `numba.njit`, the simulation and the MPC never wait for Python:
+    a period takes 7 to 30 µs instead of 40 to 1,400. They must return an array, or a tuple of
+    floats.
 
     Args:
         f: State derivative per `time_unit`, n_x numbers.
