@@ -2,8 +2,8 @@
 
 In a folder with the examples of docs/: first the lines of `console` blocks that begin with
 `$ prefcal`, then the Python blocks, which share one namespace. A block after
-`<!-- not executed: why -->` is left out. A Python block whose first line is `# NAME.py` is that file,
-and `<!-- needs: MODULE -->` leaves a page out where an extra is not installed.
+`<!-- not executed: why -->` is left out. A Python block whose first line is `# NAME.py` is that
+file, and `<!-- needs: MODULE -->` leaves a page out where an extra is not installed.
 """
 
 import json

@@ -28,9 +28,10 @@ class FunctionPlant:
     analytic. Where f overflows or divides by zero, the derivative is NaN, so that the experiment
     ends there instead of raising.
 
-    f and g may be CasADi Functions of (x, u) or (x, u, d), whose Jacobians CasADi derives. If f, and g if given, are compiled by `numba.njit`, the simulation and the MPC never wait for
-    Python: a period takes 7 to 30 µs instead of 40 to 1,400. They must return an array, or a tuple
-    of floats.
+    f and g may be CasADi Functions of (x, u) or (x, u, d), whose Jacobians CasADi derives. If f,
+    and g if given, are compiled by `numba.njit`, the simulation and the MPC never wait for Python:
+    a period takes 7 to 30 µs instead of 40 to 1,400. They must return an array, or a tuple of
+    floats.
 
     Args:
         f: State derivative per `time_unit`, n_x numbers.
@@ -117,7 +118,7 @@ class FunctionPlant:
         AB, CD = (
             equation.jacobian(x, u, d)
             if isinstance(equation, CasadiEquation)
-            else derivative(lambda p, name=name: self._values(name, p[:n_x], p[n_x:], d), point)  # type: ignore[misc]
+            else derivative(lambda p, name=name: self._values(name, p[:n_x], p[n_x:], d), point)
             for name, equation in (("f", self._f), ("g", self._g))
         )
         return Jacobians(AB[:, :n_x], AB[:, n_x:], CD[:, :n_x], CD[:, n_x:])
