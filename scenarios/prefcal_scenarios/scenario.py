@@ -13,11 +13,10 @@ from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.control import Controller
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.panels import Panel as Panel
 from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.experiments.experiment import Channels
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.rig import Rig
 from prefcal_scenarios.own.checks import check_parts

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from inspect import signature
 from typing import Any
 
@@ -133,9 +134,7 @@ class TrackedRecord:
 
 
 def within(function: Any, space: KnobSpace) -> Any:
-    """Return a scenario's function for the knobs of `space`, if it has something to do with them."""
-    from functools import partial
-
+    """Return a scenario's function for the knobs of `space`, if it takes them."""
     if hasattr(function, "within"):
         return function.within(space)
     takes = callable(function) and "space" in signature(function).parameters

@@ -153,9 +153,7 @@ def _kpis(
     return tuple(_kpi(name, value, known, where) for name, value in stated.items())
 
 
-def _kpi(
-    name: str, value: float | Mapping[str, Any], known: Mapping[str, KPI], where: str
-) -> KPI:
+def _kpi(name: str, value: float | Mapping[str, Any], known: Mapping[str, KPI], where: str) -> KPI:
     if name not in known:
         raise ScenarioError(
             f"{where}, [kpis]: there is no KPI {name!r}.{did_you_mean(name, known)} "

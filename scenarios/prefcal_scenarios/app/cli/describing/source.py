@@ -12,6 +12,7 @@ from prefcal_scenarios.own.described.words import knob_of, listed, named_numbers
 from prefcal_scenarios.own.source import joined_source, split_source, with_config_of
 from prefcal_scenarios.scenario import CONTROLLERS, is_described
 
+
 def source_of(given: Mapping[str, Any]) -> str:
     """Return the source of the scenario that the options describe.
 
