@@ -5,8 +5,12 @@ Importing this package registers the environments `prefcal/CSTR-v0`, `prefcal/CS
 name; their dependencies are loaded only when an environment is made.
 """
 
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING, Any
+
 from gymnasium import register as _register
 
+from prefcal_env.controllers.do_mpc import DoMPC as DoMPC
 from prefcal_env.envs.experiment_env import ClosedLoop as ClosedLoop
 from prefcal_env.envs.preference_reward import PreferenceReward as PreferenceReward
 from prefcal_env.envs.tuning_env import TuningEnv as TuningEnv
@@ -44,10 +48,31 @@ from .calibrators import HumanCalibrator as HumanCalibrator
 from .calibrators import LatentCost as LatentCost
 from .calibrators import Lexicographic as Lexicographic
 from .calibrators import Thurstone as Thurstone
+from .envs import LTILoop as LTILoop
 from .envs import PlantEnv as PlantEnv
 from .envs import Task as Task
 from .errors import PrefcalError as PrefcalError
+from .plants import FunctionPlant as FunctionPlant
+from .plants import Plant as Plant
 from .rig import Rig as Rig
+
+if TYPE_CHECKING:
+    from .mpc import LinearMPC as LinearMPC
+    from .mpc import MPCSettings as MPCSettings
+
+_LAZY = {"LinearMPC": "prefcal_env.mpc", "MPCSettings": "prefcal_env.mpc"}
+"""Names that are imported when they are first used, since they load a compiler."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(_import_module(_LAZY[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LAZY})
+
 
 _register("prefcal/CSTR-v0", "prefcal_env.envs.cstr:cstr_env")
 _register(

@@ -47,7 +47,7 @@ def observed_of(plant: Plant, task: Task) -> Float[np.ndarray, "n 2"]:
         _reach(channel, start, aims.get((channel.name, channel.unit), start))
         for channel, start in zip(plant.states, task.x0, strict=True)
     ]
-    rows += [(channel.low, channel.high) for channel in plant.inputs]
+    rows += [_reach(c, start, start) for c, start in zip(plant.inputs, task.u0, strict=True)]
     rows += [_reach(plant.outputs[i], reference[i], 0.0) for i in tracked_of(task)]
     rows += [_reach(c, start, start) for c, start in zip(plant.disturbances, d, strict=True)]
     return np.array(rows, dtype=float)
@@ -63,12 +63,6 @@ def _reach(channel: Channel, start: float, aim: float) -> tuple[float, float]:
 
 def check_fit(plant: Plant, task: Task) -> None:
     """Raise SettingsError if shapes, ranges or limits of plant and task do not fit."""
-    for i, channel in enumerate(plant.inputs):
-        if not np.isfinite([channel.low, channel.high]).all():
-            raise SettingsError(
-                f"input {i} ({channel.name!r}) needs finite limits to scale actions by, "
-                f"got [{channel.low}, {channel.high}] {channel.unit}".rstrip()
-            )
     n_x, n_u, n_y, n_d = map(len, (plant.states, plant.inputs, plant.outputs, plant.disturbances))
     tracked = tracked_of(task)
     n_o = n_x + n_u + len(tracked) + n_d
@@ -85,9 +79,31 @@ def check_fit(plant: Plant, task: Task) -> None:
             raise SettingsError(
                 f"task: {name} must have shape {shape} for plant {plant.name!r}, got {value.shape}"
             )
+    _check_measuring(task, n_y)
     if any(not 0 <= i < n_y or np.isnan(task.reference(0.0)[i]) for i in tracked):
         raise SettingsError(
             f"task: tracked must be outputs 0 to {n_y - 1} that have a reference, got {tracked}"
         )
     if task.max_move is not None and (task.max_move.shape != (n_u,) or np.any(task.max_move <= 0)):
         raise SettingsError(f"task: max_move must be {n_u} positive numbers, got {task.max_move}")
+
+
+def check_limits(plant: Plant) -> None:
+    """Raise SettingsError if an input has no limits, which actions are scaled by."""
+    for i, channel in enumerate(plant.inputs):
+        if not np.isfinite([channel.low, channel.high]).all():
+            raise SettingsError(
+                f"input {i} ({channel.name!r}) needs finite limits to scale actions by, "
+                f"got [{channel.low}, {channel.high}] {channel.unit}".rstrip()
+            )
+
+
+def _check_measuring(task: Task, n_y: int) -> None:
+    if task.noise is not None and (task.noise.shape != (n_y,) or np.any(task.noise < 0)):
+        raise SettingsError(
+            f"task: noise must be {n_y} standard deviations of 0 or more, got {task.noise}"
+        )
+    if np.shape(task.measurement_delay) not in ((), (n_y,)):
+        raise SettingsError(
+            f"task: measurement_delay must be one number or {n_y}, got {task.measurement_delay}"
+        )

@@ -16,7 +16,8 @@ from prefcal_env.plants.plant import Plant
 
 from .canvas import Canvas, Trace
 from .checks import check_render_mode, known_options, vector
-from .fit import channels_of, check_fit, observed_of, tracked_of
+from .dead_time import DeadTime, delays_of
+from .fit import channels_of, check_fit, check_limits, observed_of, tracked_of
 from .task import Step, Task
 
 Array = np.ndarray[Any, Any]
@@ -35,7 +36,8 @@ class PlantEnv(gym.Env[Array, Array]):
     - Info: `t`, `x` and `u` (the applied input) in the plant's units; `end` at the end.
     - Options of `reset`: `T_s` and `x0`, in the plant's units.
 
-    Nothing is random; a seed is accepted but has no effect.
+    The dead time of a plant (`Plant.of(..., delay=...)`) acts on inputs and recorded outputs.
+    Nothing is random except the noise of `task.noise`, which follows from the seed.
 
     Args:
         plant: Plant to control.
@@ -44,7 +46,8 @@ class PlantEnv(gym.Env[Array, Array]):
         outputs_are_states: Whether y = x at any time. `plant.g` is then not called to record y.
 
     Raises:
-        SettingsError: If the task does not fit the plant or the render mode is unknown.
+        SettingsError: If the task does not fit the plant or the render mode is unknown; when
+            `action_space` or `step` is used, if an input has no limits to scale actions by.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
@@ -73,11 +76,18 @@ class PlantEnv(gym.Env[Array, Array]):
         self._end: End | None = None
         self._T_s, self._steps = task.T_s, 0
         self._t, self._x, self._u = 0.0, task.x0, task.u0
+        inputs, self._output_delay = delays_of(plant)
+        measuring = np.broadcast_to(task.measurement_delay, len(plant.outputs)).tolist()
+        self._seen_delay = tuple(map(sum, zip(self._output_delay, measuring, strict=True)))
+        self._delayed = any(inputs) or any(self._seen_delay)
+        self._dead_time: DeadTime | None = None
+        self._noise = np.zeros(len(plant.outputs))
 
     # Spaces are made when they are first used: a rollout needs none, and they take a while.
     @cached_property
     def action_space(self) -> gym.spaces.Space[Array]:  # type: ignore[override]
-        """Space of the actions."""
+        """Space of the actions. Raises SettingsError if an input has no limits."""
+        check_limits(self.plant)
         return gym.spaces.Box(-1.0, 1.0, (len(self._low),), np.float32)
 
     @cached_property
@@ -101,18 +111,23 @@ class PlantEnv(gym.Env[Array, Array]):
         """Start an episode; options `T_s` and `x0`, shape (n_x,), in the plant's units.
 
         Raises:
-            SettingsError: If an option is unknown or the sampling time is out of range.
+            SettingsError: If an option is unknown, or the sampling time is out of range or no
+                multiple of that of a discrete plant.
             PlantError: If the initial state has the wrong shape, is not finite, or is unsafe.
         """
         super().reset(seed=seed)
         options = known_options(options, _RESET_OPTIONS)
-        T_s = self.task.sampling_time(options.get("T_s", self.task.T_s))
+        T_s = self._sampling_time(options.get("T_s", self.task.T_s))
         x0 = vector(options.get("x0", self.task.x0), len(self.plant.states), "initial state x0")
         if self.task.unsafe(x0):
             raise PlantError(f"the initial state x0 is unsafe: {x0}")
         self._T_s, self._steps, self._end = T_s, 0, None
         self._t, self._x, self._u = 0.0, x0, self.task.u0
         self._episode = Trajectory(x0, self.task.u0)
+        if self._delayed:
+            start = x0, self.task.u0, self.task.disturbance(0.0)
+            self._dead_time = DeadTime(self.plant, *start)
+        self._draw_noise()
         return self.observe(), self._info()
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -135,7 +150,9 @@ class PlantEnv(gym.Env[Array, Array]):
 
         Raises:
             PlantError: If the action has the wrong shape or is not finite.
+            SettingsError: If an input has no limits.
         """
+        check_limits(self.plant)
         a = vector(action, len(self._low), "action")
         return np.asarray(self._low + (a + 1) / 2 * (self._high - self._low))
 
@@ -154,13 +171,18 @@ class PlantEnv(gym.Env[Array, Array]):
         y_ref, d = self.task.reference(self._t), self.task.disturbance(self._t)
         self._steps += 1
         t = instants(self._t, self._steps * self._T_s, self.task.dense_step)
-        x = np.concatenate([self._x[None], self.plant.hold(self._x, u, d, t[1:] - self._t)])
+        if self._dead_time is None:
+            states = self.plant.hold(self._x, u, d, t[1:] - self._t)
+        else:
+            states = self._dead_time.hold(self._x, u, d, t)
+        x = np.concatenate([self._x[None], states])
         kept, stopped = self._survived(x)
         if stopped:
             t, x = t[:kept], x[:kept]
         self._episode.add(t[1:], x[1:], u, y_ref)
         step = Step(t, x, u_before=self._u, u=u, y_ref=y_ref, T_s=self._T_s)
         self._t, self._x, self._u = float(t[-1]), x[-1], u
+        self._draw_noise()
         if stopped:
             self._end = End.UNSAFE
         elif self.task.settled(step):
@@ -185,7 +207,7 @@ class PlantEnv(gym.Env[Array, Array]):
             d = np.array([self.task.disturbance(t) for t in ahead[:-1]])
         else:
             y_ref, d = self.task.reference(self._t), self.task.disturbance(self._t)
-        return Measurement(self._t, self._x, self._u, d, y_ref)
+        return Measurement(self._t, self._x, self._u, d, y_ref, self._measured(d) + self._noise)
 
     def record(self) -> Record:
         """Return the current or last episode. Raises ProtocolError if there is none.
@@ -199,6 +221,8 @@ class PlantEnv(gym.Env[Array, Array]):
 
     def _outputs(self, record: Record) -> Float[np.ndarray, "K n_y"]:
         """Return y = g(x, u, d) at every instant, with d held as it acted on the plant."""
+        if self._dead_time is not None:
+            return np.array([self._dead_time.outputs(t, self._output_delay) for t in record.t])
         if self._outputs_are_states:
             return record.x.copy()
         held = np.searchsorted(record.t_control, record.t, side="right") - 1
@@ -219,6 +243,30 @@ class PlantEnv(gym.Env[Array, Array]):
     def close(self) -> None:
         """Release the figure."""
         self._canvas.close()
+
+    def _measured(self, d: Float[np.ndarray, "*d"]) -> Float[np.ndarray, " n_y"]:
+        """Return the outputs as measured now, without noise, with the last input."""
+        if self._dead_time is not None:
+            return self._dead_time.outputs(self._t, self._seen_delay)
+        if self._outputs_are_states:
+            return self._x
+        now = d if d.ndim == 1 else d[0]
+        return np.asarray(self.plant.g(self._x, self._u, now), dtype=float)
+
+    def _draw_noise(self) -> None:
+        """Draw the noise of the next measurement: once a step, however often it is read."""
+        if self.task.noise is not None:
+            self._noise = self.task.noise * self.np_random.standard_normal(len(self._noise))
+
+    def _sampling_time(self, T_s: Any) -> float:
+        found, dt = self.task.sampling_time(T_s), getattr(self.plant, "sample_time", 0.0)
+        steps = found / dt if dt else 1.0
+        if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
+            raise SettingsError(
+                f"the controller's T_s must be a multiple of the sample time {dt:g} "
+                f"{self.plant.time_unit} of plant {self.plant.name!r}, got {found:g}"
+            )
+        return found
 
     def _saturated(self, u: Array) -> Array:
         low, high = self._low, self._high

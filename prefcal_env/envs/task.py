@@ -1,6 +1,6 @@
 """The task of a plant, as data: where an episode starts, what it aims at and how it ends."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,7 +56,8 @@ class Task:
 
     References and disturbances are held over a sampling period at their value at its start.
     Most arguments have a default: x0, u0, y_ref and horizon are enough to tune a controller, which
-    has its own sampling time. The observation matters only to learned policies.
+    has its own sampling time. `T_s`, `T_s_range`, `observed`, `tracked`, `stage_cost` and
+    `unsafe_cost` matter only to learned policies.
 
     Args:
         x0: Initial state, shape (n_x,).
@@ -86,6 +87,11 @@ class Task:
         unsafe_cost: Stage cost charged for the rest of the horizon after an unsafe end, so that
             it never pays to end an episode.
         max_move: Largest change of each input from step to step, shape (n_u,); None for no limit.
+        noise: Standard deviation of the noise of each measured output (`Measurement.y`), in the
+            output's unit, shape (n_y,); None for no noise. It is white and normal, and follows from
+            the seed of `reset` alone.
+        measurement_delay: Dead time of the measurements, one number or one for each output; that of
+            the plant's outputs is added.
         preview: Number of future rows of references and disturbances that a controller gets; 0
             gives only the present values.
         vectorized: Whether `unsafe` also takes M states as columns, shape (n_x, M), and returns an
@@ -113,13 +119,15 @@ class Task:
     stage_cost: Callable[[Step], float] = free
     unsafe_cost: float = 0.0
     max_move: Float[np.ndarray, " n_u"] | None = None
+    noise: Float[np.ndarray, " n_y"] | None = None
+    measurement_delay: float | Sequence[float] = 0.0
     preview: int = 0
     vectorized: bool = False
 
     def __post_init__(self) -> None:
         if self.d is None:
             object.__setattr__(self, "d", np.zeros(0))
-        for name in ("x0", "u0", "y_ref", "d", "observed", "max_move"):
+        for name in ("x0", "u0", "y_ref", "d", "observed", "max_move", "noise"):
             value = getattr(self, name)
             if value is None or callable(value):
                 continue
@@ -137,6 +145,11 @@ class Task:
         rows = self.observed
         if rows is not None and (rows.ndim != 2 or np.any(rows[:, 0] >= rows[:, 1])):
             raise SettingsError("task: observed must be rows (low, high) with low below high")
+        delay = np.asarray(self.measurement_delay)
+        if not np.all((delay >= 0) & (delay < np.inf)):
+            raise SettingsError(
+                f"task: measurement_delay must be 0 or more and finite, got {delay.tolist()}"
+            )
         if self.preview < 0:
             raise SettingsError(f"task: preview must be 0 or more rows, got {self.preview}")
         self.sampling_time(self.T_s)

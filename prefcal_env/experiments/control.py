@@ -1,6 +1,6 @@
 """The data that an environment and a controller exchange once every sampling period."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -13,10 +13,12 @@ class Measurement:
 
     Args:
         t: Time since the start.
-        x: State, measured or estimated, shape (n_x,).
+        x: State, measured or estimated, shape (n_x,). `PlantEnv` gives the true one.
         u: Input applied during the last sampling period, shape (n_u,).
         d: Measured disturbances, shape (n_d,), or their preview, one row for each step, (N, n_d).
         y_ref: Output references, shape (n_y,), or their preview for y_1 ... y_N, shape (N, n_y).
+        y: Outputs as they are measured, with noise and dead time if the task has them, shape
+            (n_y,); empty if the environment measures none.
     """
 
     t: float
@@ -24,6 +26,7 @@ class Measurement:
     u: Float[np.ndarray, " n_u"]
     d: Float[np.ndarray, "*d"]
     y_ref: Float[np.ndarray, "*y"]
+    y: Float[np.ndarray, " _"] = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True, slots=True)

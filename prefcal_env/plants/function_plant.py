@@ -13,7 +13,9 @@ from prefcal_env.experiments.experiment import Channel
 from .derivative import derivative
 from .equations import Callbacks, Equations
 from .integrate import integrate
-from .plant import Jacobians
+from .jacobians import Jacobians
+from .systems.casadi import CasadiEquation, is_function
+from .systems.linear import numbers
 
 Equation = Callable[[Any, Any, Any], Any]
 """Function of (x, u, d), each an array, that returns an array or a sequence of numbers."""
@@ -26,7 +28,7 @@ class FunctionPlant:
     analytic. Where f overflows or divides by zero, the derivative is NaN, so that the experiment
     ends there instead of raising.
 
-    If f, and g if given, are compiled by `numba.njit`, the simulation and the MPC never wait for
+    f and g may be CasADi Functions of (x, u) or (x, u, d), whose Jacobians CasADi derives. If f, and g if given, are compiled by `numba.njit`, the simulation and the MPC never wait for
     Python: a period takes 7 to 30 µs instead of 40 to 1,400. They must return an array, or a tuple
     of floats.
 
@@ -39,13 +41,16 @@ class FunctionPlant:
         disturbances: The n_d measured disturbances.
         name: Name of the plant, as shown to people.
         time_unit: Unit of time.
+        delay: Dead time between input and plant, one number or one for each input, in `time_unit`.
+            The environment applies it (`PlantEnv`).
         max_step: Largest step of the integrator, in `time_unit`; None means that only the error
             counts. Set it if f is so different in a short range that a step could miss it.
         compiled: Function that returns f as a C function, for a faster simulation.
 
     Raises:
-        PlantError: If there is no state or no input, only one of `g` and `outputs` is given, or
-            the step is not positive; when called, if an equation returns the wrong number of
+        PlantError: If there is no state or no input, only one of `g` and `outputs` is given,
+            the step is not positive, a dead time is negative, or the inputs of a CasADi Function
+            have other sizes; when called, if an equation returns the wrong number of
             values.
     """
 
@@ -60,6 +65,7 @@ class FunctionPlant:
         disturbances: Sequence[Channel] = (),
         name: str = "plant",
         time_unit: str = "s",
+        delay: float | Sequence[float] = 0.0,
         max_step: float | None = None,
         compiled: Callable[[], Equations] | None = None,
     ) -> None:
@@ -73,7 +79,10 @@ class FunctionPlant:
         self.states, self.inputs = tuple(states), tuple(inputs)
         self.outputs = tuple(outputs) if g is not None else self.states
         self.disturbances = tuple(disturbances)
-        self._f, self._g = f, g
+        self.input_delay = tuple(numbers("delay", delay, len(self.inputs)).tolist())
+        if min(self.input_delay) < 0:
+            raise PlantError(f"delay must be 0 {time_unit} or more, got {self.input_delay}")
+        self._f, self._g = self._of_casadi(f), self._of_casadi(g)
         self._compiled = compiled
         self._equations: Equations | None = None
         self._called_back: tuple[Equations, Callbacks] | None = None
@@ -105,8 +114,12 @@ class FunctionPlant:
         """Return the derivatives of f and g at one point."""
         n_x = len(self.states)
         point = np.concatenate([x, u])
-        AB = derivative(lambda p: self._values("f", p[:n_x], p[n_x:], d), point)
-        CD = derivative(lambda p: self._values("g", p[:n_x], p[n_x:], d), point)
+        AB, CD = (
+            equation.jacobian(x, u, d)
+            if isinstance(equation, CasadiEquation)
+            else derivative(lambda p, name=name: self._values(name, p[:n_x], p[n_x:], d), point)  # type: ignore[misc]
+            for name, equation in (("f", self._f), ("g", self._g))
+        )
         return Jacobians(AB[:, :n_x], AB[:, n_x:], CD[:, :n_x], CD[:, n_x:])
 
     def hold(
@@ -154,6 +167,14 @@ class FunctionPlant:
     def __getstate__(self) -> dict[str, Any]:
         """Leave out addresses: they mean nothing in another process."""
         return self.__dict__ | {"_equations": None, "_called_back": None}
+
+    def _of_casadi(self, equation: Any) -> Any:
+        """Return a CasADi Function as an equation, and anything else unchanged."""
+        if not is_function(equation):
+            return equation
+        return CasadiEquation(
+            equation, (len(self.states), len(self.inputs), len(self.disturbances))
+        )
 
     def _f_or_nan(self, x: Any, u: Any, d: Any) -> Any:
         try:

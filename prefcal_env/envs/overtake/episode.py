@@ -108,7 +108,8 @@ class Episode:
 
     def measurement(self) -> Measurement:
         """Return what a controller knows at this sampling instant."""
-        return Measurement(self.t, self.measured, self.u, self.obstacles.flatten(), self.y_ref())
+        d, seen = self.obstacles.flatten(), self.measured
+        return Measurement(self.t, seen, self.u, d, self.y_ref(), y=seen)
 
     def nearest(self, pose: Float[np.ndarray, " n"]) -> tuple[float, float]:
         """Return gap and y_f - y_o to the vehicle nearest along the road from a pose [m]."""

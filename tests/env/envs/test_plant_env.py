@@ -270,12 +270,16 @@ def test_a_task_that_does_not_fit_the_plant_is_refused(change, reason):
         tank_env(**change)
 
 
-def test_inputs_without_limits_are_refused():
+def test_actions_for_inputs_without_limits_are_refused_but_not_the_inputs_themselves():
     plant = FunctionPlant(
         lambda x, u, d: u, states=[LEVEL], inputs=[Channel("inflow", "m/s")], disturbances=[RAIN]
     )
-    with pytest.raises(SettingsError, match=r"'inflow'.*finite limits"):
-        PlantEnv(plant, tank_task())
+    env = PlantEnv(plant, tank_task())
+    env.reset(seed=0)
+    env.apply(np.array([0.1]))
+    for use in (lambda: env.action_space, lambda: env.step(np.zeros(1))):
+        with pytest.raises(SettingsError, match=r"'inflow'.*finite limits"):
+            use()
 
 
 def test_an_unknown_render_mode_is_refused():

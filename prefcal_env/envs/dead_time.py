@@ -1,0 +1,107 @@
+"""Dead time of inputs, outputs and measurements, exact for any length and sampling time."""
+
+from bisect import bisect_right
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.plants.plant import Plant
+
+_SAME_INSTANT = 1e-10
+"""Share of a sampling period below which two instants count as one."""
+
+
+def delays_of(plant: Plant) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the dead times of inputs and outputs in the plant's unit of time; 0 if it has none."""
+    given = getattr(plant, "input_delay", ()), getattr(plant, "output_delay", ())
+    n_u, n_y = len(plant.inputs), len(plant.outputs)
+    return (tuple(given[0]) or (0.0,) * n_u, tuple(given[1]) or (0.0,) * n_y)
+
+
+class DeadTime:
+    """The part of an episode that a plant with dead time remembers.
+
+    A sampling period is divided where a delayed input changes, so that dead times need not be
+    multiples of the sampling time. Before the start, the plant is at its initial state and input.
+
+    Args:
+        plant: Plant whose inputs are delayed.
+        x0: State at time 0, shape (n_x,).
+        u0: Input before time 0, shape (n_u,).
+        d0: Measured disturbances at time 0, shape (n_d,).
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        x0: Float[np.ndarray, " n_x"],
+        u0: Float[np.ndarray, " n_u"],
+        d0: Float[np.ndarray, " n_d"],
+    ) -> None:
+        self._plant, self._delays = plant, delays_of(plant)[0]
+        self._given_at, self._given = [-np.inf], [u0]  # inputs as they are decided
+        self._since, self._spans = [-np.inf], [(x0, u0, d0)]  # as they reach the plant
+        self._tolerance = 0.0
+
+    def hold(
+        self,
+        x: Float[np.ndarray, " n_x"],
+        u: Float[np.ndarray, " n_u"],
+        d: Float[np.ndarray, " n_d"],
+        t: Float[np.ndarray, " M"],
+    ) -> Float[np.ndarray, "M1 n_x"]:
+        """Decide u at `t[0]` and hold it until `t[-1]`; return the states at `t[1:]`."""
+        start, end = float(t[0]), float(t[-1])
+        self._tolerance = _SAME_INSTANT * (end - start)
+        self._given_at.append(start)
+        self._given.append(u)
+        rows: list[np.ndarray] = []
+        for a, b in pairwise([start, *self._changes(start, end), end]):
+            reaching = self._reaching(a)
+            self._since.append(a)
+            self._spans.append((x, reaching, d))
+            inside = t[(t > a) & (t <= b)]
+            instants = inside if len(inside) and inside[-1] == b else np.append(inside, b)
+            if np.isfinite(x).all():
+                states = self._plant.hold(x, reaching, d, instants - a)
+            else:
+                states = np.full((len(instants), len(x)), np.nan)
+            rows.append(states[: len(inside)])
+            x = states[-1]
+        return np.concatenate(rows)
+
+    def outputs(self, t: float, delays: tuple[float, ...]) -> Float[np.ndarray, " n_y"]:
+        """Return the outputs as seen at `t`, each from as long ago as its delay, shape (n_y,)."""
+        seen = {delay: self._output(t - delay) for delay in set(delays)}
+        return np.array([seen[delay][i] for i, delay in enumerate(delays)], dtype=float)
+
+    def _changes(self, start: float, end: float) -> list[float]:
+        """Return the instants between `start` and `end` at which a delayed input changes."""
+        first, last = start + self._tolerance, end - self._tolerance
+        found: list[float] = []
+        for delay in sorted(set(self._delays)):
+            begin = bisect_right(self._given_at, first - delay)
+            later = [given + delay for given in self._given_at[max(begin, 1) :]]
+            found += [t for t in later if first < t < last]
+        merged: list[float] = []
+        for t in sorted(found):
+            if not merged or t - merged[-1] > self._tolerance:
+                merged.append(t)
+        return merged
+
+    def _reaching(self, t: float) -> Float[np.ndarray, " n_u"]:
+        """Return the inputs that act on the plant from `t` on, shape (n_u,)."""
+        chosen = [
+            self._given[bisect_right(self._given_at, t - delay + self._tolerance) - 1][i]
+            for i, delay in enumerate(self._delays)
+        ]
+        return np.array(chosen, dtype=float)
+
+    def _output(self, t: float) -> Float[np.ndarray, " n_y"]:
+        k = bisect_right(self._since, t + self._tolerance) - 1
+        x, u, d = self._spans[k]
+        ago = t - self._since[k]
+        if self._tolerance < ago < np.inf:
+            x = self._plant.hold(x, u, d, np.array([ago]))[0]
+        return np.asarray(self._plant.g(x, u, d), dtype=float)

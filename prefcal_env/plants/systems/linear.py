@@ -1,0 +1,213 @@
+"""A linear plant, continuous or discrete, with dead time."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import PlantError
+from prefcal_env.experiments.experiment import Channel
+from prefcal_env.plants.jacobians import Jacobians
+
+from .matrices import LinearSystem, system_of
+
+Named = str | Channel | Sequence[str | Channel]
+"""One name or channel, or one for each signal."""
+Numbers = float | Sequence[float] | np.ndarray
+X = Float[np.ndarray, " n_x"]
+U = Float[np.ndarray, " n_u"]
+D = Float[np.ndarray, " n_d"]
+Y = Float[np.ndarray, " n_y"]
+
+_MOST_KEPT = 4096
+_DIGITS = 13
+"""Significant digits of a duration. Rounding is part of the result, so that no result depends on
+what was computed before; it moves an instant by less than a trillionth."""
+
+
+class LinearPlant:
+    """A `Plant` made of a linear system; `Plant.of` makes it, and says what each argument means.
+
+    Between two instants its states follow from a matrix exponential, so they are exact. A discrete
+    plant keeps its states until its next sample. Dead time is not part of x: environments delay
+    the inputs by `input_delay` and the outputs by `output_delay`.
+    """
+
+    def __init__(
+        self,
+        system: LinearSystem,
+        *,
+        states: Named | None = None,
+        inputs: Named | None = None,
+        outputs: Named | None = None,
+        disturbances: Named = (),
+        delay: Numbers = 0.0,
+        output_delay: Numbers = 0.0,
+        x0: Numbers | None = None,
+        u0: Numbers | None = None,
+        name: str = "plant",
+        time_unit: str = "s",
+    ) -> None:
+        n_x, n_all, n_y = system.sizes
+        n_d = len(_listed(disturbances))
+        if n_all <= n_d or n_y == 0:
+            raise PlantError(f"a plant needs an input and an output, got D of shape {(n_y, n_all)}")
+        names = system.inputs or None
+        self.system, self.name, self.time_unit = system, name, time_unit
+        self.has_named_states = states is not None or bool(system.states)
+        self.states = _channels("states", states, system.states or None, n_x, "x")
+        split = (names[: n_all - n_d], names[n_all - n_d :]) if names else (None, None)
+        self.inputs = _channels("inputs", inputs, split[0], n_all - n_d, "u")
+        self.outputs = _channels("outputs", outputs, system.outputs or None, n_y, "y")
+        self.disturbances = _channels("disturbances", disturbances, split[1], n_d, "d")
+        self.x0 = numbers("x0", 0.0 if x0 is None else x0, n_x)
+        self.u0 = numbers("u0", 0.0 if u0 is None else u0, n_all - n_d)
+        self.input_delay = self._delays("delay", delay, len(self.inputs))
+        self.output_delay = self._delays("output_delay", output_delay, n_y)
+        self._kept: dict[float, np.ndarray] = {}
+
+    @property
+    def sample_time(self) -> float:
+        """Sample time of a discrete plant, in `time_unit`; 0 if the plant is continuous."""
+        return self.system.dt
+
+    def f(self, x: X, u: U, d: D) -> X:
+        """Return the state derivative, per `time_unit`.
+
+        Raises:
+            PlantError: If the plant is discrete and no continuous one has the same samples.
+        """
+        A, B = self._rates
+        return np.asarray(A @ x + B @ np.concatenate([u, d]))
+
+    def g(self, x: X, u: U, d: D) -> Y:
+        """Return the outputs, without dead time."""
+        return np.asarray(self.system.C @ x + self.system.D @ np.concatenate([u, d]))
+
+    def jacobians(self, x: X, u: U, d: D) -> Jacobians:
+        """Return A, B, C and D. Raises PlantError as `f` does."""
+        A, B = self._rates
+        n_u = len(self.inputs)
+        return Jacobians(A, B[:, :n_u].copy(), self.system.C, self.system.D[:, :n_u].copy())
+
+    def hold(
+        self, x: X, u: U, d: D, times: Float[np.ndarray, " K"]
+    ) -> Float[np.ndarray, "K n_x"]:
+        """Return the states at `times` after x, with u and d held; NaN once they overflow."""
+        start, n_x = np.concatenate([x, u, d]), len(self.states)
+        with np.errstate(all="ignore"):
+            rows = [self._propagator(t) @ start for t in np.asarray(times).tolist()]
+        states = np.array(rows, dtype=float).reshape(len(rows), n_x)
+        states[~np.isfinite(states).all(axis=1)] = np.nan
+        return states
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what is quickly computed again."""
+        return self.__dict__ | {"_kept": {}}
+
+    def _propagator(self, t: float) -> Float[np.ndarray, "n_x n"]:
+        """Return the matrix that maps (x, u, d) to the state after `t`."""
+        dt = self.system.dt
+        key = float(np.floor(t / dt + 1e-6)) if dt else float(f"{t:.{_DIGITS}g}")
+        found = self._kept.get(key)
+        if found is None:
+            if len(self._kept) >= _MOST_KEPT:
+                self._kept.clear()
+            found = self._kept[key] = self._power(int(key)) if dt else self._exponential(key)
+        return found
+
+    def _exponential(self, t: float) -> Float[np.ndarray, "n_x n"]:
+        from scipy.linalg import expm  # takes a while to import
+
+        return np.ascontiguousarray(expm(self._augmented * t)[: len(self.states)])
+
+    def _power(self, steps: int) -> Float[np.ndarray, "n_x n"]:
+        full = self._augmented + np.diag(
+            np.repeat([0.0, 1.0], [len(self.states), self.system.sizes[1]])
+        )
+        return np.linalg.matrix_power(full, steps)[: len(self.states)]
+
+    @cached_property
+    def _augmented(self) -> Float[np.ndarray, "n n"]:
+        """The rates of (x, u, d), of which u and d are held."""
+        n_x, n_u, _ = self.system.sizes
+        full = np.zeros((n_x + n_u, n_x + n_u))
+        full[:n_x, :n_x], full[:n_x, n_x:] = self.system.A, self.system.B
+        return full
+
+    @cached_property
+    def _rates(self) -> tuple[Float[np.ndarray, "n_x n_x"], Float[np.ndarray, "n_x n_u"]]:
+        """A and B of ẋ, for a discrete plant those of the continuous one with the same samples."""
+        if not self.system.dt:
+            return self.system.A, self.system.B
+        from scipy.linalg import logm
+
+        n_x = len(self.states)
+        full = self._augmented.copy()
+        full[n_x:, n_x:] = np.eye(len(full) - n_x)
+        values = np.linalg.eigvals(self.system.A)
+        if n_x and np.any((np.abs(values.imag) < 1e-12) & (values.real < 1e-12)):
+            raise PlantError(
+                f"discrete plant {self.name!r} has a pole at 0 or on the negative axis, so it has "
+                "no ẋ = f(x, u): use a controller that needs no continuous model"
+            )
+        rates = np.real(logm(full)) / self.system.dt
+        return rates[:n_x, :n_x], rates[:n_x, n_x:]
+
+    def _delays(self, what: str, value: Numbers, n: int) -> tuple[float, ...]:
+        found = numbers(what, value, n)
+        if np.any(found < 0):
+            raise PlantError(f"{what} must be 0 {self.time_unit} or more, got {found.tolist()}")
+        dt = self.system.dt
+        if dt and np.any(np.abs(found / dt - np.round(found / dt)) > 1e-6):
+            raise PlantError(
+                f"{what} of a discrete plant must be a multiple of its sample time {dt:g} "
+                f"{self.time_unit}, got {found.tolist()}"
+            )
+        return tuple(found.tolist())
+
+
+def linear_plant(system: Any, **how: Any) -> LinearPlant:
+    """Return `system`, which `system_of` takes, as a plant; see `Plant.of`."""
+    return LinearPlant(system_of(system), **how)
+
+
+def _listed(named: Named | None) -> list[str | Channel]:
+    if named is None:
+        return []
+    return [named] if isinstance(named, str | Channel) else list(named)
+
+
+def _channels(
+    what: str, given: Named | None, names: Sequence[str] | None, n: int, symbol: str
+) -> tuple[Channel, ...]:
+    """Return one channel for each of `n` signals, by what is given, their names, or numbers."""
+    found = _listed(given) or list(names or ())
+    if not found:
+        found = [symbol] if n == 1 else [f"{symbol}{i + 1}" for i in range(n)]
+    if len(found) != n:
+        raise PlantError(f"{what}: expected {n} names or channels, got {len(found)}: {found}")
+    strangers = [f for f in found if not isinstance(f, str | Channel)]
+    if strangers:
+        raise PlantError(f"{what} must be names or Channels, got {strangers[0]!r}")
+    channels = tuple(f if isinstance(f, Channel) else Channel(f) for f in found)
+    twice = {c.name for c in channels if [o.name for o in channels].count(c.name) > 1}
+    if twice:
+        raise PlantError(f"{what} must have different names, got {sorted(twice)} more than once")
+    return tuple(replace(c) for c in channels)
+
+
+def numbers(what: str, value: Any, n: int) -> Float[np.ndarray, " n"]:
+    """Return a number or `n` of them, shape (n,). Raises PlantError if they are anything else."""
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise PlantError(f"{what} must be numbers, got {value!r:.80}") from error
+    if array.ndim == 0:
+        array = np.full(n, float(array))
+    if array.shape != (n,) or not np.isfinite(array).all():
+        raise PlantError(f"{what} must be a finite number or {n} of them, got {value!r:.80}")
+    return array

@@ -1,0 +1,211 @@
+"""A, B, C and D of any linear system: python-control, SciPy or plain arrays."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import PlantError
+
+_FORMS = (
+    "a StateSpace or TransferFunction of python-control or scipy.signal, arrays (A, B, C, D) or "
+    "(A, B, C, D, dt), polynomials (num, den), or a gain"
+)
+_DEFAULT_LABEL = re.compile(r"[uyx]\[\d+\]")
+"""Names that python-control gives to signals without a name."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSystem:
+    """A linear system: x' = A x + B u, or x_k+1 = A x_k + B u_k if `dt` is above 0; y = C x + D u.
+
+    Args:
+        A: Dynamics, shape (n_x, n_x); n_x may be 0.
+        B: Effect of the inputs, shape (n_x, n_u).
+        C: Outputs from states, shape (n_y, n_x).
+        D: Outputs from inputs, shape (n_y, n_u).
+        dt: Sample time in the system's unit of time; 0 if it is continuous.
+        inputs: Names of the inputs; () if they have none.
+        outputs: Names of the outputs; () if they have none.
+        states: Names of the states; () if they have none.
+
+    Raises:
+        PlantError: If shapes do not fit each other, a number is not finite, or dt is negative.
+    """
+
+    A: Float[np.ndarray, "n_x n_x"]
+    B: Float[np.ndarray, "n_x n_u"]
+    C: Float[np.ndarray, "n_y n_x"]
+    D: Float[np.ndarray, "n_y n_u"]
+    dt: float = 0.0
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    states: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        n_y, n_u = np.shape(self.D)
+        n_x = len(self.A)
+        shapes = {"A": (n_x, n_x), "B": (n_x, n_u), "C": (n_y, n_x)}
+        for name in "ABCD":
+            array = np.array(getattr(self, name), dtype=float)
+            if array.shape != shapes.get(name, array.shape):
+                raise PlantError(
+                    f"{name} must have shape {shapes[name]} for {n_x} states and D of shape "
+                    f"{(n_y, n_u)}, got {array.shape}"
+                )
+            if not np.isfinite(array).all():
+                raise PlantError(f"{name} must be finite, got {array.tolist()}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        if not 0 <= self.dt < np.inf:
+            raise PlantError(f"the sample time dt must be 0 or more and finite, got {self.dt}")
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Return the numbers of states, inputs and outputs."""
+        return len(self.A), self.D.shape[1], self.D.shape[0]
+
+
+def system_of(system: Any) -> LinearSystem:
+    """Return `system` as matrices.
+
+    Transfer functions are realized entry by entry in controllable canonical form, which is exact
+    but has more states than needed if the entries share poles.
+
+    Args:
+        system: StateSpace or TransferFunction of python-control or scipy.signal (continuous or
+            discrete, `lti` and `dlti` included), arrays (A, B, C, D) or (A, B, C, D, dt),
+            polynomials (num, den) with the highest power first, or a gain: a number or an array of
+            shape (n_y, n_u).
+
+    Raises:
+        PlantError: If `system` is nothing of this, its sample time is not stated, shapes do not
+            fit, or a transfer function is improper.
+    """
+    if isinstance(system, LinearSystem):
+        return system
+    inner = getattr(system, "system", None)
+    if isinstance(inner, LinearSystem):  # a plant made of one
+        return inner
+    if hasattr(system, "A") and hasattr(system, "D"):
+        return _of_arrays([system.A, system.B, system.C, system.D], system)
+    if hasattr(system, "num") and hasattr(system, "den"):
+        return _of_fractions(*_fractions(system), system)
+    if hasattr(system, "to_ss"):  # zeros, poles and gain of scipy
+        return system_of(system.to_ss())
+    if isinstance(system, Sequence) and not isinstance(system, str):
+        if len(system) == 2:
+            return _of_fractions([[system[0]]], [[system[1]]], None)
+        if len(system) in (4, 5):
+            dt = _sample_time(system[4]) if len(system) == 5 else 0.0
+            return _of_arrays(system[:4], None, dt)
+    if isinstance(system, int | float | np.ndarray | np.number) and not isinstance(system, bool):
+        D = np.atleast_2d(_matrix("a gain", system))
+        n_y, n_u = D.shape
+        return LinearSystem(np.zeros((0, 0)), np.zeros((0, n_u)), np.zeros((n_y, 0)), D)
+    raise PlantError(f"a linear system must be {_FORMS}, got {type(system).__name__} {system!r:.80}")
+
+
+def _of_arrays(arrays: Sequence[Any], source: Any, dt: float | None = None) -> LinearSystem:
+    A, B, C, D = (
+        _matrix(name, value) for name, value in zip("ABCD", arrays, strict=True)
+    )
+    if A.size == 0:
+        A = np.zeros((0, 0))
+    n_x = len(A)
+    # Vectors of one input or one output, as scipy accepts them.
+    B = B.reshape(n_x, -1) if B.ndim < 2 and n_x else B
+    C = C.reshape(-1, n_x) if C.ndim < 2 and n_x else C
+    n_y, n_u = (len(C) if n_x else len(np.atleast_2d(D))), (B.shape[1] if n_x else D.shape[-1])
+    D = np.full((n_y, n_u), D.item()) if D.size == 1 and D.item() == 0 else np.atleast_2d(D)
+    if not n_x:
+        B, C = np.zeros((0, n_u)), np.zeros((n_y, 0))
+    if A.ndim != 2 or B.ndim != 2 or C.ndim != 2 or D.ndim != 2:
+        raise PlantError(f"A, B, C and D must be matrices, got {[np.shape(v) for v in arrays]}")
+    step = _sample_time(getattr(source, "dt", None)) if dt is None else dt
+    return LinearSystem(A, B, C, D, step, *_labels(source))
+
+
+def _fractions(system: Any) -> tuple[list[list[Any]], list[list[Any]]]:
+    """Return numerators and denominators of a transfer function as rows of polynomials."""
+    num, den = system.num, system.den
+    if hasattr(system, "num_list"):
+        num, den = system.num_list, system.den_list
+    nested = isinstance(num, list) and isinstance(num[0], list | np.ndarray)
+    if nested and np.ndim(num[0][0]) == 1:
+        return num, den
+    array = np.atleast_2d(num)  # scipy: one denominator for all outputs of one input
+    return [[row] for row in array], [[den]] * len(array)
+
+
+def _of_fractions(num: list[list[Any]], den: list[list[Any]], source: Any) -> LinearSystem:
+    """Realize each entry in controllable canonical form, one after the other."""
+    n_y, n_u = len(num), len(num[0])
+    D, blocks = np.zeros((n_y, n_u)), []
+    for i in range(n_y):
+        for j in range(n_u):
+            A, b, c, D[i, j] = _canonical(num[i][j], den[i][j])
+            blocks.append((i, j, A, b, c))
+    n_x = sum(len(block[2]) for block in blocks)
+    A, B, C = np.zeros((n_x, n_x)), np.zeros((n_x, n_u)), np.zeros((n_y, n_x))
+    first = 0
+    for i, j, a, b, c in blocks:
+        rows = slice(first, first + len(a))
+        A[rows, rows], B[rows, j], C[i, rows] = a, b, c
+        first += len(a)
+    inputs, outputs, _ = _labels(source)
+    return LinearSystem(A, B, C, D, _sample_time(getattr(source, "dt", None)), inputs, outputs)
+
+
+def _canonical(num: Any, den: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Return A, b, c and d of num/den, polynomials with the highest power first."""
+    b, a = (np.trim_zeros(np.atleast_1d(_matrix("a polynomial", p)), "f") for p in (num, den))
+    if not len(a):
+        raise PlantError("a transfer function needs a denominator that is not 0")
+    if len(b) > len(a):
+        raise PlantError(
+            f"a transfer function must be proper, got degree {len(b) - 1} over {len(a) - 1}: add "
+            "a filter, such as T_d*s/(T_f*s + 1) for a derivative T_d*s"
+        )
+    n = len(a) - 1
+    b = np.concatenate([np.zeros(n + 1 - len(b)), b]) / a[0]
+    a = a / a[0]
+    A = np.eye(n, k=-1)
+    if n:
+        A[0] = -a[1:]
+    return A, np.eye(n)[:, 0] if n else np.zeros(0), b[1:] - b[0] * a[1:], float(b[0])
+
+
+def _sample_time(dt: Any) -> float:
+    if dt is None:
+        return 0.0
+    if isinstance(dt, bool) or not isinstance(dt, int | float | np.number):
+        raise PlantError(
+            f"a discrete system must state its sample time dt in the unit of time, got dt={dt!r}"
+        )
+    return float(dt)
+
+
+def _labels(source: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    """Return names of inputs, outputs and states, () where they are only numbered."""
+
+    def named(kind: str) -> tuple[str, ...]:
+        labels = getattr(source, f"{kind}_labels", None) or ()
+        return () if any(map(_DEFAULT_LABEL.fullmatch, labels)) else tuple(labels)
+
+    return named("input"), named("output"), named("state")
+
+
+def _matrix(name: str, value: Any) -> np.ndarray:
+    try:
+        array = np.array(value)
+        if array.dtype.kind == "c" and not array.imag.any():
+            array = array.real
+        if array.dtype.kind not in "iuf":
+            raise TypeError
+    except (TypeError, ValueError) as error:
+        raise PlantError(f"{name} must be real numbers, got {value!r:.80}") from error
+    return np.asarray(array, dtype=float)
