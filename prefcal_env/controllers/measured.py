@@ -17,9 +17,8 @@ def outputs_of(m: Measurement, plant: Plant | None = None) -> Float[np.ndarray, 
     A measurement without outputs has the state only: then y = g(x, u, d) of `plant`, or, without
     a plant, y = x.
     """
-    y = getattr(m, "y", None)
-    if y is not None:
-        return np.asarray(y, dtype=float)
+    if len(m.y):
+        return m.y
     if plant is None:
         return np.asarray(m.x, dtype=float)
     d = m.d if m.d.ndim == 1 else m.d[0]
