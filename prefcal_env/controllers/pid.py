@@ -65,7 +65,7 @@ class PID:
         low: float = -np.inf,
         high: float = np.inf,
         output: int | str = 0,
-        input: int | str = 0,  # noqa: A002: the name that people look for
+        input: int | str = 0,
         plant: Plant | None = None,
     ) -> None:
         self.output = index_of(output, None if plant is None else plant.outputs, "output")
@@ -179,7 +179,9 @@ class PID:
         """Check the parameters, and keep them."""
         for name, value in parameters.items():
             missing = name == "T_t" and value is None
-            if not missing and (isinstance(value, bool) or not np.isscalar(value) or value != value):
+            if not missing and (
+                isinstance(value, bool) or not np.isscalar(value) or value != value
+            ):
                 raise SettingsError(f"PID: {name} must be a number, got {value!r}")
         for name in ("T_s", "T_i", "N", "T_t"):
             value = parameters[name]

@@ -35,9 +35,7 @@ def held(
     return E[:n, :n], E[:n, n:]
 
 
-def sampled(
-    J: Jacobians, T_s: float, delay: Float[np.ndarray, " n_u"] | None = None
-) -> Sampled:
+def sampled(J: Jacobians, T_s: float, delay: Float[np.ndarray, " n_u"] | None = None) -> Sampled:
     """Return the sampled model of a linearized plant, exact also for fractions of T_s.
 
     With a direct feedthrough D, an output is measured before the next input acts.

@@ -23,7 +23,7 @@ from prefcal_scenarios.scenario import Scenario
 
 from .pid.design import Design, N, design
 from .pid.knobs import space_of, theta_of
-from .pid.kpis import Measure, kpis_of, names_of
+from .pid.kpis import Measure, kpis_of
 from .pid.loaded import Loaded
 from .pid.words import brief_of
 

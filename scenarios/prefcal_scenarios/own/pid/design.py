@@ -13,7 +13,6 @@ from prefcal_env.controllers.sampled import sampled
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Jacobians, Plant
-
 from prefcal_scenarios.own.nearest import did_you_mean
 
 from .operating_point import OperatingPoint, operating_point, settled
@@ -26,6 +25,8 @@ _SHARE = 0.2
 """Share of the input's range that a default step needs at rest."""
 _SAMPLES = 5
 """Samples in the effective dead time or the shortest time constant that matters."""
+_FARTHEST = 25.0
+"""Largest ratio of a rule's gain or integral time to those of the robust tuning."""
 _MOST = 1200
 """Largest number of samples in an experiment."""
 
@@ -129,7 +130,7 @@ def scale_of(process: Process) -> float:
     """Return the time that limits control: dead time and small lags, or a share of large ones."""
     lags = [np.inf] * process.integrators + list(process.lags)
     small = process.delay + sum(process.inverse) + sum(lags[3:]) + (lags[2] / 2 if lags[2:] else 0)
-    shares = [small] + [s * T for s, T in zip((0.03, 0.1), lags[:2], strict=False) if T < np.inf]
+    shares = [small] + [s * T for s, T in zip((0.03, 0.1), lags[:2], strict=False) if np.inf > T]
     if len(lags) == 1 and lags[0] < np.inf:
         shares.append(0.1 * lags[0])
     return max((s for s in shares if s < np.inf), default=0.0)
@@ -238,14 +239,20 @@ def _single(
     except FloatingPointError:
         time, peak = 200 * T_s, 0.0
     load = _load(channel, peak, abs(target - start))
-    # Sampling delays by T_s / 2; without any other dead time the rules would ask for infinite gains.
+    # Sampling delays by T_s / 2; without any dead time the rules would ask for infinite gains.
     half = replace(process, delay=max(process.delay + T_s / 2, _SAMPLES / 2 * T_s))
-    sign = np.sign(center.K_p)
+    sign = float(np.sign(center.K_p))
     rules = {"SIMC": simc(half), "SIMC without T_d": simc(half, derivative=False)}
     if not process.unstable:
         rules["Ziegler-Nichols"] = ziegler_nichols(model, omega, sign)
-    known = {name: t for name, t in rules.items() if t is not None and t.K_p * sign > 0}
+    known = {name: t for name, t in rules.items() if t is not None and _near(t, center)}
     return Single(i, j, channel, start, target, load, center, known, 1.6 * time)
+
+
+def _near(tuning: Tuning, center: Tuning) -> bool:
+    """Return whether a range around `center` can hold `tuning` without becoming useless."""
+    ratios = tuning.K_p / center.K_p, tuning.T_i / center.T_i
+    return all(1 / _FARTHEST <= ratio <= _FARTHEST for ratio in ratios)
 
 
 def _target(
@@ -253,7 +260,7 @@ def _target(
     reference: Mapping[str, float],
 ) -> float:  # fmt: skip
     """Return the reference after the step: given, or at a fifth of the input's range."""
-    i, j = pair
+    i, _ = pair
     channel = plant.outputs[i]
     given = reference.get(channel.name, channel.target)
     if given is not None and abs(given - start) > 1e-6 * max(abs(given), abs(start), 1e-300):

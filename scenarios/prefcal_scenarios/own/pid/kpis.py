@@ -70,7 +70,9 @@ class Measure:
         for k, loop in enumerate(loops):
             if len(experiment.t) > 1:
                 end = names_of(self.design, k)
-                found |= {f"{n}{end}": v for n, v in _values(experiment, loop, k, len(loops), phase)}
+                found |= {
+                    f"{n}{end}": v for n, v in _values(experiment, loop, k, len(loops), phase)
+                }
         return found | {"M_s": self.sensitivity(experiment.theta)}
 
     def sensitivity(self, theta: Float[np.ndarray, " n"]) -> float:
@@ -86,9 +88,7 @@ def tunings_of(design: Design, theta: Float[np.ndarray, " n"]) -> list[Tuning]:
     return [Tuning(s * row[0], row[1], row[2]) for s, row in zip(signs, rows, strict=True)]
 
 
-def _values(
-    e: Experiment, loop: Single, k: int, n: int, phase: float
-) -> list[tuple[str, float]]:
+def _values(e: Experiment, loop: Single, k: int, n: int, phase: float) -> list[tuple[str, float]]:
     """Return the values of a loop's KPIs; its step is at k phases, the loads are at n."""
     y = e.output(loop.output)
     assert y is not None
@@ -136,7 +136,10 @@ def peak_sensitivity(plant: Sampled, tunings: list[Tuning], N: float) -> float:
     loop = np.zeros((n + 2 * m, n + 2 * m))
     loop[:n, :n] = plant.A + plant.B @ np.diag(direct) @ plant.C
     loop[:n, n : n + m] = loop[:n, n + m :] = plant.B
-    loop[n : n + m, :n], loop[n + m :, :n] = integral[:, None] * plant.C, derivative[:, None] * plant.C
+    loop[n : n + m, :n], loop[n + m :, :n] = (
+        integral[:, None] * plant.C,
+        derivative[:, None] * plant.C,
+    )
     loop[n : n + m, n : n + m], loop[n + m :, n + m :] = np.eye(m), np.diag(pole)
     if not np.abs(np.linalg.eigvals(loop)).max() < 1 - 1e-9:
         return np.inf

@@ -166,8 +166,8 @@ def _joint(
     try:
         with np.errstate(all="ignore"):
             found = least_squares(
-                lambda v: plant.f(v[:n], v[n:], d), start, bounds=(low, high), xtol=1e-14, ftol=1e-14,
-                gtol=1e-14,
+                lambda v: plant.f(v[:n], v[n:], d), start, bounds=(low, high),
+                xtol=1e-14, ftol=1e-14, gtol=1e-14,
             )  # fmt: skip
     except (ArithmeticError, ValueError):
         return None
