@@ -232,7 +232,8 @@ def panels_of(scenario: Scenario, *experiments: Experiment) -> tuple[Plot, ...]:
     """
     recorded = [e for e in experiments if len(e.t)] or list(experiments)
     if not scenario.panels:
-        return plots_of(recorded[0].channels)
+        plots = plots_of(recorded[0].channels, recorded[0].signals)
+        return tuple(plot for plot in plots if plot.kind != "signal")
     return tuple(_plot(panel, recorded) for panel in scenario.panels)
 
 
