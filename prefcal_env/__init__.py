@@ -48,6 +48,7 @@ from .calibrators import Thurstone as Thurstone
 from .envs import PlantEnv as PlantEnv
 from .envs import Task as Task
 from .errors import PrefcalError as PrefcalError
+from .fmu import FMULoop as FMULoop
 from .rig import Rig as Rig
 
 _register("prefcal/CSTR-v0", "prefcal_env.envs.cstr:cstr_env")
