@@ -57,6 +57,7 @@ from .envs import LTILoop as LTILoop
 from .envs import PlantEnv as PlantEnv
 from .envs import Task as Task
 from .errors import PrefcalError as PrefcalError
+from .fmu import FMULoop as FMULoop
 from .plants import FunctionPlant as FunctionPlant
 from .plants import Plant as Plant
 from .rig import Rig as Rig
