@@ -3,8 +3,18 @@
 import numpy as np
 
 from prefcal_agents import minimize_by_preference
-from prefcal_env import Channel, ClosedLoop, FunctionPlant, Knob, KnobSpace, LinearMPC, MPCSettings
-from prefcal_env import PlantEnv, Task, tracking_kpis
+from prefcal_env import (
+    Channel,
+    ClosedLoop,
+    FunctionPlant,
+    Knob,
+    KnobSpace,
+    LinearMPC,
+    MPCSettings,
+    PlantEnv,
+    Task,
+    tracking_kpis,
+)
 from prefcal_scenarios import Scenario
 
 a, A = np.array([0.071, 0.057, 0.071, 0.057]), np.array([28.0, 32.0, 28.0, 32.0])  # cm²
@@ -28,5 +38,18 @@ def mpc(theta):
     return LinearMPC(plant, MPCSettings(5.0, int(N_p), 3, Q_y=np.eye(2), Q_du=Q_du * np.eye(2)))
 
 
-knobs = KnobSpace([Knob("N_p", 3, 40, "steps", integer=True), Knob("Q_du", 1e-3, 10, scale="log10")])
-tanks = Scenario("tanks", "MPC of four tanks", knobs, ClosedLoop(PlantEnv(plant, task), mpc, tracking_kpis))
+knobs = KnobSpace(
+    [Knob("N_p", 3, 40, "steps", integer=True), Knob("Q_du", 1e-3, 10, scale="log10")]
+)
+tanks = Scenario(
+    "tanks", "MPC of four tanks", knobs, ClosedLoop(PlantEnv(plant, task), mpc, tracking_kpis)
+)
+
+if __name__ == "__main__":
+
+    def prefer(a, b):
+        costs = [sum(tanks.run(t).kpis[k] for k in ("integrated error of level 1",
+                 "total move of pump 1")) for t in (a, b)]  # fmt: skip
+        return int(np.sign(costs[0] - costs[1]))
+
+    print("best", knobs.named(minimize_by_preference(prefer, knobs, n_max=8).best))

@@ -2,7 +2,8 @@
 
 In a folder with the examples of docs/: first the lines of `console` blocks that begin with
 `$ prefcal`, then the Python blocks, which share one namespace. A block after
-`<!-- not executed: why -->` is left out.
+`<!-- not executed: why -->` is left out. A Python block whose first line is `# NAME.py` is that
+file, and `<!-- needs: MODULE -->` leaves a page out where an extra is not installed.
 """
 
 import json
@@ -73,6 +74,11 @@ def test_what_a_document_shows_runs(document, tmp_path):
     code = "\n".join(blocks(document, "python"))
     if not commands and not code:
         pytest.skip("nothing to run in it")
+    for module in re.findall(r"^<!-- needs: (\w+) -->", document.read_text(), re.M):
+        pytest.importorskip(module)
+    for block in blocks(document, "python"):
+        for name in re.findall(r"\A# (\w+\.py)\n", block):
+            (tmp_path / name).write_text(block)
     for example in (*(ROOT / "docs").glob("*.py"), *(ROOT / "docs").glob("*.json")):
         shutil.copy(example, tmp_path)  # a reader has them at hand
     run([sys.executable, "-c", SHOWN, code, *commands], tmp_path)
@@ -101,7 +107,7 @@ def test_links_between_documents_lead_somewhere():
 
 
 def test_the_indexes_of_the_docs_name_every_page():
-    for folder in (ROOT / "docs", ROOT / "docs" / "research"):
+    for folder in (ROOT / "docs", ROOT / "docs" / "research", ROOT / "docs" / "gallery"):
         index = (folder / "README.md").read_text()
         for page in folder.glob("*.md"):
             assert page.name == "README.md" or f"({page.name})" in index, page.name

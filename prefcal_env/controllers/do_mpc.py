@@ -1,4 +1,4 @@
-"""A do-mpc controller as a `Controller`. do-mpc itself is not imported: you have made the object."""
+"""A do-mpc controller as a `Controller`. do-mpc is not imported: the object is made already."""
 
 from typing import Any
 

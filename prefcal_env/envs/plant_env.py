@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import PlantError, ProtocolError
+from prefcal_env.errors import PlantError, ProtocolError, SettingsError
 from prefcal_env.experiments.control import Measurement
 from prefcal_env.experiments.experiment import End
 from prefcal_env.experiments.trajectory import Record, Trajectory, instants

@@ -93,9 +93,7 @@ class LinearPlant:
         n_u = len(self.inputs)
         return Jacobians(A, B[:, :n_u].copy(), self.system.C, self.system.D[:, :n_u].copy())
 
-    def hold(
-        self, x: X, u: U, d: D, times: Float[np.ndarray, " K"]
-    ) -> Float[np.ndarray, "K n_x"]:
+    def hold(self, x: X, u: U, d: D, times: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K n_x"]:
         """Return the states at `times` after x, with u and d held; NaN once they overflow."""
         start, n_x = np.concatenate([x, u, d]), len(self.states)
         with np.errstate(all="ignore"):

@@ -106,13 +106,13 @@ def system_of(system: Any) -> LinearSystem:
         D = np.atleast_2d(_matrix("a gain", system))
         n_y, n_u = D.shape
         return LinearSystem(np.zeros((0, 0)), np.zeros((0, n_u)), np.zeros((n_y, 0)), D)
-    raise PlantError(f"a linear system must be {_FORMS}, got {type(system).__name__} {system!r:.80}")
+    raise PlantError(
+        f"a linear system must be {_FORMS}, got {type(system).__name__} {system!r:.80}"
+    )
 
 
 def _of_arrays(arrays: Sequence[Any], source: Any, dt: float | None = None) -> LinearSystem:
-    A, B, C, D = (
-        _matrix(name, value) for name, value in zip("ABCD", arrays, strict=True)
-    )
+    A, B, C, D = (_matrix(name, value) for name, value in zip("ABCD", arrays, strict=True))
     if A.size == 0:
         A = np.zeros((0, 0))
     n_x = len(A)
