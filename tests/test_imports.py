@@ -26,7 +26,7 @@ LAYERS = {
         {"errors", "jit"},
         {"knobs", "experiments", "qp", "plain"},
         {"preferences", "plants"},
-        {"mpc", "envs", "rig", "calibrators", "study"},
+        {"mpc", "controllers", "envs", "rig", "calibrators", "study"},
         {"compiling"},
     ),
     "prefcal_agents": (
