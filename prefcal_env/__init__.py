@@ -23,6 +23,7 @@ from prefcal_env.experiments.experiment import End as End
 from prefcal_env.experiments.experiment import Experiment as Experiment
 from prefcal_env.experiments.kpis import tracking_kpis as tracking_kpis
 from prefcal_env.experiments.panels import Panel as Panel
+from prefcal_env.experiments.recorded import recorded as recorded
 from prefcal_env.experiments.rollout import rollout as rollout
 from prefcal_env.knobs.constraints import Constraint as Constraint
 from prefcal_env.knobs.constraints import LinearConstraint as LinearConstraint

@@ -176,7 +176,7 @@ class Panel:
                 f"panel {self.name!r}: {len(found)} curves have this name (kind {places}): "
                 "rename them, or give the kind"
             )
-        return self._dressed(found[0])
+        return self._dressed(_with_reference(found[0], signals))
 
     def _check_state_is_output(self, plot: Plot, experiment: Experiment) -> None:
         """Raise ScenarioError if a state and an output share the name but differ."""
@@ -199,7 +199,7 @@ class Panel:
     def _dressed(self, plot: Plot) -> Plot:
         look = self._look(_scaled(plot.channel, self.scale))
         return replace(
-            plot, channel=look, scale=self.scale, reference=self.reference,
+            plot, channel=look, scale=self.scale, reference=self.reference or plot.reference,
             low_signal=self.low_signal, high_signal=self.high_signal,
         )  # fmt: skip
 
@@ -225,7 +225,11 @@ class Panel:
 
 
 def plots_of(channels: Channels, signals: Collection[str] = ()) -> tuple[Plot, ...]:
-    """Return a plot for each state, input, output that is not a state, and signal, in order."""
+    """Return a plot for each state, input, output that is not a state, and signal, in order.
+
+    Without states, outputs come first. An output whose reference changes is drawn with it, if the
+    signal "NAME ref" holds it, as in experiments made by `recorded`.
+    """
     found = [*_numbered("x", channels.x), *_numbered("u", channels.u)]
     outputs = list(_numbered("y", channels.y))
     places = {(p.kind, p.name): i for i, p in enumerate(found) if p.kind == "x"}
@@ -237,8 +241,17 @@ def plots_of(channels: Channels, signals: Collection[str] = ()) -> tuple[Plot, .
             continue
         assert place is not None
         found[place] = replace(state, channel=_with_target(state.channel, output.channel))
+    if not channels.x:
+        found.sort(key=lambda plot: plot.kind != "y")
     known = {p.name for p in outputs}
-    return (*found, *(Plot(Channel(k), "signal", k) for k in signals if k not in known))
+    found += [Plot(Channel(k), "signal", k) for k in signals if k not in known]
+    return tuple(_with_reference(plot, signals) for plot in found)
+
+
+def _with_reference(plot: Plot, signals: Collection[str]) -> Plot:
+    """Return `plot` with the reference that `recorded` keeps as a signal, if there is one."""
+    key = f"{plot.name} ref"
+    return replace(plot, reference=key) if plot.kind in "xy" and key in signals else plot
 
 
 def _of_kind(kind: str, channels: Channels, signals: Collection[str]) -> tuple[Plot, ...]:

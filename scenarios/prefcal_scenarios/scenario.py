@@ -3,9 +3,7 @@
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from importlib import import_module
-from inspect import signature
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, Protocol
@@ -15,15 +13,18 @@ from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.control import Controller
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.panels import Panel as Panel
 from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Calibrator
+from prefcal_env.rig import Rig
 from prefcal_scenarios.own.checks import check_parts
 from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.own.own_file import module_at
 from prefcal_scenarios.own.source import split_source
+from prefcal_scenarios.own.tracking import Tracked, TrackedRecord, found_rows
+from prefcal_scenarios.own.tracking import within as _within
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,6 +47,9 @@ BUILT_IN: Mapping[str, str] = {
 """Scenario name to "module:attribute"; the module is imported on first use."""
 NAMES = ", ".join([*(n for n in BUILT_IN if n not in CLOSED_LOOPS), "a closed loop such as servo"])
 """What a scenario may be called, for messages: the closed loops are too many to list."""
+_DESCRIBED = "prefcal_scenarios.own.described.making"
+CONTROLLERS = ("pid",)
+"""Standard controllers that `prefcal calibrate NAME --plant model.py:plant` tunes."""
 _RANDOM_LOOP = re.compile(r"loop-(0|[1-9]\d*)", re.ASCII)
 
 
@@ -147,6 +151,14 @@ class KPI:
         return self.at_least <= value <= self.at_most
 
 
+class _Unstated(tuple[KPI, ...]):
+    """No KPIs, because the scenario states none: they are found."""
+
+
+UNSTATED: tuple[KPI, ...] = _Unstated()
+"""The KPIs of a scenario that leaves them out; `()` says that it has none."""
+
+
 @dataclass(frozen=True)
 class Scenario:
     """A calibration task.
@@ -157,7 +169,9 @@ class Scenario:
         space: Knobs to calibrate.
         run: Function that runs one experiment for a physical θ.
         cost: Latent cost of an experiment, lower is better; None if there is no single score.
-        kpis: KPIs of an experiment, in order of importance.
+        kpis: KPIs of an experiment, in order of importance. If left out, tracking KPIs are found
+            (see `prefcal_env.tracking_kpis`): at once if `run` declares channels with targets,
+            otherwise in the first experiment. () states that there are none.
         panels: Plots of an experiment from top to bottom, each named by its channel. If empty,
             plots every state and input, and every output that is not a state.
         references: Named θ to compare with, for example the paper's, physical, shape (n,).
@@ -189,7 +203,7 @@ class Scenario:
     space: KnobSpace
     run: Run
     cost: Callable[[Experiment], float] | None = None
-    kpis: tuple[KPI, ...] = ()
+    kpis: tuple[KPI, ...] = UNSTATED
     panels: tuple[Panel, ...] = ()
     references: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)
     calibrators: Mapping[str, Callable[..., Calibrator[Experiment]]] = field(default_factory=dict)
@@ -203,12 +217,41 @@ class Scenario:
     simulated: bool = False
 
     def __post_init__(self) -> None:
+        if isinstance(self.kpis, _Unstated):
+            channels = getattr(self.run, "channels", None)
+            rows = found_rows(channels) if isinstance(channels, Channels) else []
+            if rows:
+                object.__setattr__(self, "kpis", tuple(KPI(**row) for row in rows))
+            object.__setattr__(self, "run", _tracked(self.run, [row["name"] for row in rows]))
         check_parts(self, KPI)
 
     @property
     def shown_kpis(self) -> tuple[KPI, ...]:
         """Return the KPIs to show to people: all except the index, which no person chose."""
         return tuple(k for k in self.kpis if self.cost is None or k.name != "index")
+
+
+def _tracked(run: Any, names: Sequence[str]) -> Any:
+    """Return `run` so that its experiments have tracking KPIs, those in `names` among them."""
+    if isinstance(run, Rig):
+        return replace(run, kpis=TrackedRecord(run.kpis, tuple(names)))
+    # A run in another process got them there.
+    if isinstance(run, Tracked) or hasattr(run, "worker") or not callable(run):
+        return run
+    return Tracked(run, tuple(names))
+
+
+def finds_kpis(scenario: Scenario) -> bool:
+    """Return whether the scenario's KPIs are still to be found in its first experiment."""
+    return isinstance(scenario.kpis, _Unstated)
+
+
+def with_found_kpis(scenario: Scenario, experiment: Experiment) -> Scenario:
+    """Return `scenario` with the tracking KPIs of `experiment` if it states none."""
+    if not finds_kpis(scenario):
+        return scenario
+    rows = found_rows(experiment.channels, experiment.kpis)
+    return replace(scenario, kpis=tuple(KPI(**row) for row in rows)) if rows else scenario
 
 
 def described(kpis: Sequence[KPI], about: Mapping[str, str]) -> tuple[KPI, ...]:
@@ -232,7 +275,8 @@ def panels_of(scenario: Scenario, *experiments: Experiment) -> tuple[Plot, ...]:
     """
     recorded = [e for e in experiments if len(e.t)] or list(experiments)
     if not scenario.panels:
-        return plots_of(recorded[0].channels)
+        plots = plots_of(recorded[0].channels, recorded[0].signals)
+        return tuple(plot for plot in plots if plot.kind != "signal")
     return tuple(_plot(panel, recorded) for panel in scenario.panels)
 
 
@@ -260,13 +304,6 @@ def with_ranges(scenario: Scenario, space: KnobSpace) -> Scenario:
     )
 
 
-def _within(function: Any, space: KnobSpace) -> Any:
-    if hasattr(function, "within"):  # a run in another process
-        return function.within(space)
-    takes = callable(function) and "space" in signature(function).parameters
-    return partial(function, space=space) if takes else function
-
-
 def is_built_in(source: str) -> bool:
     """Return whether the scenario is built in, with or without a configuration."""
     return _home(source.partition("{")[0].strip()) is not None
@@ -278,12 +315,28 @@ def _home(name: str) -> str | None:
 
 
 def is_own(source: str) -> bool:
-    """Return whether the scenario is a user's own (path/to/own.py:attribute), configured or not."""
-    return source.partition("{")[0].strip().rpartition(":")[0].endswith(".py")
+    """Return whether the scenario is a user's own, configured or not.
+
+    It is path/to/own.py:attribute, or described by plain data (see `is_described`).
+    """
+    name = source.partition("{")[0].strip()
+    return is_described(name) or name.rpartition(":")[0].endswith(".py")
+
+
+def is_described(source: str) -> bool:
+    """Return whether a scenario is described by plain data.
+
+    It is a TOML file, an FMU, or a standard controller such as "pid", configured or not.
+    """
+    name = source.partition("{")[0].strip()
+    return name in CONTROLLERS or name.endswith((".toml", ".fmu"))
 
 
 def load(name: str) -> Scenario:
-    """Return the scenario called `name`: one of `BUILT_IN`, or "path/to/own.py:attribute".
+    """Return the scenario called `name`: one of `BUILT_IN`, or a user's own.
+
+    A user's own is "path/to/own.py:attribute", or described by plain data: "path/to/tank.toml",
+    "path/to/loop.fmu", or 'pid {"plant": "path/to/model.py:plant"}'.
 
     "loop-17" is the random closed loop with seed 17, see `prefcal_scenarios.cases.loops.loop`.
 
@@ -295,6 +348,9 @@ def load(name: str) -> Scenario:
         SettingsError: If the scenario rejects the configuration.
     """
     bare, config = split_source(str(name))
+    if is_described(bare):
+        made: Scenario = import_module(_DESCRIBED).scenario_of(bare, config)
+        return made
     if config is not None:
         scenario = load(bare)
         if scenario.configured is None:
@@ -311,7 +367,8 @@ def load(name: str) -> Scenario:
         return _scenario_in(import_module(module), attribute, name)
     raise ScenarioError(
         f"no scenario is called {name!r}.{did_you_mean(str(name), BUILT_IN)} "
-        f"Expected {NAMES}, or path/to/own.py:NAME (see `prefcal scenarios`)"
+        f"Expected {NAMES}, or your own: path/to/own.py:NAME, tank.toml, loop.fmu or pid "
+        "(see `prefcal scenarios`)"
     )
 
 

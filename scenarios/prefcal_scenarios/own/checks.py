@@ -60,7 +60,8 @@ def _check_types(scenario: Scenario, kpi: type, where: str) -> None:
         strangers = [value for value in values if not isinstance(value, type_)]
         if strangers:
             raise ScenarioError(f"{where}: {field} must hold {example}, got {strangers[0]!r}")
-        object.__setattr__(scenario, field, tuple(values))
+        if isinstance(values, list):  # a tuple may say that the KPIs are left out
+            object.__setattr__(scenario, field, tuple(values))
     for field in (
         "cost", "controller", "settings", "scene", "pictures", "configured", "on_processor",
     ):  # fmt: skip

@@ -53,6 +53,15 @@ EPILOG = """\
 [cyan]prefcal calibrate own.py:plant --agent random --n-max 20[/cyan]
   Your own scenario, simulated or a rig that you run yourself; random search.
 
+[cyan]prefcal calibrate loop.fmu --knob "K_p=0.1:100:log" --reference level=2[/cyan]
+  An FMU with a controller in it, exported from Simulink, Modelica or Dymola.
+
+[cyan]prefcal calibrate pid --plant model.py:plant[/cyan]
+  A PID on your own plant; knobs, set point and duration are found.
+
+[cyan]prefcal calibrate tank.toml[/cyan]
+  A scenario in a short file (`prefcal new` writes one).
+
 [cyan]prefcal calibrate cstr --host 0.0.0.0 --no-browser[/cyan]
   Answer from another machine: prints a link for it.
 """

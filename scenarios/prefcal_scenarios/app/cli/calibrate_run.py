@@ -37,11 +37,12 @@ from prefcal_scenarios.app.session import (
 )
 from prefcal_scenarios.app.session.memory import as_studied, is_simulating
 from prefcal_scenarios.app.simulating import Simulator
-from prefcal_scenarios.own.source import with_config_of
+from prefcal_scenarios.own.described.options import words_to_resume
 from prefcal_scenarios.scenario import Scenario, load
 
 from .choices import make_calibrator, on_target
 from .cost_file import with_cost
+from .describing.source import source_of
 from .interrupt import INTERRUPTED, Interruption, interruption
 from .opening import Opened, claim_folder, default_folder, kept_if_worth_it, open_study
 from .options import Options
@@ -65,7 +66,7 @@ def run(given: Mapping[str, Any]) -> int:
     Raises:
         PrefcalError: If the options do not fit the scenario, the study or the machine.
     """
-    given = {**given, "scenario": with_config_of(given["scenario"], given["config"])}
+    given = {**given, "scenario": source_of(given)}
     source = given["scenario"]
     with interruption(others=True) as ctrl_c:
         messages = Console(stderr=True)
@@ -163,7 +164,8 @@ class CalibrateRun:
         """Return the command that resumes the study."""
         options, name = self.options, self.opened.name or ""
         cost = [] if options.cost is None else ["--cost", options.cost]
-        return shlex.join(["prefcal", "calibrate", options.scenario, "--study", name, *cost])
+        named = words_to_resume(options.scenario)
+        return shlex.join(["prefcal", "calibrate", *named, "--study", name, *cost])
 
     @property
     def over(self) -> bool:

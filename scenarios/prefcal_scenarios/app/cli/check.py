@@ -1,6 +1,7 @@
 """`prefcal check`: check a scenario with one trial run before a study."""
 
 import json as json_
+import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from .describing.options import (
+    KnobOption,
+    PlantOption,
+    ReferenceOption,
+    ShowOption,
+    StopTimeOption,
+)
 from .parameters import given, takes
 
 if TYPE_CHECKING:
@@ -27,6 +35,15 @@ EPILOG = """\
 [cyan]prefcal check cstr --out reactor.png[/cyan]
   A built-in scenario, with the picture in a file of your choice.
 
+[cyan]prefcal check loop.fmu --knob "K_p=0.1:100:log" --reference level=2[/cyan]
+  An FMU with a controller in it; without knobs, its parameters are listed.
+
+[cyan]prefcal check pid --plant model.py:plant[/cyan]
+  A PID on your own plant.
+
+[cyan]prefcal check tank.toml[/cyan]
+  A scenario in a short file (`prefcal new` writes one).
+
 [bold]What you see[/bold]
 
 ✓ passed, ✗ failed (with what was expected), · for your information.
@@ -45,7 +62,9 @@ class CheckOptions:
     scenario: Annotated[
         str,
         typer.Argument(
-            metavar="SCENARIO", help="own.py:name, or a name (see `prefcal scenarios`)."
+            metavar="SCENARIO",
+            help="own.py:name, tank.toml, loop.fmu, pid with --plant, or a name (see `prefcal "
+            "scenarios`).",
         ),
     ]
     theta: Annotated[
@@ -57,6 +76,11 @@ class CheckOptions:
         ),
     ] = None
     seed: Annotated[int, typer.Option(min=0, help="Seed of the run.")] = 0
+    knob: KnobOption = ()
+    show: ShowOption = ()
+    reference: ReferenceOption = ()
+    plant: PlantOption = None
+    stop_time: StopTimeOption = None
     out: Annotated[
         Path | None,
         typer.Option(
@@ -89,7 +113,11 @@ def check(**typed: Any) -> None:
     # Imported here to keep --help fast.
     from prefcal_scenarios.app.isolated import isolation
 
-    wanted = CheckOptions(**given(CheckOptions, typed))
+    from .describing.source import source_of
+
+    options = given(CheckOptions, typed)
+    said = {name: value for name, value in options.items() if value is not None}
+    wanted = CheckOptions(**{**said, "scenario": source_of(options)})
     with isolation(wanted.scenario, wanted.run_timeout) as isolated:
         raise typer.Exit(_check(wanted, isolated))
 
@@ -217,7 +245,10 @@ def _verdict(source: str, wrong: int, count: int, *, ran: bool) -> str:
         return "Nothing else can be checked without a run: fix this and check again."
     if wrong:
         return f"{wrong} of {count} checks failed: fix what is marked ✗ and check again."
-    return f"All in order. Start with: prefcal calibrate {source}"
+    from prefcal_scenarios.own.described.options import words_of
+
+    command = shlex.join(["prefcal", "calibrate", *words_of(source)])
+    return f"All in order. Start with: {command}"
 
 
 def _as_dict(

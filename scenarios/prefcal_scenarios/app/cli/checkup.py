@@ -18,7 +18,8 @@ from prefcal_scenarios.app.presentation.wording import measured, quantity, with_
 from prefcal_scenarios.app.report.export import jsonable
 from prefcal_scenarios.own.checks import check_experiment, kpi_problems, theta_problems
 from prefcal_scenarios.own.own_line import in_words, located
-from prefcal_scenarios.scenario import KPI, Scenario
+from prefcal_scenarios.own.tracking import tracking_rows
+from prefcal_scenarios.scenario import KPI, Scenario, with_found_kpis
 
 _DRAWS = 2000
 """Number of random θ to try if the constraints exclude the middle of the box."""
@@ -119,6 +120,7 @@ class Checkup:
             check_experiment(self.scenario, self.theta, result)  # raises if anything is wrong
             return
         self.experiment = result
+        self.scenario = with_found_kpis(self.scenario, result)
         yield Finding("run", True, f"{took:.2g} s, ended: {result.end.value}")
         wrong = list(theta_problems(self.scenario.space, self.theta, result))
         rounded = not wrong and not np.allclose(result.theta, self.theta, rtol=1e-9, atol=0)
@@ -165,7 +167,8 @@ class Checkup:
         for kpi in self.scenario.kpis:
             if kpi.name in e.kpis:
                 yield _kpi(kpi, e)
-        spare = sorted(set(e.kpis) - {kpi.name for kpi in self.scenario.kpis})
+        known = {kpi.name for kpi in self.scenario.kpis} | tracking_rows(e.channels).keys()
+        spare = sorted(set(e.kpis) - known)
         if spare:
             yield Finding(
                 "other KPIs", None, f"returned, but not shown anywhere: {', '.join(spare)}"

@@ -10,6 +10,13 @@ from typer import Argument, Option
 
 from prefcal_agents.registry import WORDS
 
+from .describing.options import (
+    KnobOption,
+    PlantOption,
+    ReferenceOption,
+    ShowOption,
+    StopTimeOption,
+)
 from .parameters import Kept, kept_by, parameters_of
 
 HUMAN = "human"
@@ -45,7 +52,11 @@ class Options:
 
     scenario: Annotated[
         str,
-        Argument(metavar="SCENARIO", help="A name (see `prefcal scenarios`) or own.py:NAME."),
+        Argument(
+            metavar="SCENARIO",
+            help="A name (see `prefcal scenarios`), or your own: own.py:NAME, tank.toml, loop.fmu, "
+            "or pid with --plant.",
+        ),
         Kept(label="scenario", always=True, anew=True),
     ]
     calibrator: Annotated[
@@ -213,6 +224,11 @@ class Options:
             refusal="only an agent that learns from scores (glis) takes --cost, not {agent!r}",
         ),
     ] = None
+    knob: KnobOption = ()
+    show: ShowOption = ()
+    reference: ReferenceOption = ()
+    plant: PlantOption = None
+    stop_time: StopTimeOption = None
     config: Annotated[
         Path | None,
         Option(
@@ -340,7 +356,9 @@ class Options:
 
     def command(self) -> str:
         """Return a command line that repeats the study, without its folder."""
-        words = ["prefcal", "calibrate", self.scenario]
+        from prefcal_scenarios.own.described.options import words_of
+
+        words = ["prefcal", "calibrate", *words_of(self.scenario)]
         for name, (parameter, kept) in kept_by(Options).items():
             if name != "scenario" and (kept.always or self.changed(name)):
                 words += parameter.words(getattr(self, name))
@@ -369,6 +387,7 @@ def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
     """Raise SettingsError if the study's program or configuration is not the one given."""
     from prefcal_env.errors import SettingsError
     from prefcal_scenarios.own.source import split_source
+    from prefcal_scenarios.scenario import is_described
 
     if kept.get("cost") is not None and given.get("cost") is None:
         # A study from another person must not decide which program runs here.
@@ -376,6 +395,8 @@ def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
             f"the study is scored by a program: if you trust it, add "
             f"--cost {shlex.quote(str(kept['cost']))}"
         )
+    if is_described(str(kept.get("scenario", ""))):
+        return  # checked when its source was made
     # The configuration's file may have moved, so compare only its content.
     then = split_source(str(kept.get("scenario", "")))[1]
     now = then if given.get("scenario") is None else split_source(given["scenario"])[1]

@@ -42,7 +42,7 @@ def _serve(source: str, limit: float) -> None:
     link = Link()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # prefcal handles Ctrl-C
     signal.signal(signal.SIGTERM, _interrupt)
-    sys.argv = [source.rpartition(":")[0]]
+    sys.argv = [_file_of(source)]
     scenario, problem = _loaded(source)
     link.ready()
     while (request := link.requests.get()) is not None:
@@ -55,6 +55,12 @@ def _serve(source: str, limit: float) -> None:
         faulthandler.cancel_dump_traceback_later()
         link.say(*answer)
     return None
+
+
+def _file_of(source: str) -> str:
+    """Return the user's own file in the source of a scenario."""
+    name = source.partition("{")[0].strip()
+    return name.rpartition(":")[0] or name
 
 
 def _interrupt(number: int, frame: Any) -> None:

@@ -37,6 +37,7 @@ class ExperimentStore:
     _last: OrderedDict[int, Experiment] = field(default_factory=OrderedDict)
     _outcomes: dict[int, Outcome] = field(default_factory=dict)
     _ends: dict[int, End] = field(default_factory=dict)
+    _without_kpis: set[int] = field(default_factory=set)
 
     def experiment(self, index: int) -> Experiment:
         """Return experiment number `index`, from 0. Raises StudyError if there is none."""
@@ -49,6 +50,15 @@ class ExperimentStore:
         while len(self._last) > _KEPT:
             self._last.popitem(last=False)
         return experiment
+
+    def first_measured(self) -> Experiment | None:
+        """Return the first experiment that has KPIs; None if there is none yet."""
+        for index in sorted(set(self.study.state.finished) - self._without_kpis):
+            experiment = self.experiment(index)
+            if experiment.kpis:
+                return experiment
+            self._without_kpis.add(index)
+        return None
 
     def end(self, index: int) -> End:
         """Return how experiment `index`, from 0, ended. Raises StudyError if there is none."""

@@ -25,7 +25,7 @@ from prefcal_scenarios.app.summary.consistency import Consistency
 from prefcal_scenarios.app.summary.counts import Counts, answered
 from prefcal_scenarios.app.summary.outlook import Outlook, others_unbeaten, outlook
 from prefcal_scenarios.own.own_line import in_words
-from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
 
 from . import records, runs, steps
 from .experiments import ExperimentStore
@@ -65,8 +65,8 @@ class Interview:
         self, scenario: Scenario, study: StudyFile, *, ahead: bool = True, asks: bool = True,
         simulator: Simulator | None = None,
     ) -> None:  # fmt: skip
-        self.scenario, self.study = as_studied(scenario, study.state), study
-        scenario = self.scenario
+        scenario = self._scenario = as_studied(scenario, study.state)
+        self.study = study
         self._runs_ahead = ahead
         self._changed = threading.Condition(threading.RLock())
         if simulator is None and asks and is_simulating(study.state):
@@ -82,6 +82,20 @@ class Interview:
             self._flow.resume()
 
     # What front ends show.
+
+    @property
+    def scenario(self) -> Scenario:
+        """Return the scenario of the study; from the first experiment on, with KPIs found in it.
+
+        KPIs are found only if the scenario states none.
+        """
+        if not finds_kpis(self._scenario):
+            return self._scenario
+        with self._changed:
+            measured = self._flow.store.first_measured()
+            if measured is not None:
+                self._scenario = with_found_kpis(self._scenario, measured)
+            return self._scenario
 
     def now(self) -> Now:
         """Return a consistent view of the current state."""

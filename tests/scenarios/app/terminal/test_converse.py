@@ -127,6 +127,7 @@ def test_curves_of_both_sides_begin_in_the_same_line_where_theta_wraps():
         "Many",
         KnobSpace([Knob(f"knob {i}", 0.0, 1.0, step=0.001) for i in range(9)]),
         _many,
+        kpis=(),
     )
     interview = begin(narrow)
     now = proceed(interview)

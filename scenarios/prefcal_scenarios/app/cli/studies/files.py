@@ -1,6 +1,7 @@
 """Find study files, open them safely, list them, and show one."""
 
 import json as json_
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -30,8 +31,9 @@ from prefcal_scenarios.app.presentation.wording import (
 from prefcal_scenarios.app.report.export import jsonable
 from prefcal_scenarios.app.report.record import verdict_text
 from prefcal_scenarios.app.summary.counts import Counts
+from prefcal_scenarios.own.described.resuming import resumed_source
 from prefcal_scenarios.own.nearest import did_you_mean
-from prefcal_scenarios.scenario import is_built_in
+from prefcal_scenarios.scenario import is_built_in, is_described
 
 
 def wall_clock() -> str:
@@ -139,8 +141,10 @@ def trusted_source(name: str, state: State, source: str | None) -> str:
         # A study from another person must not decide which program runs here.
         raise StudyError(
             f"study {name!r} calibrates {named!r}, which is a program: "
-            f"if you trust it, add --scenario {named}"
+            f"if you trust it, add --scenario {shlex.quote(named) if '{' in named else named}"
         )
+    if source is not None and is_described(source) and is_described(named):
+        return resumed_source(named, source)
     return source or named
 
 

@@ -97,5 +97,15 @@ def test_a_scenario_with_nothing_but_what_it_must_have_can_be_asked_about():
     proceed(interview)
     view = now_view(interview)["question"]
     assert view["has_scene"] is False
-    assert view["left"]["kpis"] == []
+    titles = [kpi["title"] for kpi in view["left"]["kpis"]]
+    assert titles == [
+        "settling time of level <h>", "overshoot of level <h>", "integrated error of level <h>",
+        "total move of valve",
+    ]  # fmt: skip
     assert len(view["panels"]) == 2
+
+
+def test_a_scenario_that_says_it_has_no_kpis_shows_none():
+    interview = begin(Scenario("plain", "Plain", SPACE, run, kpis=()))
+    proceed(interview)
+    assert now_view(interview)["question"]["left"]["kpis"] == []

@@ -1,0 +1,227 @@
+"""Recorded curves with time bases of their own, checked and brought to common instants."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from prefcal_env.errors import ExperimentError
+
+_SAME_INSTANT = 1e-9
+"""Share of the duration below which two instants count as one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A recorded curve up to its last finite value.
+
+    Args:
+        what: What it is and its name, for messages: "output 'level'".
+        t: Instants, shape (M,), increasing.
+        values: Values at `t`, shape (M,).
+        held: Whether a value holds until the next one, as for inputs and references; otherwise
+            the curve is interpolated linearly.
+        own: Whether it has instants of its own.
+        stopped: Whether values that are not finite followed after the last one.
+        gaps: Whether values may be missing, as for signals and references.
+    """
+
+    what: str
+    t: Float[np.ndarray, " M"]
+    values: Float[np.ndarray, " M"]
+    held: bool
+    own: bool = False
+    stopped: bool = False
+    gaps: bool = False
+
+    def at(self, t: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
+        """Return the values at other instants, shape (K,), which the curve must cover."""
+        if not self.own:
+            return self.values[: len(t)]
+        if not self.held:
+            outside = np.nan if self.gaps else None
+            return np.interp(t, self.t, self.values, left=outside, right=outside)
+        return np.asarray(self.values[np.maximum(held_rows(self.t, t), 0)])
+
+
+def held_rows(
+    instants: Float[np.ndarray, " M"], t: Float[np.ndarray, " K"]
+) -> Int[np.ndarray, " K"]:
+    """Return the index of the last of `instants` at or before each of `t`; -1 if there is none."""
+    tolerance = _SAME_INSTANT * _span(t)
+    return np.asarray(np.searchsorted(instants, t + tolerance, side="right") - 1)
+
+
+def instants_of(name: str, t: Any, unit: str) -> Float[np.ndarray, " K"]:
+    """Return instants as an array of numbers, shape (K,).
+
+    Args:
+        name: Name for messages.
+        t: Anything that NumPy makes an array of.
+        unit: Unit of time, for messages.
+
+    Raises:
+        ExperimentError: If they are not finite numbers that increase.
+    """
+    found = numbers(name, t)
+    wrong = np.flatnonzero(~np.isfinite(found))
+    if len(wrong):
+        raise ExperimentError(f"{name}[{wrong[0]}] is {found[wrong[0]]}: every instant must be one")
+    back = np.flatnonzero(np.diff(found) <= 0)
+    if len(back):
+        k = int(back[0]) + 1
+        raise ExperimentError(
+            f"{name} must increase, but {name}[{k}] = {found[k]:g} {unit} comes after "
+            f"{found[k - 1]:g} {unit}: sort the rows and drop duplicates, or use "
+            "prefcal_env.from_frame, which can do both"
+        )
+    return found
+
+
+def numbers(name: str, values: Any) -> Float[np.ndarray, " K"]:
+    """Return `values` as an array of numbers, shape (K,).
+
+    Raises:
+        ExperimentError: If they are text, dates or a table.
+    """
+    given = np.asarray(values)
+    if given.dtype.kind in "mM":
+        raise ExperimentError(
+            f"{name} must be numbers, got {given.dtype}: use prefcal_env.from_frame for time "
+            "stamps, or convert them to seconds"
+        )
+    try:
+        found = given.astype(float)
+    except (TypeError, ValueError) as error:
+        raise ExperimentError(f"{name} must be numbers, got {given.dtype}: {error}") from error
+    if found.ndim == 2 and 1 in found.shape:
+        found = found.reshape(-1)  # a column or a row, as most simulators return
+    if found.ndim != 1:
+        raise ExperimentError(f"{name} must have shape (K,), got {found.shape}")
+    return found
+
+
+def curve_of(
+    what: str, given: Any, t: Float[np.ndarray, " K"] | None, unit: str, *,
+    held: bool = False, gaps: bool = False,
+) -> Curve:  # fmt: skip
+    """Return a checked curve.
+
+    Args:
+        what: What it is and its name, for messages.
+        given: Values at `t`, or a tuple (times, values).
+        t: Instants of the record, shape (K,); None if every curve has its own.
+        unit: Unit of time, for messages.
+        held: See `Curve`.
+        gaps: See `Curve`; without them, the curve ends with its last finite value.
+
+    Raises:
+        ExperimentError: If shapes differ, or a value that is not finite lies between finite ones.
+    """
+    own = isinstance(given, tuple) and len(given) == 2 and np.ndim(given[0]) > 0
+    if own:
+        base, values = instants_of(f"times of {what}", given[0], unit), given[1]
+    elif t is not None:
+        base, values = t, given
+    else:
+        raise ExperimentError(
+            f"{what} needs instants: give t, or a tuple (times, values) for every curve"
+        )
+    found = numbers(what, values)
+    if found.shape != base.shape:
+        where = "its times" if own else "t"
+        raise ExperimentError(f"{what} must have shape {base.shape}, as {where}, got {found.shape}")
+    kept = len(found) if gaps else _finite_rows(what, base, found, unit)
+    return Curve(what, base[:kept], found[:kept], held, own, kept < len(found), gaps)
+
+
+def _finite_rows(
+    what: str, t: Float[np.ndarray, " K"], values: Float[np.ndarray, " K"], unit: str
+) -> int:
+    """Return how many rows come before the values that are not finite at the end."""
+    finite = np.isfinite(values)
+    if finite.all():
+        return len(values)
+    kept = int(np.argmin(finite))
+    later = np.flatnonzero(finite[kept:])
+    if len(later):
+        k = kept + int(later[0])
+        raise ExperimentError(
+            f"{what} is {values[kept]} at index {kept} (t = {t[kept]:g} {unit}), but {values[k]:g} "
+            f"at index {k}: fill the gap, or drop its rows; only the end of a run may be missing"
+        )
+    return kept
+
+
+def common_instants(
+    t: Float[np.ndarray, " K"] | None, curves: Sequence[Curve], unit: str
+) -> Float[np.ndarray, " M"]:
+    """Return the instants at which every curve is known, shape (M,).
+
+    They are those of `t`, or the union of all instants if `t` is None, up to where the first
+    curve stops.
+
+    Raises:
+        ExperimentError: If a curve begins or ends within `t`, or the curves do not overlap.
+    """
+    end = min((c.t[-1] for c in curves if c.stopped), default=np.inf)
+    if t is None:
+        begin = max(c.t[0] for c in curves)
+        end = min([end, *(c.t[-1] for c in curves if not c.held)])
+        if begin > end:
+            late, early = (max(curves, key=lambda c: c.t[0]), min(curves, key=lambda c: c.t[-1]))
+            raise ExperimentError(
+                f"{early.what} ends at {early.t[-1]:g} {unit}, before {late.what} begins at "
+                f"{late.t[0]:g} {unit}: bring them to one time axis"
+            )
+        t = _union([c.t for c in curves])
+        tolerance = _SAME_INSTANT * _span(t)
+        return np.asarray(t[(t >= begin - tolerance) & (t <= end + tolerance)])
+    tolerance = _SAME_INSTANT * _span(t)
+    kept = t[t <= end + tolerance]
+    for curve in curves:
+        check_covers(curve, kept, unit)
+    return np.asarray(kept)
+
+
+def check_covers(curve: Curve, t: Float[np.ndarray, " K"], unit: str) -> None:
+    """Raise ExperimentError if a curve begins after `t` begins, or ends before `t` ends."""
+    if not len(t):
+        return
+    tolerance = _SAME_INSTANT * _span(t)
+    ends_early = not curve.held and not curve.stopped and curve.t[-1] < t[-1] - tolerance
+    if curve.t[0] > t[0] + tolerance or ends_early:
+        raise ExperimentError(
+            f"{curve.what} is recorded from {curve.t[0]:g} to {curve.t[-1]:g} {unit}, but t goes "
+            f"from {t[0]:g} to {t[-1]:g} {unit}: shorten t, or give t=None to use the time that "
+            "every curve covers"
+        )
+
+
+def _union(bases: Sequence[Float[np.ndarray, " _"]]) -> Float[np.ndarray, " M"]:
+    """Return all instants in order; of those that nearly coincide, the first."""
+    every = np.unique(np.concatenate(bases))
+    return np.asarray(every[np.diff(every, prepend=-np.inf) > _SAME_INSTANT * _span(every)])
+
+
+def _span(t: Float[np.ndarray, " K"]) -> float:
+    return float(t[-1] - t[0]) if len(t) else 0.0
+
+
+def named(what: str, given: object) -> Mapping[str, Any]:
+    """Return a mapping of names to curves.
+
+    Raises:
+        ExperimentError: If it is something else.
+    """
+    if not isinstance(given, Mapping):
+        raise ExperimentError(
+            f"{what}s must be a mapping from names to curves, such as {{'level': values}}, "
+            f"got {type(given).__name__}"
+        )
+    wrong = [name for name in given if not isinstance(name, str) or not name]
+    if wrong:
+        raise ExperimentError(f"the name of an {what} must be text, got {wrong[0]!r}")
+    return given

@@ -1,0 +1,272 @@
+"""Make an experiment of recorded curves: whatever a simulator, a logger or a table returned."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
+
+from prefcal_env.errors import ExperimentError
+
+from .curves import (
+    Curve,
+    check_covers,
+    common_instants,
+    curve_of,
+    held_rows,
+    instants_of,
+    named,
+    numbers,
+)
+from .experiment import Channel, Channels, End, Experiment
+from .kpis import tracking_kpis
+from .rollout import computed
+
+Limits = tuple[float | None, float | None]
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """What is said about the channels by name; see `recorded`."""
+
+    units: Mapping[str, str]
+    limits: Mapping[str, Limits]
+    bands: Mapping[str, float]
+
+    def channel(self, name: str, target: float | None = None) -> Channel:
+        limits: object = self.limits.get(name, (None, None))
+        if not isinstance(limits, tuple | list) or len(limits) != 2:
+            raise ExperimentError(
+                f"limits of {name!r} must be (low, high), with None for no limit, got {limits!r}"
+            )
+        low, high = (None if v is None else float(v) for v in limits)
+        return Channel(
+            name, self.units.get(name, ""), -np.inf if low is None else low,
+            np.inf if high is None else high, target, self.bands.get(name),
+        )  # fmt: skip
+
+
+def recorded(
+    theta: ArrayLike,
+    t: ArrayLike | None,
+    outputs: Mapping[str, Any],
+    inputs: Mapping[str, Any] | None = None,
+    reference: Mapping[str, Any] | None = None,
+    units: Mapping[str, str] | None = None,
+    limits: Mapping[str, Limits] | None = None,
+    *,
+    bands: Mapping[str, float] | None = None,
+    signals: Mapping[str, Any] | None = None,
+    kpis: Callable[[Experiment], Mapping[str, float]] | None = tracking_kpis,
+    end: End | None = None,
+    time_unit: str = "s",
+) -> Experiment:
+    """Make a complete `Experiment` of recorded curves; only θ, time and outputs are required.
+
+    A curve is an array of values at `t`, or a tuple (times, values) with instants of its own.
+    Inputs and references are held between instants and after their last one, outputs and signals
+    are interpolated linearly.
+
+    A run that stopped may be filled up with NaN: rows are left out from the first one at which an
+    output or input stays NaN or infinite, and the run counts as `End.UNSAFE`, because a loop that
+    diverges leaves such a record. Give `end=End.TIME_UP` if only the logger stopped. If no output
+    ever has a finite value, the run counts as `End.FAILED` and has no record. A number after a
+    NaN is an error.
+
+    If all inputs have instants of their own, the inputs count as decided at these and where a
+    reference changes, so that the KPIs of their moves do not depend on how densely outputs are
+    logged. Otherwise they count as decided at every instant, as in the records of a rig: moves of
+    runs that were logged at the same rate can be compared.
+
+    Args:
+        theta: Controller parameters, physical, shape (n,).
+        t: Instants in `time_unit`, shape (K,), increasing. None if every curve is a tuple: uses all
+            of their instants in the time that every curve covers.
+        outputs: Maps the name of each output to its curve.
+        inputs: Maps the name of each input to its curve, held from each instant on.
+        reference: Maps names of outputs to a number, or to a curve if the reference changes. A
+            constant becomes the channel's target; a curve is also the signal "NAME ref".
+        units: Maps names of outputs and inputs to their units.
+        limits: Maps names of outputs and inputs to (low, high) in their unit; None for no limit.
+        bands: Maps names of outputs to their accepted distance from the reference.
+        signals: Maps names of additional signals to their curves, which may contain NaN.
+        kpis: Function that returns the KPIs of the experiment by name; None for no KPIs.
+        end: Why the run ended; None to conclude it from the curves.
+        time_unit: Unit of time.
+
+    Raises:
+        ExperimentError: If a curve has the wrong shape, is not numeric or has a gap, instants do
+            not increase, or a name is unknown. The message names the curve and the place.
+    """
+    y, u = named("output", outputs), named("input", {} if inputs is None else inputs)
+    look = _Look(units or {}, limits or {}, bands or {})
+    _check_names(y, u, look, reference or {}, signals or {})
+    base = None if t is None else instants_of("t", t, time_unit)
+    curves = [curve_of(f"output {n!r}", v, base, time_unit) for n, v in y.items()]
+    held = [curve_of(f"input {n!r}", v, base, time_unit, held=True) for n, v in u.items()]
+    instants = _instants(base, curves, held, time_unit)
+    found = _Found(
+        instants,
+        [curve.at(instants) for curve in curves],
+        held,
+        _references(list(y), reference or {}, base, instants, time_unit),
+        {
+            name: curve_of(f"signal {name!r}", v, base, time_unit, gaps=True).at(instants)
+            for name, v in (signals or {}).items()
+        },
+    )
+    if end is None:
+        end = _end(instants, [*curves, *held])
+    channels = _channels(list(y), list(u), found.references, look, time_unit)
+    made = found.experiment(_theta(theta), channels, end)
+    return made if kpis is None else made.with_kpis(computed(kpis, made))
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """Everything recorded, at common instants; see `recorded`."""
+
+    t: Float[np.ndarray, " K"]
+    outputs: Sequence[Float[np.ndarray, " K"]]
+    inputs: Sequence[Curve]
+    references: Sequence[Float[np.ndarray, " K"]]
+    signals: Mapping[str, Float[np.ndarray, " K"]]
+
+    def experiment(
+        self, theta: Float[np.ndarray, " n"], channels: Channels, end: End
+    ) -> Experiment:
+        """Return the experiment without KPIs."""
+        n = len(self.t)
+        u, y_ref = _table([c.at(self.t) for c in self.inputs], n), _table(self.references, n)
+        rows = self._decided(y_ref)
+        drawn = {
+            f"{channel.name} ref": values
+            for channel, values in zip(channels.y, self.references, strict=True)
+            if channel.target is None and np.isfinite(values).any()
+        }
+        return Experiment(
+            theta=theta, t=self.t, x=np.zeros((n, 0)), u=u, y=_table(self.outputs, n),
+            t_control=self.t[rows], u_control=u[rows], y_ref=y_ref[rows],
+            iterations=np.zeros(len(rows), dtype=np.int64), solve_time=np.zeros(len(rows)),
+            solved=np.ones(len(rows), dtype=bool), channels=channels, end=end,
+            signals={**drawn, **self.signals},
+        )  # fmt: skip
+
+    def _decided(self, y_ref: Float[np.ndarray, "K n_y"]) -> Int[np.ndarray, " N"]:
+        """Return the rows at which inputs were decided or references changed."""
+        n = len(self.t)
+        if not self.inputs or not all(curve.own for curve in self.inputs):
+            return np.arange(n)
+        # The number of the value that holds at each row: where it changes, a new one was decided.
+        latest = np.stack([held_rows(curve.t, self.t) for curve in self.inputs], axis=1)
+        changed = (np.diff(latest, axis=0) != 0).any(axis=1)
+        changed |= (np.diff(np.nan_to_num(y_ref), axis=0) != 0).any(axis=1)
+        return np.flatnonzero(np.concatenate([np.ones(min(n, 1), dtype=bool), changed]))
+
+
+def _table(columns: Sequence[Float[np.ndarray, " K"]], count: int) -> Float[np.ndarray, "K n"]:
+    return np.stack(columns, axis=1) if len(columns) else np.zeros((count, 0))
+
+
+def _theta(theta: ArrayLike) -> Float[np.ndarray, " n"]:
+    found = numbers("theta", np.atleast_1d(np.asarray(theta)))
+    if not len(found):
+        raise ExperimentError("theta must have shape (n,), got (0,)")
+    return found
+
+
+def _instants(
+    t: Float[np.ndarray, " K"] | None, outputs: Sequence[Curve], inputs: Sequence[Curve], unit: str
+) -> Float[np.ndarray, " M"]:
+    """Return the instants of the experiment; none if no output has a finite value."""
+    if not any(len(curve.t) for curve in outputs):
+        return np.zeros(0)
+    for curve in (*outputs, *inputs):
+        if not len(curve.t):
+            raise ExperimentError(
+                f"{curve.what} begins with a value that is not finite, and others do not: "
+                "leave it out, or fill it"
+            )
+    return common_instants(t, [*outputs, *inputs], unit)
+
+
+def _end(instants: Float[np.ndarray, " K"], curves: Sequence[Curve]) -> End:
+    """Return why a run ended, as its curves tell."""
+    if not len(instants):
+        return End.FAILED
+    return End.UNSAFE if any(curve.stopped for curve in curves) else End.TIME_UP
+
+
+def _references(
+    names: Sequence[str], given: Mapping[str, Any], t: Float[np.ndarray, " K"] | None,
+    instants: Float[np.ndarray, " M"], unit: str,
+) -> list[Float[np.ndarray, " M"]]:  # fmt: skip
+    """Return the reference of each output at `instants`; NaN for outputs without one."""
+    found = []
+    for name in names:
+        what, value = f"reference of {name!r}", given.get(name)
+        if value is None or (not isinstance(value, tuple) and np.ndim(value) == 0):
+            level = numbers(what, [np.nan if value is None else value])
+            found.append(np.full(len(instants), level[0]))
+        else:
+            curve = curve_of(what, value, t, unit, held=True, gaps=True)
+            check_covers(curve, instants, unit)
+            found.append(curve.at(instants))
+        if np.isinf(found[-1]).any():
+            raise ExperimentError(f"{what} must be finite, or NaN where there is none")
+    return found
+
+
+def _channels(
+    outputs: Sequence[str], inputs: Sequence[str],
+    references: Sequence[Float[np.ndarray, " K"]], look: _Look, time_unit: str,
+) -> Channels:  # fmt: skip
+    """Return the channels; a constant reference is the target of its output."""
+    targets = [
+        float(v[0]) if len(v) and np.isfinite(v[0]) and (v == v[0]).all() else None
+        for v in references
+    ]
+    return Channels(
+        x=(),
+        u=tuple(look.channel(name) for name in inputs),
+        y=tuple(look.channel(n, v) for n, v in zip(outputs, targets, strict=True)),
+        time_unit=time_unit,
+    )
+
+
+def _check_names(
+    outputs: Mapping[str, Any], inputs: Mapping[str, Any], look: _Look,
+    reference: Mapping[str, Any], signals: Mapping[str, Any],
+) -> None:  # fmt: skip
+    """Refuse names that are used twice, and properties of names that do not exist."""
+    if not outputs:
+        raise ExperimentError("outputs must hold one curve or more, such as {'level': values}")
+    names = [*outputs, *inputs, *named("signal", signals)]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ExperimentError(
+            f"outputs, inputs and signals must have different names, got {twice} more than once"
+        )
+    channels = [*outputs, *inputs]
+    known: list[tuple[str, Any, Sequence[str]]] = [
+        ("units", look.units, channels), ("limits", look.limits, channels),
+        ("bands", look.bands, list(outputs)), ("reference", reference, list(outputs)),
+    ]  # fmt: skip
+    for what, given, there in known:
+        if not isinstance(given, Mapping):
+            raise ExperimentError(
+                f"{what} must be a mapping by name, such as {{{there[0]!r}: ...}}, "
+                f"got {type(given).__name__}"
+            )
+        for name in given:
+            if name not in there:
+                raise ExperimentError(f"{what} names {name!r}; {_nearest(name, there)}")
+
+
+def _nearest(name: str, there: Sequence[str]) -> str:
+    close = get_close_matches(str(name), there, 1)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    return f"{hint}There are {', '.join(map(repr, there))}"

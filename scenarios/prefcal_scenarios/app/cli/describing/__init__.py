@@ -1,0 +1,1 @@
+"""Options that describe a scenario on the command line, for `calibrate` and `check`."""

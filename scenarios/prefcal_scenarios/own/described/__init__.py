@@ -1,0 +1,1 @@
+"""Scenarios described by plain data: a TOML file, an FMU, or a plant with a standard controller."""

@@ -1,0 +1,77 @@
+"""Read the description of a scenario: from a TOML file, from options, or from both."""
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from prefcal_env.errors import ScenarioError
+
+from .tables import Description, checked
+
+_MERGED = ("knobs", "reference", "kpis", "panels", "starts")
+"""Tables to which options add entries; they replace any other value of a file."""
+_SUBJECTS = ("fmu", "controller", "rig", "opcua")
+"""Keys of which a description has exactly one."""
+
+
+def description_of(name: str, config: Mapping[str, Any]) -> Description:
+    """Return the description of the scenario called `name`, with paths as seen from here.
+
+    Args:
+        name: Path of a TOML file or an FMU, or the name of a standard controller.
+        config: Keys that are added to the file's, or replace them.
+
+    Raises:
+        ScenarioError: If the file cannot be read, or a key is unknown or has the wrong type.
+    """
+    path = Path(name)
+    values: dict[str, Any] = {}
+    if path.suffix == ".toml":
+        values = _with_paths(_read(path), path.parent)
+    elif path.suffix == ".fmu":
+        values = {"fmu": name}
+    else:
+        values = {"controller": name}
+    for key, value in config.items():
+        both = key in _MERGED and isinstance(value, Mapping)
+        merges = both and isinstance(values.get(key), Mapping)
+        values[key] = {**values[key], **value} if merges else value
+    description = checked(values, Description, name)
+    _check_subject(description, name)
+    return description
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except (OSError, UnicodeDecodeError) as error:
+        said = getattr(error, "strerror", None) or error
+        raise ScenarioError(f"cannot read the scenario {str(path)!r}: {said}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(
+            f"{str(path)!r} is not TOML: {error}. A text needs quotation marks, and a name with a "
+            'space, too: "set point" = 2.0'
+        ) from error
+
+
+def _with_paths(values: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return `values` with the paths that a file in `folder` states, as seen from here."""
+    for key in ("fmu", "plant"):
+        if isinstance(values.get(key), str):
+            values[key] = str(folder / values[key])
+    return values
+
+
+def _check_subject(description: Description, where: str) -> None:
+    there = [key for key in _SUBJECTS if getattr(description, key) is not None]
+    if len(there) != 1:
+        got = " and ".join(there) or "none"
+        raise ScenarioError(
+            f'{where}: expected one of fmu = "loop.fmu", controller = "pid", [rig] and [opcua], '
+            f"got {got}"
+        )
+    if description.plant is not None and description.controller is None:
+        raise ScenarioError(
+            f'{where}: a plant needs controller = "pid" to be calibrated, or leave it out'
+        )

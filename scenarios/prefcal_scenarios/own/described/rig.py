@@ -1,0 +1,70 @@
+"""Make a rig, a plant that only a person can run, of plain data."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.experiment import Channel, Channels
+from prefcal_env.rig import Rig
+from prefcal_scenarios.own.nearest import did_you_mean
+
+from .tables import RigTable, SignalTable, checked
+
+
+def rig_of(values: Mapping[str, Any], reference: Mapping[str, float], where: str) -> Rig:
+    """Return the rig that the table [rig] describes.
+
+    Args:
+        values: Keys of the table.
+        reference: Reference of each output that has one, in its unit.
+        where: Name of the file, for messages.
+
+    Raises:
+        ScenarioError: If a key is unknown or missing, or has the wrong type, or a reference names
+            no output.
+        ExperimentError: If a limit is not valid.
+        SettingsError: If a range is not valid.
+    """
+    table = checked(values, RigTable, f"{where}, [rig]")
+    outputs = _signals(table.outputs, f"{where}, [rig.outputs]")
+    inputs = _signals(table.inputs, f"{where}, [rig.inputs]")
+    for name in reference:
+        if name not in outputs:
+            raise ScenarioError(
+                f"{where}, [reference]: no output of the rig is called {name!r}."
+                f"{did_you_mean(name, outputs)} There are {', '.join(outputs)}"
+            )
+    x = tuple(_channel(n, s, reference.get(n)) for n, s in outputs.items())
+    limits = {
+        key: value
+        for key, value in (("max_gap", table.max_gap), ("max_rows", table.max_rows))
+        if value is not None
+    }
+    return Rig(
+        channels=Channels(
+            x=x,
+            u=tuple(_channel(n, s) for n, s in inputs.items()),
+            y=tuple(c for c in x if c.target is not None),
+            time_unit=table.time_unit,
+        ),
+        y_ref=tuple(c.target for c in x if c.target is not None),
+        ranges={n: s.sensor for n, s in {**outputs, **inputs}.items() if s.sensor is not None},
+        instructions=table.instructions.strip(),
+        **limits,  # type: ignore[arg-type]
+    )
+
+
+def _signals(tables: Mapping[str, Mapping[str, Any]], where: str) -> dict[str, SignalTable]:
+    return {name: checked(t, SignalTable, f"{where} {name}") for name, t in tables.items()}
+
+
+def _channel(name: str, signal: SignalTable, target: float | None = None) -> Channel:
+    return Channel(
+        name,
+        signal.unit,
+        low=-math.inf if signal.low is None else signal.low,
+        high=math.inf if signal.high is None else signal.high,
+        target=target,
+        band=signal.band if target is not None else None,
+    )

@@ -1,0 +1,141 @@
+"""Find KPIs for a scenario that states none: the tracking KPIs that its channels allow."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from inspect import signature
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.experiments.experiment import Channel, Channels, Experiment
+from prefcal_env.experiments.kpis import tracking_kpis
+from prefcal_env.knobs.space import KnobSpace
+
+_MOST = 10
+"""Number of found KPIs that people still read."""
+_OF_OUTPUT = {
+    "settling time": "Time of the last entry into the band around the reference.",
+    "overshoot": "Largest distance beyond the reference, on the other side than the start.",
+    "integrated error": "Area between the curve and its reference.",
+    "late error": "Area between the curve and its reference, weighted with time.",
+    "final error": "Distance from the reference at the end.",
+}
+_OF_INPUT = {
+    "total move": "Sum of all changes of the input: how much the actuator works.",
+    "largest move": "Largest change of the input from one instant to the next.",
+    "RMS move": "Root mean square of the changes of the input.",
+}
+_SHOWN = ("settling time", "overshoot", "integrated error", "total move")
+"""Kinds of KPIs that are found, in the order in which they are shown."""
+_DROPPED = ("integrated error", "overshoot", "total move")
+"""Kinds that are left out, in this order, if there are too many KPIs to read."""
+
+Row = dict[str, Any]
+"""The arguments of one `prefcal_scenarios.scenario.KPI`."""
+
+
+def tracking_rows(channels: Channels) -> dict[str, Row]:
+    """Return every tracking KPI that the channels allow, by name, as arguments of a `KPI`.
+
+    Args:
+        channels: Channels of the experiments; every output counts as one with a reference.
+    """
+    rows = [*_rows(_OF_OUTPUT, channels.y, channels.time_unit)]
+    rows += _rows(_OF_INPUT, channels.u, channels.time_unit)
+    return {row["name"]: row for row in rows}
+
+
+def found_rows(channels: Channels, measured: Mapping[str, float] | None = None) -> list[Row]:
+    """Return the few tracking KPIs to show to people, the most important first.
+
+    Args:
+        channels: Channels of the experiments.
+        measured: KPIs of an experiment: only these are found. With None, those of the outputs
+            with a target, and of the inputs.
+    """
+    aimed = tuple(c for c in channels.y if c.target is not None or measured is not None)
+    rows = tracking_rows(Channels((), channels.u, aimed, channels.time_unit))
+    there = [n for n in rows if measured is None or n in measured]
+    if not any(name.startswith(tuple(_OF_OUTPUT)) for name in there):
+        return []  # nothing is tracked: moves alone would ask for a controller that does nothing
+    kinds = list(_SHOWN)
+    for kind in ("", *_DROPPED):
+        kinds = [k for k in kinds if k != kind]
+        names = [n for k in kinds for n in there if n.startswith(f"{k} of ")]
+        if len(names) <= _MOST:
+            break
+    return [rows[name] for name in names]
+
+
+def _rows(kinds: Mapping[str, str], of: tuple[Channel, ...], time_unit: str) -> Iterator[Row]:
+    for kind, about in kinds.items():
+        for channel in of:
+            name, unit = f"{kind} of {channel.name}", channel.unit
+            if kind == "settling time":
+                unit = time_unit
+            elif kind in ("integrated error", "late error"):
+                power = "²" if kind == "late error" else ""
+                unit = f"{unit} {time_unit}{power}".strip()
+            yield {"name": name, "title": name, "unit": unit, "better": "lower", "about": about}
+
+
+@dataclass(frozen=True, slots=True)
+class Tracked:
+    """A run whose experiments get their tracking KPIs in addition to their own.
+
+    Args:
+        run: Run of the scenario.
+        names: KPIs that every complete experiment has, NaN if it could not be measured.
+    """
+
+    run: Any
+    names: tuple[str, ...] = ()
+
+    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Any:
+        """Run θ, physical, shape (n,); what is no experiment is returned as it is."""
+        made = self.run(theta, seed=seed)
+        if not isinstance(made, Experiment):
+            return made
+        known = {} if made.end.interrupted else dict.fromkeys(self.names, np.nan)
+        return made.with_kpis({**known, **tracking_kpis(made), **made.kpis})
+
+    def kpis(self, experiment: Experiment) -> Mapping[str, float]:
+        """Return the KPIs that are added to those of the run."""
+        return tracking_kpis(experiment)
+
+    def within(self, space: KnobSpace) -> "Tracked":
+        """Return the same with the ranges of `space`, if the run takes them."""
+        return Tracked(within(self.run, space), self.names)
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "run" or name.startswith("__"):  # a copy that is being unpickled has no run
+            raise AttributeError(name)
+        return getattr(self.run, name)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedRecord:
+    """KPIs of a rig's record: the tracking KPIs, and those of its own.
+
+    Args:
+        own: Function that returns the rig's own KPIs; None if it has none.
+        names: KPIs that every record has, NaN if it could not be measured.
+    """
+
+    own: Callable[[Experiment], Mapping[str, float]] | None
+    names: tuple[str, ...] = ()
+
+    def __call__(self, experiment: Experiment) -> Mapping[str, float]:
+        """Return the KPIs of a record by name."""
+        own = {} if self.own is None else self.own(experiment)
+        return {**dict.fromkeys(self.names, np.nan), **tracking_kpis(experiment), **own}
+
+
+def within(function: Any, space: KnobSpace) -> Any:
+    """Return a scenario's function for the knobs of `space`, if it takes them."""
+    if hasattr(function, "within"):
+        return function.within(space)
+    takes = callable(function) and "space" in signature(function).parameters
+    return partial(function, space=space) if takes else function
