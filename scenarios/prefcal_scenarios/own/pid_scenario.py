@@ -24,7 +24,7 @@ from prefcal_scenarios.scenario import KPI, Scenario
 
 from .pid.design import Design, N, design
 from .pid.knobs import space_of, theta_of
-from .pid.kpis import Measure, kpis_of
+from .pid.kpis import Measure, names_of
 from .pid.loaded import Loaded
 from .pid.words import brief_of
 
