@@ -104,7 +104,7 @@ class PID:
     @property
     def T_s(self) -> float:
         """Sampling time, in the plant's unit of time."""
-        return self._p["T_s"]
+        return float(self._p["T_s"])
 
     @property
     def parameters(self) -> dict[str, float | None]:
@@ -180,9 +180,7 @@ class PID:
         """Check the parameters, and keep them."""
         for name, value in parameters.items():
             missing = name == "T_t" and value is None
-            if not missing and (
-                not is_number(value) or value != value
-            ):
+            if not missing and (not is_number(value) or value != value):
                 raise SettingsError(f"PID: {name} must be a number, got {value!r}")
         for name in ("T_s", "T_i", "N", "T_t"):
             value = parameters[name]
