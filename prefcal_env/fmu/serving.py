@@ -4,6 +4,7 @@ It is started as a script and imports nothing of prefcal, so that it starts quic
 Requests and answers are pickled, one after the other, on what are standard input and output.
 """
 
+import ctypes
 import os
 import pickle
 import shutil
@@ -12,8 +13,7 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
-from ctypes import Array, c_bool, c_double, c_float, c_int, c_int8, c_int16, c_int32, c_int64
-from ctypes import c_uint8, c_uint16, c_uint32, c_uint64
+from itertools import pairwise
 from queue import SimpleQueue
 from typing import Any, BinaryIO, NamedTuple
 
@@ -28,11 +28,11 @@ _QUICK = 1.0
 _TERMINATED = 3
 """Kind of status of FMI 2: the FMU wants to end the simulation."""
 _C_TYPES: dict[str, dict[str, Any]] = {
-    "2": {"Real": c_double, "Integer": c_int, "Boolean": c_int},
+    "2": {"Real": ctypes.c_double, "Integer": ctypes.c_int, "Boolean": ctypes.c_int},
     "3": {
-        "Float64": c_double, "Float32": c_float, "Boolean": c_bool, "Int8": c_int8,
-        "UInt8": c_uint8, "Int16": c_int16, "UInt16": c_uint16, "Int32": c_int32,
-        "UInt32": c_uint32, "Int64": c_int64, "UInt64": c_uint64,
+        "Float64": ctypes.c_double, "Float32": ctypes.c_float, "Boolean": ctypes.c_bool, "Int8": ctypes.c_int8,
+        "UInt8": ctypes.c_uint8, "Int16": ctypes.c_int16, "UInt16": ctypes.c_uint16, "Int32": ctypes.c_int32,
+        "UInt32": ctypes.c_uint32, "Int64": ctypes.c_int64, "UInt64": ctypes.c_uint64,
     },
 }  # fmt: skip
 _ENUMERATION = {"2": "Integer", "3": "Int64"}
@@ -95,8 +95,8 @@ class _Reader:
     ) -> None:
         count = len(references)
         self._fmu, self._get = fmu, getattr(fmu, f"fmi{version}Get{type_}")
-        self._references = (c_uint32 * count)(*references)
-        self._buffer: Array[Any] = (_C_TYPES[version][type_] * count)()
+        self._references = (ctypes.c_uint32 * count)(*references)
+        self._buffer: ctypes.Array[Any] = (_C_TYPES[version][type_] * count)()
         self._view = np.ctypeslib.as_array(self._buffer)
         self._counts = (count,) if version == "2" else (count, count)
         self._columns = columns
@@ -206,7 +206,7 @@ class _Simulation:
         instants = self._job.instants.tolist()
         last, every = len(instants) - 1, self._job.every
         rows.append(self._row(instants[0]))
-        for number, (now, then) in enumerate(zip(instants, instants[1:], strict=False), 1):
+        for number, (now, then) in enumerate(pairwise(instants), 1):
             self._step(now, then - now)
             if not number % every or number == last:
                 rows.append(self._row(then))
