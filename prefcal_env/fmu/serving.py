@@ -8,7 +8,6 @@ import ctypes
 import os
 import pickle
 import shutil
-import sys
 import threading
 import time
 from collections import deque
@@ -27,14 +26,12 @@ _QUICK = 1.0
 """Longest run in seconds after which it is tried whether a reset FMU runs in the same way."""
 _TERMINATED = 3
 """Kind of status of FMI 2: the FMU wants to end the simulation."""
+_INTEGERS = ("Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64")
 _C_TYPES: dict[str, dict[str, Any]] = {
     "2": {"Real": ctypes.c_double, "Integer": ctypes.c_int, "Boolean": ctypes.c_int},
-    "3": {
-        "Float64": ctypes.c_double, "Float32": ctypes.c_float, "Boolean": ctypes.c_bool, "Int8": ctypes.c_int8,
-        "UInt8": ctypes.c_uint8, "Int16": ctypes.c_int16, "UInt16": ctypes.c_uint16, "Int32": ctypes.c_int32,
-        "UInt32": ctypes.c_uint32, "Int64": ctypes.c_int64, "UInt64": ctypes.c_uint64,
-    },
-}  # fmt: skip
+    "3": {"Float64": ctypes.c_double, "Float32": ctypes.c_float, "Boolean": ctypes.c_bool}
+    | {name: getattr(ctypes, f"c_{name.lower()}") for name in _INTEGERS},
+}
 _ENUMERATION = {"2": "Integer", "3": "Int64"}
 _STATUS = {2: "discarded the step", 3: "returned an error", 4: "returned a fatal error"}
 
@@ -261,7 +258,9 @@ def main() -> None:
     given, out = _pipes()
     job = Job(*pickle.load(given))
     requests: SimpleQueue[list[float] | None] = SimpleQueue()
-    threading.Thread(target=_listen, args=(given, requests, job.folder), daemon=True).start()
+    gone = threading.Event()
+    listening = (given, requests, job.folder, gone)
+    threading.Thread(target=_listen, args=listening, daemon=True).start()
     try:
         simulation = _Simulation(job)
     except Exception as error:
@@ -274,6 +273,8 @@ def main() -> None:
         _say(out, tuple(answer))
         simulation.try_reset(theta, answer)
     simulation.close()
+    if gone.is_set():
+        _remove(job.folder)
 
 
 def _say(out: BinaryIO, content: Any) -> None:
@@ -292,21 +293,24 @@ def _pipes() -> tuple[BinaryIO, BinaryIO]:
     return given, out
 
 
-def _listen(given: BinaryIO, requests: Any, folder: str) -> None:
+def _listen(given: BinaryIO, requests: Any, folder: str, gone: threading.Event) -> None:
     """Pass on requests; end the process soon after prefcal is gone, whatever is running."""
-    gone = False
     try:
         while (request := pickle.load(given)) is not None:
             requests.put(request)
     except (EOFError, OSError, pickle.UnpicklingError):
-        gone = True
+        gone.set()
     requests.put(None)
     time.sleep(_TIDYING)
-    if gone:
-        shutil.rmtree(os.path.dirname(folder), ignore_errors=True)
+    if gone.is_set():
+        _remove(folder)
     os._exit(1)
+
+
+def _remove(folder: str) -> None:
+    """Remove the files of the FMU, which prefcal can no longer do."""
+    shutil.rmtree(os.path.dirname(folder), ignore_errors=True)
 
 
 if __name__ == "__main__":
     main()
-    sys.stdout.flush()
