@@ -167,7 +167,8 @@ class _Simulation:
     def close(self) -> None:
         """Let the FMU release what it holds."""
         if self._fmu.component:
-            self._fmu.freeInstance()
+            free = getattr(self._fmu, f"fmi{self.version}FreeInstance")
+            free(self._fmu.component)
             self._fmu.component = None
 
     def _renew(self) -> None:
@@ -177,7 +178,7 @@ class _Simulation:
         elif self._resettable:
             self._fmu.reset()
         else:
-            self.close()
+            self.close()  # without FMPy's freeInstance, which unloads the library, too
             if self.version == "2":
                 self._fmu.instantiate(callbacks=self._fmu.callbacks)
             else:
