@@ -109,7 +109,7 @@ def _check_range(knob: Knob, variable: Variable) -> None:
 
 
 def referenced(
-    model: Model, outputs: Names, reference: Mapping[str, float | str] | None
+    model: Model, outputs: Mapping[str, object], reference: Mapping[str, float | str] | None
 ) -> tuple[dict[str, float], dict[str, Variable]]:
     """Return the references that are numbers, and those that are variables, by shown output.
 

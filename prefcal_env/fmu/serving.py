@@ -95,16 +95,13 @@ class _Reader:
         self._references = (ctypes.c_uint32 * count)(*references)
         self._buffer: ctypes.Array[Any] = (_C_TYPES[version][type_] * count)()
         self._view = np.ctypeslib.as_array(self._buffer)
-        self._counts = (count,) if version == "2" else (count, count)
+        self._count, self._more = count, () if version == "2" else (count,)
         self._columns = columns
 
     def read(self, row: Any) -> None:
         """Write the current values into `row` of the record, shape (m,)."""
-        if self._counts[1:]:
-            self._get(self._fmu.component, self._references, self._counts[0], self._buffer,
-                      self._counts[1])  # fmt: skip
-        else:
-            self._get(self._fmu.component, self._references, self._counts[0], self._buffer)
+        instance, places = self._fmu.component, self._references
+        self._get(instance, places, self._count, self._buffer, *self._more)
         row[self._columns] = self._view
 
 
