@@ -6,8 +6,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from prefcal_env.errors import StudyError
 from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.maneuvers import by_maneuver
+from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.preferences.history import Comparison
 
 from .file import StudyFile
@@ -97,11 +101,25 @@ def _units(state: State, what: str) -> list[tuple[str, str]]:
 
 
 def _trajectory(e: Experiment) -> Iterable[list[Any]]:
-    names = [_heading(c) for c in (*e.channels.x, *e.channels.u)]
-    yield [_with_unit("time", e.channels.time_unit), *names, *e.signals]
-    for k in range(len(e.t)):
-        signals = [float(values[k]) for values in e.signals.values()]
-        yield [float(e.t[k]), *e.x[k].tolist(), *e.u[k].tolist(), *signals]
+    """Yield a row for each instant, with the name of the maneuver first if there are several."""
+    parts = by_maneuver(e)
+    outputs = [plot for plot in plots_of(e.channels) if plot.kind == "y"]
+    outputs = [p for p in outputs if p.name not in e.signals and _has(p, parts.values())]
+    names = [_heading(c) for c in (*e.channels.x, *e.channels.u, *(p.channel for p in outputs))]
+    signals = list(dict.fromkeys(key for run in parts.values() for key in run.signals))
+    first = ["maneuver"] if any(parts) else []
+    yield [*first, _with_unit("time", e.channels.time_unit), *names, *signals]
+    for name, run in parts.items():
+        columns = [run.t, *run.x.T, *run.u.T, *(plot.values(run) for plot in outputs)]
+        columns += [run.signals.get(key, [""] * len(run.t)) for key in signals]
+        for row in zip(*columns, strict=True):
+            cells = [cell if isinstance(cell, str) else float(cell) for cell in row]
+            yield [*([name] if first else []), *cells]
+
+
+def _has(plot: Plot, runs: Iterable[Experiment]) -> bool:
+    """Return whether any of the runs recorded the output."""
+    return any(np.isfinite(plot.values(run)).any() for run in runs)
 
 
 def _heading(channel: Channel) -> str:

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import RecordError, ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
+from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import KINDS
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Answer
@@ -17,6 +18,7 @@ from prefcal_env.rig import Rig
 from prefcal_env.study.codec import decode, encode
 from prefcal_scenarios.app.presentation.wording import measured, quantity, with_unit
 from prefcal_scenarios.app.report.export import jsonable
+from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.own.checks import check_experiment, kpi_problems, theta_problems
 from prefcal_scenarios.own.own_line import in_words, located
 from prefcal_scenarios.own.tracking import tracking_rows
@@ -136,7 +138,9 @@ class Checkup:
         if not len(e.t):
             yield Finding("record", False, "the run left no record: t is empty")
             return
-        variants = f", {len(e.runs)} variants" if e.runs else ""
+        parts = [name for name in by_maneuver(e) if name]
+        what = f"maneuvers ({', '.join(parts)})" if parts else "variants"
+        variants = f", {len(e.runs)} {what}" if e.runs else ""
         unsolved = int(np.sum(~e.solved))
         held = f"; {unsolved} unsolved, which held the input" if unsolved else ""
         until = quantity(e.duration, e.channels.time_unit)
@@ -172,6 +176,7 @@ class Checkup:
             if kpi.name in e.kpis:
                 yield _kpi(kpi, e)
         known = {kpi.name for kpi in self.scenario.kpis} | tracking_rows(e.channels).keys()
+        known |= {kpi.name for _, kpi in grouped(self.scenario.shown_kpis, e)}
         spare = sorted(set(e.kpis) - known)
         if spare:
             yield Finding(

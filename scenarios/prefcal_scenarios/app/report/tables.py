@@ -1,13 +1,15 @@
 """Rows and headings of the report's tables, prepared for the templates."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import isinf
 
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.maneuvers import named
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import Comparison
 from prefcal_scenarios.app.presentation.wording import marks_text, measured, number
+from prefcal_scenarios.kpis import WORST, grouped
 from prefcal_scenarios.scenario import KPI
 
 from .record import Record, verdict_text
@@ -83,10 +85,18 @@ def result_rows(record: Record) -> Iterator[ResultRow]:
         yield ResultRow(knob.name, values, knob.unit)
     if record.shows_cost:
         yield ResultRow("performance index", tuple(Value(number(record.cost(e))) for e in shown))
-    for kpi in record.kpis:
+    for part, kpi in _grouped(record.kpis, shown):
         values = tuple(_judged(kpi, e) for e in shown)
-        yield ResultRow(kpi.title, values, kpi.unit, objective(kpi))
+        title = kpi.title if part in ("", WORST) else named(kpi.title, part)
+        yield ResultRow(title, values, kpi.unit, objective(kpi))
     yield ResultRow("ended", tuple(Value(e.end.value) for e in shown))
+
+
+def _grouped(kpis: Sequence[KPI], shown: Sequence[Experiment]) -> Sequence[tuple[str, KPI]]:
+    """Return KPIs by group; without maneuvers all of them, even those that no experiment has."""
+    if not any(run.maneuver for e in shown for run in e.runs):
+        return [("", kpi) for kpi in kpis]
+    return grouped(kpis, *shown)
 
 
 def objective(kpi: KPI) -> str:

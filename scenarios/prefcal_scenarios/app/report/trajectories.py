@@ -1,7 +1,7 @@
 """Draw closed-loop runs, overlaid or side by side."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import Plot
 from prefcal_scenarios.app.presentation.style import (
     BEST,
@@ -26,6 +27,8 @@ from prefcal_scenarios.scenario import Scenario, panels_of
 
 from .record import Record
 
+_ACROSS = 3
+"""Largest number of maneuvers next to each other; more would be too narrow to read."""
 _DASHES: tuple[Any, ...] = ((0, (5, 1.6)), (0, (1.5, 1.2)), "-")
 
 
@@ -63,6 +66,8 @@ def curves_of(record: Record) -> list[Curve]:
 def best_against(record: Record) -> Figure:
     """Draw the best trajectory with the first one and the references, a panel per signal."""
     curves = curves_of(record)
+    if len(_parts(curves)) > 1:
+        return _multiples(record.scenario, curves)
     panels = panels_of(record.scenario, *(c.experiment for c in curves))
     rows = list(_rows(panels, curves))
     heights = [1.25 if row.zoomed else 1.9 for row in rows]
@@ -94,6 +99,8 @@ def before_and_after(record: Record, *, panels: int, height: float) -> Figure | 
     curves = list(runs.values())
     if not curves:
         return None
+    if len(_parts(curves)) > 1:
+        return _multiples(record.scenario, curves, panels=panels, height=height)
     rows = [_Row(panel) for panel in panels_of(record.scenario, *(c.experiment for c in curves))]
     rows = rows[:panels]
     figure = canvas(0.8 + (height - 0.8) * len(rows) / panels)
@@ -141,6 +148,8 @@ def alone(scenario: Scenario, experiment: Experiment) -> Figure:
     """
     with style():
         curve = Curve(experiment, "this run", BEST, 1.9)
+        if len(_parts([curve])) > 1:
+            return _multiples(scenario, [curve])
         rows = list(_rows(panels_of(scenario, experiment), [curve]))
         figure = canvas(0.6 + 1.75 * len(rows))
         grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)
@@ -161,15 +170,67 @@ def overlaid(panels: Sequence[Plot], curves: Sequence[Curve]) -> Figure:
     rows = [_Row(panel) for panel in panels]
     figure = canvas(0.7 + 1.75 * len(rows))
     grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)
-    for place, row in zip(grid[:, 0], rows, strict=True):
-        for curve in curves:
-            values = curve.experiment.signals.get(row.panel.reference)
-            if values is not None:
-                place.plot(curve.experiment.t, values, drawstyle="steps-post", color=GOOD,
-                           linewidth=0.9, linestyle=(0, (1, 2)))  # fmt: skip
     _fill(list(grid[:, 0]), rows, curves)
     legend(figure, grid[0, 0], len(curves))
     return figure
+
+
+def _parts(curves: Sequence[Curve]) -> list[str]:
+    """Return the names of the maneuvers of all runs, in order; one "" if there are none."""
+    names = dict.fromkeys(name for c in curves for name in by_maneuver(c.experiment))
+    return [name for name in names if name] or [""]
+
+
+def _of(part: str, curves: Sequence[Curve]) -> list[Curve]:
+    """Return the curves of one maneuver; a run that lacks it is left out."""
+    found = [(curve, by_maneuver(curve.experiment).get(part)) for curve in curves]
+    return [replace(c, experiment=run) for c, run in found if run is not None and len(run.t)]
+
+
+def _multiples(
+    scenario: Scenario,
+    curves: Sequence[Curve],
+    *,
+    panels: int | None = None,
+    height: float | None = None,
+) -> Figure:
+    """Draw a small plot for each panel and maneuver: a row of maneuvers below each panel's title.
+
+    Args:
+        scenario: Scenario of the runs.
+        curves: Runs with their labels and colors.
+        panels: Largest number of panels, most important first; None for all.
+        height: Height of a figure with that many panels, in inches; None for the usual one.
+    """
+    drawn = {part: found for part in _parts(curves) if (found := _of(part, curves))}
+    plots = {
+        part: panels_of(scenario, *(c.experiment for c in found))[:panels]
+        for part, found in drawn.items()
+    }
+    count = max(len(found) for found in plots.values())
+    across = min(len(drawn), _ACROSS)
+    down = -(-len(drawn) // across) * count
+    whole = 0.8 + 1.6 * down if height is None else height
+    figure = canvas(whole)
+    grid = figure.subplots(down, across, squeeze=False)
+    for place in grid.flat:
+        place.set_visible(False)
+    for i, (part, found) in enumerate(drawn.items()):
+        top = i // across * count
+        places = grid[top : top + len(plots[part]), i % across]
+        for place in places:
+            place.set_visible(True)
+        _fill(places, [_Row(panel) for panel in plots[part]], found, _short)
+        _above(places[0], part, 21, fontweight="bold")
+    most = max(drawn, key=lambda part: len(drawn[part]))
+    i = list(drawn).index(most)
+    legend(figure, grid[i // across * count, i % across], len(curves))
+    return figure
+
+
+def _short(channel: Channel, *, zoomed: bool = False) -> str:
+    """Return a title that fits above a small plot: the signal and its unit."""
+    return panel_title(replace(channel, target=None, band=None, low=-np.inf, high=np.inf))
 
 
 def _pair(scenario: Scenario, rows: Sequence[_Row], pair: Sequence[Curve]) -> Figure:
@@ -203,17 +264,32 @@ def _rows(panels: Sequence[Plot], curves: Sequence[Curve]) -> Iterator[_Row]:
             yield _Row(panel, zoomed=True)
 
 
-def _fill(axes: Sequence[Axes], rows: Sequence[_Row], curves: Sequence[Curve]) -> None:
+def _fill(
+    axes: Sequence[Axes],
+    rows: Sequence[_Row],
+    curves: Sequence[Curve],
+    title: Callable[..., str] | None = None,
+) -> None:
+    title = panel_title if title is None else title
     for place, row in zip(axes, rows, strict=True):
         channel = row.panel.channel
         _limits(place, channel)
         for curve in curves:
+            _reference(place, row.panel, curve.experiment)
             _draw(place, row.panel, curve)
-        place.set_title(panel_title(channel, zoomed=row.zoomed))
+        place.set_title(title(channel, zoomed=row.zoomed))
         if row.zoomed and channel.target is not None and channel.band is not None:
             place.set_ylim(channel.target - 3 * channel.band, channel.target + 3 * channel.band)
         place.margins(x=0.01)
     axes[-1].set_xlabel(f"time [{curves[0].experiment.channels.time_unit}]")
+
+
+def _reference(axes: Axes, panel: Plot, experiment: Experiment) -> None:
+    """Draw a reference that changes in time, as the runs recorded it."""
+    values = experiment.signals.get(panel.reference)
+    if values is not None and len(experiment.t):
+        axes.plot(experiment.t, panel.scale * np.asarray(values), drawstyle="steps-post",
+                  color=GOOD, linewidth=0.9, linestyle=(0, (1, 2)))  # fmt: skip
 
 
 def _draw(axes: Axes, panel: Plot, curve: Curve) -> None:

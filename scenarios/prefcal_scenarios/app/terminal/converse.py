@@ -59,6 +59,7 @@ class _Conversation:
     shown: object = None
     """What was printed last: a question, or the version at which a record was asked for."""
     seen: Seen = field(default_factory=Seen)
+    maneuver: int = 0
     compiles: bool = False
     dialed: tuple[float, ...] | None = None
     pressed: Callable[[], AbstractContextManager[Callable[[], str]]] = pressed
@@ -115,7 +116,8 @@ class _Conversation:
         if now.question is None:  # it changed meanwhile
             return True
         if self.shown is not now.question:
-            show_question(self.interview, now, self.console, blind=self.blind, seen=self.seen)
+            show_question(self.interview, now, self.console, blind=self.blind, seen=self.seen,
+                          maneuver=self.maneuver)  # fmt: skip
             self.shown = now.question
         key = self.keys()
         if key in STOP:
@@ -150,6 +152,8 @@ class _Conversation:
             self.comment = "" if said == END else said
         elif key == "b":
             self.blind, self.shown = not self.blind, None
+        elif key == "j":
+            self.maneuver, self.shown = self.maneuver + 1, None
         elif key == "t" and now.question is not None:
             show_comparison(self.interview, now.question, self.console, self.seen)
         elif key == "p":

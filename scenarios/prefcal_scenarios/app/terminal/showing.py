@@ -15,9 +15,10 @@ from prefcal_env.rig import Rig
 from prefcal_scenarios.app.presentation.wording import INTERRUPTED, printable, with_unit
 from prefcal_scenarios.app.session import Interview, Now, Question, Side
 from prefcal_scenarios.app.web.view import Seen, comparison_view
+from prefcal_scenarios.app.web.view.maneuvers import Pair, pairs_of
 from prefcal_scenarios.app.web.view.sides import numbers_view, theta_view
 from prefcal_scenarios.app.web.view.simulated import screening_view
-from prefcal_scenarios.scenario import Scenario, panels_of
+from prefcal_scenarios.scenario import Scenario
 
 from .drawing import LEAST, MOST, ROWS, curves, lines_beside_plots
 
@@ -37,18 +38,26 @@ KEYS = (
     ("b", "blind: hide θ and which experiment is the best so far"),
     ("h", "history"), ("w", "where are we"),
     ("t", "all KPIs of both sides, largest difference first"),
+    ("j", "the next maneuver, if there are several"),
     ("p", "ask me an earlier question again"), ("f f", "finish the study"),
     ("x", "stop for now; everything is saved"), ("?", "the task, and these keys"),
 )  # fmt: skip
 
 
 def show_question(
-    interview: Interview, now: Now, console: Console, *, blind: bool, seen: Seen | None = None
+    interview: Interview,
+    now: Now,
+    console: Console,
+    *,
+    blind: bool,
+    seen: Seen | None = None,
+    maneuver: int = 0,
 ) -> None:
     """Print both sides, next to each other if there is room, and the keys.
 
     The curves of both sides start on the same line and share the study's axes. In a terminal they
-    are as high as possible with the headline still visible.
+    are as high as possible with the headline still visible. Of several maneuvers one is drawn:
+    number `maneuver`, starting again after the last.
     """
     question = now.question
     assert question is not None
@@ -59,7 +68,14 @@ def show_question(
     if told.plain:
         console.print(told)
     above = len(console.render_lines(told)) if told.plain else 0
-    sides = _sides(question, interview.scenario, console, seen, blind=blind, above=above)
+    pairs = pairs_of(interview.scenario, question.left.experiment, question.right.experiment)
+    pair = pairs[maneuver % len(pairs)]
+    if pair.name:
+        at = maneuver % len(pairs) + 1
+        words = f"Maneuver {at} of {len(pairs)}: {printable(pair.name)}. [j] the next one"
+        console.print(words, markup=False, highlight=False)
+        above += 1
+    sides = _sides(question, interview.scenario, console, seen, pair, blind=blind, above=above)
     if wide:
         grid = Table.grid(expand=True)
         grid.add_column(ratio=1)
@@ -95,33 +111,38 @@ def _headline(interview: Interview, question: Question) -> str:
 
 
 def _sides(
-    question: Question, scenario: Scenario, console: Console, seen: Seen, *, blind: bool, above: int
+    question: Question,
+    scenario: Scenario,
+    console: Console,
+    seen: Seen,
+    drawn: Pair,
+    *,
+    blind: bool,
+    above: int,
 ) -> list[RenderableType]:
     """Return both boxes, with equal heights above their curves, for a screen with `above` lines."""
     wide = console.width >= WIDE
     width = (console.width // 2 if wide else console.width) - 6
     pair = {"left": question.left, "right": question.right}
     both = [side.experiment for side in pair.values()]
-    panels = panels_of(scenario, *both)
+    runs, panels = (drawn.left, drawn.right), drawn.panels
     for most in (_MOST, _FEW):
         heads = [
             _head(side.experiment, other, scenario, most, blind=blind)
             for side, other in zip(pair.values(), both[::-1], strict=True)
         ]
         heights = [len(console.render_lines(h, console.options.update(width=width))) for h in heads]
-        beside = max(lines_beside_plots(e, panels) for e in both) + max(heights) + 2
+        beside = max(lines_beside_plots(e, panels) for e in runs) + max(heights) + 2
         rows = _rows(console, len(panels), beside, above, stacked=1 if wide else 2)
         if rows >= LEAST:
             break
-    axes, rows = seen.frame(panels, *both), max(rows, LEAST)
+    axes, rows = seen.frame(panels, *runs, maneuver=drawn.name), max(rows, LEAST)
     boxes: list[RenderableType] = []
-    for (name, side), head, height in zip(pair.items(), heads, heights, strict=True):
-        drawn = curves(
-            side.experiment, panels, axes, width=width, rows=rows, style=STYLES[name]
-        )  # fmt: skip
+    for (name, side), run, head, height in zip(pair.items(), runs, heads, heights, strict=True):
+        plots = curves(run, panels, axes, width=width, rows=rows, style=STYLES[name])
         gap = [Text("")] * (max(heights) - height if wide else 0)
         title = _title(name, side, blind=blind)
-        boxes.append(Box(Group(head, *gap, drawn), title=Text(title), border_style=STYLES[name],
+        boxes.append(Box(Group(head, *gap, plots), title=Text(title), border_style=STYLES[name],
                          title_align="left"))  # fmt: skip
     return boxes
 
