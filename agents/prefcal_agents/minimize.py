@@ -133,7 +133,9 @@ def minimize_by_preference(
     answers = tuple(step.answer for step in steps if step.answer is not None)
     bank = getattr(study, "bank", None)
     simulated = bank if isinstance(bank, Bank) else None
-    knobs = tuple(f"{k.name} [{k.unit}]" if k.unit not in ("", "-") else k.name for k in space.knobs)
+    knobs = tuple(
+        f"{k.name} [{k.unit}]" if k.unit not in ("", "-") else k.name for k in space.knobs
+    )
     return Minimum(np.array(study.best), np.array(samples), answers, simulated, knobs)
 
 
