@@ -60,7 +60,7 @@ class Minimum:
             array.setflags(write=False)
 
     def to_frame(self) -> Any:
-        """Return the samples as a pandas DataFrame, one a row, with a column that marks the best."""
+        """Return the samples as a pandas DataFrame, one a row; a column marks the best."""
         import pandas as pd
 
         count = self.samples.shape[1]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_env import recorded
-from prefcal_scenarios.app.looking.look import run_of
+from prefcal_scenarios.app.looking.look import look, run_of
 from prefcal_scenarios.app.looking.window import Gallery, LookWindow
 from support.browser import CHROMIUM, Watched, chromium
 from support.page_checks import pixels, serious
