@@ -46,16 +46,35 @@ class Minimum:
             before it, and pairs that were asked about besides.
         simulated: θ that were simulated and their KPIs, among them all samples; None if nothing was
             simulated.
+        knobs: Names of the knobs with their units, as headings of `to_frame`.
     """
 
     best: Float[np.ndarray, " n"]
     samples: Float[np.ndarray, "N n"]
     answers: tuple[Answer, ...]
     simulated: Bank | None = None
+    knobs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for array in (self.best, self.samples):
             array.setflags(write=False)
+
+    def to_frame(self) -> Any:
+        """Return the samples as a pandas DataFrame, one a row; a column marks the best."""
+        import pandas as pd
+
+        count = self.samples.shape[1]
+        names = self.knobs or tuple(f"θ{i + 1}" for i in range(count))
+        index = pd.RangeIndex(1, len(self.samples) + 1, name="experiment")
+        frame = pd.DataFrame(self.samples, columns=list(names), index=index)
+        return frame.assign(best=(self.samples == self.best).all(axis=1))
+
+    def _repr_html_(self) -> str:
+        """Return the best θ and all samples, for notebooks."""
+        best = ", ".join(f"{value:.4g}" for value in self.best)
+        words = f"Best θ = ({best}) after {len(self.samples)} experiments"
+        table = self.to_frame().to_html(max_rows=60, float_format=lambda value: f"{value:.4g}")
+        return f"<div><p>{words}, {len(self.answers)} answers</p>{table}</div>"
 
 
 def minimize_by_preference(
@@ -114,7 +133,10 @@ def minimize_by_preference(
     answers = tuple(step.answer for step in steps if step.answer is not None)
     bank = getattr(study, "bank", None)
     simulated = bank if isinstance(bank, Bank) else None
-    return Minimum(np.array(study.best), np.array(samples), answers, simulated)
+    knobs = tuple(
+        f"{k.name} [{k.unit}]" if k.unit not in ("", "-") else k.name for k in space.knobs
+    )
+    return Minimum(np.array(study.best), np.array(samples), answers, simulated, knobs)
 
 
 def _maker(agent: AgentFactory | None, *, simulates: bool) -> AgentFactory:

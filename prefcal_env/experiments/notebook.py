@@ -63,6 +63,7 @@ def _picture(experiment: Experiment) -> str:
     shown = {c.label: (c, v, held) for c, v, held in reversed(curves) if v is not None}
     if not shown:
         return ""
+    references = {c.label: experiment.y_ref[:, j] for j, c in enumerate(experiment.channels.y)}
     rows = np.unique(np.linspace(0, len(experiment.t) - 1, _MOST).astype(int))
     figure = Figure(figsize=(6.0, 0.5 + 1.3 * len(shown)), layout="constrained")
     grid = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
@@ -71,6 +72,9 @@ def _picture(experiment: Experiment) -> str:
         axes.plot(experiment.t[rows], values[rows], drawstyle=style, lw=1.2)
         if channel.target is not None:
             axes.axhline(channel.target, color="0.5", ls=":", lw=1)
+        elif channel.label in references:
+            reference = references[channel.label]
+            axes.step(experiment.t_control, reference, where="post", color="0.5", ls=":", lw=1)
         axes.set_title(channel.label, loc="left", fontsize=9)
     grid[-1].set_xlabel(f"time [{experiment.channels.time_unit}]", fontsize=9)
     content = io.BytesIO()

@@ -155,6 +155,22 @@ class StudyFile:
         found = None if row is None or row[0] is None else end_of(bytes(row[0]))
         return self.experiment(seq).end if found is None else found
 
+    def to_frame(self, *, answers: bool = False) -> Any:
+        """Return the experiments as a pandas DataFrame: θ, KPIs, how each ended, and its marks.
+
+        Args:
+            answers: Whether to return the answers instead, one a row.
+        """
+        from .tables import frame_of
+
+        return frame_of(self, answers=answers)
+
+    def _repr_html_(self) -> str:
+        """Return how far the study is, and its experiments, for notebooks."""
+        from .tables import html_of
+
+        return html_of(self)
+
     def rows(self) -> list[tuple[Any, ...]]:
         """Return every event as it is stored: seq, at, body and payload (compressed)."""
         query = "SELECT seq, at, body, payload FROM event ORDER BY seq"

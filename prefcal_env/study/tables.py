@@ -1,8 +1,9 @@
-"""Export a study as CSV: comparisons, experiments, and a table of each trajectory."""
+"""Show a study as tables: comparisons, experiments and trajectories, as CSV or DataFrame."""
 
 import csv
 import io
 from collections.abc import Iterable
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,11 @@ from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.preferences.history import Comparison
 
-from .file import StudyFile
 from .fold import State
 from .trouble import told
+
+StudyFile = Any
+"""`prefcal_env.study.StudyFile`, which calls these functions."""
 
 
 def export_csv(study: StudyFile, folder: Path | str) -> Path:
@@ -35,6 +38,32 @@ def export_csv(study: StudyFile, folder: Path | str) -> Path:
             name = f"experiment-{index + 1:03d}.csv"
             _write(target / "trajectories" / name, _trajectory(experiment))
     return target
+
+
+def frame_of(study: StudyFile, *, answers: bool = False) -> Any:
+    """Return the experiments or the answers as a DataFrame; see `StudyFile.to_frame`."""
+    import pandas as pd
+
+    state = study.state
+    if answers:
+        headings, *rows = _comparisons(state)
+    else:
+        experiments = {i: study.experiment(seq) for i, seq in sorted(state.finished.items())}
+        headings, *rows = _experiments(state, experiments)
+    frame = pd.DataFrame([[None if cell == "" else cell for cell in row] for row in rows],
+                         columns=headings)  # fmt: skip
+    return frame.set_index(headings[0])
+
+
+def html_of(study: StudyFile) -> str:
+    """Return how far the study is, and its experiments, as HTML."""
+    state = study.state
+    best = state.history.incumbent
+    words = f"Study {Path(study.path).stem}: {len(state.finished)} experiments, " + (
+        f"{len(state.answers)} answers" + ("" if best is None else f", best experiment {best + 1}")
+    )
+    table = frame_of(study).to_html(max_rows=60, float_format=lambda value: f"{value:.4g}")
+    return f"<div><p>{escape(words)}</p>{table}</div>"
 
 
 def _write(path: Path, rows: Iterable[Iterable[Any]]) -> None:

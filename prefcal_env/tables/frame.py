@@ -237,12 +237,16 @@ class _Used:
     def _bridged(
         self, name: str, values: Float[np.ndarray, " K"], finite: Bool[np.ndarray, " K"]
     ) -> Any:
-        """Return a column with empty cells filled; those before the first value get that value."""
+        """Return a column with empty cells filled; those before the first value get that value.
+
+        Those after the last value stay empty: the run stopped there.
+        """
         if name in self.outputs:
             filled = np.interp(self.t, self.t[finite], values[finite])
         else:
             latest = np.maximum.accumulate(np.where(finite, np.arange(len(values)), -1))
             filled = values[np.where(latest < 0, int(np.argmax(finite)), latest)]
+        filled[len(finite) - int(np.argmax(finite[::-1])) :] = np.nan
         return filled if self.about.resample is None else (self.t, filled)
 
     def reference_curves(self) -> dict[str, Any]:

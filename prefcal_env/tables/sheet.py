@@ -16,7 +16,7 @@ from prefcal_env.errors import RecordError
 from .cells import parts_of, same_unit, separator_of, split_line
 
 Table = Any
-"""A pandas DataFrame, the path of a CSV or Parquet file, its content, or the text of a CSV."""
+"""A DataFrame, the path of a CSV or Parquet file, its content, the text of a CSV, or a `Sheet`."""
 _SEPARATORS = ",;\t|"
 _LINE_END = re.compile(r"\r\n|\r|\n")
 _PARQUET = b"PAR1"
@@ -68,11 +68,11 @@ class Sheet:
             return found
         names = [parts_of(h)[0] for h in self.headings]
         close = get_close_matches(heading, names, 1)
-        hint = f"did you mean {close[0]!r}? " if close else ""
+        hint = f"did you mean {close[0]!r}? There are" if close else "there are"
         more = ", ..." if len(names) > _MOST_NAMED else ""
         use = "" if heading != name else f"; name another one with columns={{{name!r}: HEADING}}"
         raise RecordError(
-            f"no column is called {heading!r}; {hint}There are "
+            f"no column is called {heading!r}; {hint} "
             f"{', '.join(map(repr, names[:_MOST_NAMED]))}{more}{use}"
         )
 
@@ -136,12 +136,14 @@ def sheet_of(table: Table, wanted: Collection[str] = ()) -> Sheet:
 
     Args:
         table: A pandas DataFrame, the path of a CSV or Parquet file (text without a line end, or
-            a `Path`), the content of such a file as bytes, or the text of a CSV.
+            a `Path`), the content of such a file as bytes, the text of a CSV, or a `Sheet`.
         wanted: Headings that are expected, which tell which separator a CSV has.
 
     Raises:
         RecordError: If there is no such file, or it is not a table with a row of headings.
     """
+    if isinstance(table, Sheet):
+        return table
     if hasattr(table, "columns") and hasattr(table, "iloc"):
         return _of_frame(table)
     if isinstance(table, str) and not _LINE_END.search(table):
@@ -251,7 +253,8 @@ def _of_text(text: str, wanted: Collection[str]) -> Sheet:
     ]
     if len(places) < 2:
         raise RecordError(
-            f"a table needs a line of headings and rows of values, got {len(places)} lines"
+            "a table needs a line of headings and rows of values, got "
+            f"{'one line only' if places else 'no line'}"
         )
     lines = [every[number - 1] for number in places]
     separator = _separator(lines[0], lines[1], wanted)

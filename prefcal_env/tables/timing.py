@@ -34,15 +34,20 @@ def time_column(sheet: Sheet, given: str | None) -> int:
     """
     if given is not None:
         return sheet.column(given, "")
-    called = [parts_of(heading)[0].lower() for heading in sheet.headings]
-    found = [i for i, name in enumerate(called) if name in _NAMES]
-    exact = [i for i in found if called[i] == "time"]
+    found = usual_time_columns(sheet)
+    exact = [i for i in found if parts_of(sheet.headings[i])[0].lower() == "time"]
     found = exact or found
     if len(found) == 1:
         return found[0]
     there = ", ".join(repr(parts_of(h)[0]) for h in sheet.headings[:12])
     what = "several columns may be the time" if found else "no column is called time"
     raise RecordError(f"{what}: give the right one as time=...; there are {there}")
+
+
+def usual_time_columns(sheet: Sheet) -> list[int]:
+    """Return the numbers of all columns whose names are usual for the time."""
+    called = [parts_of(heading)[0].lower() for heading in sheet.headings]
+    return [i for i, name in enumerate(called) if name in _NAMES]
 
 
 def time_unit_of(sheet: Sheet, column: int, given: str | None) -> str:

@@ -173,3 +173,16 @@ def test_theta_whose_simulation_crashes_are_not_shown():
     crashed = found.simulated.thetas[:, 0] > 1
     assert crashed.any()
     assert np.all(np.isinf(found.simulated.kpis) == crashed[:, None])
+
+
+def test_a_result_shows_its_samples_with_headings_and_marks_the_best():
+    pytest.importorskip("pandas")
+    space = KnobSpace([Knob("gain", 0, 1, "1/s"), Knob("<b>", 0, 1)])
+    result = minimize_by_preference(lambda a, b: -1 if a[0] < b[0] else 1, space, n_max=4)
+    frame = result.to_frame()
+    assert list(frame.columns) == ["gain [1/s]", "<b>", "best"]
+    assert frame.index.tolist() == [1, 2, 3, 4]
+    (best,) = frame[frame["best"]]["gain [1/s]"]
+    assert best == frame["gain [1/s]"].min() == result.best[0]
+    assert "4 experiments, 3 answers" in result._repr_html_()
+    assert "<b>" not in result._repr_html_()

@@ -85,7 +85,7 @@ def test_a_reference_comes_from_a_column_or_a_number():
     ("table", "words"),
     [
         ("", "cannot read the table"),
-        ("\n", "a line of headings and rows of values, got 0 lines"),
+        ("\n", "a line of headings and rows of values, got no line"),
         ("absent.csv", "cannot read the table 'absent.csv': No such file"),
         (b"\x00\x01", "neither text nor Parquet"),
         (b"PAR1xxxx", "the Parquet file cannot be read"),

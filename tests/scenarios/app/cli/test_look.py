@@ -46,3 +46,11 @@ def test_a_picture_is_written_and_one_run_is_refused(tmp_path):
     code, _, errors = done(tmp_path, "a.csv")
     assert code == 2
     assert "name two runs or more" in errors
+
+
+def test_the_terminal_shows_curves_and_differences(tmp_path):
+    tables(tmp_path)
+    code, out, _ = done(tmp_path, "a.csv", "b.csv", "--terminal")
+    (row,) = [line for line in out.splitlines() if "highest of level" in line]
+    assert code == 0
+    assert [cell.strip() for cell in row.split("│")[2:5]] == ["2 m", "3 m", "+1 m"]

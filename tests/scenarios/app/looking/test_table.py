@@ -36,6 +36,28 @@ def test_time_stamps_count_from_the_first(tmp_path):
     assert run.experiment.t.tolist() == [0, 2]
 
 
+def test_time_stamps_may_have_a_format_of_their_own(tmp_path):
+    text = "t;y\n01/31/2026 23:59:50;1,5\n02/01/2026 00:00:10;2\n"
+    run = read(tmp_path, text, time_format="%m/%d/%Y %H:%M:%S")
+    assert run.experiment.t.tolist() == [0, 20]
+
+
+def test_rows_without_a_time_and_empty_cells_are_said(tmp_path):
+    run = read(tmp_path, "Timestamp,y,v\n0,1,5\n,2,5\n1,,\n2,3,7\n3,,\n", inputs=("v",))
+    e = run.experiment
+    assert e.t.tolist() == [0, 1, 2]  # all columns end there: the run stopped
+    assert e.output(0).tolist() == [1, 2, 3]
+    assert e.u[:, 0].tolist() == [5, 5, 7]
+    assert "1 of 5 rows have no time and are left out" in run.about
+    assert "empty cells filled from their neighbors in y, v" in run.about
+
+
+def test_the_first_column_is_the_time_if_none_is_called_so(tmp_path):
+    run = read(tmp_path, ",y\n5,1\n6,2\n")
+    assert run.experiment.t.tolist() == [5, 6]
+    assert [c.name for c in run.experiment.channels.y] == ["y"]
+
+
 def test_columns_of_a_historian_get_names_units_inputs_and_references(tmp_path):
     run = read(
         tmp_path,
@@ -71,13 +93,14 @@ def test_parquet_is_read_with_its_index(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "not a table with a line of headings"),
-        ("time,level\n", "no row of values"),
-        ("0,1\n1,2\n", "numbers in its first line"),
+        ("", "needs a line of headings and rows of values, got no line"),
+        ("time,level\n", "got one line only"),
+        ("0,1\n1,2\n", "got the numbers 0, 1: add a line"),
         ("time,who\n0,anna\n", "no column of numbers beside the time"),
-        ("time,level\n0,1\n1,2\n2,x\n", "'level' holds text such as 'x' in row 3"),
-        ("time,level\nsoon,1\n", "must hold times"),
-        ("time,y,y \n0,1,2\n", "two columns 'y'"),
+        ("time,level\n0,1\n1,2\n2,x\n", "line 4, column 'level': expected a number, got 'x'"),
+        ("time,level\n,1\n", "should hold the time but is empty: name another one with --time"),
+        ("time,level\nsoon,1\n", "expected a number or a time stamp"),
+        ("time,y,y \n0,1,2\n", "column 'y' appears 2 times"),
         (bytes(range(256)) * 3, "neither text nor Parquet"),
     ],
 )
@@ -91,5 +114,5 @@ def test_a_bad_table_is_refused_with_what_to_do(tmp_path, text, words):
     {"reference": {"nix": "2"}}, {"reference": {"level": "nix"}},
 ])  # fmt: skip
 def test_a_missing_column_is_named_with_those_that_exist(tmp_path, reading):
-    with pytest.raises(RecordError, match="has no column 'nix'; there are t, level"):
+    with pytest.raises(RecordError, match="no column is called 'nix'; there are 't', 'level'"):
         read(tmp_path, "t,level\n0,1\n1,2\n", **reading)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from prefcal_env import recorded
-from prefcal_scenarios.app.looking.look import run_of
+from prefcal_scenarios.app.looking.look import look, run_of
 from prefcal_scenarios.app.looking.window import Gallery, LookWindow
 from support.browser import CHROMIUM, Watched, chromium
 from support.page_checks import pixels, serious
@@ -62,3 +62,13 @@ def values(text):
     both, at = text.split("=")[1].split("@")
     left, right = both.split("|")
     return float(left), float(right), float(at.split()[0])
+
+
+def test_show_opens_the_page_until_told_to_end(monkeypatch, capsys):
+    opened, seen = [], []
+    monkeypatch.setattr("prefcal_scenarios.app.web.open_browser", opened.append)
+    t = np.arange(3.0)
+    pair = look(recorded([0.0], t, {"level": t}), recorded([0.0], t, {"level": 2 * t}))
+    pair.show(wait=lambda: seen.append(capsys.readouterr().out.strip()))
+    assert seen == opened
+    assert opened[0].startswith("http://127.0.0.1:")

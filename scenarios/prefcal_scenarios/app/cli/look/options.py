@@ -18,6 +18,9 @@ class LookOptions:
     time: Annotated[
         str, Option(metavar="NAME", help="Column of time.", show_default="time, or the first one")
     ] = ""
+    time_format: Annotated[
+        str, Option(metavar="FORMAT", help="Format of time stamps.", show_default="ISO 8601")
+    ] = ""
     outputs: Annotated[
         str, Option(metavar="NAME,...", help="Columns to show.", show_default="all others")
     ] = ""

@@ -64,6 +64,7 @@ def _reading(options: LookOptions) -> Reading:
         _mapped("--reference", options.reference, "level=2"),
         _mapped("--unit", options.unit, "level=m"),
         _mapped("--columns", options.columns, "level=TI-101.PV"),
+        options.time_format,
     )  # fmt: skip
 
 
