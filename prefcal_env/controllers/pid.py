@@ -180,9 +180,7 @@ class PID:
         """Check the parameters, and keep them."""
         for name, value in parameters.items():
             missing = name == "T_t" and value is None
-            if not missing and (
-                not is_number(value) or value != value
-            ):
+            if not missing and (not is_number(value) or value != value):
                 raise SettingsError(f"PID: {name} must be a number, got {value!r}")
         for name in ("T_s", "T_i", "N", "T_t"):
             value = parameters[name]

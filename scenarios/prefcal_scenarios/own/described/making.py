@@ -93,7 +93,11 @@ def _of_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
 def _of_live_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
     assert d.opcua is not None
     for key, given, instead in (
-        ("[knobs]", knobs, '[opcua.knobs] with K_p = { node = "...", low = 1, high = 5, rate = 1 }'),
+        (
+            "[knobs]",
+            knobs,
+            '[opcua.knobs] with K_p = { node = "...", low = 1, high = 5, rate = 1 }',
+        ),
         ("[reference]", d.reference, "[opcua.references], since it is read from the plant"),
         ("stop_time", d.stop_time is not None, "duration in [opcua]"),
     ):
