@@ -2,8 +2,9 @@
 
     python benchmarks/checks/live_opcua.py --seconds 120
 
-A relay between prefcal and the example server of `docs/` drops every connection at a random instant,
-and refuses new ones for a random time. Checked: the old values are back on the server after each run.
+A relay between prefcal and the example server of `docs/` drops every connection at a random
+instant, and refuses new ones for a random time. Checked: the old values are back on the server
+after each run.
 """
 
 import argparse
@@ -46,7 +47,8 @@ class Relay:
 
     async def _relay(self, reader: Any, writer: Any) -> None:
         if self.cut:
-            return writer.close()
+            writer.close()
+            return
         far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._to)
         self._open += [writer, far_writer]
         await asyncio.gather(_pump(reader, far_writer), _pump(far_reader, writer))

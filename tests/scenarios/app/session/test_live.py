@@ -19,12 +19,16 @@ def plant():
 
 @pytest.fixture
 def scenario(plant, tmp_path, monkeypatch):
-    real = LiveRig.drive
+    real, recover = LiveRig.drive, LiveRig.recover
 
     def drive(self, theta, confirm, **rest):
         return real(self, theta, confirm, clock=plant.clock, sleep=plant.sleep, **rest)
 
+    def recovered(self, **rest):
+        return recover(self, clock=plant.clock, sleep=plant.sleep, **rest)
+
     monkeypatch.setattr(LiveRig, "drive", drive)
+    monkeypatch.setattr(LiveRig, "recover", recovered)
     rig = memory_rig(plant, tmp_path)
     kpi = KPI("overshoot of level", "overshoot", "m", better="lower")
     return Scenario("tank", "A tank", rig.space, rig, kpis=(kpi,))

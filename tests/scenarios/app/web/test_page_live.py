@@ -4,11 +4,11 @@ import time
 
 import pytest
 
+from prefcal_env.live import LiveRig
+from prefcal_scenarios.scenario import KPI, Scenario
 from support.browser import CHROMIUM, Watched, window_on
 from support.live import Memory, memory_rig
 from support.page_checks import serious
-from prefcal_env.live import LiveRig
-from prefcal_scenarios.scenario import KPI, Scenario
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 
