@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import LiveError, ScenarioError, SettingsError
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.knobs.space import KnobSpace
 
@@ -111,6 +111,17 @@ class LiveRig:
     def space(self) -> KnobSpace:
         """Space of the knobs."""
         return KnobSpace([live.knob for live in self.knobs])
+
+    @property
+    def channels(self) -> Channels:
+        """Channels of its experiments; those in `y` are the outputs with a recorded reference."""
+        by_role = {
+            role: tuple(Channel(t.name, t.unit, t.low, t.high) for t in self.tags if t.role == role)
+            for role in ("output", "input")
+        }
+        aimed = {tag.name for tag in self.tags if tag.role == "reference"}
+        y = tuple(channel for channel in by_role["output"] if channel.name in aimed)
+        return Channels((), by_role["input"], y)
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Refuse to run, because a person must confirm what is written.

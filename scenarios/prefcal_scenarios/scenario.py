@@ -18,6 +18,7 @@ from prefcal_env.experiments.panels import Panel as Panel
 from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Calibrator
+from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
 from prefcal_scenarios.own.checks import check_parts
 from prefcal_scenarios.own.nearest import did_you_mean
@@ -235,7 +236,9 @@ def _tracked(run: Any, names: Sequence[str]) -> Any:
     """Return `run` so that its experiments have tracking KPIs, those in `names` among them."""
     if isinstance(run, Rig):
         return replace(run, kpis=TrackedRecord(run.kpis, tuple(names)))
-    # A run in another process got them there.
+    # A live rig measures them itself; a run in another process got them there.
+    if isinstance(run, LiveRig):
+        return run
     if isinstance(run, Tracked) or hasattr(run, "worker") or not callable(run):
         return run
     return Tracked(run, tuple(names))

@@ -27,3 +27,10 @@ def test_the_check_sees_a_write_that_is_too_fast(sessions, monkeypatch):
     monkeypatch.setattr(Written, "step", lambda self, elapsed, period: 1e9)
     with pytest.raises(sessions.Broken, match="is faster than"):
         sessions.run(20)
+
+
+def test_a_real_server_that_loses_its_connection_gets_its_old_values_back(sessions):
+    pytest.importorskip("asyncua")
+    import live_opcua
+
+    assert sum(live_opcua.run(60.0, most=2).values()) == 2

@@ -22,7 +22,7 @@ from rich.progress import (
 from rich.text import Text
 
 from prefcal_env.compiling import Compiling
-from prefcal_env.errors import RunError, SettingsError
+from prefcal_env.errors import RunError
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.loop import Comparison
 from prefcal_scenarios.app.isolated import isolation
@@ -75,7 +75,6 @@ def run(given: Mapping[str, Any]) -> int:
         with isolation(source, given["run_timeout"]) as isolated:
             scenario = isolated(with_cost(load(source), given["cost"]))
             _check_address(Options.of(given))
-            _check_live(Options.of(given), scenario)
 
             def say(text: str) -> None:
                 _say(messages, text)
@@ -97,15 +96,6 @@ def _check_address(options: Options) -> None:
         from prefcal_scenarios.app.web.server.binding import bind
 
         bind(options.host, options.port).close()
-
-
-def _check_live(options: Options, scenario: Scenario) -> None:
-    """Raise SettingsError if a person cannot confirm the runs on a live plant this way."""
-    if isinstance(scenario.run, LiveRig) and options.by_a_person and not options.terminal:
-        raise SettingsError(
-            f"scenario {scenario.name!r} is a live plant, whose runs are confirmed in the terminal "
-            "so far: add --terminal"
-        )
 
 
 def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Console) -> int:
@@ -205,6 +195,8 @@ class CalibrateRun:
     def stopping(self) -> None:
         """Print what the first Ctrl-C does."""
         what = "Writing the report ..." if self.reporter.reportable else "Stopping ..."
+        if self.interview.drives:
+            what = "Stopping the run: the plant gets its old values back ..."
         self.say(f"{what} (Ctrl-C again ends at once; no answer is lost)")
 
     def closing(self) -> None:

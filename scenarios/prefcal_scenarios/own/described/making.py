@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.errors import KnobError, ScenarioError
+from prefcal_env.errors import KnobError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channels
 from prefcal_env.experiments.panels import Panel, plots_of
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_env.live import live_rig
 from prefcal_scenarios.own.nearest import did_you_mean
-from prefcal_scenarios.own.tracking import tracking_rows
+from prefcal_scenarios.own.tracking import found_rows, tracking_rows
 from prefcal_scenarios.scenario import CONTROLLERS, KPI, Scenario
 
 from .reading import description_of
@@ -90,7 +91,25 @@ def _of_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
 
 
 def _of_live_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
-    raise ScenarioError(f"{where}: this version of prefcal has no live rigs, [opcua]")
+    assert d.opcua is not None
+    for key, given, instead in (
+        (
+            "[knobs]",
+            knobs,
+            '[opcua.knobs] with K_p = { node = "...", low = 1, high = 5, rate = 1 }',
+        ),
+        ("[reference]", d.reference, "[opcua.references], since it is read from the plant"),
+        ("stop_time", d.stop_time is not None, "duration in [opcua]"),
+    ):
+        if given:
+            raise ScenarioError(f"{where}: a live plant takes no {key}: write {instead}")
+    try:
+        rig = live_rig(d.opcua)
+    except (KnobError, SettingsError) as error:
+        raise ScenarioError(f"{where}, [opcua]: {error}") from error
+    kpis = tuple(KPI(**row) for row in found_rows(rig.channels, tracking_rows(rig.channels)))
+    title, name = d.title or f"Live plant {Path(where).stem}", Path(where).stem
+    return Scenario(name, title, rig.space, rig, kpis=kpis)
 
 
 def _space(knobs: list[Knob], where: str) -> KnobSpace:

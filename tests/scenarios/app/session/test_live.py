@@ -1,5 +1,6 @@
 """An interview about a live plant asks before each run, saves it, and loses no answer."""
 
+import numpy as np
 import pytest
 
 from prefcal_env import End
@@ -18,12 +19,16 @@ def plant():
 
 @pytest.fixture
 def scenario(plant, tmp_path, monkeypatch):
-    real = LiveRig.drive
+    real, recover = LiveRig.drive, LiveRig.recover
 
     def drive(self, theta, confirm, **rest):
         return real(self, theta, confirm, clock=plant.clock, sleep=plant.sleep, **rest)
 
+    def recovered(self, **rest):
+        return recover(self, clock=plant.clock, sleep=plant.sleep, **rest)
+
     monkeypatch.setattr(LiveRig, "drive", drive)
+    monkeypatch.setattr(LiveRig, "recover", recovered)
     rig = memory_rig(plant, tmp_path)
     kpi = KPI("overshoot of level", "overshoot", "m", better="lower")
     return Scenario("tank", "A tank", rig.space, rig, kpis=(kpi,))
@@ -110,3 +115,39 @@ def test_an_unreachable_plant_is_a_problem_that_can_be_looked_at_again(scenario,
     plant.up = True
     interview.retry()
     assert waited_for(interview).live.changes
+
+
+class KilledError(BaseException):
+    """The process ends at once; nothing after it runs."""
+
+
+def test_no_answer_and_no_experiment_is_lost_by_kills_at_random_instants(scenario, plant, tmp_path):
+    rng, path = np.random.default_rng(7), tmp_path / "mine.prefcal"
+    interview = begin(scenario, n_max=7, path=path)
+    answered, ran, kills = 0, 0, 0
+    while (now := waited_for(interview)).phase is not Phase.OVER:
+        if now.phase is Phase.QUESTION:
+            answered += 1
+            interview.answer(now.question.id, Choice.LEFT)
+            continue
+        until = plant.now + rng.uniform(0.0, 40.0)
+
+        def kill(plant, until=until):
+            if until <= plant.now:
+                raise KilledError
+
+        plant.at = kill
+        interview.write_and_start(now.pending.index)
+        try:
+            interview.work()
+            ran += 1
+        except KilledError:
+            kills += 1
+            interview.study.close()
+            interview = reopened(scenario, path)
+        plant.at = lambda plant: None
+        state = interview.now().state
+        assert (len(state.answers), len(state.finished)) == (answered, ran)
+    assert kills
+    assert ran == 7
+    assert [plant.values[node] for node in ("kp", "ti", "sp")] == pytest.approx([1.0, 10.0, 1.0])

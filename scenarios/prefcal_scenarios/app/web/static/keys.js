@@ -4,6 +4,7 @@ import { answer, finish, mark, open, skip, toggleBlind, undo, current } from "./
 import { jump, moveCursor, repeat, resetZoom, showManeuver, toggleOverlay, togglePlay, toggleTable, toggleZoom } from "./question.js";
 import { briefing } from "./brief.js";
 import { $, ask, el } from "./dom.js";
+import { drives, stopLive } from "./live.js";
 
 export const QUESTION = {
   ArrowLeft: ["← →", "left, right is better", () => answer("left")],
@@ -37,6 +38,7 @@ const EVERYWHERE = {
   z: ["Z", "undo the last answer", undo],
   h: ["H", "history", () => open("history")],
   w: ["W", "where are we", () => open("status")],
+  k: ["K", "stop the run on the plant", stopLive],
   m: ["M", "everything simulated, as a picture", () => current()?.screening && open("simulated")],
   Escape: ["Esc", "back to the question; skip a repeated question", leave],
   "?": ["?", "the task, and these keys", showKeys],
@@ -53,7 +55,9 @@ const typing = (target) =>
 // Listen for keys. `of(name, shifted)` returns the row of a table like those above, or nothing.
 export function keyboard(of = asked) {
   document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.altKey || event.metaKey || event.isComposing || $("dialog").open) return;
+    if (event.ctrlKey || event.altKey || event.metaKey || event.isComposing) return;
+    // A run on a plant can be stopped at any time, also while a dialog is open.
+    if ($("dialog").open && !(event.key.toLowerCase() === "k" && drives(current()))) return;
     if (typing(event.target)) {
       // In other fields Enter submits; here it only leaves, so that the next key is the verdict.
       const ends = event.key === "Escape" || (event.key === "Enter" && event.target.id === "comment");
@@ -81,7 +85,7 @@ function asked(name, shift) {
 
 export async function showKeys() {
   const known = Object.values({ ...QUESTION, ...EVERYWHERE })
-    .filter(([key]) => key && (key !== "M" || current()?.screening)
+    .filter(([key]) => key && (key !== "M" || current()?.screening) && (key !== "K" || current()?.live)
       && (key !== "1 … 9" || current()?.question?.maneuver));
   const told = await briefing();
   if ($("dialog").open) return; // pressed twice while loading

@@ -5,6 +5,7 @@ import { $, el, say } from "./dom.js";
 import { showFailed } from "./failed.js";
 import { act, answer, finish, open, skip, start, state, toggleBlind, undo } from "./flow.js";
 import { showHistory } from "./history.js";
+import { drives, inPlace, showLive, stopLive } from "./live.js";
 import { keyboard, showKeys } from "./keys.js";
 import { showOver } from "./over.js";
 import * as offer from "./offer.js";
@@ -14,7 +15,7 @@ import { showSimulated } from "./simulated.js";
 import { showStatus } from "./status.js";
 
 const HEADINGS = {
-  question: "Which experiment is better?", record: "Run the next experiment",
+  question: "Which experiment is better?", record: "Run the next experiment", confirm: "Confirm the next run",
   failed: "An experiment failed", over: "The study is finished", running: "Running", loading: "Starting",
 };
 
@@ -35,6 +36,7 @@ function render(before) {
   }
   if (now.phase === "running") waitFor(now, act);
   if (now.phase === "record" && before?.pending?.index !== now.pending?.index) showRecord(now, act);
+  if (inPlace(now)) showLive(now, act);
   if (now.phase === "failed") showFailed(now, act);
   if (now.phase === "over") showOver(now, act);
   arrange();
@@ -80,7 +82,7 @@ function progress({ answered, comparisons }, simulated) {
 function arrange() {
   const phase = state.now?.phase ?? "loading";
   const here = state.view === "now";
-  const shown = here ? { loading: "wait", running: "wait" }[phase] ?? phase : state.view;
+  const shown = here ? { loading: "wait", running: inPlace(state.now) ? "live" : "wait", confirm: "live" }[phase] ?? phase : state.view;
   for (const section of document.querySelectorAll("main > section")) {
     section.hidden = section.id !== `view-${shown}`;
   }
@@ -89,6 +91,7 @@ function arrange() {
     ? "Once more: which is better?" : HEADINGS[phase];
   $("verdicts").hidden = shown !== "question";
   $("replace").hidden = !here || !state.now?.rig?.recorded.length || !["record", "question"].includes(phase);
+  $("stop-live").hidden = !drives(state.now);
   $("skip").hidden = !state.now?.question?.repeat;
   for (const button of document.querySelectorAll("[data-in=question]")) {
     button.hidden = shown !== "question";
@@ -107,6 +110,7 @@ function begin() {
     $(`verdict-${choice}`).addEventListener("click", () => answer(choice.replace("-", " ")));
   }
   $("undo").addEventListener("click", undo);
+  $("stop-live").addEventListener("click", stopLive);
   $("replace").addEventListener("click", replaceRecord);
   $("skip").addEventListener("click", skip);
   $("blind").addEventListener("click", toggleBlind);

@@ -5,6 +5,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
 from prefcal_env.study import State, Suggested
 from prefcal_scenarios.app.isolated import in_time
@@ -14,6 +15,7 @@ from prefcal_scenarios.app.session.view import GOOD_ENOUGH
 from prefcal_scenarios.scenario import Scenario
 
 from .end import over_view
+from .preview import live_view
 from .seen import Seen
 from .sides import numbers_view, question_view, theta_view
 from .simulated import screening_view
@@ -54,6 +56,7 @@ def now_view(
         "preparing": _preparing(now),
         "draft": now.draft,
         "rig": _rig(scenario, now.state),
+        "live": live_view(scenario, now.live),
         "pending": _pending(now.pending, scenario, blind=blind),
         "good_enough": _good_enough(now, blind=blind),
         "screening": screening_view(interview, now, blind=blind),
@@ -115,7 +118,7 @@ def _pending(sample: Suggested | None, scenario: Scenario, *, blind: bool) -> An
     """Return the sample that is running, awaited or failed. On a rig, θ is always shown."""
     if sample is None:
         return None
-    rig = scenario.run if isinstance(scenario.run, Rig) else None
+    rig = scenario.run if isinstance(scenario.run, Rig | LiveRig) else None
     knobs = list(zip(scenario.space, sample.theta, strict=True))
     hidden = blind and rig is None
     return {

@@ -1,0 +1,120 @@
+// Handle a live plant: confirm what is written, show how far the run is, and stop it at any time.
+
+import { $, el, fill, symbol, withUnit } from "./dom.js";
+import { act, current } from "./flow.js";
+
+const SVG = "http://www.w3.org/2000/svg";
+const [WIDE, HIGH] = [600, 120]; // of a curve, in its own units
+let drawn = ""; // which page is drawn; its parts are then changed in place, so that the focus stays
+
+// Return whether a run is in progress on the plant.
+export const drives = (now) => Boolean(now?.live?.running);
+
+// Return whether the page of the plant is the one to show.
+export const inPlace = (now) => Boolean(now?.live) && (now.phase === "confirm" || (now.phase === "running" && drives(now)));
+
+export function stopLive() {
+  const now = current();
+  if (!drives(now) || !now.pending || now.live.running.stopping) return undefined;
+  return act("stop_run", { index: now.pending.index });
+}
+
+export function showLive(now) {
+  const kind = JSON.stringify(drives(now) ? ["run", now.pending?.index] : ["confirm", now.pending?.index, now.live.changes, now.live.problem]);
+  const fresh = kind !== drawn || !$("view-live").firstChild;
+  drawn = kind;
+  if (drives(now)) {
+    if (fresh) running(now);
+    progress(now);
+  } else if (fresh) confirming(now);
+}
+
+function confirming({ live, pending }) {
+  const button = (id, words, run, kind = "") => el("button", { type: "button", id, class: kind, on: { click: run } }, words);
+  const send = (name, more = {}) => act(name, { index: pending.index, ...more });
+  const title = el("h2", { id: "live-title" }, `Experiment ${pending.number}: write these values to the plant?`);
+  const again = button("read-again", "Read the plant again", () => send("retry"));
+  const skip = button("not-run", "Count it as failed", () => send("fail", { reason: "it was not run" }));
+  if (!live.changes) {
+    return fill($("view-live"), title, live.problem
+      ? [el("p", { class: "problem", role: "alert" }, live.problem), el("p", {}, "Nothing was written."), el("p", { class: "actions" }, again, skip)]
+      : el("p", {}, "Reading the plant's present values…"));
+  }
+  return fill($("view-live"), title,
+    live.instructions ? el("p", { class: "instructions" }, live.instructions) : null,
+    live.problem ? el("p", { class: "problem", role: "alert" }, live.problem) : null, table(live.changes),
+    el("p", {}, `The run records for at most ${seconds(live.duration)}. ${live.keeps
+      ? "The new values of the knobs stay on the plant if it is completed; otherwise the old ones are restored."
+      : "The old values are restored after it."} You can stop it at any time.`),
+    el("p", { class: "actions" }, button("write-and-start", "Write and start", () => send("write_and_start"), "primary"), again, skip),
+    el("p", { class: "faint" }, "Nothing is written before you confirm."));
+}
+
+function table(changes) {
+  const heads = ["", "now", "new", "limits", "at most, per second"];
+  return el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "What is written" },
+    el("table", { class: "changes" },
+      el("thead", {}, el("tr", {}, heads.map((words, k) => el("th", { scope: "col", class: k ? "number" : null }, words)))),
+      el("tbody", {}, changes.map(({ name, unit, old, new: next, limits, rate }) => el("tr", {},
+        el("th", { scope: "row" }, symbol(name)), el("td", { class: "number" }, withUnit(old, unit)),
+        el("td", { class: "number new" }, "→ ", withUnit(next, unit)),
+        el("td", { class: "number plain" }, withUnit(limits, unit)), el("td", { class: "number plain" }, withUnit(rate, unit)))))));
+}
+
+function running({ live, pending }) {
+  const title = pending ? `Experiment ${pending.number} runs on the plant` : "Restoring the plant's old values";
+  fill($("view-live"), el("h2", { id: "live-title" }, title),
+    el("p", { id: "live-stage", role: "status" }),
+    el("p", {}, el("progress", { id: "live-progress", "aria-label": "Recorded time", max: live.duration, value: 0 }), " ",
+      el("span", { id: "live-left" })),
+    el("p", { id: "live-problem", class: "problem", role: "alert", hidden: true }),
+    el("p", { class: "actions" }, el("button", { type: "button", id: "live-stop", class: "danger", on: { click: stopLive } },
+      "Stop and restore the old values ", el("kbd", {}, "K"))),
+    el("div", { id: "live-curves" }));
+}
+
+function progress({ live }) {
+  const { running: run, duration } = live;
+  const { stage, elapsed, problem, stopping, times, outputs } = run;
+  set("live-stage", stopping ? "Stopping: the plant gets its old values back." : `${stage[0].toUpperCase()}${stage.slice(1)}.`);
+  $("live-progress").value = elapsed;
+  set("live-left", run.records ? `${seconds(Math.max(duration - elapsed, 0))} left` : "");
+  set("live-problem", problem);
+  $("live-problem").hidden = !problem;
+  $("live-stop").disabled = stopping;
+  $("stop-live").disabled = stopping;
+  fill($("live-curves"), times.length ? outputs.map((output) => curve(output, times, duration)) : []);
+}
+
+// Screen readers read a text again whenever it is set.
+function set(id, words) {
+  if ($(id).textContent !== words) $(id).textContent = words;
+}
+
+const seconds = (value) => (value < 120 ? `${Math.ceil(value)} s` : `${Math.ceil(value / 60)} min`);
+
+// Draw an output so far, with its reference, over the time that the run may take.
+function curve({ name, unit, values, reference }, times, duration) {
+  const known = [...values, ...reference].filter((value) => value !== null);
+  const [low, high] = [Math.min(...known), Math.max(...known)];
+  const span = Math.max(high - low, 1e-9, Math.abs(high) * 1e-3);
+  const middle = (low + high) / 2;
+  const place = (time, value) => `${((WIDE * time) / duration).toFixed(1)},${(HIGH / 2 - ((value - middle) / span) * (HIGH - 12)).toFixed(1)}`;
+  const line = (row, kind) => {
+    const points = row.flatMap((value, k) => (value === null ? [] : [place(times[k], value)]));
+    const made = document.createElementNS(SVG, "polyline");
+    made.setAttribute("points", points.join(" "));
+    made.setAttribute("class", kind);
+    return made;
+  };
+  const picture = document.createElementNS(SVG, "svg");
+  picture.setAttribute("viewBox", `0 0 ${WIDE} ${HIGH}`);
+  picture.setAttribute("preserveAspectRatio", "none");
+  picture.setAttribute("aria-hidden", "true");
+  picture.append(line(reference, "aim"), line(values, "output"));
+  const last = values.at(-1);
+  const now = last === null || last === undefined ? "bad quality" : withUnit(String(Number(last.toPrecision(4))), unit);
+  const aim = reference.at(-1);
+  return el("div", { class: "card live-curve" }, el("p", {}, symbol(name), ": ", el("b", {}, now),
+    aim === null || aim === undefined ? null : el("span", { class: "faint" }, ` (reference, dashed: ${withUnit(String(Number(aim.toPrecision(4))), unit)})`)), picture);
+}

@@ -1,0 +1,68 @@
+"""A live run that is told to end restores the plant, over a real OPC UA server."""
+
+import signal
+import socket
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from support.browser import CHROMIUM, Watched, chromium, serve
+
+pytest.importorskip("asyncua")
+DOCS = Path(__file__).parents[4] / "docs"
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None or sys.platform == "win32", reason="needs chromium, and signals"
+)
+TANK = """
+[opcua]
+url = "{url}"
+duration = 60
+period = 0.1
+journal = "{journal}"
+[opcua.knobs]
+K_p = {{ node = "ns=2;s=Tank.Kp", low = 0.2, high = 10, rate = 50 }}
+T_i = {{ node = "ns=2;s=Tank.Ti", low = 1, high = 60, rate = 500, unit = "s" }}
+[opcua.outputs]
+level = {{ node = "ns=2;s=Tank.Level", unit = "m" }}
+[opcua.references]
+level = {{ node = "ns=2;s=Tank.Setpoint" }}
+[opcua.start]
+set-point = {{ node = "ns=2;s=Tank.Setpoint", value = 1.5, low = 0.5, high = 1.8, rate = 50 }}
+"""
+
+
+@pytest.fixture
+def tank(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    from opcua_server import Tank
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with Tank(port).running() as tank:
+        yield tank
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+def test_a_run_that_is_told_to_end_restores_the_plant(tank, tmp_path, number):
+    text = TANK.format(url=tank.url, journal=tmp_path / "old.json")
+    (tmp_path / "tank.toml").write_text(text, encoding="utf-8")
+    served = serve(tmp_path, "tank.toml", "--n-max", "4")
+    try:
+        with chromium() as browser:
+            watched = Watched(browser)
+            watched.page.goto(served.link)
+            watched.page.click("#write-and-start", timeout=60_000)
+            watched.page.wait_for_selector(".live-curve polyline.output", timeout=60_000)
+            assert tank.values["Setpoint"] == pytest.approx(1.5)
+            served.process.send_signal(getattr(signal, number))
+            printed = "".join(served.process.communicate(timeout=60))
+    finally:
+        served.kill()
+    time.sleep(0.2)  # the server reads its nodes every 0.02 s
+    values = [tank.values[name] for name in ("Kp", "Ti", "Setpoint")]
+    assert values == pytest.approx([1.0, 20.0, 1.0])
+    assert "the plant gets its old values back" in printed
+    assert not (tmp_path / "old.json").exists()

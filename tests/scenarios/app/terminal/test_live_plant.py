@@ -1,0 +1,76 @@
+"""A live plant in the terminal: the confirmation, and `k`, which stops a run."""
+
+import io
+import time
+from contextlib import contextmanager
+
+import pytest
+from rich.console import Console
+
+from prefcal_env.live import LiveRig
+from prefcal_scenarios.app.session import Background, Phase
+from prefcal_scenarios.app.terminal.converse import _Conversation
+from prefcal_scenarios.scenario import KPI, Scenario
+from support.interviews import begin
+from support.live import Memory, memory_rig
+
+
+@pytest.fixture
+def plant():
+    return Memory()
+
+
+@pytest.fixture
+def interview(plant, tmp_path, monkeypatch):
+    real = LiveRig.drive
+
+    def sleep(seconds):
+        time.sleep(seconds / 50)
+        plant.sleep(seconds)
+
+    def drive(self, theta, confirm, **rest):
+        return real(self, theta, confirm, clock=plant.clock, sleep=sleep, **rest)
+
+    monkeypatch.setattr(LiveRig, "drive", drive)
+    rig = memory_rig(plant, tmp_path, instructions="Open the drain.")
+    kpi = KPI("overshoot of level", "overshoot", "m", better="lower")
+    return begin(Scenario("tank", "A tank", rig.space, rig, kpis=(kpi,)), n_max=4)
+
+
+def talk(interview, lines, *, stops=lambda: False):
+    """The conversation with these lines; `k` is pressed whenever `stops` says so."""
+    console = Console(file=io.StringIO(), width=140, record=True, force_terminal=False)
+    written = iter(lines)
+
+    @contextmanager
+    def pressed():
+        yield lambda: "k" if stops() else ""
+
+    talking = _Conversation(
+        interview, console, lambda: "x", lambda words: next(written), pressed=pressed
+    )
+    with Background(interview):
+        talking.run()
+    return console.export_text()
+
+
+def test_nothing_is_written_unless_the_person_types_yes(interview, plant):
+    out = talk(interview, ["y", "again", "", "stop"])
+    assert plant.writes == []
+    assert out.count("confirm what is written to the plant") == 4
+    assert "T_i: 10 → " in out
+    assert "limits 1 to 60, at most 5 per second" in out
+    assert "Open the drain." in out
+
+
+def test_a_confirmed_run_leads_to_the_next_one(interview, plant):
+    talk(interview, ["yes", "stop"])
+    assert len(interview.now().state.finished) == 1
+    assert plant.values["kp"] == pytest.approx(1.0)
+
+
+def test_k_stops_the_run_and_restores_the_old_values(interview, plant):
+    out = talk(interview, ["yes"], stops=lambda: plant.values["sp"] > 1.9)
+    assert interview.now().phase is Phase.FAILED
+    assert "The old values are restored" in out
+    assert [plant.values[node] for node in ("kp", "ti", "sp")] == pytest.approx([1.0, 10.0, 1.0])

@@ -1,0 +1,57 @@
+"""Live plants of TOML files: what becomes of the table [opcua], and what is refused."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from prefcal_env.errors import ScenarioError
+from prefcal_env.live import LiveRig
+from prefcal_scenarios.scenario import load
+
+pytest.importorskip("asyncua")
+DOCS = Path(__file__).parents[4] / "docs"
+TANK = re.search(r"```toml\n(.*?)```", (DOCS / "live.md").read_text("utf-8"), re.S)[1]
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text):
+        (tmp_path / "tank.toml").write_text(text, encoding="utf-8")
+        return str(tmp_path / "tank.toml")
+
+    return write
+
+
+def test_the_file_of_the_page_is_a_live_plant(written):
+    tank = load(written(TANK))
+    assert isinstance(tank.run, LiveRig)
+    assert (tank.name, tank.title) == ("tank", "Level of a tank")
+    assert tank.space.names == ("K_p", "T_i")
+    assert tank.run.start[0].value == 1.5
+    assert [kpi.name for kpi in tank.kpis] == [
+        "settling time of level", "overshoot of level", "integrated error of level",
+        "total move of valve",
+    ]  # fmt: skip
+
+
+def test_a_limit_of_a_kpi_is_stated_as_elsewhere(written):
+    tank = load(written(TANK + '\n[kpis]\n"final error of level" = 0.1\n'))
+    assert [(kpi.name, kpi.at_most) for kpi in tank.kpis] == [("final error of level", 0.1)]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("rate = 5,", "", r"tank\.toml, \[opcua\]: knobs\.K_p needs a number 'rate'"),
+        ("period", "periods", r"\[opcua\]: .*got 'periods'"),
+        ("value = 1.5", "value = 2.5", r"\[opcua\]: start value 'set-point' must be in"),
+        ("low = 0.2", "low = 20", r"\[opcua\]: .*K_p"),
+        ("[opcua]", '[knobs]\nK = "1:2"\n[opcua]', r"no \[knobs\]: write \[opcua\.knobs\]"),
+        ("[opcua]", "[reference]\nlevel = 1\n[opcua]", r"write \[opcua\.references\]"),
+        ("[opcua]", "stop_time = 3\n[opcua]", "write duration in"),
+    ],
+)
+def test_a_wrong_table_is_refused_with_its_place(written, old, new, words):
+    with pytest.raises(ScenarioError, match=words):
+        load(written(TANK.replace(old, new, 1)))
