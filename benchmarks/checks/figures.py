@@ -27,6 +27,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gain import Calibration, gain
+from gallery import FIGURES as GALLERY
+from gallery import gallery
 from hole import hole, lowest, rows_of, theta
 from matplotlib.figure import Figure
 from PIL import Image
@@ -232,6 +234,7 @@ MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
     "index": (reactor_index, ("reactor_index.png",)),
     "window": (window, ("query_window.png",)),
     "worth": (worth, tuple(WORTH)),
+    "gallery": (lambda folder: gallery(ROOT / "docs" / "gallery", folder), GALLERY),
 }
 """Functions that draw the figures, by name."""
 

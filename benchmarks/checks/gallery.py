@@ -1,0 +1,52 @@
+"""Draw two experiments of each page of the gallery, from the code that the page shows."""
+
+import re
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from prefcal_scenarios import load
+from prefcal_scenarios.app.looking import look
+
+Story = Mapping[str, float]
+_FILE = re.compile(r"^```python\n(# (\w+\.py)\n.*?)^```", re.M | re.S)
+
+PAGES: Mapping[str, tuple[str, str, tuple[tuple[float, float], tuple[float, float]]]] = {
+    "python-control": ("gallery_python_control.png", "heater.py:scenario", ((0.6, 6), (1.2, 14))),
+    "scipy": ("gallery_scipy.png", "servo.py:scenario", ((2, 0.6), (9, 0.94))),
+    "casadi": ("gallery_casadi.png", "pendulum.py:scenario", ((0.003, 0.001), (0.3, 0.1))),
+    "do-mpc": ("gallery_do_mpc.png", "tank.py:scenario", ((0.1, 10), (5, 4))),
+    "quadruple-tank": ("gallery_quadruple_tank.png", "quadruple_tank.py:tanks",
+                       ((10, 0.05), (30, 5))),
+}  # fmt: skip
+"""Figure of each page, its scenario, and the two θ to draw, in physical units."""
+FIGURES = tuple(file for file, _, _ in PAGES.values())
+
+
+def gallery(pages: Path, folder: Path) -> tuple[dict[str, bytes], Story]:
+    """Draw every page in `pages`; return the figures and the KPIs to keep.
+
+    Args:
+        pages: Folder with the pages.
+        folder: Empty folder for the files that the pages show.
+    """
+    pictures: dict[str, bytes] = {}
+    story: dict[str, float] = {}
+    sys.path.insert(0, str(folder))  # a file of a page may import another one
+    try:
+        for page, (picture, source, thetas) in PAGES.items():
+            for content, name in _FILE.findall((pages / f"{page}.md").read_text("utf-8")):
+                (folder / name).write_text(content, "utf-8")
+            scenario = load(f"{folder}/{source}")
+            runs = [scenario.run(np.array(theta, dtype=float)) for theta in thetas]
+            names = [", ".join(f"{k.name} = {v:g}" for k, v in zip(scenario.space.knobs, t,
+                     strict=True)) for t in thetas]  # fmt: skip
+            pictures[picture] = look(*runs, names=(names[0], names[1])).png()
+            for side, run in zip(("left", "right"), runs, strict=True):
+                kpi = scenario.kpis[0].name
+                story[f"{page}: {kpi}, {side}"] = float(run.kpis[kpi])
+    finally:
+        sys.path.remove(str(folder))
+    return pictures, story
