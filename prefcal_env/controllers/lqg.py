@@ -1,7 +1,7 @@
 """A linear quadratic regulator that estimates the state from measured outputs."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -14,9 +14,6 @@ from prefcal_env.plants.plant import Plant
 from .linearized import Linearized
 from .lqr import LQR, output
 from .sampled import held
-
-if TYPE_CHECKING:
-    from prefcal_env.mpc.estimator import Estimate, ExtendedKalmanFilter
 
 
 class LQG:
@@ -46,8 +43,8 @@ class LQG:
         self.process = _deviations("process", process, len(m.x0))
         Q, R = np.diag(self.process**2) * lqr.T_s, np.diag(self.noise**2)
         plant = Plant.of((m.A, m.B, m.C, m.D))  # deviations from the steady state
-        self._filter: ExtendedKalmanFilter = ExtendedKalmanFilter(plant, lqr.T_s, Q=Q, R=R)
-        self._start: Estimate = Estimate(np.zeros(len(m.x0)), _lasting(m, lqr.T_s, Q, R))
+        self._filter = ExtendedKalmanFilter(plant, lqr.T_s, Q=Q, R=R)
+        self._start = Estimate(np.zeros(len(m.x0)), _lasting(m, lqr.T_s, Q, R))
         self._estimate: Estimate | None = None
 
     @property

@@ -64,9 +64,9 @@ class LQR:
     ) -> None:
         if not is_number(T_s) or not 0 < T_s < np.inf:
             raise SettingsError(f"T_s must be above 0 and finite, got {T_s}")
-        known = plant if isinstance(plant, Linearized) else None
         channels = None if isinstance(plant, Linearized) else plant.outputs
-        self.model = m = known or linearized(plant, x0, u0, d0, T_s)  # type: ignore[arg-type]
+        m = plant if isinstance(plant, Linearized) else linearized(plant, x0, u0, d0, T_s)
+        self.model = m
         self._T_s = float(T_s)
         self.Q = weights("Q", Q, len(m.x0))
         self.R = weights("R", R, len(m.u0), positive=True)
@@ -80,7 +80,6 @@ class LQR:
         gain = self._gain()
         self.K, self.K_i = gain[:, : len(m.x0)], gain[:, len(m.x0) :]
         self._sum = np.zeros(len(self.integral))
-        self._excess = np.zeros(len(m.u0))  # what the last decision was beyond the limits
 
     @property
     def T_s(self) -> float:
@@ -99,7 +98,7 @@ class LQR:
             error = output(m, measurement)[list(self.integral)] - r[list(self.integral)]
             step = self._T_s * np.nan_to_num(error)
             v = m.u0 - self.K @ dx - self.K_i @ self._sum
-            # As designed: the error of this instant counts from the next one on.
+            # As in the design, the error of this instant counts from the next one on.
             u = np.clip(v, m.low, m.high)
             if not np.any(v - u) or float((v - u) @ (self.K_i @ step)) > 0:
                 self._sum = self._sum + step
