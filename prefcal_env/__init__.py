@@ -52,6 +52,8 @@ from .calibrators import LatentCost as LatentCost
 from .calibrators import Lexicographic as Lexicographic
 from .calibrators import Thurstone as Thurstone
 from .controllers.decentralized import Decentralized as Decentralized
+from .controllers.lqg import LQG as LQG
+from .controllers.lqr import LQR as LQR
 from .controllers.pid import PID as PID
 from .envs import LTILoop as LTILoop
 from .envs import PlantEnv as PlantEnv

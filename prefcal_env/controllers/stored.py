@@ -1,6 +1,7 @@
 """Controllers as plain data, for files: nothing is executed to make them again."""
 
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,9 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Controller
 
 from .decentralized import Decentralized
+from .linearized import Linearized
+from .lqg import LQG
+from .lqr import LQR
 from .pid import PID
 
 
@@ -26,6 +30,11 @@ def as_data(controller: Controller) -> dict[str, Any]:
         return {"controller": "PID", **channels, **parameters}
     if isinstance(controller, Decentralized):
         return {"controller": "Decentralized", "pids": [as_data(p) for p in controller.pids]}
+    if isinstance(controller, LQR):
+        return {"controller": "LQR", **_of_lqr(controller)}
+    if isinstance(controller, LQG):
+        deviations = {"noise": controller.noise.tolist(), "process": controller.process.tolist()}
+        return {"controller": "LQG", "lqr": as_data(controller.lqr), **deviations}
     raise SettingsError(f"no data can hold a controller of type {type(controller).__name__}")
 
 
@@ -46,14 +55,41 @@ def from_data(data: Mapping[str, Any]) -> Controller:
         if kind == "Decentralized":
             pids = [from_data(each) for each in content["pids"]]
             return Decentralized([p for p in pids if isinstance(p, PID)])
-    except (TypeError, KeyError, AttributeError) as error:
+        if kind == "LQR":
+            return _lqr(content)
+        if kind == "LQG":
+            return LQG(_lqr(content["lqr"]), content["noise"], content["process"])
+    except (TypeError, KeyError, AttributeError, ValueError) as error:
         raise SettingsError(f"the data of a {kind} do not fit: {error}") from error
     raise SettingsError(f"controller must be one of {list(KINDS)}, got {kind!r}")
 
 
-KINDS = ("PID", "Decentralized")
+KINDS = ("PID", "Decentralized", "LQR", "LQG")
 """Kinds of controllers that `from_data` makes."""
 
 
 def _finite(value: float | None) -> float | None:
     return value if value is not None and np.isfinite(value) else None
+
+
+def _of_lqr(lqr: LQR) -> dict[str, Any]:
+    model = {f.name: getattr(lqr.model, f.name).tolist() for f in fields(Linearized)}
+    for name in ("low", "high"):
+        model[name] = [_finite(limit) for limit in model[name]]
+    weights = {name: getattr(lqr, name).tolist() for name in ("Q", "R", "Q_i")}
+    return {"model": model, "T_s": lqr.T_s, "integral": list(lqr.integral), **weights}
+
+
+def _lqr(content: Mapping[str, Any]) -> LQR:
+    model = dict(content["model"])
+    n_x, n_u, n_y = (len(model[name]) for name in ("x0", "u0", "y0"))
+    for name, limit in (("low", -np.inf), ("high", np.inf)):
+        model[name] = [limit if value is None else value for value in model[name]]
+    # Lists without rows have no columns.
+    for name, shape in {"A": (n_x, n_x), "B": (n_x, n_u), "C": (n_y, n_x)}.items():
+        model[name] = np.reshape(model[name], shape)
+    Q_i = np.reshape(content["Q_i"], (len(content["integral"]),) * 2)
+    return LQR(
+        Linearized(**model), content["Q"], content["R"], T_s=content["T_s"],
+        integral=content["integral"], Q_i=Q_i,
+    )  # fmt: skip
