@@ -1,0 +1,225 @@
+"""What the model description of an FMU says: variables, units, limits, times."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from prefcal_env.errors import MissingExtraError, PlantError
+
+_NUMBERS = {
+    "Real", "Integer", "Boolean", "Enumeration", "Float64", "Float32",
+    "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64",
+}  # fmt: skip
+"""Types of FMI 2 and 3 whose values are numbers."""
+_REALS = {"Real", "Float64", "Float32"}
+_LISTED = 12
+"""Number of names that a message lists at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """A scalar variable of an FMU.
+
+    Args:
+        name: Name in the FMU.
+        reference: Value reference.
+        type: Type as in FMI, "Real" or "Float64" for example.
+        causality: For example "parameter", "input", "output" or "local".
+        variability: For example "tunable", "fixed" or "continuous".
+        unit: Unit; empty if the FMU declares none.
+        low: Smallest value, in `unit`; infinite if the FMU declares none.
+        high: Largest value, in `unit`; infinite if the FMU declares none.
+        start: Start value, in `unit`; None if the FMU declares none.
+        about: Description.
+    """
+
+    name: str
+    reference: int
+    type: str
+    causality: str
+    variability: str
+    unit: str = ""
+    low: float = -np.inf
+    high: float = np.inf
+    start: float | None = None
+    about: str = ""
+
+    @property
+    def tunable(self) -> bool:
+        """Whether it is a parameter that can be set before a run."""
+        return self.causality == "parameter" and self.variability in ("tunable", "fixed")
+
+    @property
+    def whole(self) -> bool:
+        """Whether its values are whole numbers (integers, enumerations and booleans)."""
+        return self.type not in _REALS
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """The model description of an FMU that can be simulated on this computer.
+
+    Args:
+        path: File.
+        name: Name of the model.
+        about: Description of the model.
+        variables: Scalar numeric variables by name.
+        start_time: Start of the default experiment, in seconds.
+        stop_time: End of the default experiment, in seconds; None if the FMU declares none.
+        step: Preferred time between two communications, in seconds; None if none is declared.
+        tolerance: Relative tolerance of the FMU's solver; None if the FMU declares none.
+        variable_step: Whether the time between two communications may vary.
+    """
+
+    path: Path
+    name: str
+    about: str
+    variables: Mapping[str, Variable]
+    start_time: float
+    stop_time: float | None
+    step: float | None
+    tolerance: float | None
+    variable_step: bool
+
+    @property
+    def parameters(self) -> tuple[Variable, ...]:
+        """Variables that can be knobs."""
+        return tuple(v for v in self.variables.values() if v.tunable)
+
+    @property
+    def outputs(self) -> tuple[Variable, ...]:
+        """Variables that the FMU declares as outputs."""
+        return tuple(v for v in self.variables.values() if v.causality == "output")
+
+    def variable(self, name: str) -> Variable:
+        """Return the variable called `name`.
+
+        Raises:
+            PlantError: If there is none; the message suggests a similar name.
+        """
+        if name in self.variables:
+            return self.variables[name]
+        hint = meant(name, self.variables)
+        there = hint or f" Its variables are {listed(self.variables)}"
+        raise PlantError(f"FMU {self.path.name!r} has no numeric variable {name!r}.{there}")
+
+
+def read_model(path: Path | str) -> Model:
+    """Read the model description of an FMU (FMI 2 or 3, co-simulation); nothing runs.
+
+    Args:
+        path: The .fmu file.
+
+    Raises:
+        PlantError: If the file is missing, is no FMU, has another version or kind, or holds no
+            binary for this computer.
+        MissingExtraError: If the extra `fmu` is not installed.
+    """
+    path = Path(path).absolute()
+    found = _description(path)
+    experiment = found.defaultExperiment
+    times = [
+        _number(getattr(experiment, name, None))
+        for name in ("startTime", "stopTime", "stepSize", "tolerance")
+    ]
+    step = times[2] or _number(found.coSimulation.fixedInternalStepSize)
+    scalars = (v for v in found.modelVariables if v.type in _NUMBERS and not v.dimensions)
+    return Model(
+        path,
+        name=found.modelName or path.stem,
+        about=" ".join((found.description or "").split()),
+        variables={v.name: _variable(v) for v in scalars},
+        start_time=times[0] or 0.0,
+        stop_time=times[1],
+        step=step if step and step > 0 else None,
+        tolerance=times[3],
+        variable_step=bool(found.coSimulation.canHandleVariableCommunicationStepSize),
+    )
+
+
+def meant(name: str, names: Iterable[str]) -> str:
+    """Return " Did you mean 'K_p'?" for the most similar of `names`; empty if none is similar.
+
+    Ignores case, and finds "K_p" as the last part of "controller.K_p".
+    """
+    known = {n.casefold(): n for n in names}
+    parts = {n.casefold().rpartition(".")[2]: n for n in known.values()}
+    for there in (known, parts):
+        found = get_close_matches(name.casefold(), there, 1)
+        if found:
+            return f" Did you mean {there[found[0]]!r}?"
+    return ""
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names for a message, the first dozen of them."""
+    all_ = list(names)
+    more = f" and {len(all_) - _LISTED} more" if len(all_) > _LISTED else ""
+    return (", ".join(repr(n) for n in all_[:_LISTED]) or "none") + more
+
+
+def _description(path: Path) -> Any:
+    """Return FMPy's model description of a file that can be simulated here."""
+    if not path.is_file():
+        raise PlantError(f"no FMU at {str(path)!r}: give the path of a .fmu file")
+    try:
+        import fmpy
+    except ImportError as error:
+        raise MissingExtraError("FMUs need FMPy: pip install 'prefcal[fmu]'") from error
+    try:
+        found = fmpy.read_model_description(str(path), validate=False)
+        platforms = fmpy.supported_platforms(str(path))
+    except Exception as error:  # whatever FMPy, zipfile or lxml say about a file that is no FMU
+        why = " ".join(str(error).split())
+        raise PlantError(
+            f"{path.name!r} is no FMU that can be read ({why}): export it again as FMI 2 or 3"
+        ) from error
+    if not str(found.fmiVersion).startswith(("2.", "3.")):
+        raise PlantError(
+            f"FMU {path.name!r} is of FMI {found.fmiVersion}: export it as FMI 2 or FMI 3"
+        )
+    if found.coSimulation is None:
+        raise PlantError(
+            f"FMU {path.name!r} has no co-simulation interface: export it for co-simulation, so "
+            "that it includes its solver"
+        )
+    if fmpy.platform not in platforms:
+        raise PlantError(
+            f"FMU {path.name!r} is built for {', '.join(platforms) or 'no platform'}, and this "
+            f"computer needs {fmpy.platform}: export it with the binaries of {fmpy.platform}"
+        )
+    return found
+
+
+def _variable(v: Any) -> Variable:
+    """Return a variable as FMPy describes it."""
+    declared = v.declaredType
+    unit, low, high = (
+        getattr(v, name) if getattr(v, name) is not None else getattr(declared, name, None)
+        for name in ("unit", "min", "max")
+    )
+    low, high = _number(low), _number(high)
+    if v.type == "Boolean":
+        low, high = 0.0, 1.0
+    return Variable(
+        v.name, v.valueReference, v.type, v.causality or "local", v.variability or "continuous",
+        unit=unit or "",
+        low=-np.inf if low is None else low,
+        high=np.inf if high is None else high,
+        start=_number(v.start),
+        about=" ".join((v.description or "").split()),
+    )  # fmt: skip
+
+
+def _number(text: object) -> float | None:
+    """Return a number of the description; None if it is missing or no number."""
+    if isinstance(text, str) and text.lower() in ("true", "false"):
+        return float(text.lower() == "true")
+    try:
+        return None if text is None else float(text)  # type: ignore[arg-type]
+    except ValueError:
+        return None

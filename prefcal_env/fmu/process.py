@@ -1,0 +1,239 @@
+"""Run an FMU in a process of its own: it may hang or crash, and the next run goes on."""
+
+import json
+import os
+import pickle
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import weakref
+import zipfile
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import PlantError, RunError
+
+_BOOT = (
+    "import json, runpy, sys; path, file = json.loads(sys.argv[1]); sys.path[:] = path; "
+    "runpy.run_path(file, run_name='__main__')"
+)
+_RUNS = 1_000
+"""Number of runs after which the process is replaced, so that FMUs that leak stay small."""
+_LOADING = 60.0
+"""Minimum time limit in seconds for loading the FMU."""
+_LEAVING = 2.0
+"""Seconds for the process to end by itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What to simulate; see `serving.Job`, which the process makes of it.
+
+    Args:
+        path: The .fmu file.
+        knobs: Type and value reference of each parameter that θ sets.
+        shown: Type and value reference of each variable to record.
+        instants: Start, communication instants and end, in seconds, shape (M,).
+        every: Every how many communications the variables are recorded.
+        tolerance: Relative tolerance of the FMU's solver; None for its own.
+    """
+
+    path: Path
+    knobs: tuple[tuple[str, int], ...]
+    shown: tuple[tuple[str, int], ...]
+    instants: Float[np.ndarray, " M"]
+    every: int
+    tolerance: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a run gave: see `serving.Answer`.
+
+    Args:
+        problem: What ended the run before its time; empty if nothing did.
+        t: Recorded instants, in seconds, shape (K,).
+        values: Recorded variables, shape (K, m).
+        seconds: Duration of the simulation.
+    """
+
+    problem: str
+    t: Float[np.ndarray, " K"]
+    values: Float[np.ndarray, "K m"]
+    seconds: float
+
+
+@final
+class Process:
+    """A process that simulates an FMU; it starts with the first run and is kept for the next.
+
+    Not `multiprocessing`: that needs an `if __name__ == "__main__"` in people's scripts, and
+    cannot start a process in a daemonic one. A run may be called from any thread.
+
+    Args:
+        job: What to simulate.
+        limit: Time limit of a run in seconds; infinite for none.
+    """
+
+    def __init__(self, job: Job, limit: float) -> None:
+        self._job, self._limit = job, limit
+        self._lock = threading.Lock()
+        self._worker: _Worker | None = None
+        self._folder: Path | None = None
+        self._owner = os.getpid()
+        self._tidy: Any = lambda: None
+
+    @property
+    def pid(self) -> int | None:
+        """Return the id of the process; None before the first run and after a failed one."""
+        return None if self._worker is None else self._worker.pid
+
+    def run(self, theta: list[float]) -> Answer:
+        """Simulate θ, one value for each knob of the job.
+
+        Raises:
+            RunError: If the FMU cannot be started, takes too long, or ends the process.
+            PlantError: If the file is no longer there.
+        """
+        with self._lock:
+            if self._owner != os.getpid():  # this is a fork: the process belongs to the parent
+                self._worker, self._folder, self._owner = None, None, os.getpid()
+            worker = self._started()
+            try:
+                answer = worker.run(theta, self._limit)
+            except BaseException:  # Ctrl-C, too: its answer would be taken for the next one's
+                worker.kill()
+                self._worker = None
+                raise
+            if worker.runs >= _RUNS:
+                worker.leave()
+                self._worker = None
+            return answer
+
+    def close(self) -> None:
+        """End the process and remove the files; a further run starts anew."""
+        with self._lock:
+            if self._worker is not None and self._owner == os.getpid():
+                self._worker.leave()
+            self._worker = None
+            self._tidy()
+            self._folder = None
+
+    def _started(self) -> "_Worker":
+        if self._folder is None:
+            self._folder = _extracted(self._job.path)
+            self._tidy = weakref.finalize(self, _tidied, self, self._folder, os.getpid())
+        if self._worker is None:
+            worker = _Worker(self._folder)
+            try:
+                worker.begin(self._job, max(self._limit, _LOADING))
+            except BaseException:
+                worker.kill()
+                raise
+            self._worker = worker
+        return self._worker
+
+
+class _Worker:
+    """A process from its start to its end."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._messages = folder, folder.with_name(f"{folder.name}.txt")
+        file = str(Path(__file__).with_name("serving.py"))
+        with self._messages.open("ab") as messages:
+            # In a session of its own it survives the end of prefcal, to remove its files.
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", _BOOT, json.dumps([sys.path, file])],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=messages,
+                start_new_session=os.name == "posix",
+            )  # fmt: skip
+        self.pid, self.runs = self._process.pid, 0
+
+    def begin(self, job: Job, limit: float) -> None:
+        """Load the FMU. Raises RunError if that fails."""
+        plain = (str(self._folder), job.knobs, job.shown, job.instants, job.every, job.tolerance)
+        problem = self._asked(plain, limit, "loading the FMU")
+        if problem:
+            raise RunError(str(problem), "raised")
+
+    def run(self, theta: list[float], limit: float) -> Answer:
+        """Simulate θ. Raises RunError if it takes too long, or ends the process."""
+        self.runs += 1
+        return Answer(*self._asked(theta, limit, "the simulation"))
+
+    def leave(self) -> None:
+        """Let the process end by itself, and keep the files."""
+        with suppress(OSError, subprocess.TimeoutExpired):
+            self._send(None)
+            self._process.wait(_LEAVING)
+        self.kill()
+
+    def kill(self) -> None:
+        """End the process and what it started at once."""
+        if os.name == "posix":
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(self.pid, signal.SIGKILL)
+        else:
+            self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            with suppress(OSError):
+                pipe.close()  # type: ignore[union-attr]
+
+    def _asked(self, content: Any, limit: float, what: str) -> Any:
+        late = threading.Event()
+
+        def end() -> None:
+            late.set()
+            self._process.kill()
+
+        timer = threading.Timer(min(limit, threading.TIMEOUT_MAX), end)
+        timer.daemon = True
+        timer.start()
+        try:
+            self._send(content)
+            assert self._process.stdout is not None
+            return pickle.load(self._process.stdout)
+        except (EOFError, OSError, pickle.UnpicklingError) as error:
+            if late.is_set():
+                raise RunError(f"{what} took longer than {limit:g} s and was ended", "late") from error
+            raise RunError(f"{what} ended the process of the FMU: {self._end()}", "died") from error
+        finally:
+            timer.cancel()
+
+    def _send(self, content: Any) -> None:
+        assert self._process.stdin is not None
+        pickle.dump(content, self._process.stdin)
+        self._process.stdin.flush()
+
+    def _end(self) -> str:
+        """Return how the process ended, and the last line that it wrote."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_LEAVING)
+        code = self._process.poll()
+        if code is None:
+            return "it no longer answers"
+        how = f"exit code {code}" if code >= 0 else signal.Signals(-code).name
+        lines = self._messages.read_bytes().decode(errors="replace").split("\n")
+        last = next((line.strip() for line in reversed(lines) if line.strip()), "")
+        return f"{how} ({last[-300:]})" if last else how
+
+
+def _extracted(path: Path) -> Path:
+    """Return a new folder with the contents of the FMU."""
+    home = Path(tempfile.mkdtemp(prefix="prefcal-fmu-"))
+    try:
+        with zipfile.ZipFile(path) as content:
+            content.extractall(home / "fmu")
+    except (OSError, zipfile.BadZipFile) as error:
+        shutil.rmtree(home, ignore_errors=True)
+        raise PlantError(f"cannot unpack the FMU {str(path)!r}: {error}") from error
+    return home / "fmu"

@@ -1,0 +1,312 @@
+"""The process that simulates an FMU: it loads the FMU once, and runs θ after θ.
+
+It is started as a script and imports nothing of prefcal, so that it starts quickly and stays small.
+Requests and answers are pickled, one after the other, on what are standard input and output.
+"""
+
+import os
+import pickle
+import shutil
+import sys
+import threading
+import time
+from collections import deque
+from contextlib import suppress
+from ctypes import Array, c_bool, c_double, c_float, c_int, c_int8, c_int16, c_int32, c_int64
+from ctypes import c_uint8, c_uint16, c_uint32, c_uint64
+from queue import SimpleQueue
+from typing import Any, BinaryIO, NamedTuple
+
+import fmpy
+import numpy as np
+from fmpy.simulation import instantiate_fmu
+
+_TIDYING = 1.0
+"""Seconds for the FMU to end after prefcal ended."""
+_QUICK = 1.0
+"""Longest run in seconds after which it is tried whether a reset FMU runs in the same way."""
+_TERMINATED = 3
+"""Kind of status of FMI 2: the FMU wants to end the simulation."""
+_C_TYPES: dict[str, dict[str, Any]] = {
+    "2": {"Real": c_double, "Integer": c_int, "Boolean": c_int},
+    "3": {
+        "Float64": c_double, "Float32": c_float, "Boolean": c_bool, "Int8": c_int8,
+        "UInt8": c_uint8, "Int16": c_int16, "UInt16": c_uint16, "Int32": c_int32,
+        "UInt32": c_uint32, "Int64": c_int64, "UInt64": c_uint64,
+    },
+}  # fmt: skip
+_ENUMERATION = {"2": "Integer", "3": "Int64"}
+_STATUS = {2: "discarded the step", 3: "returned an error", 4: "returned a fatal error"}
+
+
+class Job(NamedTuple):
+    """What to simulate.
+
+    Args:
+        folder: Folder with the contents of the FMU; removed if prefcal is gone.
+        knobs: Type and value reference of each parameter that θ sets.
+        shown: Type and value reference of each variable to record.
+        instants: Start, communication instants and end, in seconds, shape (M,).
+        every: Every how many communications the variables are recorded; the end always is.
+        tolerance: Relative tolerance of the FMU's solver; None for its own.
+    """
+
+    folder: str
+    knobs: tuple[tuple[str, int], ...]
+    shown: tuple[tuple[str, int], ...]
+    instants: Any
+    every: int
+    tolerance: float | None
+
+
+class Answer(NamedTuple):
+    """What a run gave.
+
+    Args:
+        problem: What ended the run before its time; empty if nothing did.
+        t: Recorded instants, in seconds, shape (K,).
+        values: Recorded variables, shape (K, m).
+        seconds: Duration of the simulation.
+    """
+
+    problem: str
+    t: Any
+    values: Any
+    seconds: float
+
+
+class _Stop(Exception):
+    """The FMU ended the simulation; the message says how."""
+
+
+class _Reader:
+    """Read all variables of one type with one call.
+
+    Args:
+        fmu: FMPy's instance.
+        version: "2" or "3".
+        type_: Type of the variables.
+        references: Value references of the variables.
+        columns: Their columns in the record.
+    """
+
+    def __init__(
+        self, fmu: Any, version: str, type_: str, references: list[int], columns: list[int]
+    ) -> None:
+        count = len(references)
+        self._fmu, self._get = fmu, getattr(fmu, f"fmi{version}Get{type_}")
+        self._references = (c_uint32 * count)(*references)
+        self._buffer: Array[Any] = (_C_TYPES[version][type_] * count)()
+        self._view = np.ctypeslib.as_array(self._buffer)
+        self._counts = (count,) if version == "2" else (count, count)
+        self._columns = columns
+
+    def read(self, row: Any) -> None:
+        """Write the current values into `row` of the record, shape (m,)."""
+        if self._counts[1:]:
+            self._get(self._fmu.component, self._references, self._counts[0], self._buffer,
+                      self._counts[1])  # fmt: skip
+        else:
+            self._get(self._fmu.component, self._references, self._counts[0], self._buffer)
+        row[self._columns] = self._view
+
+
+class _Simulation:
+    """One instance of an FMU that is used again and again.
+
+    A reset FMU should run as a new one does. That is tried once, after the first run if it was
+    quick: if the same θ then gives the same record, the instance is reset between runs. Otherwise
+    each run gets a new instance.
+    """
+
+    def __init__(self, job: Job) -> None:
+        self._job = job
+        self._description = fmpy.read_model_description(job.folder, validate=False)
+        self.version = self._description.fmiVersion[0]
+        self._said: deque[str] = deque(maxlen=1)
+        self._fmu: Any = instantiate_fmu(
+            job.folder, self._description, "CoSimulation", logger=self._hear,
+            require_functions=False,
+        )  # fmt: skip
+        self._used, self._resettable, self._tried = False, False, False
+        groups: dict[str, tuple[list[int], list[int]]] = {}
+        for column, (type_, reference) in enumerate(job.shown):
+            references, columns = groups.setdefault(self._named(type_), ([], []))
+            references.append(reference)
+            columns.append(column)
+        self._readers = [_Reader(self._fmu, self.version, t, *g) for t, g in groups.items()]
+
+    def run(self, theta: list[float]) -> Answer:
+        """Simulate θ, one value for each knob of the job."""
+        self._said.clear()
+        begun = time.perf_counter()
+        rows: list[Any] = []
+        try:
+            self._renew()
+            self._begin(theta)
+            self._simulate(rows)
+            problem = ""
+        except Exception as error:  # whatever FMPy raises
+            problem = self._told(error)
+            self._resettable = self._resettable and isinstance(error, _Stop)
+        taken = time.perf_counter() - begun
+        width = len(self._job.shown)
+        t = np.array([row[0] for row in rows])
+        values = np.array([row[1] for row in rows]).reshape(len(rows), width)
+        return Answer(problem, t, values, taken)
+
+    def try_reset(self, theta: list[float], answer: Answer) -> None:
+        """Find out whether a reset FMU runs θ as the new one did, which gave `answer`."""
+        if self._tried or answer.problem:
+            return
+        self._tried = True
+        if answer.seconds <= _QUICK:
+            self._resettable = True
+            again = self.run(theta)
+            self._resettable = not again.problem and np.array_equal(
+                again.values, answer.values, equal_nan=True
+            )
+
+    def close(self) -> None:
+        """Let the FMU release what it holds."""
+        if self._fmu.component:
+            self._fmu.freeInstance()
+            self._fmu.component = None
+
+    def _renew(self) -> None:
+        """Return to the state of a new instance."""
+        if not self._used:
+            self._used = True
+        elif self._resettable:
+            self._fmu.reset()
+        else:
+            self.close()
+            if self.version == "2":
+                self._fmu.instantiate(callbacks=self._fmu.callbacks)
+            else:
+                self._fmu.instantiate(logMessage=self._hear)
+
+    def _begin(self, theta: list[float]) -> None:
+        fmu, job = self._fmu, self._job
+        times = {"startTime": float(job.instants[0]), "stopTime": float(job.instants[-1])}
+        if self.version == "2":
+            fmu.setupExperiment(tolerance=job.tolerance, **times)
+        for (type_, reference), value in zip(job.knobs, theta, strict=True):
+            name = self._named(type_)
+            real = name in ("Real", "Float64", "Float32")
+            getattr(fmu, f"set{name}")([reference], [value if real else round(value)])
+        if self.version == "2":
+            fmu.enterInitializationMode()
+        else:
+            fmu.enterInitializationMode(tolerance=job.tolerance, **times)
+        fmu.exitInitializationMode()
+
+    def _simulate(self, rows: list[Any]) -> None:
+        """Step through all instants, and append time and values to `rows` meanwhile."""
+        instants = self._job.instants.tolist()
+        last, every = len(instants) - 1, self._job.every
+        rows.append(self._row(instants[0]))
+        for number, (now, then) in enumerate(zip(instants, instants[1:], strict=False), 1):
+            self._step(now, then - now)
+            if not number % every or number == last:
+                rows.append(self._row(then))
+        with suppress(Exception):  # the record is complete
+            self._fmu.terminate()
+
+    def _row(self, now: float) -> tuple[float, Any]:
+        row = np.empty(len(self._job.shown))
+        for reader in self._readers:
+            reader.read(row)
+        return now, row
+
+    def _step(self, now: float, step: float) -> None:
+        try:
+            done = self._fmu.doStep(now, step)
+        except Exception as error:
+            status = getattr(error, "status", None)
+            if status == 2 and self.version == "2" and self._wants_end():
+                raise _Stop(f"the FMU ended the simulation after t = {now:g} s") from error
+            what = _STATUS.get(status, str(error)) if isinstance(status, int) else str(error)
+            raise RuntimeError(f"the FMU {what} after t = {now:g} s") from error
+        if self.version == "3" and done[1]:
+            raise _Stop(f"the FMU ended the simulation after t = {now:g} s")
+
+    def _wants_end(self) -> bool:
+        try:
+            return bool(self._fmu.getBooleanStatus(_TERMINATED))
+        except Exception:  # not every FMU can tell
+            return False
+
+    def _named(self, type_: str) -> str:
+        """Return the type as the functions of this version of FMI name it."""
+        return _ENUMERATION[self.version] if type_ == "Enumeration" else type_
+
+    def _told(self, error: Exception) -> str:
+        status = getattr(error, "status", None)
+        words = " ".join(str(error).split())
+        if status is not None:
+            words = f"the FMU {_STATUS.get(status, 'failed')} while it was initialized"
+        return f"{words}: {self._said[0]}" if self._said else words
+
+    def _hear(self, *message: Any) -> None:
+        """Keep the latest message of the FMU; its last argument is the text."""
+        text = message[-1]
+        words = text.decode(errors="replace") if isinstance(text, bytes) else str(text or "")
+        if words.strip():
+            self._said.append(" ".join(words.split())[-300:])
+
+
+def main() -> None:
+    """Answer all requests; None or the end of the pipe ends this process."""
+    given, out = _pipes()
+    job = Job(*pickle.load(given))
+    requests: SimpleQueue[list[float] | None] = SimpleQueue()
+    threading.Thread(target=_listen, args=(given, requests, job.folder), daemon=True).start()
+    try:
+        simulation = _Simulation(job)
+    except Exception as error:
+        _say(out, f"the FMU cannot be started: {' '.join(str(error).split())}")
+        return
+    _say(out, "")
+    while (theta := requests.get()) is not None:
+        os.ftruncate(2, 0)
+        answer = simulation.run(theta)
+        _say(out, tuple(answer))
+        simulation.try_reset(theta, answer)
+    simulation.close()
+
+
+def _say(out: BinaryIO, content: Any) -> None:
+    with suppress(OSError):  # prefcal is gone: `_listen` ends this process
+        pickle.dump(content, out)
+        out.flush()
+
+
+def _pipes() -> tuple[BinaryIO, BinaryIO]:
+    """Return the pipes to prefcal, which the FMU can neither read nor write."""
+    given, out = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+    os.dup2(2, 1)  # what the FMU prints goes where its errors go
+    return given, out
+
+
+def _listen(given: BinaryIO, requests: Any, folder: str) -> None:
+    """Pass on requests; end the process soon after prefcal is gone, whatever is running."""
+    gone = False
+    try:
+        while (request := pickle.load(given)) is not None:
+            requests.put(request)
+    except (EOFError, OSError, pickle.UnpicklingError):
+        gone = True
+    requests.put(None)
+    time.sleep(_TIDYING)
+    if gone:
+        shutil.rmtree(folder, ignore_errors=True)
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    main()
+    sys.stdout.flush()
