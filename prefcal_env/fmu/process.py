@@ -86,15 +86,13 @@ class Process:
     def __init__(self, job: Job, limit: float) -> None:
         self._job, self._limit = job, limit
         self._lock = threading.Lock()
-        self._worker: _Worker | None = None
-        self._folder: Path | None = None
-        self._owner = os.getpid()
-        self._tidy: Any = lambda: None
+        self._held = _Held()
+        weakref.finalize(self, _Held.release, self._held)
 
     @property
     def pid(self) -> int | None:
         """Return the id of the process; None before the first run and after a failed one."""
-        return None if self._worker is None else self._worker.pid
+        return None if self._held.worker is None else self._held.worker.pid
 
     def run(self, theta: list[float]) -> Answer:
         """Simulate θ, one value for each knob of the job.
@@ -104,49 +102,66 @@ class Process:
             PlantError: If the file is no longer there.
         """
         with self._lock:
-            if self._owner != os.getpid():  # this is a fork: the process belongs to the parent
-                self._worker, self._folder, self._owner = None, None, os.getpid()
+            if self._held.owner != os.getpid():  # a fork: the process belongs to the parent
+                self._held = _Held()
+                weakref.finalize(self, _Held.release, self._held)
             worker = self._started()
             try:
                 answer = worker.run(theta, self._limit)
             except BaseException:  # Ctrl-C, too: its answer would be taken for the next one's
                 worker.kill()
-                self._worker = None
+                self._held.worker = None
                 raise
             if worker.runs >= _RUNS:
                 worker.leave()
-                self._worker = None
+                self._held.worker = None
             return answer
 
     def close(self) -> None:
-        """End the process and remove the files; a further run starts anew."""
+        """End the process and remove its files; a further run starts anew."""
         with self._lock:
-            if self._worker is not None and self._owner == os.getpid():
-                self._worker.leave()
-            self._worker = None
-            self._tidy()
-            self._folder = None
+            self._held.release()
 
     def _started(self) -> "_Worker":
-        if self._folder is None:
-            self._folder = _extracted(self._job.path)
-            self._tidy = weakref.finalize(self, _tidied, self, self._folder, os.getpid())
-        if self._worker is None:
-            worker = _Worker(self._folder)
+        held = self._held
+        if held.home is None:
+            held.home = _extracted(self._job.path)
+        if held.worker is None:
+            worker = _Worker(held.home)
             try:
                 worker.begin(self._job, max(self._limit, _LOADING))
             except BaseException:
                 worker.kill()
                 raise
-            self._worker = worker
-        return self._worker
+            held.worker = worker
+        return held.worker
+
+
+class _Held:
+    """What must be released at the end: the process, and the folder of its files."""
+
+    def __init__(self) -> None:
+        self.worker: _Worker | None = None
+        self.home: Path | None = None
+        self.owner = os.getpid()
+
+    def release(self) -> None:
+        """End the process and remove the files, unless this is a fork of their owner."""
+        worker, home = self.worker, self.home
+        self.worker, self.home = None, None
+        if self.owner != os.getpid():
+            return
+        if worker is not None:
+            worker.leave()
+        if home is not None:
+            shutil.rmtree(home, ignore_errors=True)
 
 
 class _Worker:
     """A process from its start to its end."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder, self._messages = folder, folder.with_name(f"{folder.name}.txt")
+    def __init__(self, home: Path) -> None:
+        self._home, self._messages = home, home / "messages.txt"
         file = str(Path(__file__).with_name("serving.py"))
         with self._messages.open("ab") as messages:
             # In a session of its own it survives the end of prefcal, to remove its files.
@@ -159,7 +174,7 @@ class _Worker:
 
     def begin(self, job: Job, limit: float) -> None:
         """Load the FMU. Raises RunError if that fails."""
-        plain = (str(self._folder), job.knobs, job.shown, job.instants, job.every, job.tolerance)
+        plain = (str(self._home / "fmu"), job.knobs, job.shown, job.instants, job.every, job.tolerance)
         problem = self._asked(plain, limit, "loading the FMU")
         if problem:
             raise RunError(str(problem), "raised")
@@ -228,7 +243,7 @@ class _Worker:
 
 
 def _extracted(path: Path) -> Path:
-    """Return a new folder with the contents of the FMU."""
+    """Return a new folder, with the contents of the FMU in its folder "fmu"."""
     home = Path(tempfile.mkdtemp(prefix="prefcal-fmu-"))
     try:
         with zipfile.ZipFile(path) as content:
@@ -236,4 +251,4 @@ def _extracted(path: Path) -> Path:
     except (OSError, zipfile.BadZipFile) as error:
         shutil.rmtree(home, ignore_errors=True)
         raise PlantError(f"cannot unpack the FMU {str(path)!r}: {error}") from error
-    return home / "fmu"
+    return home

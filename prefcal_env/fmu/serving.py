@@ -43,7 +43,7 @@ class Job(NamedTuple):
     """What to simulate.
 
     Args:
-        folder: Folder with the contents of the FMU; removed if prefcal is gone.
+        folder: Folder with the contents of the FMU; its parent is removed if prefcal is gone.
         knobs: Type and value reference of each parameter that θ sets.
         shown: Type and value reference of each variable to record.
         instants: Start, communication instants and end, in seconds, shape (M,).
@@ -303,7 +303,7 @@ def _listen(given: BinaryIO, requests: Any, folder: str) -> None:
     requests.put(None)
     time.sleep(_TIDYING)
     if gone:
-        shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(os.path.dirname(folder), ignore_errors=True)
     os._exit(1)
 
 
