@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from prefcal_agents import minimize_by_preference
 from prefcal_env import (
     Channel,
     ClosedLoop,
@@ -43,3 +44,12 @@ knobs = KnobSpace(
 tanks = Scenario(
     "tanks", "MPC of four tanks", knobs, ClosedLoop(PlantEnv(plant, task), mpc, tracking_kpis)
 )
+
+if __name__ == "__main__":
+
+    def prefer(a, b):
+        costs = [sum(tanks.run(t).kpis[k] for k in ("integrated error of level 1",
+                 "total move of pump 1")) for t in (a, b)]  # fmt: skip
+        return int(np.sign(costs[0] - costs[1]))
+
+    print("best", knobs.named(minimize_by_preference(prefer, knobs, n_max=8).best))

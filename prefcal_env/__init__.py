@@ -51,10 +51,13 @@ from .calibrators import HumanCalibrator as HumanCalibrator
 from .calibrators import LatentCost as LatentCost
 from .calibrators import Lexicographic as Lexicographic
 from .calibrators import Thurstone as Thurstone
+from .controllers.decentralized import Decentralized as Decentralized
+from .controllers.pid import PID as PID
 from .envs import LTILoop as LTILoop
 from .envs import PlantEnv as PlantEnv
 from .envs import Task as Task
 from .errors import PrefcalError as PrefcalError
+from .fmu import FMULoop as FMULoop
 from .plants import FunctionPlant as FunctionPlant
 from .plants import Plant as Plant
 from .rig import Rig as Rig

@@ -25,9 +25,9 @@ LAYERS = {
     "prefcal_env": (
         {"errors", "jit"},
         {"knobs", "experiments", "qp", "plain"},
-        {"preferences", "plants", "tables", "controllers"},
-        {"mpc", "envs", "rig", "live", "calibrators", "study"},
-        {"compiling"},
+        {"preferences", "plants", "tables"},
+        {"mpc", "envs", "rig", "live", "calibrators", "study", "fmu"},
+        {"compiling", "controllers"},
     ),
     "prefcal_agents": (
         {"support"},
@@ -210,7 +210,10 @@ def test_the_folders_of_agents_and_scenarios_are_no_packages():
 
 
 def test_importing_prefcal_env_loads_nothing_heavy():
-    heavy = ("torch", "pygame", "highway_env", "matplotlib", "numba", "stable_baselines3", "pandas")
+    heavy = (
+        "torch", "pygame", "highway_env", "matplotlib", "numba", "stable_baselines3", "pandas",
+        "fmpy", "control", "casadi", "do_mpc", "asyncua",
+    )  # fmt: skip
     code = (
         "import sys, prefcal_env, gymnasium\n"
         f"print([m for m in {heavy!r} if m in sys.modules],"

@@ -1,4 +1,4 @@
-"""A do-mpc controller as a `Controller`. You make the object, so do-mpc is not imported here."""
+"""A do-mpc controller as a `Controller`. do-mpc is not imported: the object is made already."""
 
 from typing import Any
 

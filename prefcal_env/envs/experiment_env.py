@@ -43,7 +43,7 @@ class ClosedLoop:
             raise SettingsError(f"env must be an environment, an id or a factory, got {env!r}")
         if not callable(controller):
             raise SettingsError(f"controller must be a function of θ, got {controller!r}")
-        self._env, self._controller, self.kpis = made, controller, kpis
+        self._env, self.controller, self.kpis = made, controller, kpis
 
     @property
     def channels(self) -> Channels | None:
@@ -58,7 +58,7 @@ class ClosedLoop:
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
         """Run a physical θ, shape (n,)."""
-        return rollout(self._env, self._controller(theta), theta, seed=seed, kpis=self.kpis)
+        return rollout(self._env, self.controller(theta), theta, seed=seed, kpis=self.kpis)
 
 
 @makes(TuningEnv)

@@ -174,7 +174,14 @@ class _Worker:
 
     def begin(self, job: Job, limit: float) -> None:
         """Load the FMU. Raises RunError if that fails."""
-        plain = (str(self._home / "fmu"), job.knobs, job.shown, job.instants, job.every, job.tolerance)
+        plain = (
+            str(self._home / "fmu"),
+            job.knobs,
+            job.shown,
+            job.instants,
+            job.every,
+            job.tolerance,
+        )
         problem = self._asked(plain, limit, "loading the FMU")
         if problem:
             raise RunError(str(problem), "raised")
@@ -219,7 +226,9 @@ class _Worker:
             return pickle.load(self._process.stdout)
         except (EOFError, OSError, pickle.UnpicklingError) as error:
             if late.is_set():
-                raise RunError(f"{what} took longer than {limit:g} s and was ended", "late") from error
+                raise RunError(
+                    f"{what} took longer than {limit:g} s and was ended", "late"
+                ) from error
             raise RunError(f"{what} ended the process of the FMU: {self._end()}", "died") from error
         finally:
             timer.cancel()

@@ -118,7 +118,7 @@ class FunctionPlant:
         AB, CD = (
             equation.jacobian(x, u, d)
             if isinstance(equation, CasadiEquation)
-            else derivative(lambda p, name=name: self._values(name, p[:n_x], p[n_x:], d), point)  # type: ignore[misc]
+            else derivative(lambda p, name=name: self._values(name, p[:n_x], p[n_x:], d), point)
             for name, equation in (("f", self._f), ("g", self._g))
         )
         return Jacobians(AB[:, :n_x], AB[:, n_x:], CD[:, :n_x], CD[:, n_x:])

@@ -75,7 +75,7 @@ class CasadiEquation:
             function = _dense(self.function) if kind == "values" else _derivative(self.function)
             buffers = _Buffers(function)
             setattr(self._local, kind, buffers)
-        return buffers.evaluated(point)  # type: ignore[no-any-return]
+        return buffers.evaluated(point)
 
 
 class _Buffers:
@@ -87,8 +87,8 @@ class _Buffers:
         self._inputs = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
         self._outputs = [np.zeros(function.numel_out(0))]
         for i, array in enumerate(self._inputs):
-            self._buffer.set_arg(i, memoryview(array))
-        self._buffer.set_res(0, memoryview(self._outputs[0]))
+            self._buffer.set_arg(i, _memory(array))
+        self._buffer.set_res(0, _memory(self._outputs[0]))
 
     def evaluated(self, point: Sequence[Any]) -> list[np.ndarray]:
         for array, values in zip(self._inputs, point, strict=False):  # d may be left out
@@ -121,3 +121,7 @@ def _column(function: Any) -> tuple[list[Any], Any]:
     symbols = [casadi.MX.sym(f"v{i}", function.numel_in(i)) for i in range(function.n_in())]
     shaped = [casadi.reshape(v, *function.size_in(i)) for i, v in enumerate(symbols)]
     return symbols, casadi.vec(casadi.densify(function.call(shaped)[0]))
+
+
+def _memory(array: Any) -> memoryview:
+    return memoryview(array)

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.errors import ScenarioError
+from prefcal_env.controllers.stored import KINDS, from_data
+from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.experiments.control import Controller
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import Scenario, load, with_ranges
@@ -69,17 +70,27 @@ def best_as_json(record: Record) -> str:
 def load_controller(path: str | Path, *, check: bool = True) -> Controller:
     """Rebuild the controller that `best.json` at `path` describes.
 
+    If its settings describe a PID completely, nothing but the file is read. Otherwise the scenario
+    is loaded; a user's own one is a Python file, which is executed.
+
     Args:
         path: Path of the file.
         check: Whether to raise an error if the current scenario would set up the controller
-            differently from the file, for example after an update or an edit.
+            differently from the file, for example after an update or an edit. A PID that the
+            file describes completely needs no check.
 
     Raises:
         ScenarioError: If the file does not exist or is not a best.json, the scenario is unknown
             or has no controller, θ does not fit it, or the settings differ from the file's.
     """
     content = _read(Path(path))
+    settings = content["settings"]
+    if isinstance(settings, Mapping) and settings.get("controller") in KINDS:
+        return _described(settings, path)
     scenario = _scenario(content["scenario"], Path(path).parent)
+    if scenario.controller is None:  # the run of an own scenario knows how
+        make = getattr(scenario.run, "controller", None)
+        scenario = replace(scenario, controller=make)
     if scenario.controller is None:
         raise ScenarioError(f"scenario {scenario.name!r} does not say how to build a controller")
     theta = content["theta"]
@@ -96,6 +107,14 @@ def load_controller(path: str | Path, *, check: bool = True) -> Controller:
         _same_settings(content["settings"], jsonable(scenario.settings(values)), path)
     assert scenario.controller is not None
     return scenario.controller(values)
+
+
+def _described(settings: Mapping[str, Any], path: str | Path) -> Controller:
+    """Return the controller that the settings describe."""
+    try:
+        return from_data(settings)
+    except SettingsError as error:
+        raise ScenarioError(f"the controller in {str(path)!r} does not fit: {error}") from error
 
 
 def _widened(space: KnobSpace, ranges: Mapping[str, Any]) -> KnobSpace:

@@ -1,0 +1,206 @@
+"""A PID controller of the standard form, as it runs in industry."""
+
+from typing import Any
+
+import numpy as np
+
+from prefcal_env.errors import SettingsError
+from prefcal_env.experiments.control import Measurement, Move
+from prefcal_env.plants.plant import Plant
+
+from .measured import index_of, outputs_of, reference_of
+
+
+class PID:
+    """A PID of the standard (ISA) form with two degrees of freedom, sampled.
+
+    v = K_p (b r - y + 1/T_i ∫(r - y) dt + T_d d(c r - y)/dt), the derivative filtered with the time
+    constant T_d / N, and u = v limited to [low, high].
+
+    Sampled: P_k = K_p (b r_k - y_k); I by forward differences, I_{k+1} = I_k + K_p T_s / T_i
+    (r_k - y_k) + min(T_s / T_t, 1) (u_k - v_k); D by backward differences, D_k = T_d / (T_d + N T_s)
+    D_{k-1} + K_p T_d N / (T_d + N T_s) (e_k - e_{k-1}) with e = c r - y, which is stable for any T_d.
+
+    - Anti-windup is back-calculation with the tracking time T_t. u_k is the input that acted, read
+      from the next measurement, so limits of the actuator need not be known here.
+    - The start is bumpless: the integral starts as if the loop had been at rest with the last input
+      and the first measured output. So the first move is K_p b (r - y). `transfer` suppresses
+      that, too, as for a switch from manual to automatic.
+    - `retune` changes parameters without a jump of the input.
+
+    Source: Åström, Hägglund (2006), Advanced PID Control: sections 3.3 (filter), 3.4 (set-point
+    weights), 3.5 (back-calculation, T_t = √(T_i T_d)), 13.2 to 13.4 (sampling, bumpless changes).
+    Deviation: T_t = T_i if T_d is below T_i / 25, since √(T_i T_d) would be close to 0.
+
+    Args:
+        K_p: Proportional gain, input per output; negative if a larger input lowers the output.
+        T_i: Integral time, in the plant's unit of time; infinite for no integral action.
+        T_d: Derivative time, in the plant's unit of time; 0 for no derivative action.
+        T_s: Sampling time, in the plant's unit of time.
+        N: Largest gain of the derivative relative to K_p, usually 2 to 20.
+        b: Set-point weight of the proportional part; 0 removes the kick of a reference step.
+        c: Set-point weight of the derivative part; 0 means derivative on measurement.
+        T_t: Tracking time of the anti-windup, in the plant's unit of time; None for the rule above.
+        low: Lower limit of the input.
+        high: Upper limit of the input.
+        output: Index or name of the measured output; a name needs `plant`.
+        input: Index or name of the input; the other inputs stay as they are.
+        plant: Plant whose channels are named, and whose limits replace infinite ones.
+
+    Raises:
+        SettingsError: If a parameter is not valid or a channel does not exist.
+    """
+
+    def __init__(
+        self,
+        K_p: float,
+        T_i: float = np.inf,
+        T_d: float = 0.0,
+        *,
+        T_s: float,
+        N: float = 10.0,
+        b: float = 1.0,
+        c: float = 0.0,
+        T_t: float | None = None,
+        low: float = -np.inf,
+        high: float = np.inf,
+        output: int | str = 0,
+        input: int | str = 0,
+        plant: Plant | None = None,
+    ) -> None:
+        self.output = index_of(output, None if plant is None else plant.outputs, "output")
+        self.input = index_of(input, None if plant is None else plant.inputs, "input")
+        if plant is not None:
+            channel = plant.inputs[self.input]
+            low, high = max(low, channel.low), min(high, channel.high)
+        self._plant = plant
+        self._set(K_p=K_p, T_i=T_i, T_d=T_d, T_s=T_s, N=N, b=b, c=c, T_t=T_t, low=low, high=high)
+        self._integral: float | None = None
+        self._derivative, self._v = 0.0, 0.0
+        self._r, self._y = 0.0, 0.0
+
+    @classmethod
+    def of_gains(
+        cls, K_p: float, K_i: float = 0.0, K_d: float = 0.0, *, T_s: float, **others: Any
+    ) -> "PID":
+        """Return the PID with the gains K_p, K_i = K_p / T_i and K_d = K_p T_d.
+
+        Args:
+            K_p: Proportional gain, not 0.
+            K_i: Integral gain, per unit of time, of the same sign as K_p; 0 for none.
+            K_d: Derivative gain, times unit of time, of the same sign as K_p.
+            T_s: Sampling time, in the plant's unit of time.
+            others: Other arguments of `PID`.
+
+        Raises:
+            SettingsError: If K_p is 0, the signs differ, or another argument is not valid.
+        """
+        if not K_p:
+            raise SettingsError("PID: K_p must not be 0; for integral action alone make T_i small")
+        T_i = K_p / K_i if K_i else np.inf
+        return cls(K_p, T_i, K_d / K_p, T_s=T_s, **others)
+
+    @property
+    def T_s(self) -> float:
+        """Sampling time, in the plant's unit of time."""
+        return self._p["T_s"]
+
+    @property
+    def parameters(self) -> dict[str, float | None]:
+        """Parameters by name, as given."""
+        return dict(self._p)
+
+    def retune(self, **changes: float) -> None:
+        """Change parameters by name without a jump of the input.
+
+        Raises:
+            SettingsError: If a parameter does not exist or is not valid.
+        """
+        unknown = sorted(set(changes) - set(self._p))
+        if unknown:
+            raise SettingsError(f"PID: parameters are {list(self._p)}, got {unknown}")
+        before = self._proportional()
+        scale = float(self._p["K_p"])
+        self._set(**(self._p | changes))
+        if self._integral is not None:
+            self._integral += before - self._proportional()
+            # The derivative part is proportional to K_p; the integral takes up the difference.
+            derivative = self._derivative * self._p["K_p"] / scale if scale else 0.0
+            self._integral += self._derivative - derivative
+            self._derivative = derivative
+
+    def transfer(self, measurement: Measurement) -> None:
+        """Start so that the next move is the last input, whatever the error, as from manual."""
+        self._begin(measurement)
+        assert self._integral is not None
+        self._r = float(reference_of(measurement)[self.output])
+        self._integral = self._v - self._proportional()
+
+    def move(self, measurement: Measurement) -> Move:
+        """Decide the input; a reference that is NaN leaves it as it is."""
+        r = float(reference_of(measurement)[self.output])
+        if np.isnan(r):
+            self._integral = None
+            return Move(np.array(measurement.u, dtype=float))
+        if self._integral is None:
+            self._begin(measurement)
+        else:
+            self._integrate(float(measurement.u[self.input]))
+        y = float(outputs_of(measurement, self._plant)[self.output])
+        p, before = self._p, _error(self._p["c"], self._r, self._y)
+        self._r, self._y = r, y
+        share = p["T_d"] / (p["T_d"] + p["N"] * p["T_s"]) if p["T_d"] else 0.0
+        rise = p["K_p"] * p["N"] * (_error(p["c"], r, y) - before)
+        self._derivative = share * (self._derivative + rise)
+        assert self._integral is not None
+        self._v = self._proportional() + self._integral + self._derivative
+        u = np.array(measurement.u, dtype=float)
+        u[self.input] = min(max(self._v, p["low"]), p["high"])
+        return Move(u)
+
+    def _begin(self, m: Measurement) -> None:
+        """Take the loop to be at rest: r = y, with the last input."""
+        self._y = float(outputs_of(m, self._plant)[self.output])
+        self._r, self._derivative, self._v = self._y, 0.0, float(m.u[self.input])
+        self._integral = self._v - self._proportional()
+
+    def _integrate(self, applied: float) -> None:
+        """Move the integral to this sampling instant, with the input that acted since the last."""
+        p = self._p
+        if not np.isfinite(p["T_i"]) or self._integral is None:
+            return
+        self._integral += p["K_p"] * p["T_s"] / p["T_i"] * (self._r - self._y)
+        self._integral += min(p["T_s"] / self._tracking, 1.0) * (applied - self._v)
+
+    def _proportional(self) -> float:
+        return float(self._p["K_p"] * (self._p["b"] * self._r - self._y))
+
+    def _set(self, **parameters: Any) -> None:
+        """Check the parameters, and keep them."""
+        for name, value in parameters.items():
+            missing = name == "T_t" and value is None
+            if not missing and (
+                isinstance(value, bool) or not np.isscalar(value) or value != value
+            ):
+                raise SettingsError(f"PID: {name} must be a number, got {value!r}")
+        for name in ("T_s", "T_i", "N", "T_t"):
+            value = parameters[name]
+            if value is not None and not value > 0:
+                raise SettingsError(f"PID: {name} must be above 0, got {value}")
+        for name in ("K_p", "T_d", "T_s", "N", "b", "c"):
+            if not np.isfinite(parameters[name]):
+                raise SettingsError(f"PID: {name} must be finite, got {parameters[name]}")
+        if parameters["T_d"] < 0:
+            raise SettingsError(f"PID: T_d must be 0 or more, got {parameters['T_d']}")
+        if not parameters["low"] < parameters["high"]:
+            limits = f"[{parameters['low']}, {parameters['high']}]"
+            raise SettingsError(f"PID: low must be below high, got {limits}")
+        self._p: dict[str, Any] = {k: v if v is None else float(v) for k, v in parameters.items()}
+        T_i, T_d = self._p["T_i"], self._p["T_d"]
+        rule = np.sqrt(T_i * T_d) if 25 * T_d >= T_i else T_i
+        self._tracking = float(rule if self._p["T_t"] is None else self._p["T_t"])
+
+
+def _error(weight: float, r: float, y: float) -> float:
+    """Return the weighted error, weight · r - y."""
+    return weight * r - y

@@ -1,0 +1,187 @@
+"""Tunings of a PID for a linear plant: by rules of the field, and by its robustness."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from .sampled import Sampled
+
+
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """Parameters of a PID: gain with its sign, and integral and derivative time."""
+
+    K_p: float
+    T_i: float
+    T_d: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """What the rules need to know of a process of one input and one output.
+
+    Args:
+        gain: Lim s^n G(s) for s to 0, n the number of integrators.
+        integrators: Number of integrators.
+        lags: Time constants 1/|p| of the other poles, decreasing.
+        inverse: Time constants 1/z of the zeros in the right half plane.
+        delay: Dead time, with half of the sampling time.
+        unstable: Whether a pole is in the right half plane.
+        damping: Smallest damping of a pair of poles; 1 if there is none.
+    """
+
+    gain: float
+    integrators: int
+    lags: tuple[float, ...]
+    inverse: tuple[float, ...]
+    delay: float
+    unstable: bool = False
+    damping: float = 1.0
+
+
+def simc(process: Process, *, derivative: bool = True) -> Tuning | None:
+    """Return Skogestad's tuning with τ_c = θ; None where the rule does not apply.
+
+    Source: Skogestad (2003), Simple analytic rules for model reduction and PID controller tuning,
+    J. Process Control 13: half rule (10), (11), settings (22) to (24), table 1 for integrators;
+    series to standard form by (36).
+    Deviation: zeros in the left half plane are left out.
+
+    Args:
+        process: Process; not unstable, with a damping of at least 0.5.
+        derivative: Whether the controller has a derivative part.
+    """
+    if process.unstable or process.integrators > 2 or process.damping < 0.5 or not process.gain:
+        return None
+    lags = [np.inf] * process.integrators + list(process.lags) + [0.0] * 4
+    kept = 2 if derivative else 1
+    theta = process.delay + sum(process.inverse) + lags[kept] / 2 + sum(lags[kept + 1 :])
+    if not 0 < theta < np.inf:
+        return None
+    tau = [*lags[: kept - 1], lags[kept - 1] + lags[kept] / 2]
+    if process.integrators == 2:
+        K, T_i, T_d = 1 / (process.gain * 16 * theta**2), 8 * theta, 8 * theta
+    else:
+        rate = 1 / process.gain if process.integrators else tau[0] / process.gain
+        K, T_i = rate / (2 * theta), min(tau[0], 8 * theta)
+        T_d = tau[1] if derivative else 0.0
+    if not T_i > 0:
+        return None
+    factor = 1 + T_d / T_i
+    return Tuning(K * factor, T_i * factor, T_d / factor)
+
+
+def ziegler_nichols(plant: Sampled, omega: Float[np.ndarray, " m"], sign: float) -> Tuning | None:
+    """Return the tuning by the ultimate gain K_u and period T_u; None if there is none.
+
+    K_p = 0.6 K_u, T_i = T_u / 2, T_d = T_u / 8.
+
+    Source: Ziegler, Nichols (1942), Optimum settings for automatic controllers, Trans. ASME 64.
+
+    Args:
+        plant: Sampled plant of one input and one output, stable or integrating.
+        omega: Increasing angular frequencies to search, shape (m,).
+        sign: Sign of the controller's gain.
+    """
+    G = sign * plant.at(omega)[:, 0, 0]
+    crossing = np.flatnonzero((G.imag[:-1] < 0) & (G.imag[1:] >= 0) & (G.real[1:] < 0))
+    if not len(crossing):
+        return None
+    k = int(crossing[0])
+    share = -G.imag[k] / (G.imag[k + 1] - G.imag[k])
+    size = abs(G.real[k] + share * (G.real[k + 1] - G.real[k]))
+    T_u = 2 * np.pi / (omega[k] + share * (omega[k + 1] - omega[k]))
+    return Tuning(sign * 0.6 / size, T_u / 2, T_u / 8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """PIDs to check together, each array of shape (m,); see `PID` for the sampled form."""
+
+    K_p: Float[np.ndarray, " m"]
+    T_i: Float[np.ndarray, " m"]
+    T_d: Float[np.ndarray, " m"]
+    N: float
+
+    def law(self, T_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return the pole of the derivative, and the gains of integral, derivative and y."""
+        pole = self.T_d / (self.T_d + self.N * T_s)
+        slope = pole * self.K_p * self.N
+        return pole, -self.K_p * T_s / self.T_i, slope * (1 - pole), -self.K_p - slope
+
+    def controller(self, z: Complex[np.ndarray, " k"], T_s: float) -> Complex[np.ndarray, "m k"]:
+        """Return -C(z), from y to the input, at points z, shape (k,)."""
+        pole, integral, derivative, direct = (v[:, None] for v in self.law(T_s))
+        return np.asarray(direct + integral / (z - 1) + derivative / (z - pole))
+
+    def radius(self, plant: Sampled) -> Float[np.ndarray, " m"]:
+        """Return the spectral radius of each closed loop; it is stable below 1."""
+        pole, integral, derivative, direct = self.law(plant.T_s)
+        n, m = len(plant.A), len(self.K_p)
+        M = np.zeros((m, n + 2, n + 2))
+        M[:, :n, :n] = plant.A + direct[:, None, None] * (plant.B @ plant.C)
+        M[:, :n, n], M[:, :n, n + 1] = plant.B[:, 0], plant.B[:, 0]
+        M[:, n, :n] = integral[:, None] * plant.C[0]
+        M[:, n + 1, :n] = derivative[:, None] * plant.C[0]
+        M[:, n, n], M[:, n + 1, n + 1] = 1.0, pole
+        return np.asarray(np.abs(np.linalg.eigvals(M)).max(axis=1))
+
+    def sensitivity(self, plant: Sampled, omega: Float[np.ndarray, " k"]) -> np.ndarray:
+        """Return the largest |1 / (1 + L)| over `omega`, infinite for unstable loops, (m,)."""
+        G = plant.at(omega)[:, 0, 0]
+        L = -G * self.controller(np.exp(1j * omega * plant.T_s), plant.T_s)
+        peak = np.abs(1 / (1 + L)).max(axis=1)
+        return np.asarray(np.where(self.radius(plant) < 1 - 1e-9, peak, np.inf))
+
+
+_ROBUST = (1.6, 2.0, 2.5, 3.5, np.inf)
+"""Largest sensitivities, from the recommended range to what difficult plants allow."""
+
+
+def robust(
+    plant: Sampled,
+    omega: Float[np.ndarray, " m"],
+    crossover: Float[np.ndarray, " k"],
+    *,
+    largest: float = np.inf,
+    N: float = 10.0,
+) -> tuple[Tuning, float] | None:
+    """Return a robust tuning and its crossover frequency; None if no PID stabilizes the plant.
+
+    It maximizes the integral gain K_p / T_i at a sensitivity of at most 1.6 (more only if
+    necessary), over both signs and a grid of crossover frequencies and times.
+
+    Source: Åström, Hägglund (2006), Advanced PID Control, section 7.2 (MIGO).
+    Deviation: on a grid, for the sampled loop, so any linear plant will do.
+
+    Args:
+        plant: Sampled plant of one input and one output.
+        omega: Angular frequencies at which the sensitivity is evaluated, shape (m,).
+        crossover: Crossover frequencies to try, shape (k,).
+        largest: Largest |K_p|, by the input's range; ignored if nothing else is stable.
+        N: Filter of the derivative, as in `PID`.
+    """
+    T_s = plant.T_s
+    shapes = [(i, d) for i in (0.7, 1.4, 2.8, 5.6, 11.0, 22.0) for d in (0.05, 0.15, 0.4, 1.0, 2.0)]
+    w = np.repeat(crossover, len(shapes))
+    T_i, T_d = np.tile(np.array(shapes), (len(crossover), 1)).T / w
+    unit = Candidates(np.ones(len(w)), T_i, T_d, N)
+    z = np.exp(1j * w * T_s)
+    pole, integral, derivative, direct = unit.law(T_s)
+    size = np.abs(plant.at(w)[:, 0, 0] * (direct + integral / (z - 1) + derivative / (z - pole)))
+    usable = size > 0
+    w, T_i, T_d, K = w[usable], T_i[usable], T_d[usable], 1 / size[usable]
+    both = Candidates(np.concatenate([K, -K]), np.tile(T_i, 2), np.tile(T_d, 2), N)
+    peak = both.sensitivity(plant, omega)
+    drive = np.abs(both.K_p) / both.T_i
+    within = np.abs(both.K_p) <= largest
+    for bound, allowed in [(b, within) for b in _ROBUST] + [(np.inf, np.ones_like(within))]:
+        fine = np.isfinite(peak) & (peak <= bound) & allowed
+        if fine.any():
+            # Among unbounded ones the most robust, else the strongest integral action.
+            score = drive if np.isfinite(bound) else 1 / peak
+            best = int(np.argmax(np.where(fine, score, -np.inf)))
+            found = Tuning(*(float(v[best]) for v in (both.K_p, both.T_i, both.T_d)))
+            return found, float(np.tile(w, 2)[best])
+    return None

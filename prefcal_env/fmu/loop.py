@@ -1,0 +1,201 @@
+"""A closed loop in an FMU as a function of θ."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.errors import KnobError, PlantError, RunError
+from prefcal_env.experiments.experiment import Channels, End, Experiment
+from prefcal_env.experiments.kpis import tracking_kpis
+from prefcal_env.experiments.recorded import recorded
+from prefcal_env.knobs.knob import Knob, is_number
+from prefcal_env.knobs.space import KnobSpace
+
+from .checks import check_apart, grid_of, names_of, referenced, shown, tuned
+from .model import Variable, read_model
+from .process import Answer, Job, Process
+
+_KPIs = Callable[[Experiment], Mapping[str, float]]
+
+
+@final
+class FMULoop:
+    """A closed loop in an FMU that includes the controller (FMI 2 or 3, co-simulation).
+
+    θ holds start values of parameters. The FMU runs in a process of its own, which starts with the
+    first run and is kept for the next ones. A run that hangs or crashes is an experiment with
+    `End.FAILED` and no record; `problem` then says what happened. One that the FMU ends before its
+    time, with an error or on purpose, or whose outputs become infinite or NaN, is an experiment up
+    to there with `End.UNSAFE`. A loop can be pickled; the copy starts a process of its own.
+
+    Args:
+        path: The .fmu file.
+        knobs: Knobs named as the parameters, or a mapping from parameters to knobs with other
+            names. Units and descriptions that a knob lacks are those of the FMU.
+        outputs: Variables shown as outputs, or a mapping from shown names to variables.
+        inputs: Variables shown as control signals, or such a mapping.
+        reference: Maps shown outputs to their reference: a number in the output's unit, or the
+            name of a variable of the FMU.
+        stop_time: End of the simulation in seconds; None for that of the FMU.
+        output_interval: Time between recorded instants in seconds; None for the step that the FMU
+            declares, or a multiple of it if that records more than 2,000 instants.
+        timeout: Time limit of a run in seconds of real time; infinite for none.
+        kpis: Function that returns the KPIs of an experiment by name; None for no KPIs.
+
+    Attributes:
+        model: Model description of the FMU.
+        space: Space of the knobs, with units of the FMU.
+        channels: Names, units, limits and targets of what is shown.
+        problem: What ended the latest run before its time; empty if nothing did.
+        seconds: Duration of the latest simulation that gave a record; None before the first one.
+
+    Raises:
+        PlantError: If the FMU cannot be used here, or a variable, a time or a reference is wrong.
+        KnobError: If a knob does not fit its parameter.
+        MissingExtraError: If the extra `fmu` is not installed.
+    """
+
+    signals: tuple[str, ...] = ()
+    """Additional signals of the experiments: none."""
+
+    def __init__(
+        self,
+        path: Path | str,
+        knobs: Mapping[str, Knob] | Sequence[Knob],
+        outputs: Mapping[str, str] | Sequence[str],
+        inputs: Mapping[str, str] | Sequence[str] = (),
+        reference: Mapping[str, float | str] | None = None,
+        stop_time: float | None = None,
+        *,
+        output_interval: float | None = None,
+        timeout: float = 60.0,
+        kpis: _KPIs | None = tracking_kpis,
+    ) -> None:
+        self._arguments = (Path(path).absolute(), knobs, outputs, inputs, reference, stop_time)
+        self._options = (output_interval, timeout, kpis)
+        self.model, self.kpis = read_model(path), kpis
+        self.problem = ""
+        self.seconds: float | None = None
+        if not (is_number(timeout) and timeout > 0):
+            raise PlantError(f"timeout must be above 0 s, got {timeout!r}")
+        found = tuned(self.model, knobs)
+        self.space = KnobSpace(list(found.values()))
+        self._parameters = [self.model.variable(name) for name in found]
+        self._outputs = shown(self.model, names_of("outputs", outputs))
+        self._inputs = shown(self.model, names_of("inputs", inputs))
+        if not self._outputs:
+            raise PlantError("outputs must name one or more variables of the FMU")
+        check_apart((self._outputs, self._inputs))
+        self._numbers, self._variables = referenced(self.model, self._outputs, reference)
+        self.channels: Channels = self._curveless(np.zeros(len(found)), 0.0).channels
+        recorded_ = [*self._outputs.values(), *self._inputs.values(), *self._variables.values()]
+        grid = grid_of(self.model, stop_time, output_interval)
+        job = Job(
+            self.model.path, _places(self._parameters), _places(recorded_), grid.instants,
+            grid.every, self.model.tolerance,
+        )  # fmt: skip
+        self._process = Process(job, timeout)
+
+    def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
+        """Simulate θ, physical, shape (n,). An FMU has no seed: `seed` changes nothing.
+
+        Raises:
+            KnobError: If θ has the wrong shape or leaves the limits of the FMU.
+            PlantError: If the FMU is no longer there.
+        """
+        try:
+            return self.attempt(theta)
+        except RunError as error:
+            self.problem = str(error)
+            return self._failed(np.asarray(theta, dtype=float))
+
+    def attempt(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
+        """Simulate θ like a call, but raise RunError if there is no record.
+
+        Raises:
+            RunError: If the FMU hangs, crashes, or fails before the first instant.
+            KnobError: If θ has the wrong shape or leaves the limits of the FMU.
+            PlantError: If the FMU is no longer there.
+        """
+        theta = self._checked(theta)
+        answer = self._process.run(theta.tolist())
+        finite = np.isfinite(answer.values).all(axis=1)
+        count = len(finite) if finite.all() else int(np.argmin(finite))
+        self.problem, self.seconds = answer.problem, answer.seconds
+        if count < len(finite) and not self.problem:
+            self.problem = f"a variable is infinite or NaN at t = {answer.t[count]:g} s"
+        if not count:
+            raise RunError(self.problem, "raised")
+        return self._experiment(theta, answer, count)
+
+    def close(self) -> None:
+        """End the process and remove its files now rather than at exit; a further run restarts."""
+        self._process.close()
+
+    @property
+    def pid(self) -> int | None:
+        """Return the id of the process of the FMU; None while there is none."""
+        return self._process.pid
+
+    def __reduce__(self) -> Any:
+        """Pickle what the loop was made of: the copy reads the FMU again."""
+        return _remade, (self._arguments, self._options)
+
+    def _checked(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        theta = np.asarray(theta, dtype=float)
+        if theta.shape != (len(self.space),) or not np.isfinite(theta).all():
+            raise KnobError(f"θ must be {len(self.space)} finite numbers, got {theta}")
+        for knob, variable, value in zip(self.space, self._parameters, theta, strict=True):
+            if not variable.low <= value <= variable.high:
+                raise KnobError(
+                    f"{knob.name} must lie in [{variable.low:g}, {variable.high:g}] "
+                    f"{variable.unit}".rstrip()
+                    + f", the limits of the FMU, got {value:g}"
+                )
+        return theta
+
+    def _experiment(self, theta: Float[np.ndarray, " n"], answer: Answer, count: int) -> Experiment:
+        n_y, n_u = len(self._outputs), len(self._inputs)
+        columns = answer.values[:count].T
+        outputs = dict(zip(self._outputs, columns, strict=False))
+        inputs = dict(zip(self._inputs, columns[n_y:], strict=False))
+        curves = dict(zip(self._variables, columns[n_y + n_u :], strict=True))
+        return self._made(
+            theta, answer.t[:count], outputs, inputs, {**self._numbers, **curves},
+            End.UNSAFE if self.problem else End.TIME_UP, self.kpis,
+        )  # fmt: skip
+
+    def _failed(self, theta: Float[np.ndarray, " n"]) -> Experiment:
+        """Return an experiment without a record."""
+        return replace(self._curveless(theta, np.nan), channels=self.channels)
+
+    def _curveless(self, theta: Float[np.ndarray, " n"], value: float) -> Experiment:
+        t, curve = np.array([0.0, 1.0]), np.full(2, value)
+        outputs, inputs = dict.fromkeys(self._outputs, curve), dict.fromkeys(self._inputs, curve)
+        end = End.FAILED if np.isnan(value) else End.TIME_UP
+        return self._made(theta, t, outputs, inputs, dict(self._numbers), end, None)
+
+    def _made(
+        self, theta: Any, t: Any, outputs: Any, inputs: Any, reference: Any, end: End,
+        kpis: _KPIs | None,
+    ) -> Experiment:  # fmt: skip
+        variables = {**self._outputs, **self._inputs}
+        return recorded(
+            theta, t, outputs, inputs, reference,
+            units={name: v.unit for name, v in variables.items()},
+            limits={name: (v.low, v.high) for name, v in variables.items()},
+            end=end, kpis=kpis,
+        )  # fmt: skip
+
+
+def _places(variables: Sequence[Variable]) -> tuple[tuple[str, int], ...]:
+    return tuple((v.type, v.reference) for v in variables)
+
+
+def _remade(arguments: tuple[Any, ...], options: tuple[Any, ...]) -> FMULoop:
+    interval, timeout, kpis = options
+    return FMULoop(*arguments, output_interval=interval, timeout=timeout, kpis=kpis)

@@ -1,0 +1,324 @@
+"""Choose step, times and ranges of the knobs for the PIDs of a plant."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import permutations
+from math import floor, log10
+
+import numpy as np
+from jaxtyping import Float
+
+from prefcal_env.controllers.rules import Process, Tuning, robust, simc, ziegler_nichols
+from prefcal_env.controllers.sampled import sampled
+from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.experiment import Channel
+from prefcal_env.plants.plant import Jacobians, Plant
+from prefcal_scenarios.own.nearest import did_you_mean
+
+from .operating_point import OperatingPoint, operating_point, settled
+from .process import process_of
+from .response import settling
+
+N = 10.0
+"""Filter of the derivative part: its largest gain relative to K_p."""
+_SHARE = 0.2
+"""Share of the input's range that a default step needs at rest."""
+_SAMPLES = 5
+"""Samples in the effective dead time or the shortest time constant that matters."""
+_FARTHEST = 25.0
+"""Largest ratio of a rule's gain or integral time to those of the robust tuning."""
+_MOST = 1200
+"""Largest number of samples in an experiment."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Single:
+    """One PID loop: which output and input, its process, its target and tunings of it.
+
+    Args:
+        output: Index of the output.
+        input: Index of the input.
+        channel: Channel of the input, with finite limits.
+        start: Output at the start.
+        target: Reference after the step.
+        load: Load disturbance at the input.
+        center: Tuning in the middle of the ranges.
+        known: Tunings by rules of the field, by name.
+        phase: Time that a step or a load takes with the tuning in the middle.
+    """
+
+    output: int
+    input: int
+    channel: Channel
+    start: float
+    target: float
+    load: float
+    center: Tuning
+    known: Mapping[str, Tuning]
+    phase: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Design:
+    """Everything that was chosen for a plant: operating point, sampling time and loops."""
+
+    point: OperatingPoint
+    J: Jacobians
+    delay: Float[np.ndarray, "n_y n_u"]
+    T_s: float
+    loops: tuple[Single, ...]
+
+    @property
+    def phase(self) -> float:
+        """Duration of each phase: one step for each loop, then the loads."""
+        return max(loop.phase for loop in self.loops)
+
+
+def pairs_of(plant: Plant, J: Jacobians, outputs: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
+    """Return (output, input) of each loop, paired by the relative gain array near rest.
+
+    Of all pairings with positive relative gains, the one whose gains are closest to 1.
+
+    Source: Bristol (1966), On a new measure of interaction for multivariable process control,
+    IEEE Trans. Automatic Control 11.
+
+    Raises:
+        ScenarioError: If there are more outputs than inputs.
+    """
+    n_u = len(plant.inputs)
+    if len(outputs) == n_u == 1:
+        return ((outputs[0], 0),)
+    if len(outputs) > n_u:
+        names = [plant.outputs[i].name for i in outputs]
+        raise ScenarioError(
+            f"{n_u} inputs cannot control {len(names)} outputs, {names}, each with a PID of its "
+            f"own: name at most {n_u} of them, for example --reference {names[0]}=1"
+        )
+    G = _near_rest(J)[list(outputs)]
+    best, closest = None, np.inf
+    for chosen in permutations(range(n_u), len(outputs)):
+        square = G[:, chosen]
+        if np.linalg.matrix_rank(square) < len(outputs):
+            continue
+        gains = np.diag(square * np.linalg.inv(square).T).real
+        distance = float(np.abs(gains - 1).sum()) + 1e3 * int((gains <= 0).sum())
+        if distance < closest:
+            best, closest = chosen, distance
+    if best is None:
+        names = [plant.outputs[i].name for i in outputs]
+        raise ScenarioError(
+            f"the inputs of plant {plant.name!r} cannot move its outputs {names} independently "
+            "near the operating point: name one output to control"
+        )
+    return tuple(zip(outputs, best, strict=True))
+
+
+def _near_rest(J: Jacobians) -> np.ndarray:
+    """Return G(jω) at a frequency far below all poles that are not integrators."""
+    rates = np.abs(np.linalg.eigvals(J.A)) if len(J.A) else np.zeros(0)
+    moving = rates[rates > 1e-6 * rates.max(initial=0.0)]
+    s = 1e-3j * (float(moving.min()) if len(moving) else 1.0)
+    return np.asarray(J.C @ np.linalg.solve(s * np.eye(len(J.A)) - J.A, J.B) + J.D)
+
+
+def part(J: Jacobians, output: int, input_: int) -> Jacobians:
+    """Return the matrices from one input to one output."""
+    return Jacobians(J.A, J.B[:, [input_]], J.C[[output]], J.D[[output]][:, [input_]])
+
+
+def scale_of(process: Process) -> float:
+    """Return the time that limits control: dead time and small lags, or a share of large ones."""
+    lags = [np.inf] * process.integrators + list(process.lags)
+    small = process.delay + sum(process.inverse) + sum(lags[3:]) + (lags[2] / 2 if lags[2:] else 0)
+    shares = [small] + [s * T for s, T in zip((0.03, 0.1), lags[:2], strict=False) if np.inf > T]
+    if len(lags) == 1 and lags[0] < np.inf:
+        shares.append(0.1 * lags[0])
+    return max((s for s in shares if s < np.inf), default=0.0)
+
+
+def nice(value: float, *, up: bool = False) -> float:
+    """Return `value` rounded down (or up) to 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** floor(log10(value))
+    steps = [m * power for m in (1, 2, 5, 10)]
+    if up:
+        return float(f"{next(s for s in steps if s >= value * (1 - 1e-9)):.1g}")
+    return float(f"{[s for s in steps if s <= value * (1 + 1e-9)][-1]:.1g}")
+
+
+def design(
+    plant: Plant, reference: Mapping[str, float] | None = None, horizon: float | None = None
+) -> Design:
+    """Return what was chosen for `plant`; `reference` and `horizon` are used as they are.
+
+    Raises:
+        ScenarioError: If there is no steady state, an output does not exist, a reference equals the
+            start, or no PID stabilizes the plant there.
+    """
+    point = operating_point(plant)
+    J = plant.jacobians(point.x, point.u, point.d)
+    if not all(np.isfinite(m).all() for m in (J.A, J.B, J.C, J.D)):
+        raise ScenarioError(f"plant {plant.name!r} has no derivative at its steady state {point.x}")
+    delay = np.add.outer(
+        np.array(getattr(plant, "output_delay", ()) or (0.0,) * len(plant.outputs)),
+        np.array(getattr(plant, "input_delay", ()) or (0.0,) * len(plant.inputs)),
+    )
+    outputs = _chosen(plant, reference)
+    pairs = pairs_of(plant, J, outputs)
+    processes = [process_of(part(J, i, j), float(delay[i, j])) for i, j in pairs]
+    T_s = _sampling_time(plant, processes)
+    for _ in range(3):
+        loops = tuple(
+            _single(plant, point, J, delay, T_s, pair, process, reference or {})
+            for pair, process in zip(pairs, processes, strict=True)
+        )
+        found = Design(point, J, delay, T_s, loops)
+        if horizon is not None:
+            share = horizon / (len(loops) + 1)
+            return replace(found, loops=tuple(replace(loop, phase=share) for loop in loops))
+        samples = found.phase * (len(loops) + 1) / T_s
+        if samples <= _MOST:
+            break
+        T_s = _allowed(plant, T_s * samples / (0.6 * _MOST))
+    return found
+
+
+def _chosen(plant: Plant, reference: Mapping[str, float] | None) -> tuple[int, ...]:
+    """Return the outputs to control: those with a reference, or a target, or all."""
+    names = [c.name for c in plant.outputs]
+    for name in reference or ():
+        if name not in names:
+            raise ScenarioError(
+                f"no output of plant {plant.name!r} is called {name!r}."
+                f"{did_you_mean(name, names)} Expected one of {names}"
+            )
+    if reference:
+        return tuple(names.index(name) for name in reference)
+    aimed = tuple(i for i, c in enumerate(plant.outputs) if c.target is not None)
+    if aimed:
+        return aimed
+    return tuple(range(len(names))) if len(names) <= len(plant.inputs) else (0,)
+
+
+def _sampling_time(plant: Plant, processes: list[Process]) -> float:
+    scales = [scale for scale in map(scale_of, processes) if scale > 0]
+    dt = float(getattr(plant, "sample_time", 0.0))
+    # Nothing limits a plant that only integrates: its unit of time is as good as any other.
+    return _allowed(plant, (min(scales) if scales else max(1.0, 10 * dt)) / _SAMPLES)
+
+
+def _allowed(plant: Plant, T_s: float) -> float:
+    """Return a round sampling time near `T_s`, a multiple of the plant's own if it has one."""
+    dt = float(getattr(plant, "sample_time", 0.0))
+    return max(round(T_s / dt), 1) * dt if dt else nice(T_s * 1.3)
+
+
+def _single(
+    plant: Plant, point: OperatingPoint, J: Jacobians, delay: Float[np.ndarray, "n_y n_u"],
+    T_s: float, pair: tuple[int, int], process: Process, reference: Mapping[str, float],
+) -> Single:  # fmt: skip
+    """Return the loop of one pair of an output and an input."""
+    i, j = pair
+    start = float(plant.g(point.x, point.u, point.d)[i])
+    target = _target(plant, point, pair, process, start, reference)
+    channel = _limited(plant.inputs[j], float(point.u[j]), target - start, process, T_s)
+    model = sampled(part(J, i, j), T_s, delay[[i], [j]])
+    omega = np.geomspace(1e-4 * np.pi / T_s, 0.999 * np.pi / T_s, 400)
+    room = channel.high - point.u[j], point.u[j] - channel.low
+    largest = max(room) / abs(target - start)
+    crossover = np.geomspace(2e-3, 0.25, 26) * np.pi / T_s
+    found = robust(model, omega, crossover, largest=largest)
+    if found is None:
+        raise ScenarioError(
+            f"no PID from {channel.name!r} to {plant.outputs[i].name!r} was found that stabilizes "
+            f"plant {plant.name!r} at its steady state {_named(plant.states, point.x)}: choose "
+            "another output by its reference, or another kind of controller"
+        )
+    center = found[0]
+    try:
+        time, peak = settling(model, center, N)
+    except FloatingPointError:
+        time, peak = 200 * T_s, 0.0
+    load = _load(channel, peak, abs(target - start))
+    # Sampling delays by T_s / 2; without any dead time the rules would ask for infinite gains.
+    half = replace(process, delay=max(process.delay + T_s / 2, _SAMPLES / 2 * T_s))
+    sign = float(np.sign(center.K_p))
+    rules = {"SIMC": simc(half), "SIMC without T_d": simc(half, derivative=False)}
+    if not process.unstable:
+        rules["Ziegler-Nichols"] = ziegler_nichols(model, omega, sign)
+    known = {name: t for name, t in rules.items() if t is not None and _near(t, center)}
+    return Single(i, j, channel, start, target, load, center, known, 1.6 * time)
+
+
+def _near(tuning: Tuning, center: Tuning) -> bool:
+    """Return whether a range around `center` can hold `tuning` without becoming useless."""
+    ratios = tuning.K_p / center.K_p, tuning.T_i / center.T_i
+    return all(1 / _FARTHEST <= ratio <= _FARTHEST for ratio in ratios)
+
+
+def _target(
+    plant: Plant, point: OperatingPoint, pair: tuple[int, int], process: Process, start: float,
+    reference: Mapping[str, float],
+) -> float:  # fmt: skip
+    """Return the reference after the step: given, or at a fifth of the input's range."""
+    i, _ = pair
+    channel = plant.outputs[i]
+    given = reference.get(channel.name, channel.target)
+    if given is not None and abs(given - start) > 1e-6 * max(abs(given), abs(start), 1e-300):
+        return float(given)
+    if channel.name in reference:
+        raise ScenarioError(
+            f"the reference of {channel.name!r}, {given:g} {channel.unit}, is where the experiment "
+            "starts: give another one, so that there is a step"
+        )
+    size = _default_step(plant, point, pair, process, start)
+    room = min(channel.high - start, np.inf), start - channel.low
+    sign = 1.0 if size <= 0.8 * room[0] or room[0] >= room[1] else -1.0
+    size = min(size, 0.5 * max(room))
+    step = nice(size)
+    digits = 1 - floor(log10(step))
+    rounded = round(start + sign * step, digits)
+    return rounded if abs(rounded - start) > step / 2 else start + sign * step
+
+
+def _default_step(
+    plant: Plant, point: OperatingPoint, pair: tuple[int, int], process: Process, start: float
+) -> float:
+    i, j = pair
+    output, channel = plant.outputs[i], plant.inputs[j]
+    span = channel.high - channel.low
+    if not np.isfinite(span):
+        return 0.1 * abs(start) if abs(start) > 1e-6 else 1.0
+    if process.integrators:
+        if np.isfinite(output.high - output.low):
+            return _SHARE * (output.high - output.low)
+        slow = max(process.lags, default=0.0) or process.delay or 1.0
+        return max(abs(process.gain) * _SHARE / 2 * span * slow**process.integrators, 1e-12)
+    if not process.unstable:
+        u = point.u.copy()
+        u[j] = min(u[j] + _SHARE * span, channel.high - 0.1 * span)
+        x = settled(plant, point.x, u, point.d)
+        moved = 0.0 if x is None else abs(float(plant.g(x, u, point.d)[i]) - start)
+        if moved > 1e-9 * (1 + abs(start)):
+            return moved
+    return max(abs(process.gain) * _SHARE / 2 * span, 1e-12)
+
+
+def _limited(channel: Channel, u0: float, step: float, process: Process, T_s: float) -> Channel:
+    """Return the channel with finite limits: without any, ten times what the step needs."""
+    slow = max(process.lags, default=0.0) or process.delay or 10 * T_s
+    need = abs(step / process.gain) / slow**process.integrators if process.gain else 1.0
+    reach = nice(10 * max(need, 1e-12), up=True)
+    low = channel.low if np.isfinite(channel.low) else min(u0, channel.high) - reach
+    high = channel.high if np.isfinite(channel.high) else max(u0, channel.low) + reach
+    return replace(channel, low=float(low), high=float(high))
+
+
+def _load(channel: Channel, peak: float, step: float) -> float:
+    """Return a load that moves the output by about a third of the step, within the actuator."""
+    span = 0.15 * (channel.high - channel.low)
+    return nice(min(span, 0.35 * step / peak) if peak > 0 else span)
+
+
+def _named(channels: tuple[Channel, ...], values: Float[np.ndarray, " n"]) -> str:
+    pairs = zip(channels, values, strict=True)
+    return ", ".join(f"{c.name} = {v:.4g} {c.unit}".rstrip() for c, v in pairs)

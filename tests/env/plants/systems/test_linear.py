@@ -1,0 +1,198 @@
+"""Plants of linear systems against python-control, SciPy and answers by hand."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from prefcal_env import Channel, LTILoop, Move, Plant, PlantEnv, Task, rollout
+from prefcal_env.errors import PlantError, SettingsError
+
+A, B = np.array([[-1.0, 0.5], [0.2, -2.0]]), np.array([[1.0, 0.0], [0.3, 2.0]])
+C, D = np.array([[1.0, 0.0], [0.5, 1.0]]), np.array([[0.0, 0.1], [0.0, 0.0]])
+
+
+class Held:
+    """A controller that applies one input for ever, and keeps what it measures."""
+
+    def __init__(self, u, T_s):
+        self.u, self.T_s, self.seen = np.atleast_1d(np.asarray(u, float)), T_s, []
+
+    def move(self, m):
+        self.seen.append((m.t, m.y.copy()))
+        return Move(self.u)
+
+
+def driven(plant, controller, **task):
+    n_y = len(plant.outputs)
+    how = {"y_ref": np.zeros(n_y), "horizon": 4.0} | task
+    return rollout(PlantEnv(plant, Task(x0=plant.x0, u0=plant.u0, **how)), controller, np.ones(1))
+
+
+@pytest.mark.parametrize("system", [(A, B, C, D), signal.StateSpace(A, B, C, D)])
+def test_a_mimo_plant_steps_as_scipy_says(system):
+    run = driven(Plant.of(system), Held([1.0, -2.0], 0.3))
+    inputs = np.tile([1.0, -2.0], (4001, 1))
+    t, y, _ = signal.lsim(signal.StateSpace(A, B, C, D), inputs, np.linspace(0, 4, 4001))
+    at = np.isin(np.round(t, 6), np.round(run.t, 6))
+    there = np.isin(np.round(run.t, 6), np.round(t, 6))
+    assert at.sum() > 400
+    assert run.y[there] == pytest.approx(y[at], abs=1e-9)
+
+
+def test_transfer_functions_step_as_python_control_says():
+    control = pytest.importorskip("control")
+    entry = [[[2.0], [1.0, 3.0]], [[1.0], [4.0]]], [[[3.0, 1.0], [1.0, 2.0, 5.0]], [[1, 1], [1, 2]]]
+    plant = Plant.of(control.tf(*entry))
+    run = driven(plant, Held([1.0, 1.0], 0.4))
+    for i in range(2):
+        y = sum(
+            control.step_response(control.tf(entry[0][i][j], entry[1][i][j]), run.t)[1]
+            for j in range(2)
+        )
+        assert run.y[:, i] == pytest.approx(y, abs=1e-9)
+
+
+@pytest.mark.parametrize("where", ["delay", "output_delay"])
+@pytest.mark.parametrize("dead", [0.05, 0.3, 0.437, 1.0, 2.9])
+@pytest.mark.parametrize("T_s", [0.1, 0.17])
+def test_dead_time_of_any_length_shifts_the_response(where, dead, T_s):
+    run = driven(Plant.of(([1.0], [1.0, 1.0]), **{where: dead}), Held(2.0, T_s))
+    late = np.maximum(run.t - dead, 0.0)
+    assert run.y[:, 0] == pytest.approx(2 * (1 - np.exp(-late)), abs=1e-9)
+
+
+def test_each_input_has_its_own_dead_time_even_if_it_changes_every_step():
+    class Ramp:
+        T_s = 0.1
+
+        def move(self, m):
+            return Move(np.array([round(m.t / 0.1), -round(m.t / 0.1)], float))
+
+    # Two integrators: the state is the area below the delayed staircase.
+    plant = Plant.of((np.zeros((2, 2)), np.eye(2), np.eye(2), np.zeros((2, 2))), delay=[0.25, 0.03])
+    run = driven(plant, Ramp(), horizon=2.0)
+
+    def area(t):
+        k = np.floor(np.maximum(t, 0) / 0.1 + 1e-9)
+        return 0.1 * k * (k - 1) / 2 + k * (np.maximum(t, 0) - 0.1 * k)
+
+    assert run.x[:, 0] == pytest.approx(area(run.t - 0.25), abs=1e-9)
+    assert run.x[:, 1] == pytest.approx(-area(run.t - 0.03), abs=1e-9)
+
+
+def test_the_measured_output_is_late_and_noisy_and_follows_from_the_seed():
+    plant = Plant.of(([1.0], [1.0, 1.0]))
+    exact, noisy, again = (Held(1.0, 0.1) for _ in range(3))
+    driven(plant, exact, measurement_delay=0.25)
+    for seen in (noisy, again):
+        driven(plant, seen, measurement_delay=0.25, noise=np.array([0.1]))
+    t, y = np.array([t for t, _ in exact.seen]), np.array([y[0] for _, y in exact.seen])
+    assert y == pytest.approx(1 - np.exp(-np.maximum(t - 0.25, 0)), abs=1e-9)
+    difference = np.array([v[0] for _, v in noisy.seen]) - y
+    assert 0.05 < difference.std() < 0.15
+    assert all(np.array_equal(a[1], b[1]) for a, b in zip(noisy.seen, again.seen, strict=True))
+
+
+def test_a_discrete_plant_is_held_between_its_samples():
+    plant = Plant.of(signal.dlti([0.5], [1.0, -0.5], dt=0.2))
+    run = driven(plant, Held(1.0, 0.4), horizon=2.0)
+    k = np.floor(run.t / 0.2 + 1e-6)
+    assert run.y[:, 0] == pytest.approx(1 - 0.5**k, abs=1e-12)
+    with pytest.raises(SettingsError, match=r"multiple of the sample time 0\.2"):
+        driven(plant, Held(1.0, 0.3))
+
+
+def test_the_mpc_of_a_discrete_plant_sees_a_continuous_one_with_the_same_samples():
+    plant, none = Plant.of(([[0.5]], [[1.0]], [[1.0]], [[0.0]], 0.2)), np.zeros(0)
+    J = plant.jacobians(np.zeros(1), np.zeros(1), none)
+    same = Plant.of((J.A, J.B, J.C, J.D))
+    x, u, t = np.array([2.0]), np.array([3.0]), np.array([0.2])
+    assert same.hold(x, u, none, t) == pytest.approx(plant.hold(x, u, none, t), abs=1e-12)
+    shifted = Plant.of(([[0.0]], [[1.0]], [[1.0]], [[0.0]], 0.2))
+    with pytest.raises(PlantError, match="no continuous model"):
+        shifted.jacobians(x, u, none)
+
+
+def test_names_come_from_python_control_and_a_plant_survives_pickling():
+    control = pytest.importorskip("control")
+    named = control.ss(A, B, C, D, inputs=["a", "b"], outputs=["c", "d"], states=["e", "f"])
+    plant = pickle.loads(pickle.dumps(Plant.of(named)))
+    found = [[c.name for c in cs] for cs in (plant.inputs, plant.outputs, plant.states)]
+    assert found == [["a", "b"], ["c", "d"], ["e", "f"]]
+    assert [c.name for c in Plant.of(control.ss(A, B, C, D)).inputs] == ["u1", "u2"]
+
+
+@pytest.mark.parametrize(
+    ("system", "how", "reason"),
+    [
+        (([1.0, 0.0], [1.0]), {}, "must be proper"),
+        ((A, np.ones((3, 1)), C, D), {}, "B must have shape"),
+        ((A, B, C, D, True), {}, "must state its sample time"),
+        ("ss", {}, "a linear system must be"),
+        ((A, B, C, D), {"inputs": ["a"]}, "expected 2 names"),
+        ((A, B, C, D), {"inputs": ["a", "a"]}, "different names"),
+        ((A, B, C, D), {"delay": -1.0}, "delay must be 0 s or more"),
+        ((A, B, C, D), {"delay": [1.0]}, "a finite number or 2"),
+        ((A, B, C, D, 0.1), {"delay": 0.25}, "multiple of its sample time"),
+        ((A * np.nan, B, C, D), {}, "A must be finite"),
+    ],
+)
+def test_what_is_no_plant_is_refused(system, how, reason):
+    with pytest.raises(PlantError, match=reason):
+        Plant.of(system, **how)
+
+
+def test_a_continuous_loop_is_exact_and_a_sampled_one_converges_to_it():
+    # 1/(s + 1) under K: y = K/(1 + K) (1 - exp(-(1 + K) t))
+    def exact(t, K=3.0):
+        return K / (1 + K) * (1 - np.exp(-(1 + K) * t))
+
+    run = LTILoop(([1.0], [1.0, 1.0]), lambda theta: theta[0], horizon=3.0)([3.0])
+    assert run.y[:, 0] == pytest.approx(exact(run.t), abs=1e-12)
+    assert run.x.shape == (501, 0)
+    errors = []
+    for T_s in (0.02, 0.01):
+        loop = LTILoop(([1.0], [1.0, 1.0]), lambda theta: theta[0], horizon=3.0, T_s=T_s)
+        sampled = loop([3.0])
+        errors.append(np.abs(sampled.y[:, 0] - exact(sampled.t)).max())
+    assert errors[1] < 0.6 * errors[0] < 0.05
+
+
+def test_a_discrete_loop_is_that_of_python_control():
+    control = pytest.importorskip("control")
+    plant, law = control.tf([0.2], [1, -0.8], 0.1), control.tf([1.0, -0.7], [1, -1], 0.1)
+    run = LTILoop(plant, lambda theta: theta[0] * law, horizon=5.0)([1.5])
+    t, y = control.step_response(control.feedback(1.5 * law * plant), np.arange(50) * 0.1)
+    at = np.searchsorted(run.t, t - 1e-9)
+    assert run.y[at, 0] == pytest.approx(y, abs=1e-9)
+
+
+def test_two_degrees_of_freedom_get_references_then_outputs():
+    law = (np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), np.array([[4.0, -3.0]]))
+    run = LTILoop(([1.0], [1.0, 1.0]), lambda theta: law, horizon=5.0)([1.0])
+    assert run.y[-1, 0] == pytest.approx(1.0, abs=1e-8)  # 4/(1 + 3)
+
+
+def test_limits_saturate_and_instability_is_data():
+    plant = Plant.of(([1.0], [1.0, 1.0]), inputs=Channel("u", "", -0.5, 0.5))
+    assert LTILoop(plant, lambda theta: theta[0], horizon=3.0)([50.0]).u.max() == 0.5
+    wild = LTILoop(([1.0], [1.0, -1.0]), lambda theta: theta[0], horizon=500.0)([0.5])
+    assert wild.end.interrupted
+    assert np.isfinite(wild.y).all()
+
+
+@pytest.mark.parametrize(
+    ("controller", "error", "reason"),
+    [
+        (([1.0, 0.0], [1.0]), PlantError, "must be proper"),
+        (np.ones((2, 1)), SettingsError, "needs 1 outputs"),
+        (-1.0, SettingsError, "algebraic"),
+        ("PI", PlantError, "a linear system must be"),
+    ],
+)
+def test_a_controller_that_does_not_fit_is_refused(controller, error, reason):
+    loop = LTILoop(([1.0, 0.0], [1.0, 1.0]), lambda theta: controller, horizon=1.0)
+    with pytest.raises(error, match=reason):
+        loop([1.0])

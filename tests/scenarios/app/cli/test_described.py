@@ -1,0 +1,52 @@
+"""Scenarios described by files and options, on the command line."""
+
+import json
+
+import pytest
+
+OVEN = """
+[rig.outputs]
+temperature = { unit = "°C" }
+[rig.inputs]
+power = { unit = "%", low = 0, high = 100 }
+[reference]
+temperature = 200
+[knobs]
+K_p = "0.5:20:log %/K"
+"""
+
+
+@pytest.fixture(autouse=True)
+def _files(tmp_path):
+    (tmp_path / "oven.toml").write_text(OVEN, encoding="utf-8")
+
+
+def test_a_file_is_checked_and_the_next_command_is_told(prefcal):
+    code, out, err = prefcal("check", "oven.toml", "--knob", "K_i=0.1:1:log 1/s")
+    assert code == 0, err
+    told = " ".join(out.split())
+    assert "2: K_p, K_i" in told
+    assert "prefcal calibrate oven.toml --knob 'K_i=0.1:1:log 1/s'" in told
+
+
+def test_the_check_of_a_file_that_is_wrong_names_the_key(prefcal, tmp_path):
+    (tmp_path / "oven.toml").write_text(f"knbos = 1\n{OVEN}", encoding="utf-8")
+    code, out, _ = prefcal("check", "oven.toml", "--json")
+    assert code == 1
+    assert "Did you mean 'knobs'?" in json.loads(out)["checks"][0]["words"]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["oven.toml", "--knob", "K_p"], "NAME=LOW:HIGH"),
+        (["oven.toml", "--knob", "K=1:2", "--knob", "K=1:3"], "--knob gives 'K' twice"),
+        (["oven.toml", "--reference", "temperature"], "--reference must be NAME=NUMBER"),
+        (["cstr", "--stop-time", "3"], "--stop-time describes an FMU"),
+        (["oven.toml", "--calibrator", "synthetic"], "only a person can run"),
+    ],
+)
+def test_options_that_cannot_be_are_refused(prefcal, words, says):
+    code, _, err = prefcal("calibrate", *words)
+    assert code == 2
+    assert says in " ".join(err.split())

@@ -1,0 +1,175 @@
+"""Scenarios of TOML files, and what is said of a file that is wrong."""
+
+import os
+
+import numpy as np
+import pytest
+
+from prefcal_env.errors import ScenarioError, SettingsError, StudyError
+from prefcal_scenarios.own.described.options import words_of, words_to_resume
+from prefcal_scenarios.own.described.plant import plant_at
+from prefcal_scenarios.own.described.resuming import resumed_source
+from prefcal_scenarios.scenario import is_own, load
+
+OVEN = """
+title = "Heating an oven"
+show = ["power", "temperature"]
+
+[rig]
+instructions = "Let the oven cool."
+time_unit = "min"
+
+[rig.outputs]
+temperature = { unit = "°C", band = 2, sensor = [0, 400] }
+
+[rig.inputs]
+power = { unit = "%", low = 0, high = 100 }
+
+[reference]
+temperature = 200
+
+[knobs]
+K_p = "0.5:20:log %/K"
+K_i = { low = 0.01, high = 2, scale = "log", about = "Integral gain." }
+
+[kpis]
+"settling time of temperature" = 20
+"overshoot of temperature" = { title = "overshoot" }
+
+[panels]
+power = { title = "heating" }
+
+[starts]
+now = { K_p = 2, K_i = 0.1 }
+"""
+KNOB = '[rig.outputs]\na = {}\n[reference]\na = 1\n[knobs]\nk = "1:2"\n'
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text, name="oven.toml"):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        return str(tmp_path / name)
+
+    return write
+
+
+def test_a_rig_needs_no_code(written):
+    oven = load(written(OVEN))
+    assert (oven.name, oven.title) == ("oven", "Heating an oven")
+    assert [(k.name, k.unit, k.scale) for k in oven.space] == [
+        ("K_p", "%/K", "log10"), ("K_i", "", "log10"),
+    ]  # fmt: skip
+    assert [(k.title, k.unit, k.at_most) for k in oven.kpis] == [
+        ("settling time of temperature", "min", 20.0), ("overshoot", "°C", np.inf),
+    ]  # fmt: skip
+    assert [(p.name, p.title) for p in oven.panels] == [("power", "heating"), ("temperature", "")]
+    np.testing.assert_array_equal(oven.references["now"], [2.0, 0.1])
+    record = "time [min],temperature [°C],power [%]\n0,20,100\n1,150,100\n2,200,30\n"
+    assert oven.run.read(record, np.array([2.0, 0.1])).kpis["settling time of temperature"] == 2.0
+
+
+def test_a_file_without_kpis_gets_them_and_one_that_says_none_has_none(written):
+    assert load(written(KNOB)).kpis[0].name == "settling time of a"
+    assert load(written(f'kpis = "none"\n{KNOB}')).kpis == ()
+
+
+def test_options_add_to_a_file_and_replace_what_it_says(written):
+    source = f'{written(OVEN)} {{"knobs": {{"K_p": "1:2"}}, "reference": {{"temperature": 150}}}}'
+    oven = load(source)
+    assert [(k.low, k.high) for k in oven.space] == [(1, 2), (0.01, 2)]
+    assert oven.run.y_ref == (150.0,)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("knob = 1", "there is no key 'knob'. Did you mean 'knobs'?"),
+        ("fmu = 3", "fmu: expected a text, got 3"),
+        ("x = abc", "is not TOML"),
+        ("title = 'x'", r"expected one of fmu = .*, got none"),
+        ("fmu = 'a.fmu'\ncontroller = 'pid'", "got fmu and controller"),
+        ("[rig]", r"\[rig\]: 'outputs' is missing"),
+        ("[rig.outputs]\na = { unit = 3 }", r"\[rig.outputs\] a: unit: expected a text, got 3"),
+        ("[rig.outputs]\na = {}\n[reference]\nb = 1", "no output of the rig is called 'b'"),
+        ("[rig.outputs]\na = {}\n[reference]\na = 1\nb = 'x'", "reference, b: expected a number"),
+        ("[rig.outputs]\na = {}", r"needs knobs, for example \[knobs\]"),
+        (KNOB.replace('"1:2"', '"1"'), r"\[knobs\]: knob 'k': expected its range LOW:HIGH"),
+        (KNOB.replace('"1:2"', "{ low = 1 }"), r"\[knobs\] k: 'high' is missing"),
+        (KNOB.replace('"1:2"', "{ low = 1, high = 0 }"), "low must be below high"),
+        (KNOB.replace('"1:2"', "{ low = 1, hihg = 2 }"), "Did you mean 'high'?"),
+        (f'{KNOB}[kpis]\n"overshot of a" = 1', "Did you mean 'overshoot of a'?"),
+        (f"{KNOB}[kpis]\n'overshoot of a' = {{ at_mots = 1 }}", "Did you mean 'at_most'?"),
+        (f"{KNOB}[panels]\nb = {{}}", "no channel or signal has this name"),
+        (f"{KNOB}[starts]\nnow = {{ q = 1 }}", "expected a value for each of k, got q"),
+        (f"stop_time = 3\n{KNOB}", "a rig has no stop_time"),
+        (f"plant = 'm.py:p'\n{KNOB}", "a plant needs controller"),
+    ],
+)
+def test_a_wrong_file_is_refused_with_its_name_table_and_key(written, text, says):
+    path = written(text, "bad.toml")
+    with pytest.raises(ScenarioError, match=f"bad.*{says}"):
+        load(path)
+
+
+def test_a_file_that_does_not_exist_is_refused():
+    with pytest.raises(ScenarioError, match=r"cannot read the scenario 'none\.toml'"):
+        load("none.toml")
+
+
+@pytest.mark.parametrize("source", ["a.toml", "b/loop.fmu", 'pid {"plant": "m.py:p"}', "pid"])
+def test_what_data_describe_runs_in_a_process_of_its_own(source):
+    assert is_own(source)
+
+
+def test_a_plant_is_found_in_its_file_and_its_paths_start_at_the_file_that_names_it(written):
+    model = written(
+        "from prefcal_env import Channel\nfrom prefcal_env.plants import FunctionPlant\n"
+        "tank = FunctionPlant(lambda x, u, d: [u[0] - x[0]], states=[Channel('h')],"
+        " inputs=[Channel('q')])\nmatrices = ([[-1.0]], [[1.0]], [[1.0]], [[0.0]])\nword = 'x'\n",
+        "described_model.py",
+    )
+    assert plant_at(f"{model}:tank").states[0].name == "h"
+    assert len(plant_at(f"{model}:matrices").outputs) == 1
+    with pytest.raises(ScenarioError, match="Did you mean 'tank'"):
+        plant_at(f"{model}:tnak")
+    with pytest.raises(ScenarioError, match="must be a prefcal plant"):
+        plant_at(f"{model}:word")
+    with pytest.raises(ScenarioError, match=r"model\.py:NAME"):
+        plant_at(model)
+
+
+KEPT = 'a/loop.fmu {"knobs": {"K": "1:2"}, "show": ["y"]}'
+
+
+def test_a_study_keeps_what_is_not_said_again_from_any_folder():
+    assert resumed_source(KEPT, "../a/loop.fmu") == f"../{KEPT}"
+    assert resumed_source(KEPT, 'loop.fmu {"show": ["y"]}') == KEPT.removeprefix("a/")
+
+
+def test_a_study_does_not_go_on_with_other_knobs_or_another_file():
+    with pytest.raises(SettingsError, match="started with knobs"):
+        resumed_source(KEPT, 'loop.fmu {"knobs": {"K": "1:3"}}')
+    with pytest.raises(SettingsError, match="started with no reference"):
+        resumed_source(KEPT, 'loop.fmu {"reference": {"y": 1}}')
+    with pytest.raises(StudyError, match="calibrates"):
+        resumed_source(KEPT, "other.fmu")
+
+
+def test_a_plant_is_a_program_that_must_be_named_again_and_may_have_moved():
+    kept = 'pid {"plant": "model.py:plant"}'
+    with pytest.raises(SettingsError, match=r"if you trust it, add --plant model.py:plant"):
+        resumed_source(kept, "pid")
+    moved = f'pid {{"plant": "{os.pardir}/model.py:plant"}}'
+    assert resumed_source(kept, moved) == moved
+    with pytest.raises(SettingsError, match="started with plant"):
+        resumed_source(kept, 'pid {"plant": "model.py:other"}')
+
+
+def test_a_source_is_written_as_options():
+    source = 'loop.fmu {"knobs": {"K": "1:2"}, "reference": {"y": 2.0}, "show": ["y", "u"]}'
+    words = ["loop.fmu", "--knob", "K=1:2", "--show", "y,u", "--reference", "y=2.0"]
+    assert words_of(source) == words
+    assert words_to_resume(source) == ["loop.fmu"]
+    assert words_of('overtake {"lanes_count": 3}') == ['overtake {"lanes_count": 3}']
+    assert words_to_resume('pid {"plant": "m.py:p"}') == ["pid", "--plant", "m.py:p"]

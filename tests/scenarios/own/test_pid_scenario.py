@@ -1,0 +1,109 @@
+import json
+
+import numpy as np
+import pytest
+
+from prefcal_env import Channel, End, FunctionPlant, Knob
+from prefcal_env.errors import ScenarioError
+from prefcal_env.plants.plant import Plant
+from prefcal_scenarios import load_controller
+from prefcal_scenarios.own.pid_scenario import pid_scenario
+
+VALVE = Channel("valve", "%", 0, 100)
+PLANTS = {
+    "lag with dead time": Plant.of(([0.8], [20, 1]), delay=6.0, inputs=[VALVE], outputs=["T"]),
+    "integrator": Plant.of(([0.05], [1, 0]), delay=2.0),
+    "double lag": Plant.of(([1.0], [1, 2, 1])),
+    "oscillating": Plant.of(([1.0], [1, 0.2, 1])),
+    "unstable": Plant.of(([1.0], [5, -1]), delay=0.4),
+    "non-minimum phase": Plant.of(([-1.0, 1.0], [1, 3, 3, 1])),
+    "negative gain": Plant.of(([-2.0], [10, 1]), delay=1.0),
+}
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_the_middle_of_the_ranges_is_stable_and_random_tunings_are_often_sane(name):
+    scenario = pid_scenario(PLANTS[name])
+    space = scenario.space
+    middle = scenario.run(space.decode(np.full(len(space), 0.5)))
+    assert middle.end is End.TIME_UP
+    assert middle.kpis["M_s"] < 3
+    assert np.isfinite(middle.kpis["settling_time"])
+    drawn = np.random.default_rng(0).random((200, len(space)))
+    measure = scenario.run.kpis
+    stable = [np.isfinite(measure.sensitivity(space.decode(z))) for z in drawn]
+    assert np.mean(stable) >= 0.2
+
+
+@pytest.mark.parametrize("name", ["lag with dead time", "integrator", "non-minimum phase"])
+def test_the_ranges_hold_the_tunings_of_known_rules(name):
+    scenario = pid_scenario(PLANTS[name])
+    assert {"SIMC", "Ziegler-Nichols", "robust"} <= set(scenario.references)
+    for theta in scenario.references.values():
+        inside = scenario.space.encode(theta)[:2]
+        assert np.all((inside > 0) & (inside < 1))
+
+
+def test_a_direct_and_a_reversed_plant_are_controlled_in_their_directions():
+    theta = np.array([1.0, 5.0, 0.0, 1.0])
+    for name, sign in (("lag with dead time", 1), ("negative gain", -1)):
+        assert np.sign(pid_scenario(PLANTS[name]).controller(theta).parameters["K_p"]) == sign
+
+
+def test_a_tank_starts_at_rest_inside_its_limits():
+    tank = FunctionPlant(
+        lambda x, u, d: [0.02 * u[0] - 0.1 * np.sqrt(np.maximum(x[0], 0))],
+        states=[Channel("level", "m", 0, 10)],
+        inputs=[VALVE],
+    )
+    e = pid_scenario(tank, reference={"level": 5.0}).run(np.array([10.0, 10.0, 0.1, 1.0]))
+    assert 0 < e.x[0, 0] < 10
+    assert e.y_ref[0, 0] == 5.0
+
+
+def test_two_outputs_get_two_paired_loops():
+    A, B = np.diag([-1.0, -0.5]), np.array([[0.2, 1.0], [1.0, 0.1]])
+    scenario = pid_scenario(Plant.of((A, B, np.eye(2), np.zeros((2, 2)))))
+    assert scenario.space.names[:5] == ("K_p_1", "T_i_1", "T_d_1", "b_1", "K_p_2")
+    made = scenario.controller(scenario.references["robust"])
+    assert [(p.output, p.input) for p in made.pids] == [(0, 1), (1, 0)]
+    e = scenario.run(scenario.references["robust"])
+    assert e.end is End.TIME_UP
+    assert {kpi.name for kpi in scenario.kpis} <= set(e.kpis)
+
+
+def test_own_knobs_and_horizon_replace_what_is_found():
+    plant = PLANTS["double lag"]
+    scenario = pid_scenario(plant, knobs=[Knob("K_p", 1, 5)], horizon=30.0, title="Mine")
+    assert (scenario.space.knobs[0].low, scenario.space.knobs[0].high) == (1, 5)
+    assert scenario.run(np.array([2.0, 1.0, 0.1, 1.0])).duration == pytest.approx(30.0, abs=0.1)
+    assert scenario.title == "Mine"
+
+
+def test_the_exported_pid_is_loaded_without_the_plant(tmp_path):
+    scenario, theta = pid_scenario(PLANTS["integrator"]), np.array([2.0, 9.0, 0.5, 0.4])
+    content = {"format": 1, "scenario": "gone.py:plant", "theta": {}}
+    path = tmp_path / "best.json"
+    path.write_text(json.dumps({**content, "settings": scenario.settings(theta)}))
+    assert load_controller(path).parameters == scenario.controller(theta).parameters
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"reference": {"levle": 1.0}}, "no output of plant"),
+        ({"reference": {"y": 0.0}}, "is where the experiment"),
+        ({"knobs": [Knob("K", 1, 2)]}, "no knob of this PID"),
+        ({"horizon": -1.0}, "horizon must be above 0"),
+    ],
+)
+def test_what_does_not_fit_is_refused(wrong, said):
+    with pytest.raises(ScenarioError, match=said):
+        pid_scenario(PLANTS["double lag"], **wrong)
+
+
+def test_the_same_tuning_gives_the_same_experiment():
+    theta = np.array([1.0, 9.0, 0.5, 0.4])
+    assert pid_scenario(PLANTS["unstable"]).run(theta) == pid_scenario(PLANTS["unstable"]).run(
+        theta
+    )

@@ -1,0 +1,95 @@
+"""A scenario that states no KPIs gets a few tracking KPIs, unless it says that it has none."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from prefcal_env import Channel, Channels, ClosedLoop, Knob, KnobSpace, Move, PlantEnv, Rig, Task
+from prefcal_env.plants import FunctionPlant
+from prefcal_scenarios.own.tracking import Tracked, found_rows
+from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
+from toy_study import toy_scenario
+
+LEVEL = Channel("level", "m")
+VALVE = Channel("valve", "%", low=0, high=100)
+SPACE = KnobSpace([Knob("K", 1, 100)])
+FOUND = ["settling time of level", "overshoot of level", "integrated error of level",
+         "total move of valve"]  # fmt: skip
+
+
+class P:
+    T_s = 0.5
+
+    def __init__(self, theta):
+        self.K = theta[0]
+
+    def move(self, m):
+        return Move(np.array([self.K * (m.y_ref[0] - m.x[0])]))
+
+
+def loop():
+    plant = FunctionPlant(lambda x, u, d: [0.02 * u[0] - 0.1 * x[0]], states=[LEVEL],
+                          inputs=[VALVE])  # fmt: skip
+    task = Task(x0=np.zeros(1), u0=np.zeros(1), y_ref=np.array([2.0]), horizon=20.0)
+    return ClosedLoop(lambda: PlantEnv(plant, task), P)
+
+
+def test_a_closed_loop_with_a_set_point_gets_kpis_with_units_at_once():
+    scenario = Scenario("tank", "Tank", SPACE, loop())
+    assert [kpi.name for kpi in scenario.kpis] == FOUND
+    assert [kpi.unit for kpi in scenario.kpis] == ["s", "m", "m s", "%"]
+    assert {kpi.goal for kpi in scenario.kpis} == {"lower"}
+    assert set(FOUND) <= scenario.run(np.array([30.0])).kpis.keys()
+
+
+def test_a_plain_function_gets_its_kpis_from_its_first_experiment():
+    made = loop()
+    scenario = Scenario("tank", "Tank", SPACE, lambda theta, seed=0: made(theta, seed))
+    assert finds_kpis(scenario)
+    assert finds_kpis(replace(scenario, title="Other"))
+    found = with_found_kpis(scenario, scenario.run(np.array([30.0])))
+    assert [kpi.name for kpi in found.kpis] == FOUND
+
+
+def test_a_scenario_can_say_that_it_has_none_and_its_run_stays_its_own():
+    run = loop()
+    scenario = Scenario("tank", "Tank", SPACE, run, kpis=())
+    assert not finds_kpis(scenario)
+    assert scenario.run is run
+    assert not scenario.run(np.array([30.0])).kpis
+
+
+def test_kpis_that_are_stated_stay_alone():
+    toy = toy_scenario()
+    assert with_found_kpis(toy, toy.run(np.array([0.875, 22.0, 1.0]))) is toy
+
+
+def test_the_records_of_a_rig_get_kpis_beside_its_own():
+    level = replace(LEVEL, target=2.0, band=0.1)
+    rig = Rig(Channels((level,), (VALVE,), (level,)), (2.0,), kpis=lambda e: {"mine": 1.0})
+    scenario = Scenario("rig", "Rig", SPACE, rig)
+    text = "time [s],level [m],valve [%]\n0,0,50\n1,1,40\n2,2,30\n3,2,30\n"
+    made = scenario.run.read(text, np.array([30.0]))
+    assert made.kpis["settling time of level"] == 2.0
+    assert made.kpis["total move of valve"] == 20.0
+    assert made.kpis["mine"] == 1.0
+
+
+def test_without_a_reference_nothing_is_found():
+    assert found_rows(Channels((LEVEL,), (VALVE,), (LEVEL,))) == []
+
+
+@pytest.mark.parametrize("count", [2, 4, 9])
+def test_many_outputs_leave_few_enough_kpis_to_read(count):
+    outputs = tuple(Channel(f"y{i}", "m", target=1.0) for i in range(count))
+    names = [row["name"] for row in found_rows(Channels((), (VALVE,), outputs))]
+    assert len(names) <= max(10, count)
+    assert {f"settling time of y{i}" for i in range(count)} <= set(names)
+
+
+def test_a_tracked_run_passes_on_what_is_no_experiment_and_can_be_pickled():
+    tracked = pickle.loads(pickle.dumps(Tracked(float, ("a",))))
+    assert tracked.names == ("a",)
+    assert Tracked(lambda theta, seed: None)(np.zeros(1)) is None
