@@ -12,8 +12,21 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
-from ctypes import Array, c_bool, c_double, c_float, c_int, c_int8, c_int16, c_int32, c_int64
-from ctypes import c_uint8, c_uint16, c_uint32, c_uint64
+from ctypes import (
+    Array,
+    c_bool,
+    c_double,
+    c_float,
+    c_int,
+    c_int8,
+    c_int16,
+    c_int32,
+    c_int64,
+    c_uint8,
+    c_uint16,
+    c_uint32,
+    c_uint64,
+)
 from queue import SimpleQueue
 from typing import Any, BinaryIO, NamedTuple
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-TANK = '''
+TANK = """
 import os
 
 from pythonfmu import DefaultExperiment, Fmi2Causality, Fmi2Slave, Fmi2Variability, Integer, Real
@@ -41,10 +41,10 @@ class Tank(Fmi2Slave):
             if self.mode == 4:
                 self.level = float("nan")
         return True
-'''
+"""
 HANGS, CRASHES, RAISES, NAN = 1, 2, 3, 4
 """Values of `mode`: what happens after 5 s."""
-TANK_3 = '''
+TANK_3 = """
 from pythonfmu3 import DefaultExperiment, Fmi3Causality, Fmi3Slave, Fmi3Variability, Float64, Unit
 
 
@@ -71,7 +71,7 @@ class Tank3(Fmi3Slave):
         self.valve = min(max(self.K_p * (error + self.integral), 0.0), 10.0)
         self.level += h * (self.valve - self.level**0.5) / 5
         return True
-'''
+"""
 
 
 def built(folder: Path, version: int = 2) -> Path:
