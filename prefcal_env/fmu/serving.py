@@ -27,6 +27,7 @@ from ctypes import (
     c_uint32,
     c_uint64,
 )
+from itertools import pairwise
 from queue import SimpleQueue
 from typing import Any, BinaryIO, NamedTuple
 
@@ -219,7 +220,7 @@ class _Simulation:
         instants = self._job.instants.tolist()
         last, every = len(instants) - 1, self._job.every
         rows.append(self._row(instants[0]))
-        for number, (now, then) in enumerate(zip(instants, instants[1:], strict=False), 1):
+        for number, (now, then) in enumerate(pairwise(instants), 1):
             self._step(now, then - now)
             if not number % every or number == last:
                 rows.append(self._row(then))

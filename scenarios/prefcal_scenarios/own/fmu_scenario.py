@@ -44,7 +44,7 @@ class FMURun:
         self.channels: Channels = loop.channels
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Simulate θ, physical, shape (n,). Raises RunError if it hangs, crashes or cannot start."""
+        """Simulate θ, physical, shape (n,). Raises RunError if there is no record."""
         return self.loop.attempt(theta)
 
 
@@ -146,7 +146,7 @@ def _shown(
 
 
 def _is_input(variable: Variable) -> bool:
-    """Return whether the causality or the last part of the name says that it is a control signal."""
+    """Return whether causality or the last part of the name make it a control signal."""
     return variable.causality == "input" or any(
         _ACTUATORS.fullmatch(part) for part in _parts(variable.name)
     )

@@ -57,7 +57,7 @@ def test_a_knob_with_another_unit_is_refused(tank3):
 
 def test_a_knob_beyond_the_limits_of_the_fmu_is_refused(tank, tmp_path):
     limited = edited(tank, tmp_path / "limited.fmu", '<Real start="1"', '<Real start="1" max="50"')
-    with pytest.raises(KnobError, match="must lie in .*50.*, the limits of the FMU"):
+    with pytest.raises(KnobError, match=r"must lie in .*50.*, the limits of the FMU"):
         FMULoop(limited, [GAIN], ["level"])
     loop = FMULoop(limited, [Knob("K_p", 0.1, 50)], ["level"])
     with pytest.raises(KnobError, match="limits of the FMU, got 60"):
@@ -86,13 +86,13 @@ def test_a_wrong_name_or_time_is_refused(tank, arguments, words):
 
 
 def test_a_file_that_is_no_fmu_for_this_computer_is_refused(tank, tmp_path):
-    with pytest.raises(PlantError, match="give the path of a .fmu file"):
+    with pytest.raises(PlantError, match=r"give the path of a \.fmu file"):
         read_model(tmp_path / "gone.fmu")
     (tmp_path / "text.fmu").write_text("hello")
     with pytest.raises(PlantError, match="is no FMU that can be read"):
         read_model(tmp_path / "text.fmu")
     bare = edited(tank, tmp_path / "bare.fmu", without="binaries")
-    with pytest.raises(PlantError, match="bare.fmu"):
+    with pytest.raises(PlantError, match=r"bare\.fmu"):
         read_model(bare)
     exchange = edited(tank, tmp_path / "exchange.fmu", "CoSimulation", "ModelExchange")
     with pytest.raises(PlantError, match="co-simulation"):
