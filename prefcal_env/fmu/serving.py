@@ -112,16 +112,14 @@ class _Reader:
         self._references = (c_uint32 * count)(*references)
         self._buffer: Array[Any] = (_C_TYPES[version][type_] * count)()
         self._view = np.ctypeslib.as_array(self._buffer)
-        self._counts = (count,) if version == "2" else (count, count)
+        # FMI 3 is told the number of values, too, which are more with arrays.
+        self._counts: list[int] = [count] * (1 if version == "2" else 2)
         self._columns = columns
 
     def read(self, row: Any) -> None:
         """Write the current values into `row` of the record, shape (m,)."""
-        if self._counts[1:]:
-            self._get(self._fmu.component, self._references, self._counts[0], self._buffer,
-                      self._counts[1])  # fmt: skip
-        else:
-            self._get(self._fmu.component, self._references, self._counts[0], self._buffer)
+        count, *values = self._counts
+        self._get(self._fmu.component, self._references, count, self._buffer, *values)
         row[self._columns] = self._view
 
 
