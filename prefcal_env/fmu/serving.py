@@ -273,7 +273,8 @@ def main() -> None:
     given, out = _pipes()
     job = Job(*pickle.load(given))
     requests: SimpleQueue[list[float] | None] = SimpleQueue()
-    threading.Thread(target=_listen, args=(given, requests, job.folder), daemon=True).start()
+    gone = threading.Event()
+    threading.Thread(target=_listen, args=(given, requests, gone, job.folder), daemon=True).start()
     try:
         simulation = _Simulation(job)
     except Exception as error:
@@ -286,6 +287,8 @@ def main() -> None:
         _say(out, tuple(answer))
         simulation.try_reset(theta, answer)
     simulation.close()
+    if gone.is_set():
+        _tidy(job.folder)
 
 
 def _say(out: BinaryIO, content: Any) -> None:
@@ -304,19 +307,23 @@ def _pipes() -> tuple[BinaryIO, BinaryIO]:
     return given, out
 
 
-def _listen(given: BinaryIO, requests: Any, folder: str) -> None:
+def _listen(given: BinaryIO, requests: Any, gone: threading.Event, folder: str) -> None:
     """Pass on requests; end the process soon after prefcal is gone, whatever is running."""
-    gone = False
     try:
         while (request := pickle.load(given)) is not None:
             requests.put(request)
     except (EOFError, OSError, pickle.UnpicklingError):
-        gone = True
+        gone.set()
     requests.put(None)
     time.sleep(_TIDYING)
-    if gone:
-        shutil.rmtree(os.path.dirname(folder), ignore_errors=True)
+    if gone.is_set():
+        _tidy(folder)
     os._exit(1)
+
+
+def _tidy(folder: str) -> None:
+    """Remove the files of the FMU, and the folder around them."""
+    shutil.rmtree(os.path.dirname(folder), ignore_errors=True)
 
 
 if __name__ == "__main__":

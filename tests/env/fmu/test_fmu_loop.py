@@ -3,6 +3,10 @@
 import os
 import pickle
 import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -128,6 +132,34 @@ def test_closing_ends_the_process_and_removes_its_files(tank):
     loop.close()
     assert not home.exists()
     assert not os.path.exists(f"/proc/{pid}")
+
+
+@pytest.mark.parametrize("mode", [0, HANGS])
+def test_the_process_and_its_files_outlive_no_prefcal_that_was_killed(tank, mode):
+    code = (
+        "import sys, numpy as np\nfrom prefcal_env import FMULoop, Knob\n"
+        "loop = FMULoop(sys.argv[1], [Knob('mode', 0, 4, integer=True)], ['level'])\n"
+        "loop(np.array([0.0]))\nprint(loop.pid, loop._process._held.home, flush=True)\n"
+        "loop(np.array([float(sys.argv[2])]))\nsys.stdin.read()"
+    )
+    command = [sys.executable, "-c", code, str(tank), str(mode)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as one:
+        pid, home = one.stdout.readline().split()
+        one.kill()
+    for _ in range(300):  # it takes a second; a busy machine takes more
+        if not os.path.exists(home) and not alive(pid):
+            break
+        time.sleep(0.1)
+    assert not os.path.exists(home)
+    assert not alive(pid)
+
+
+def alive(pid):
+    """Return whether a process runs; one that nobody waits for is a zombie and does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 def test_an_fmi_3_model_brings_its_units(tmp_path):
