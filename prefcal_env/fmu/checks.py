@@ -1,6 +1,6 @@
 """Check knobs, curves and times of a loop against its FMU, before anything runs."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, floor, isfinite
 
@@ -109,7 +109,7 @@ def _check_range(knob: Knob, variable: Variable) -> None:
 
 
 def referenced(
-    model: Model, outputs: Collection[str], reference: Mapping[str, float | str] | None
+    model: Model, outputs: Mapping[str, object], reference: Mapping[str, float | str] | None
 ) -> tuple[dict[str, float], dict[str, Variable]]:
     """Return the references that are numbers, and those that are variables, by shown output.
 
