@@ -124,7 +124,8 @@ class Process:
 
     def _started(self) -> "_Worker":
         held = self._held
-        if held.home is None:
+        if held.home is None or (held.worker is None and not held.home.exists()):
+            # Computers tidy their temporary folders, and a study may take weeks.
             held.home = _extracted(self._job.path)
         if held.worker is None:
             worker = _Worker(held.home)

@@ -1,5 +1,6 @@
 import os
 import pickle
+import shutil
 import zipfile
 from pathlib import Path
 
@@ -269,3 +270,12 @@ def test_a_loop_that_was_deleted_while_its_fmu_hung_leaves_nothing(folder, tmp_p
     assert made.pid is None
     del made
     assert not list(tmp_path.iterdir())
+
+
+def test_files_that_were_tidied_away_are_unpacked_again(tank, monkeypatch):
+    monkeypatch.setattr("prefcal_env.fmu.process._RUNS", 1)
+    made = loop(tank)
+    first = made(GOOD)
+    shutil.rmtree(made._process._held.home)
+    assert made(GOOD) == first
+    made.close()

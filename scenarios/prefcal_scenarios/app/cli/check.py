@@ -208,7 +208,7 @@ def _end(
     _print_findings(checkup, findings)
     from rich.console import Console
 
-    console = Console()
+    console = Console(emoji=False)  # ":100:" in the range of a knob is no emoji
     if picture is not None:
         console.print(f"Picture: {picture}", soft_wrap=True, markup=False, highlight=False)
     ran = checkup is not None and checkup.experiment is not None
