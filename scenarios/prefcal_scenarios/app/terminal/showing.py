@@ -45,14 +45,9 @@ KEYS = (
 
 
 def show_question(
-    interview: Interview,
-    now: Now,
-    console: Console,
-    *,
-    blind: bool,
-    seen: Seen | None = None,
+    interview: Interview, now: Now, console: Console, *, blind: bool, seen: Seen | None = None,
     maneuver: int = 0,
-) -> None:
+) -> None:  # fmt: skip
     """Print both sides, next to each other if there is room, and the keys.
 
     The curves of both sides start on the same line and share the study's axes. In a terminal they
@@ -72,8 +67,7 @@ def show_question(
     pair = pairs[maneuver % len(pairs)]
     if pair.name:
         at = maneuver % len(pairs) + 1
-        words = f"Maneuver {at} of {len(pairs)}: {printable(pair.name)}. [j] the next one"
-        console.print(words, markup=False, highlight=False)
+        _name_maneuver(console, f"Maneuver {at} of {len(pairs)}: {printable(pair.name)}")
         above += 1
     sides = _sides(question, interview.scenario, console, seen, pair, blind=blind, above=above)
     if wide:
@@ -90,6 +84,10 @@ def show_question(
         f"[←] left  [→] right  {much}[↓] same  [s] can't tell  [z] undo  [?] all keys  [x] stop",
         markup=False, highlight=False,
     )  # fmt: skip
+
+
+def _name_maneuver(console: Console, words: str) -> None:
+    console.print(f"{words}. [j] the next one", markup=False, highlight=False)
 
 
 def _told(interview: Interview, now: Now, *, blind: bool) -> Text:
