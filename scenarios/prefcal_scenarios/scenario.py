@@ -17,8 +17,8 @@ from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.panels import Panel as Panel
 from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.live import LiveRig
+from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.rig import Rig
 from prefcal_scenarios.own.checks import check_parts
 from prefcal_scenarios.own.nearest import did_you_mean

@@ -107,7 +107,8 @@ def _of_live_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
         rig = live_rig(d.opcua)
     except (KnobError, SettingsError) as error:
         raise ScenarioError(f"{where}, [opcua]: {error}") from error
-    kpis = tuple(KPI(**row) for row in found_rows(rig.channels, tracking_rows(rig.channels)))
+    measured = dict.fromkeys(tracking_rows(rig.channels), 0.0)  # only the names count
+    kpis = tuple(KPI(**row) for row in found_rows(rig.channels, measured))
     title, name = d.title or f"Live plant {Path(where).stem}", Path(where).stem
     return Scenario(name, title, rig.space, rig, kpis=kpis)
 

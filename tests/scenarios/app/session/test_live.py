@@ -123,14 +123,14 @@ class KilledError(BaseException):
 
 def test_no_answer_and_no_experiment_is_lost_by_kills_at_random_instants(scenario, plant, tmp_path):
     rng, path = np.random.default_rng(7), tmp_path / "mine.prefcal"
-    interview = begin(scenario, n_max=7, path=path)
+    interview = begin(scenario, n_max=5, path=path)
     answered, ran, kills = 0, 0, 0
     while (now := waited_for(interview)).phase is not Phase.OVER:
         if now.phase is Phase.QUESTION:
             answered += 1
             interview.answer(now.question.id, Choice.LEFT)
             continue
-        until = plant.now + rng.uniform(0.0, 40.0)
+        until = plant.now + rng.uniform(0.0, 90.0)
 
         def kill(plant, until=until):
             if until <= plant.now:
@@ -149,5 +149,5 @@ def test_no_answer_and_no_experiment_is_lost_by_kills_at_random_instants(scenari
         state = interview.now().state
         assert (len(state.answers), len(state.finished)) == (answered, ran)
     assert kills
-    assert ran == 7
+    assert ran == 5
     assert [plant.values[node] for node in ("kp", "ti", "sp")] == pytest.approx([1.0, 10.0, 1.0])
