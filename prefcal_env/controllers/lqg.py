@@ -80,7 +80,7 @@ def _lasting(m: Linearized, T_s: float, Q: np.ndarray, R: np.ndarray) -> Float[n
             "the outputs do not tell the plant's state: measure more of them, or give every state "
             "that does not decay by itself a process deviation above 0"
         ) from error
-    return (P + P.T) / 2
+    return np.asarray((P + P.T) / 2)
 
 
 def _deviations(name: str, value: Any, n: int, *, above: bool = False) -> Float[np.ndarray, " n"]:

@@ -8,8 +8,8 @@ from math import floor, log10
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.controllers.rules import Process, Tuning, robust, simc, ziegler_nichols
-from prefcal_env.controllers.sampled import sampled
+from prefcal_env.controllers.rules import Candidates, Process, Tuning, robust, simc, ziegler_nichols
+from prefcal_env.controllers.sampled import Sampled, sampled
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Jacobians, Plant
@@ -27,6 +27,8 @@ _SAMPLES = 5
 """Samples in the effective dead time or the shortest time constant that matters."""
 _FARTHEST = 25.0
 """Largest ratio of a rule's gain or integral time to those of the robust tuning."""
+_PATIENCE = 1.6
+"""Duration of a phase, in the time that the tuning in the middle takes to settle."""
 _MOST = 1200
 """Largest number of samples in an experiment."""
 
@@ -245,8 +247,18 @@ def _single(
     rules = {"SIMC": simc(half), "SIMC without T_d": simc(half, derivative=False)}
     if not process.unstable:
         rules["Ziegler-Nichols"] = ziegler_nichols(model, omega, sign)
-    known = {name: t for name, t in rules.items() if t is not None and _near(t, center)}
-    return Single(i, j, channel, start, target, load, center, known, 1.6 * time)
+    known = {
+        name: t
+        for name, t in rules.items()
+        if t is not None and _near(t, center) and _stable(model, t)
+    }
+    return Single(i, j, channel, start, target, load, center, known, _PATIENCE * time)
+
+
+def _stable(model: Sampled, tuning: Tuning) -> bool:
+    """Return whether the sampled loop is stable, with the derivative's filter."""
+    one = Candidates(*(np.array([v]) for v in (tuning.K_p, tuning.T_i, tuning.T_d)), N)
+    return bool(one.radius(model)[0] < 1 - 1e-9)
 
 
 def _near(tuning: Tuning, center: Tuning) -> bool:
