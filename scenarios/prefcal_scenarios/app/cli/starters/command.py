@@ -27,9 +27,7 @@ def new(
         Path | None,
         typer.Argument(metavar="[FILE]", help="File to write.", show_default="KIND.py, KIND.toml"),
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace the file if it exists.")
-    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
 ) -> None:
     """Write a commented starter for a scenario of your own.
 
