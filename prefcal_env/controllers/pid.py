@@ -6,6 +6,7 @@ import numpy as np
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Measurement, Move
+from prefcal_env.knobs.knob import is_number
 from prefcal_env.plants.plant import Plant
 
 from .measured import index_of, outputs_of, reference_of
@@ -18,8 +19,8 @@ class PID:
     constant T_d / N, and u = v limited to [low, high].
 
     Sampled: P_k = K_p (b r_k - y_k); I by forward differences, I_{k+1} = I_k + K_p T_s / T_i
-    (r_k - y_k) + min(T_s / T_t, 1) (u_k - v_k); D by backward differences, D_k = T_d / (T_d + N T_s)
-    D_{k-1} + K_p T_d N / (T_d + N T_s) (e_k - e_{k-1}) with e = c r - y, which is stable for any T_d.
+    (r_k - y_k) + min(T_s / T_t, 1) (u_k - v_k); D by backward differences, which are stable for
+    any T_d, D_k = a D_{k-1} + a K_p N (e_k - e_{k-1}), a = T_d / (T_d + N T_s), e = c r - y.
 
     - Anti-windup is back-calculation with the tracking time T_t. u_k is the input that acted, read
       from the next measurement, so limits of the actuator need not be known here.
@@ -103,7 +104,7 @@ class PID:
     @property
     def T_s(self) -> float:
         """Sampling time, in the plant's unit of time."""
-        return self._p["T_s"]
+        return float(self._p["T_s"])
 
     @property
     def parameters(self) -> dict[str, float | None]:
@@ -179,9 +180,7 @@ class PID:
         """Check the parameters, and keep them."""
         for name, value in parameters.items():
             missing = name == "T_t" and value is None
-            if not missing and (
-                isinstance(value, bool) or not np.isscalar(value) or value != value
-            ):
+            if not missing and (not is_number(value) or value != value):
                 raise SettingsError(f"PID: {name} must be a number, got {value!r}")
         for name in ("T_s", "T_i", "N", "T_t"):
             value = parameters[name]

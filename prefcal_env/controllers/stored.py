@@ -39,8 +39,10 @@ def from_data(data: Mapping[str, Any]) -> Controller:
     content = {k: v for k, v in data.items() if k != "controller"}
     try:
         if kind == "PID":
-            missing = {"T_i": np.inf, "low": -np.inf, "high": np.inf}
-            return PID(**{k: missing.get(k) if v is None else v for k, v in content.items()})
+            infinite = {"T_i": np.inf, "low": -np.inf, "high": np.inf}
+            for name in infinite.keys() & content.keys():
+                content[name] = infinite[name] if content[name] is None else content[name]
+            return PID(**content)
         if kind == "Decentralized":
             pids = [from_data(each) for each in content["pids"]]
             return Decentralized([p for p in pids if isinstance(p, PID)])

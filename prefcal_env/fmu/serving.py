@@ -4,16 +4,15 @@ It is started as a script and imports nothing of prefcal, so that it starts quic
 Requests and answers are pickled, one after the other, on what are standard input and output.
 """
 
+import ctypes
 import os
 import pickle
 import shutil
-import sys
 import threading
 import time
 from collections import deque
 from contextlib import suppress
-from ctypes import Array, c_bool, c_double, c_float, c_int, c_int8, c_int16, c_int32, c_int64
-from ctypes import c_uint8, c_uint16, c_uint32, c_uint64
+from itertools import pairwise
 from queue import SimpleQueue
 from typing import Any, BinaryIO, NamedTuple
 
@@ -27,14 +26,12 @@ _QUICK = 1.0
 """Longest run in seconds after which it is tried whether a reset FMU runs in the same way."""
 _TERMINATED = 3
 """Kind of status of FMI 2: the FMU wants to end the simulation."""
+_INTEGERS = ("Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64")
 _C_TYPES: dict[str, dict[str, Any]] = {
-    "2": {"Real": c_double, "Integer": c_int, "Boolean": c_int},
-    "3": {
-        "Float64": c_double, "Float32": c_float, "Boolean": c_bool, "Int8": c_int8,
-        "UInt8": c_uint8, "Int16": c_int16, "UInt16": c_uint16, "Int32": c_int32,
-        "UInt32": c_uint32, "Int64": c_int64, "UInt64": c_uint64,
-    },
-}  # fmt: skip
+    "2": {"Real": ctypes.c_double, "Integer": ctypes.c_int, "Boolean": ctypes.c_int},
+    "3": {"Float64": ctypes.c_double, "Float32": ctypes.c_float, "Boolean": ctypes.c_bool}
+    | {name: getattr(ctypes, f"c_{name.lower()}") for name in _INTEGERS},
+}
 _ENUMERATION = {"2": "Integer", "3": "Int64"}
 _STATUS = {2: "discarded the step", 3: "returned an error", 4: "returned a fatal error"}
 
@@ -95,8 +92,8 @@ class _Reader:
     ) -> None:
         count = len(references)
         self._fmu, self._get = fmu, getattr(fmu, f"fmi{version}Get{type_}")
-        self._references = (c_uint32 * count)(*references)
-        self._buffer: Array[Any] = (_C_TYPES[version][type_] * count)()
+        self._references = (ctypes.c_uint32 * count)(*references)
+        self._buffer: ctypes.Array[Any] = (_C_TYPES[version][type_] * count)()
         self._view = np.ctypeslib.as_array(self._buffer)
         self._counts = (count,) if version == "2" else (count, count)
         self._columns = columns
@@ -170,7 +167,8 @@ class _Simulation:
     def close(self) -> None:
         """Let the FMU release what it holds."""
         if self._fmu.component:
-            self._fmu.freeInstance()
+            free = getattr(self._fmu, f"fmi{self.version}FreeInstance")
+            free(self._fmu.component)
             self._fmu.component = None
 
     def _renew(self) -> None:
@@ -180,7 +178,7 @@ class _Simulation:
         elif self._resettable:
             self._fmu.reset()
         else:
-            self.close()
+            self.close()  # without FMPy's freeInstance, which unloads the library, too
             if self.version == "2":
                 self._fmu.instantiate(callbacks=self._fmu.callbacks)
             else:
@@ -206,7 +204,7 @@ class _Simulation:
         instants = self._job.instants.tolist()
         last, every = len(instants) - 1, self._job.every
         rows.append(self._row(instants[0]))
-        for number, (now, then) in enumerate(zip(instants, instants[1:], strict=False), 1):
+        for number, (now, then) in enumerate(pairwise(instants), 1):
             self._step(now, then - now)
             if not number % every or number == last:
                 rows.append(self._row(then))
@@ -261,7 +259,9 @@ def main() -> None:
     given, out = _pipes()
     job = Job(*pickle.load(given))
     requests: SimpleQueue[list[float] | None] = SimpleQueue()
-    threading.Thread(target=_listen, args=(given, requests, job.folder), daemon=True).start()
+    gone = threading.Event()
+    listening = (given, requests, job.folder, gone)
+    threading.Thread(target=_listen, args=listening, daemon=True).start()
     try:
         simulation = _Simulation(job)
     except Exception as error:
@@ -274,6 +274,8 @@ def main() -> None:
         _say(out, tuple(answer))
         simulation.try_reset(theta, answer)
     simulation.close()
+    if gone.is_set():
+        _remove(job.folder)
 
 
 def _say(out: BinaryIO, content: Any) -> None:
@@ -292,21 +294,24 @@ def _pipes() -> tuple[BinaryIO, BinaryIO]:
     return given, out
 
 
-def _listen(given: BinaryIO, requests: Any, folder: str) -> None:
+def _listen(given: BinaryIO, requests: Any, folder: str, gone: threading.Event) -> None:
     """Pass on requests; end the process soon after prefcal is gone, whatever is running."""
-    gone = False
     try:
         while (request := pickle.load(given)) is not None:
             requests.put(request)
     except (EOFError, OSError, pickle.UnpicklingError):
-        gone = True
+        gone.set()
     requests.put(None)
     time.sleep(_TIDYING)
-    if gone:
-        shutil.rmtree(os.path.dirname(folder), ignore_errors=True)
+    if gone.is_set():
+        _remove(folder)
     os._exit(1)
+
+
+def _remove(folder: str) -> None:
+    """Remove the files of the FMU, which prefcal can no longer do."""
+    shutil.rmtree(os.path.dirname(folder), ignore_errors=True)
 
 
 if __name__ == "__main__":
     main()
-    sys.stdout.flush()

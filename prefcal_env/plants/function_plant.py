@@ -114,13 +114,7 @@ class FunctionPlant:
     ) -> Jacobians:
         """Return the derivatives of f and g at one point."""
         n_x = len(self.states)
-        point = np.concatenate([x, u])
-        AB, CD = (
-            equation.jacobian(x, u, d)
-            if isinstance(equation, CasadiEquation)
-            else derivative(lambda p, name=name: self._values(name, p[:n_x], p[n_x:], d), point)
-            for name, equation in (("f", self._f), ("g", self._g))
-        )
+        AB, CD = self._derivative("f", x, u, d), self._derivative("g", x, u, d)
         return Jacobians(AB[:, :n_x], AB[:, n_x:], CD[:, :n_x], CD[:, n_x:])
 
     def hold(
@@ -169,6 +163,14 @@ class FunctionPlant:
         """Leave out addresses: they mean nothing in another process."""
         return self.__dict__ | {"_equations": None, "_called_back": None}
 
+    def _derivative(self, name: str, x: Any, u: Any, d: Any) -> Float[np.ndarray, "m n"]:
+        """Return the derivative of f or g with respect to (x, u)."""
+        equation, n_x = self._f if name == "f" else self._g, len(self.states)
+        if isinstance(equation, CasadiEquation):
+            return equation.jacobian(x, u, d)
+        point = np.concatenate([x, u])
+        return derivative(lambda p: self._values(name, p[:n_x], p[n_x:], d), point)
+
     def _of_casadi(self, equation: Any) -> Any:
         """Return a CasADi Function as an equation, and anything else unchanged."""
         if not is_function(equation):
@@ -188,7 +190,7 @@ class FunctionPlant:
         if name == "g" and self._g is None:
             return np.array(x)
         equation, channels = (self._f, self.states) if name == "f" else (self._g, self.outputs)
-        values = np.asarray(equation(x, u, d))  # type: ignore[misc]
+        values = np.asarray(equation(x, u, d))
         if values.shape != (len(channels),):
             raise PlantError(
                 f"{name} of plant {self.name!r} must return {len(channels)} values, "

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -12,9 +11,7 @@ from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.fmu import FMULoop, Model, Variable, read_model
 from prefcal_env.knobs.knob import Knob
-
-if TYPE_CHECKING:
-    from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.scenario import Scenario
 
 _SHOWN = 8
 """Number of outputs that are shown at most if none is named."""
@@ -44,7 +41,7 @@ class FMURun:
         self.channels: Channels = loop.channels
 
     def __call__(self, theta: Float[np.ndarray, " n"], seed: int = 0) -> Experiment:
-        """Simulate θ, physical, shape (n,). Raises RunError if it hangs, crashes or cannot start."""
+        """Simulate θ, physical, shape (n,). Raises RunError if there is no record."""
         return self.loop.attempt(theta)
 
 
@@ -58,7 +55,7 @@ def fmu_scenario(
     title: str = "",
     brief: str = "",
     timeout: float = 60.0,
-) -> "Scenario":
+) -> Scenario:
     """Return the scenario of a closed loop in an FMU that includes its controller.
 
     A variable is shown as a control signal if the FMU declares it as an input or its name says so
@@ -83,8 +80,6 @@ def fmu_scenario(
         KnobError: If a knob does not fit its parameter.
         MissingExtraError: If the extra `fmu` is not installed.
     """
-    from prefcal_scenarios.scenario import Scenario
-
     model = read_model(path)
     if not knobs:
         raise ScenarioError(_choice(model))
@@ -146,7 +141,7 @@ def _shown(
 
 
 def _is_input(variable: Variable) -> bool:
-    """Return whether the causality or the last part of the name says that it is a control signal."""
+    """Return whether causality or the last part of the name make it a control signal."""
     return variable.causality == "input" or any(
         _ACTUATORS.fullmatch(part) for part in _parts(variable.name)
     )

@@ -15,15 +15,16 @@ from prefcal_env.envs.experiment_env import ClosedLoop
 from prefcal_env.envs.plant_env import PlantEnv
 from prefcal_env.envs.task import Task
 from prefcal_env.errors import ScenarioError
+from prefcal_env.experiments.experiment import Channel
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.plants.jacobians import Jacobians
 from prefcal_env.plants.plant import Plant
-from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.scenario import KPI, Scenario
 
 from .pid.design import Design, N, design
 from .pid.knobs import space_of, theta_of
-from .pid.kpis import Measure, kpis_of
+from .pid.kpis import Measure, names_of
 from .pid.loaded import Loaded
 from .pid.words import brief_of
 
@@ -218,3 +219,31 @@ def _references(found: Design, space: Any) -> dict[str, Float[np.ndarray, " n"]]
         if all(name in loop.known for loop in found.loops):
             named[name] = [loop.known[name] for loop in found.loops]
     return {name: theta_of(space, tunings) for name, tunings in named.items()}
+
+
+def kpis_of(design: Design, outputs: tuple[Channel, ...], time_unit: str) -> tuple[KPI, ...]:
+    """Return the KPIs, in order of importance; all are better if lower."""
+    found: list[KPI] = []
+    for k, loop in enumerate(design.loops):
+        found += _of_loop(names_of(design, k), outputs[loop.output], loop.channel, time_unit)
+    about = (
+        "Largest amplification of disturbances at any frequency, by the linearized loop: 1.2 to 2 "
+        "is usual, a large one is close to instability."
+    )
+    found.append(KPI("M_s", "sensitivity peak M_s", "", better="lower", about=about))
+    return tuple(found)
+
+
+def _of_loop(end: str, y: Channel, u: Channel, time: str) -> list[KPI]:
+    return [
+        KPI(f"settling_time{end}", f"settling time of {y.name} (within ±5 %)", time,
+            better="lower", about="Time after which it stays close to its reference."),
+        KPI(f"overshoot{end}", f"overshoot of {y.name}", "%", better="lower",
+            about="How far it goes beyond its reference, as a share of the step."),
+        KPI(f"disturbance_peak{end}", f"peak error of {y.name} under the load", y.unit,
+            better="lower", about="Largest distance from the reference after the load sets in."),
+        KPI(f"recovery{end}", f"recovery time of {y.name} (within ±5 %)", time, better="lower",
+            about="Time from the load until it stays close to its reference again."),
+        KPI(f"total_move{end}", f"total move of {u.name}", u.unit, better="lower",
+            about="Sum of all changes of the input: wear of the actuator."),
+    ]  # fmt: skip

@@ -7,8 +7,7 @@ from jaxtyping import Float
 
 from prefcal_env.controllers.rules import Tuning
 from prefcal_env.controllers.sampled import Sampled
-from prefcal_env.experiments.experiment import Channel, Experiment
-from prefcal_scenarios.scenario import KPI
+from prefcal_env.experiments.experiment import Experiment
 
 from .design import Design, Single
 
@@ -19,34 +18,6 @@ _BAND = 0.05
 def names_of(design: Design, loop: int) -> str:
     """Return the suffix of the names of knobs and KPIs of a loop: none if there is only one."""
     return "" if len(design.loops) == 1 else f"_{loop + 1}"
-
-
-def kpis_of(design: Design, outputs: tuple[Channel, ...], time_unit: str) -> tuple[KPI, ...]:
-    """Return the KPIs, in order of importance; all are better if lower."""
-    found: list[KPI] = []
-    for k, loop in enumerate(design.loops):
-        found += _of_loop(names_of(design, k), outputs[loop.output], loop.channel, time_unit)
-    about = (
-        "Largest amplification of disturbances at any frequency, by the linearized loop: 1.2 to 2 "
-        "is usual, a large one is close to instability."
-    )
-    found.append(KPI("M_s", "sensitivity peak M_s", "", better="lower", about=about))
-    return tuple(found)
-
-
-def _of_loop(end: str, y: Channel, u: Channel, time: str) -> list[KPI]:
-    return [
-        KPI(f"settling_time{end}", f"settling time of {y.name} (within ±5 %)", time,
-            better="lower", about="Time after which it stays close to its reference."),
-        KPI(f"overshoot{end}", f"overshoot of {y.name}", "%", better="lower",
-            about="How far it goes beyond its reference, as a share of the step."),
-        KPI(f"disturbance_peak{end}", f"peak error of {y.name} under the load", y.unit,
-            better="lower", about="Largest distance from the reference after the load sets in."),
-        KPI(f"recovery{end}", f"recovery time of {y.name} (within ±5 %)", time, better="lower",
-            about="Time from the load until it stays close to its reference again."),
-        KPI(f"total_move{end}", f"total move of {u.name}", u.unit, better="lower",
-            about="Sum of all changes of the input: wear of the actuator."),
-    ]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)

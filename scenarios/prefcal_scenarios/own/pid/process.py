@@ -1,7 +1,7 @@
 """What limits the control of a linear process: its gain, lags, dead time and unstable parts."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex
 
 from prefcal_env.controllers.rules import Process
 from prefcal_env.controllers.sampled import minimal
@@ -49,7 +49,7 @@ def _gain(M: Jacobians, integrators: int, largest: float) -> float:
     return float((G * s**integrators).real)
 
 
-def _zeros(M: Jacobians) -> Float[np.ndarray, " k"]:
+def _zeros(M: Jacobians) -> Complex[np.ndarray, " k"]:
     """Return the finite zeros: generalized eigenvalues of the system matrix."""
     from scipy.linalg import eigvals
 
@@ -63,4 +63,4 @@ def _zeros(M: Jacobians) -> Float[np.ndarray, " k"]:
     finite = np.abs(beta) > 1e-9 * (np.abs(alpha) + np.abs(beta))
     zeros = alpha[finite] / beta[finite]
     fastest = np.abs(np.linalg.eigvals(M.A)).max()
-    return zeros[np.abs(zeros) < 1e3 * max(fastest, 1e-300)]
+    return np.asarray(zeros[np.abs(zeros) < 1e3 * max(fastest, 1e-300)], dtype=complex)
