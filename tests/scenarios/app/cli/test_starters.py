@@ -53,8 +53,8 @@ def test_a_starter_is_calibrated_and_its_report_has_units(prefcal, tmp_path, kin
     source = f"{kind}.py:scenario"
     assert prefcal("new", kind)[0] == 0
     code, _, err = prefcal(
-        "calibrate", source, "--cost", "cost.py:cost", "--calibrator", "synthetic", "--n-max", "3",
-        "--simulate", "0", "--out", "made",
+        "calibrate", source, "--cost", "cost.py:cost", "--agent", "glis", "--n-max", "3",
+        "--out", "made",
     )  # fmt: skip
     assert code == 0, err
     with (tmp_path / "made" / "comparisons.csv").open(newline="", encoding="utf-8") as file:
