@@ -20,6 +20,8 @@ from .look.command import look
 from .processor import app as processor
 from .reproduce import EPILOG as REPRODUCE_EPILOG
 from .reproduce import reproduce
+from .starters.command import EPILOG as NEW_EPILOG
+from .starters.command import new
 
 app = typer.Typer(
     name="prefcal",
@@ -30,6 +32,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command(epilog=EPILOG)(calibrate)
+app.command(no_args_is_help=True, epilog=NEW_EPILOG)(new)
 app.command(no_args_is_help=True, epilog=CHECK_EPILOG)(check)
 app.command(no_args_is_help=True, epilog=LOOK_EPILOG)(look)
 app.command(epilog=REPORT_EPILOG)(report)
@@ -130,6 +133,7 @@ _MISSING = {
     "OLD": "name the study to rename and its new name: `prefcal studies list` shows yours",
     "NEW": "give the new name, too",
     "FILE": "name the exported file",
+    "KIND": "name a kind of starter: function, pid, controller, mpc, fmu or rig",
     "RUN RUN ...": "name two runs or more: CSV or Parquet files, or STUDY:3",
     "AGENT": "name an agent, or your own as path/to/own.py:Agent",
 }

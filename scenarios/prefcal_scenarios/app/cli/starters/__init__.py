@@ -1,0 +1,1 @@
+"""`prefcal new`: starters for scenarios of people's own."""

@@ -1,0 +1,114 @@
+"""`prefcal new`: every starter runs as it is written."""
+
+import csv
+import shlex
+
+import pytest
+
+from prefcal_scenarios.app.cli.starters.kinds import KINDS
+from prefcal_scenarios.scenario import load
+
+OWN = ["function", "controller", "mpc"]
+FMU = """
+from pythonfmu import DefaultExperiment, Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
+
+
+class Loop(Fmi2Slave):
+    default_experiment = DefaultExperiment(start_time=0.0, stop_time=60.0, step_size=0.5)
+
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.K_p, self.T_i, self.level, self.valve, self.sum = 10.0, 20.0, 1.0, 0.0, 0.0
+        for name in ("K_p", "T_i"):
+            self.register_variable(Real(name, causality=Fmi2Causality.parameter,
+                                        variability=Fmi2Variability.tunable))
+        for name in ("level", "valve"):
+            self.register_variable(Real(name, causality=Fmi2Causality.output))
+
+    def do_step(self, t, h):
+        error = 2.0 - self.level
+        self.sum += error * h / self.T_i
+        self.valve = min(max(self.K_p * (error + self.sum), 0.0), 100.0)
+        self.level += h * (0.004 * self.valve - 0.05 * self.level)
+        return True
+"""
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "fmu"])
+def test_a_starter_passes_its_check_by_the_command_that_is_told(prefcal, kind):
+    code, out, err = prefcal("new", kind)
+    assert code == 0, err
+    check = next(line for line in out.splitlines() if line.startswith("Check it:"))
+    code, out, err = prefcal(*shlex.split(check.partition("prefcal ")[2]))
+    assert code == 0, out + err
+    tune = next(iter(KINDS[kind].source))
+    assert f"prefcal calibrate {tune.replace('FILE', kind + KINDS[kind].suffix)}" in out
+
+
+@pytest.mark.parametrize("kind", OWN)
+def test_a_starter_is_calibrated_and_its_report_has_units(prefcal, tmp_path, kind):
+    (tmp_path / "cost.py").write_text(
+        "def cost(e):\n    return e.kpis['integrated error of level']\n"
+    )
+    source = f"{kind}.py:scenario"
+    assert prefcal("new", kind)[0] == 0
+    code, _, err = prefcal(
+        "calibrate", source, "--cost", "cost.py:cost", "--agent", "glis", "--n-max", "3",
+        "--out", "made",
+    )  # fmt: skip
+    assert code == 0, err
+    with (tmp_path / "made" / "comparisons.csv").open(newline="", encoding="utf-8") as file:
+        headings = next(csv.reader(file))
+    assert any(h.endswith("integrated error of level [m s]") for h in headings), headings
+
+
+def test_the_starter_of_an_fmu_runs_with_the_fmu_that_it_names(prefcal, tmp_path):
+    pytest.importorskip("fmpy")
+    builder = pytest.importorskip("pythonfmu.builder")
+    (tmp_path / "loop.py").write_text(FMU)
+    builder.FmuBuilder.build_FMU(tmp_path / "loop.py", dest=tmp_path)
+    (tmp_path / "Loop.fmu").rename(tmp_path / "loop.fmu")
+    code, out, _ = prefcal("new", "fmu", "tank.toml")
+    assert code == 0
+    assert "Put the path of your FMU" in out
+    code, out, err = prefcal("check", "tank.toml")
+    assert code == 0, out + err
+    assert "settling time of level" in " ".join(out.split())
+
+
+@pytest.mark.parametrize("kind", [kind for kind, row in KINDS.items() if row.suffix == ".py"])
+def test_a_starter_is_at_most_30_lines(kind):
+    lines = KINDS[kind].text().splitlines()
+    assert len(lines) <= 30
+    assert max(map(len, lines)) <= 100
+
+
+def test_a_file_is_replaced_only_by_force(prefcal, tmp_path):
+    (tmp_path / "rig.toml").write_text("mine")
+    code, _, err = prefcal("new", "rig")
+    assert code == 2
+    assert "add --force" in err
+    assert (tmp_path / "rig.toml").read_text() == "mine"
+    assert prefcal("new", "rig", "--force")[0] == 0
+    assert load("rig.toml").title == "Heating an oven"
+
+
+def test_folders_on_the_way_to_the_file_are_made(prefcal, tmp_path):
+    code, out, _ = prefcal("new", "pid", "models/tank.py")
+    assert code == 0
+    assert "prefcal check pid --plant models/tank.py:plant" in out
+    assert (tmp_path / "models" / "tank.py").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["mcp"], "Did you mean 'mpc'?"),
+        (["pid", "a.toml"], "a.py, got 'a.toml'"),
+        (["rig", "rig"], "rig.toml, got 'rig'"),
+    ],
+)
+def test_what_cannot_be_written_is_refused(prefcal, words, says):
+    code, out, err = prefcal("new", *words)
+    assert code == 2
+    assert says in out + err
