@@ -1,6 +1,6 @@
 """Run random sessions on a simulated live plant and check what must never happen.
 
-    python benchmarks/checks/live_sessions.py --sessions 10000
+    python benchmarks/checks/outside/live_sessions.py --sessions 10000
 
 In each session the connection is lost at random instants, the plant may lose or apply a write
 whose answer is lost, values may be of bad quality, an output may cross its abort limit, a person

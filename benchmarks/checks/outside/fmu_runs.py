@@ -1,6 +1,6 @@
 """Run an FMU many times, and measure memory of both processes and the time of a run.
 
-    python benchmarks/checks/fmu_runs.py [--runs 10000]
+    python benchmarks/checks/outside/fmu_runs.py [--runs 10000]
 
 It builds the tank of `docs/fmu_tank.py`. Memory is measured after 500 runs (warm)
 and at the end. Needs pythonfmu, and a system that has /proc.

@@ -1,6 +1,6 @@
 """Run random sessions over a real OPC UA server whose connection breaks during the run.
 
-    python benchmarks/checks/live_opcua.py --seconds 120
+    python benchmarks/checks/outside/live_opcua.py --seconds 120
 
 A relay between prefcal and the example server of `docs/` drops every connection at a random
 instant, and refuses new ones for a random time. Checked: the old values are back on the server
