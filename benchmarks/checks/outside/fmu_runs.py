@@ -18,7 +18,7 @@ import numpy as np
 from prefcal_env import FMULoop, Knob
 
 WARM = 500
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[3] / "docs"
 
 
 def resident(pid: int) -> float:

@@ -23,7 +23,7 @@ import numpy as np
 
 from prefcal_env.live import LiveRig, live_rig
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
+sys.path.insert(0, str(Path(__file__).parents[3] / "docs"))
 from opcua_server import Tank
 
 

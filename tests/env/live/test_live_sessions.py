@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture
 def sessions(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "checks")
+    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "checks" / "outside")
     import live_sessions
 
     return live_sessions

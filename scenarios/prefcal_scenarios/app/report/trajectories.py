@@ -220,7 +220,7 @@ def _multiples(
         places = grid[top : top + len(plots[part]), i % across]
         for place in places:
             place.set_visible(True)
-        _fill(places, [_Row(panel) for panel in plots[part]], found, _short)
+        _fill(list(places), [_Row(panel) for panel in plots[part]], found, _short)
         _above(places[0], part, 21, fontweight="bold")
     most = max(drawn, key=lambda part: len(drawn[part]))
     i = list(drawn).index(most)

@@ -257,7 +257,8 @@ def _single(
 
 def _stable(model: Sampled, tuning: Tuning) -> bool:
     """Return whether the sampled loop is stable, with the derivative's filter."""
-    one = Candidates(*(np.array([v]) for v in (tuning.K_p, tuning.T_i, tuning.T_d)), N)
+    K_p, T_i, T_d = (np.array([v]) for v in (tuning.K_p, tuning.T_i, tuning.T_d))
+    one = Candidates(K_p, T_i, T_d, N)
     return bool(one.radius(model)[0] < 1 - 1e-9)
 
 
