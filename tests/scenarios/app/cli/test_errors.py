@@ -20,7 +20,7 @@ from toy_study import TOY
         ),
         (["calibrate", TOY, "--start", "Ts=1,N_p=5,gain=1"], ["Did you mean 'T_s'?"]),
         (["calib"], ["no such command 'calib'. Did you mean 'calibrate'?"]),
-        (["nonsense"], ["no such command 'nonsense'", "calibrate, check, look, report, "]),
+        (["nonsense"], ["no such command 'nonsense'", "calibrate, new, check, look, report, "]),
         (["calibrate", TOY, "--nmax", "3"], ["no such option: --nmax", "--n-max"]),
         (["calibrate", TOY, "--n-max", "x"], ["--n-max"]),
         (["calibrate", TOY, "more"], ["more", "calibrate --help"]),
