@@ -1,0 +1,83 @@
+"""Studies of described scenarios: killed, resumed and reported from another folder, exported."""
+
+import json
+import signal
+
+import pytest
+
+from prefcal_env.controllers.stored import as_data
+from prefcal_env.study import verify
+from prefcal_scenarios import load_controller
+from support.processes import finished, start, wait_until
+from support.studies import state_of
+
+COST = "def cost(e):\n    return e.kpis['overshoot'] + e.kpis['total_move']\n"
+SCORED = ("--agent", "glis", "--cost", "cost.py:cost")
+
+
+@pytest.fixture
+def plant(prefcal, tmp_path):
+    """Write a plant, and a cost, into the working directory."""
+    assert prefcal("new", "pid", "plant.py")[0] == 0
+    (tmp_path / "cost.py").write_text(COST)
+    return tmp_path
+
+
+def test_a_tuned_pid_is_loaded_and_reported_from_another_folder(prefcal, plant, monkeypatch):
+    (plant / "level.toml").write_text('controller = "pid"\nplant = "plant.py:plant"\n')
+    code, _, err = prefcal(
+        "calibrate",
+        "level.toml",
+        *SCORED,
+        "--n-max",
+        "3",
+        "--study",
+        "level.prefcal",
+        "--out",
+        "out",
+    )
+    assert code == 0, err
+    elsewhere = plant / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    best = json.loads((plant / "out" / "best.json").read_text())
+    pid = load_controller("../out/best.json")
+    assert as_data(pid) == best["settings"]
+    code, _, err = prefcal(
+        "report",
+        "../level.prefcal",
+        "--scenario",
+        "../level.toml",
+        "--out",
+        "again",
+        "--cost",
+        "../cost.py:cost",
+    )
+    assert code == 0, err
+    again = json.loads((elsewhere / "again" / "best.json").read_text())
+    assert again["theta"] == best["theta"]
+
+
+def test_a_killed_study_of_a_pid_is_resumed_from_another_folder(plant):
+    words = ["calibrate", "pid", "--plant", "plant.py:plant", *SCORED, "--study", "level.prefcal"]
+    process = start(plant, *words, "--n-max", "40")
+    study = plant / "level.prefcal"
+    try:
+        # The journal of the file holds what is new.
+        wait_until(lambda: sum(f.stat().st_size for f in plant.glob("level.prefcal*")) > 300_000)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    assert not verify(study)
+    kept = state_of(study).proposed
+    assert 0 < len(kept) < 40
+    elsewhere = plant / "elsewhere"
+    elsewhere.mkdir()
+    code, _, err = finished(
+        elsewhere, "calibrate", "pid", "--plant", "../plant.py:plant", "--cost", "../cost.py:cost",
+        "--study", "../level.prefcal",
+    )  # fmt: skip
+    assert code == 0, err
+    now = state_of(study)
+    assert len(now.finished) == 40
+    assert {index: now.proposed[index] for index in kept} == kept
