@@ -42,7 +42,8 @@ class LQR:
         u0: Its input; None for zeros.
         d0: Its measured disturbances; None for zeros.
         integral: Outputs with integral action, by index or, with a plant, by name.
-        Q_i: Weights of their integrated errors, shape (n_i,) or (n_i, n_i), above 0; a large one removes errors fast.
+        Q_i: Weights of their integrated errors, shape (n_i,) or (n_i, n_i), above 0; a large one
+            removes errors fast.
 
     Raises:
         SettingsError: If the plant does not rest there, a weight is not valid, or no feedback
