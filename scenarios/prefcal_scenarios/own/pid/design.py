@@ -27,7 +27,7 @@ _SAMPLES = 5
 """Samples in the effective dead time or the shortest time constant that matters."""
 _FARTHEST = 25.0
 """Largest ratio of a rule's gain or integral time to those of the robust tuning."""
-_PATIENCE = 1.6
+_PATIENCE = 2.2
 """Duration of a phase, in the time that the tuning in the middle takes to settle."""
 _MOST = 1200
 """Largest number of samples in an experiment."""
@@ -265,7 +265,10 @@ def _stable(model: Sampled, tuning: Tuning) -> bool:
 def _near(tuning: Tuning, center: Tuning) -> bool:
     """Return whether a range around `center` can hold `tuning` without becoming useless."""
     ratios = tuning.K_p / center.K_p, tuning.T_i / center.T_i
-    return all(1 / _FARTHEST <= ratio <= _FARTHEST for ratio in ratios)
+    # T_d starts at 0, so a longer range would move its middle.
+    return tuning.T_d <= 2 * center.T_d and all(
+        1 / _FARTHEST <= ratio <= _FARTHEST for ratio in ratios
+    )
 
 
 def _target(

@@ -22,7 +22,7 @@ _ABOUT = {
     "T_d": "Derivative time: a longer one brakes more, and amplifies noise; 0 is off.",
     "b": "Share of the reference's step that acts at once; a small one starts gently.",
 }
-_REACH = 10.0
+_REACH = 5.0
 """Least ratio of the end of a range to its middle."""
 
 
@@ -63,7 +63,7 @@ def _of_loop(loop: Single, end: str, y: Channel, time_unit: str) -> list[Knob]:
     unit = f"{loop.channel.unit or '1'}/{y.unit}" if y.unit else loop.channel.unit
     gain = _around(abs(center.K_p), [abs(t.K_p) for t in known])
     time = _around(center.T_i, [t.T_i for t in known])
-    longest = _digits(max([2 * center.T_d, *(1.1 * t.T_d for t in known)]))
+    longest = _digits(2 * center.T_d)
     return [
         Knob(f"K_p{end}", *gain, unit, scale="log10", about=where + _ABOUT["K_p"]),
         Knob(f"T_i{end}", *time, time_unit, scale="log10", about=where + _ABOUT["T_i"]),
