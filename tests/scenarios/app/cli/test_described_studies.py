@@ -69,15 +69,16 @@ def test_a_killed_study_of_a_pid_is_resumed_from_another_folder(plant):
         process.send_signal(signal.SIGKILL)
         process.wait()
     assert not verify(study)
-    kept = state_of(study).proposed
+    kept = state_of(study).finished
     assert 0 < len(kept) < 40
     elsewhere = plant / "elsewhere"
     elsewhere.mkdir()
+    (elsewhere / "cost.py").write_text(COST)  # a study keeps how its cost was called
     code, _, err = finished(
-        elsewhere, "calibrate", "pid", "--plant", "../plant.py:plant", "--cost", "../cost.py:cost",
+        elsewhere, "calibrate", "pid", "--plant", "../plant.py:plant", "--cost", "cost.py:cost",
         "--study", "../level.prefcal",
     )  # fmt: skip
     assert code == 0, err
     now = state_of(study)
     assert len(now.finished) == 40
-    assert {index: now.proposed[index] for index in kept} == kept
+    assert {index: now.finished[index] for index in kept} == kept
