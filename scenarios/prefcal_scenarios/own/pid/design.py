@@ -25,7 +25,7 @@ _SHARE = 0.2
 """Share of the input's range that a default step needs at rest."""
 _SAMPLES = 5
 """Samples in the effective dead time or the shortest time constant that matters."""
-_FARTHEST = 25.0
+_FARTHEST = 10.0
 """Largest ratio of a rule's gain or integral time to those of the robust tuning."""
 _PATIENCE = 2.2
 """Duration of a phase, in the time that the tuning in the middle takes to settle."""
