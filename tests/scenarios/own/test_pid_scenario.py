@@ -3,7 +3,8 @@ import json
 import numpy as np
 import pytest
 
-from prefcal_env import Channel, End, FunctionPlant, Knob
+from prefcal_env import LQG, LQR, Channel, End, FunctionPlant, Knob
+from prefcal_env.controllers import as_data
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plants.plant import Plant
 from prefcal_scenarios import load_controller
@@ -90,6 +91,15 @@ def test_the_exported_pid_is_loaded_without_the_plant(tmp_path):
     path = tmp_path / "best.json"
     path.write_text(json.dumps({**content, "settings": scenario.settings(theta)}))
     assert load_controller(path).parameters == scenario.controller(theta).parameters
+
+
+def test_a_file_with_an_lqg_is_loaded_without_the_plant(tmp_path):
+    lqr = LQR(PLANTS["double lag"], [1.0, 1.0], [0.5], T_s=0.1, integral=["y"], Q_i=[2.0])
+    data = as_data(LQG(lqr, [0.1], [0.1, 0.2]))
+    path = tmp_path / "best.json"
+    content = {"format": 1, "scenario": "gone.py:plant", "theta": {}, "settings": data}
+    path.write_text(json.dumps(content))
+    assert as_data(load_controller(path)) == data
 
 
 @pytest.mark.parametrize(

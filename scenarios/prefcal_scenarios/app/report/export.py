@@ -70,14 +70,14 @@ def best_as_json(record: Record) -> str:
 def load_controller(path: str | Path, *, check: bool = True) -> Controller:
     """Rebuild the controller that `best.json` at `path` describes.
 
-    If its settings describe a PID completely, nothing but the file is read. Otherwise the scenario
-    is loaded; a user's own one is a Python file, which is executed.
+    If its settings describe a PID, LQR or LQG completely, nothing but the file is read. Otherwise
+    the scenario is loaded; a user's own one is a Python file, which is executed.
 
     Args:
         path: Path of the file.
         check: Whether to raise an error if the current scenario would set up the controller
-            differently from the file, for example after an update or an edit. A PID that the
-            file describes completely needs no check.
+            differently from the file, for example after an update or an edit. A controller that
+            the file describes completely needs no check.
 
     Raises:
         ScenarioError: If the file does not exist or is not a best.json, the scenario is unknown

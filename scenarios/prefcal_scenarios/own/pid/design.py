@@ -25,7 +25,7 @@ _SHARE = 0.2
 """Share of the input's range that a default step needs at rest."""
 _SAMPLES = 5
 """Samples in the effective dead time or the shortest time constant that matters."""
-_FARTHEST = 10.0
+_FARTHEST = 6.0
 """Largest ratio of a rule's gain or integral time to those of the robust tuning."""
 _PATIENCE = 2.2
 """Duration of a phase, in the time that the tuning in the middle takes to settle."""
@@ -257,8 +257,7 @@ def _single(
 
 def _stable(model: Sampled, tuning: Tuning) -> bool:
     """Return whether the sampled loop is stable, with the derivative's filter."""
-    K_p, T_i, T_d = (np.array([v]) for v in (tuning.K_p, tuning.T_i, tuning.T_d))
-    one = Candidates(K_p, T_i, T_d, N)
+    one = Candidates(np.array([tuning.K_p]), np.array([tuning.T_i]), np.array([tuning.T_d]), N)
     return bool(one.radius(model)[0] < 1 - 1e-9)
 
 
