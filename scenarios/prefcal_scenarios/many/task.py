@@ -96,7 +96,7 @@ class _Unpickler(pickle.Unpickler):
 
 def _files(content: bytes) -> Iterator[tuple[str, str]]:
     """Yield names and files of modules that `content` may need and that an import does not find."""
-    for name, module in list(sys.modules.items()):
+    for name, module in sys.modules.copy().items():  # other threads import meanwhile
         path = getattr(module, "__file__", None)
         if not path or Path(path).stem != name or name.encode() not in content:
             continue

@@ -8,10 +8,8 @@ from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.experiments.panels import Plot, plots_of
+from prefcal_env.tables.timing import SECONDS
 from prefcal_scenarios.scenario import KPI
-
-_SECONDS = {"ms": 1e-3, "s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
-"""Units of time that can be converted, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +82,7 @@ def _in_unit_of(left: Run, right: Run) -> tuple[Run, tuple[str, ...]]:
     wanted, given = (run.experiment.channels.time_unit for run in (left, right))
     if wanted == given or not wanted or not given:
         return right, ()
-    if wanted not in _SECONDS or given not in _SECONDS:
+    if wanted not in SECONDS or given not in SECONDS:
         words = f"The times of {left.name} are in {wanted}, those of {right.name} in {given}."
         return right, (words,)
     converted = in_time_unit(right.experiment, wanted)
@@ -95,9 +93,9 @@ def _in_unit_of(left: Run, right: Run) -> tuple[Run, tuple[str, ...]]:
 def in_time_unit(experiment: Experiment, unit: str) -> Experiment:
     """Return `experiment` with its times converted to `unit`; unchanged if that is impossible."""
     given = experiment.channels.time_unit
-    if given == unit or given not in _SECONDS or unit not in _SECONDS:
+    if given == unit or given not in SECONDS or unit not in SECONDS:
         return experiment
-    factor = _SECONDS[given] / _SECONDS[unit]
+    factor = SECONDS[given] / SECONDS[unit]
     return replace(
         experiment,
         t=factor * experiment.t,

@@ -170,7 +170,7 @@ def _names(sheet: Sheet, reading: Reading) -> dict[str, int]:
             names.setdefault(plain, i)
     for name in (*reading.outputs, *reading.inputs, *reading.reference):
         if name not in names:
-            sheet.column(name, "")  # says which there are
+            names[name] = sheet.column(name, "")  # says which there are
     return names
 
 

@@ -255,9 +255,9 @@ def show_changes(interview: Interview, now: Now, console: Console) -> None:
         limits = f"limits {change.low:g} to {change.high:g}, at most {change.rate:g} per second"
         line = f"  {change.name}: {change.old:.6g} → {with_unit(f'{change.new:.6g}', change.unit)}"
         console.print(f"{line}   ({limits})", style="bold", markup=False, highlight=False)
-    after = "restored" if rig.after == "restore" else "kept"
+    after = "the old values are restored" if rig.after == "restore" else "the new θ stays"
     console.print(
-        f"Then {rig.duration:g} s are recorded. Afterward, the new θ is {after}; k stops the run.",
+        f"Then {rig.duration:g} s are recorded. Afterward {after}; k stops the run.",
         markup=False, highlight=False,
     )  # fmt: skip
     for words in filter(None, (rig.instructions, live.problem)):

@@ -30,7 +30,7 @@ EPILOG = """\
   The KPIs of both, for programs.
 
 The first column, or one called time, is the time, in seconds or as time stamps.
-Headings may have units, as in "level [m]". A column "level ref" is the reference
+Headings may have units, as in "level \\[m]". A column "level ref" is the reference
 of level. All other columns of numbers are outputs.
 """
 

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from io import BytesIO
-from math import isfinite
 from typing import Any
 
 from prefcal_env.experiments.experiment import Experiment
@@ -88,7 +87,7 @@ def _knobs(record: Record, before: Experiment, after: Experiment) -> Any:
 def _kpis(record: Record, before: Experiment, after: Experiment) -> Any:
     for kpi in record.kpis:
         value = after.kpis.get(kpi.name)
-        met = None if value is None or not isfinite(value) else kpi.met(value)
+        met = None if value is None else kpi.met(value)
         texts = measured(kpi, before), measured(kpi, after)
         yield Line(kpi.title, kpi.unit, objective(kpi), *texts, None if met is None else bool(met))
 
