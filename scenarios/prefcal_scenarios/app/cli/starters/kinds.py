@@ -5,9 +5,6 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
-from prefcal_env.errors import SettingsError
-from prefcal_scenarios.own.nearest import did_you_mean
-
 
 @dataclass(frozen=True, slots=True)
 class Kind:
@@ -59,6 +56,10 @@ KINDS = {
 
 def kind_of(name: str) -> Kind:
     """Return the kind called `name`. Raises SettingsError if there is none."""
+    # Imported here to keep --help fast.
+    from prefcal_env.errors import SettingsError
+    from prefcal_scenarios.own.nearest import did_you_mean
+
     if name not in KINDS:
         raise SettingsError(
             f"a starter must be one of {', '.join(KINDS)}, got {name!r}."
@@ -73,6 +74,9 @@ def path_for(name: str, kind: Kind, path: Path | None) -> Path:
     Raises:
         SettingsError: If the suffix is not the one of the kind.
     """
+    # Imported here to keep --help fast.
+    from prefcal_env.errors import SettingsError
+
     if path is None:
         return Path(f"{name}{kind.suffix}")
     if path.suffix != kind.suffix:
