@@ -214,7 +214,16 @@ class Drive:
         values = self.writer.read()
         if all(self.plan.written[n].same(values[n], target) for n, target in targets.items()):
             return True
-        self.writer.step(targets)
+        problems = []
+        for name, target in targets.items():  # one that is refused must not keep the others changed
+            try:
+                self.writer.step({name: target})
+            except ConnectionLostError:
+                raise
+            except LiveError as error:
+                problems.append(f"{name}: {error}")
+        if problems:
+            raise LiveError("; ".join(problems))
         return False
 
     def _forward(self) -> End:

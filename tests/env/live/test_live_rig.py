@@ -174,6 +174,18 @@ def test_a_refused_or_limited_value_ends_the_run(tmp_path):
     assert written(limited) == OLD
 
 
+def test_a_value_that_is_refused_does_not_keep_the_others_from_being_restored(tmp_path):
+    plant = Memory()
+    plant.at = lambda p: setattr(p, "refuses", "kp" if p.now > 12 else "")
+    rig = memory_rig(plant, tmp_path)
+    driven = drive(rig, plant)
+    assert not driven.restored
+    assert written(plant) == OLD | {"kp": 4.0}
+    assert rig.left
+    with pytest.raises(LiveError, match="K_p: the server memory refuses"):
+        rig.recover(clock=plant.clock, sleep=plant.sleep)
+
+
 def test_a_change_by_somebody_else_ends_the_run(tmp_path):
     plant = Memory()
     plant.at = lambda p: p.values.update(kp=7.0) if abs(p.now - 8) < 0.05 else None
