@@ -210,7 +210,10 @@ class Drive:
     def _moved_to(self, targets: Mapping[str, float]) -> bool:
         """Connect if necessary, move one step, and return whether the plant shows the targets."""
         if not self.plant.connected:
-            self.plant.connect()
+            try:
+                self.plant.connect()
+            except LiveError as error:  # a server that restarts refuses sessions for a while
+                raise ConnectionLostError(str(error)) from error
         values = self.writer.read()
         if all(self.plan.written[n].same(values[n], target) for n, target in targets.items()):
             return True

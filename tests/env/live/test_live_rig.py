@@ -116,6 +116,22 @@ def test_a_lost_connection_is_waited_for_and_the_old_values_come_back_within_two
     assert written(plant) == OLD
 
 
+def test_a_server_that_refuses_sessions_for_minutes_is_waited_for(tmp_path):
+    plant = Memory()
+    connect = plant.connect
+
+    def refuse():
+        if 5 < plant.now < 300:
+            raise LiveError("the server memory refuses: too many sessions")
+        connect()
+
+    plant.connect = refuse
+    plant.at = lambda p: setattr(p, "up", not 5 < p.now < 7)
+    assert drive(memory_rig(plant, tmp_path), plant).restored
+    assert plant.now > 300
+    assert written(plant) == OLD
+
+
 def test_a_process_told_to_end_leaves_a_lost_plant_to_the_next_start(tmp_path):
     plant = Memory()
 
