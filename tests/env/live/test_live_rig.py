@@ -202,6 +202,44 @@ def test_a_value_that_is_refused_does_not_keep_the_others_from_being_restored(tm
         rig.recover(clock=plant.clock, sleep=plant.sleep)
 
 
+@pytest.mark.parametrize(
+    ("at", "words"),
+    [
+        (lambda p: p.bad.add("kp"), "K_p = no good value instead of 1"),
+        (lambda p: p.values.update(kp=7.0), "K_p = 7 instead of 1"),
+    ],
+)
+def test_a_value_that_never_comes_back_is_left_to_a_person(tmp_path, at, words):
+    plant = Memory()
+
+    def fail(p):
+        assert p.now < 1000
+        if p.now > 12:
+            at(p)
+
+    plant.at = fail
+    rig = memory_rig(plant, tmp_path)
+    driven = drive(rig, plant)
+    assert not driven.restored
+    assert [plant.values[node] for node in ("ti", "sp")] == pytest.approx([10.0, 1.0])
+    with pytest.raises(LiveError, match=words):
+        rig.recover(clock=plant.clock, sleep=plant.sleep)
+    assert rig.left
+
+
+def test_a_process_told_to_end_restores_slowly_but_waits_for_a_blocked_value_only_briefly(tmp_path):
+    plant = Memory()
+    knobs = (LiveKnob(memory_rig(plant, tmp_path).knobs[0].knob, "kp", 0.1),)
+    rig = memory_rig(plant, tmp_path, knobs=knobs)
+    ends = {"clock": plant.clock, "sleep": plant.sleep, "closing": lambda: plant.now > 32}
+    assert rig.drive(np.array([4.0]), lambda changes: True, **ends).restored
+    assert plant.now > 60
+    plant = Memory(at=lambda p: p.bad.add("kp") if p.now > 100 else None)
+    rig = memory_rig(plant, tmp_path, period=50.0, duration=500.0)
+    assert not drive(rig, plant, closing=lambda: plant.now > 200).restored
+    assert plant.now < 220
+
+
 def test_a_change_by_somebody_else_ends_the_run(tmp_path):
     plant = Memory()
     plant.at = lambda p: p.values.update(kp=7.0) if abs(p.now - 8) < 0.05 else None
