@@ -77,13 +77,15 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Outcome of a run: what was recorded, how it ended, and whether the old values are back."""
+    """Outcome of a run: what was recorded, how it ended, and what the plant has now."""
 
     rows: tuple[tuple[float, Mapping[str, float]], ...]
     end: End
     why: str = ""
     restored: bool = True
     stopped: bool = False
+    kept: bool = False
+    problem: str = ""
 
 
 class _EndedError(Exception):
@@ -140,8 +142,11 @@ class Drive:
             self.restore()
             raise
         self.problem = why
-        restored = self.restore(keep=keep)
-        return Outcome(tuple(self.rows), end, why, restored, stopped)
+        done = self.restore(keep=keep)
+        return Outcome(
+            tuple(self.rows), end, why, done and not keep, stopped, done and keep,
+            "" if done else self.problem,
+        )  # fmt: skip
 
     def look(self) -> tuple[Change, ...]:
         """Return what would be written.
@@ -188,7 +193,7 @@ class Drive:
             try:
                 if self._moved_to(targets):
                     self.journal.clear()
-                    return not keep
+                    return True
                 last = ""
                 way.went(self._now, self.hands.clock())
             except ConnectionLostError as error:

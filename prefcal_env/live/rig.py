@@ -180,7 +180,10 @@ class LiveRig:
             self._recover(drive)
             outcome = drive.run()
         experiment = experiment_of(self, np.asarray(theta, dtype=float), outcome)
-        return Driven(experiment, outcome.why, outcome.restored, outcome.stopped)
+        return Driven(
+            experiment, outcome.why, outcome.restored, outcome.stopped, outcome.kept,
+            outcome.problem,
+        )  # fmt: skip
 
     @property
     def left(self) -> dict[str, float] | None:

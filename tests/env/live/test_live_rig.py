@@ -174,8 +174,21 @@ def test_theta_can_be_kept_but_start_values_are_always_taken_back(tmp_path):
     rig = memory_rig(plant, tmp_path, after="keep")
     driven = drive(rig, plant)
     assert not driven.restored
+    assert driven.kept
+    assert driven.problem == ""
     assert written(plant) == {"kp": 4.0, "ti": 20.0, "sp": 1.0}
     assert rig.left is None
+
+
+def test_a_start_value_that_cannot_be_taken_back_is_told_apart_from_a_kept_theta(tmp_path):
+    plant = Memory()
+    plant.at = lambda p: setattr(p, "refuses", "sp" if p.now > 12 else "")
+    rig = memory_rig(plant, tmp_path, after="keep")
+    driven = drive(rig, plant)
+    assert driven.why == ""
+    assert (driven.restored, driven.kept) == (False, False)
+    assert "set-point: the server memory refuses" in driven.problem
+    assert rig.left
 
 
 def test_a_refused_or_limited_value_ends_the_run(tmp_path):
