@@ -165,10 +165,18 @@ class Drive:
                     f"the plant has {got} for {name}, expected one in [{written.low:g}, "
                     f"{written.high:g}] {written.unit}: set it there, or widen the range"
                 )
-        return tuple(
+        changes = tuple(
             Change(name, values[name], new[name], w.low, w.high, w.rate, w.unit)
             for name, w in self.plan.written.items()
         )
+        for change in changes:
+            if change.name in self.plan.start and change.seconds >= self.plan.duration:
+                raise LiveError(
+                    f"{change.name} takes {change.seconds:g} s from {change.old:g} to "
+                    f"{change.new:g} {change.unit}, as long as the run or longer: the duration "
+                    f"must be above that, got {self.plan.duration:g} s"
+                )
+        return changes
 
     def restore(self, old: Mapping[str, float] | None = None, *, keep: bool = False) -> bool:
         """Move the plant back to its old values; return whether it has them again.
@@ -313,10 +321,11 @@ class Drive:
             started = started or self._shows(plan.start)
             if started and plan.done and self._holds(plan.done):
                 return End.SETTLED
-            if self.rows[-1][0] >= plan.duration - 1e-9:
+            over = self.rows[-1][0] >= plan.duration - 1e-9
+            if over and started:
                 return End.TIME_UP
             if not started:
-                if self.hands.clock() > deadline:
+                if over or self.hands.clock() > deadline:
                     raise LiveError(self._refused(plan.start))
                 self.writer.step(plan.start)
 

@@ -5,7 +5,7 @@ import pytest
 
 from prefcal_env import End
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
-from prefcal_env.live import Journal, LiveKnob, Stage, Tag
+from prefcal_env.live import Journal, LiveKnob, LiveStart, Stage, Tag
 from prefcal_env.live.outcome import held, interpolated
 from support.live import Memory, memory_rig
 
@@ -251,6 +251,23 @@ def test_a_process_told_to_end_restores_slowly_but_waits_for_a_blocked_value_onl
     rig = memory_rig(plant, tmp_path, period=50.0, duration=500.0)
     assert not drive(rig, plant, closing=lambda: plant.now > 200).restored
     assert plant.now < 220
+
+
+def test_a_start_value_that_is_never_reached_is_no_completed_run(tmp_path):
+    plant = Memory()
+    plant.at = lambda p: p.values.update(sp=min(p.values["sp"], 1.5))
+    driven = drive(memory_rig(plant, tmp_path, duration=5.0), plant)
+    assert driven.experiment.end is End.FAILED
+    assert "the plant shows set-point = 1.5 instead of 2" in driven.why
+    assert written(plant) == OLD
+
+
+def test_a_start_value_that_takes_longer_than_the_run_is_refused_before_it(tmp_path):
+    plant = Memory()
+    slow = LiveStart("set-point", "sp", 2.0, 0.5, 2.5, 0.1, "m")
+    driven = drive(memory_rig(plant, tmp_path, start=(slow,)), plant)
+    assert "set-point takes 10 s from 1 to 2 m" in driven.why
+    assert plant.writes == []
 
 
 def test_a_change_by_somebody_else_ends_the_run(tmp_path):
