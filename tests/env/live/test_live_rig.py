@@ -338,3 +338,18 @@ def test_gaps_are_interpolated_in_outputs_and_held_in_inputs():
     values = np.array([np.nan, 1.0, np.nan, 3.0, np.nan])
     assert interpolated(values).tolist() == [1, 1, 2, 3, 3]
     assert held(values).tolist() == [1, 1, 1, 3, 3]
+
+
+def test_a_value_that_was_never_good_is_not_made_up(tmp_path):
+    plant = Memory(bad={"valve"})
+    driven = drive(memory_rig(plant, tmp_path), plant)
+    assert driven.experiment.end is End.FAILED
+    assert "no good value of input valve" in driven.why
+    assert not len(driven.experiment.t)
+    plant = Memory(bad={"aim"})
+    plant.values["aim"] = 2.0
+    tags = (Tag("level", "level", unit="m"), Tag("level", "aim", "reference"))
+    experiment = drive(memory_rig(plant, tmp_path, tags=tags), plant).experiment
+    assert experiment.end is End.TIME_UP
+    assert np.isnan(experiment.y_ref).all()
+    assert np.isfinite(experiment.y).all()
