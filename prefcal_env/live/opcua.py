@@ -107,8 +107,8 @@ class OPCUAPlant:
         self._client = client
 
     async def _read(self, nodes: Sequence[str]) -> list[float]:
-        client = self._connection()
-        found = await client.read_attributes([client.get_node(node) for node in nodes])
+        there = [self._node(node) for node in nodes]
+        found = await self._connection().read_attributes(there)
         codes = self._ua.StatusCodes
         for node, value in zip(nodes, found, strict=True):
             if value.StatusCode.value in (codes.BadNodeIdUnknown, codes.BadNodeIdInvalid):
@@ -116,7 +116,7 @@ class OPCUAPlant:
         return [_number(value) for value in found]
 
     async def _write(self, node: str, value: float) -> None:
-        there = self._connection().get_node(node)
+        there = self._node(node)
         if node not in self._types:
             self._types[node] = await there.read_data_type_as_variant_type()
         kind, names = self._types[node], self._ua.VariantType
@@ -124,6 +124,14 @@ class OPCUAPlant:
         if kind not in (names.Double, names.Float):
             plain = bool(value) if kind == names.Boolean else round(value)
         await there.write_value(self._ua.DataValue(self._ua.Variant(plain, kind)))
+
+    def _node(self, node: str) -> Any:
+        try:
+            return self._connection().get_node(node)
+        except self._ua.uaerrors.UaStringParsingError as error:
+            raise LiveError(
+                f"the address of a node looks like ns=2;s=Tank.Level, got {node!r}"
+            ) from error
 
     def _connection(self) -> Any:
         if self._client is None:

@@ -67,6 +67,18 @@ def test_a_node_that_does_not_exist_or_is_not_writable_is_named(tank, tmp_path):
     plant.close()
 
 
+def test_a_mistyped_node_is_named_and_no_lost_connection(tank):
+    plant = OPCUAPlant(tank.url, timeout=2.0)
+    plant.connect()
+    for wrong in ("Tank.Level", "ns=x;s=Tank.Level", "ns=2;Tank.Level"):
+        for use in (lambda node: plant.read([node]), lambda node: plant.write(node, 1.0)):
+            with pytest.raises(LiveError, match=f"looks like .*, got '{wrong}'") as caught:
+                use(wrong)
+            assert not isinstance(caught.value, ConnectionLostError)
+    assert plant.connected
+    plant.close()
+
+
 def test_a_server_that_is_not_there_is_a_lost_connection():
     plant = OPCUAPlant("opc.tcp://127.0.0.1:1", timeout=1.0)
     with pytest.raises(ConnectionLostError, match=r"no connection to opc\.tcp://127\.0\.0\.1:1"):
