@@ -10,7 +10,7 @@ from prefcal_env.experiments.end import End
 
 from .journal import Journal
 from .parts import Tag, Written, all_within, within
-from .plant import LivePlant
+from .plant import LivePlant, TypedPlant
 from .progress import Change, Confirm, Progress, Stage, Tell
 from .way import SLACK, Way
 from .writer import Writer
@@ -165,6 +165,7 @@ class Drive:
                     f"the plant has {got} for {name}, expected one in [{written.low:g}, "
                     f"{written.high:g}] {written.unit}: set it there, or widen the range"
                 )
+        self._check_types()
         changes = tuple(
             Change(name, values[name], new[name], w.low, w.high, w.rate, w.unit)
             for name, w in self.plan.written.items()
@@ -177,6 +178,18 @@ class Drive:
                     f"must be above that, got {self.plan.duration:g} s"
                 )
         return changes
+
+    def _check_types(self) -> None:
+        """Refuse nodes that cannot hold the values between, before the first of them is written."""
+        real = [w for w in self.plan.written.values() if not w.integer]
+        if not (real and isinstance(self.plant, TypedPlant)):
+            return
+        for written, whole in zip(real, self.plant.whole([w.node for w in real]), strict=True):
+            if whole:
+                raise LiveError(
+                    f"the node {written.node!r} of {written.name} holds whole numbers only: "
+                    "declare integer = true"
+                )
 
     def restore(self, old: Mapping[str, float] | None = None, *, keep: bool = False) -> bool:
         """Move the plant back to its old values; return whether it has them again.
