@@ -3,28 +3,22 @@
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from math import isnan
+from math import isnan, nan
 
 from prefcal_env.errors import ConnectionLostError, LiveError
 from prefcal_env.experiments.end import End
 
 from .journal import Journal
 from .parts import Tag, Written, all_within, within
-from .plant import LivePlant
+from .plant import LivePlant, TypedPlant
 from .progress import Change, Confirm, Progress, Stage, Tell
+from .way import SLACK, Way
 from .writer import Writer
 
 _SLICE = 0.2
 """Longest sleep in seconds, so that a stop is noticed soon although the period may be long."""
-_SLACK = 10
-"""Additional periods that a plant may take to show a written value."""
 _RESTORING = 1.0
 """Longest period, in seconds, at which old values are restored."""
-_REFUSALS = 20
-"""Number of times in a row that a plant may refuse its old values before a person must help."""
-_PATIENCE = 10.0
-"""Seconds for which a lost plant is waited for once the process was told to end; its old values
-are then restored at the next start."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +77,15 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Outcome of a run: what was recorded, how it ended, and whether the old values are back."""
+    """Outcome of a run: what was recorded, how it ended, and what the plant has now."""
 
     rows: tuple[tuple[float, Mapping[str, float]], ...]
     end: End
     why: str = ""
     restored: bool = True
     stopped: bool = False
+    kept: bool = False
+    problem: str = ""
 
 
 class _EndedError(Exception):
@@ -146,8 +142,11 @@ class Drive:
             self.restore()
             raise
         self.problem = why
-        restored = self.restore(keep=keep)
-        return Outcome(tuple(self.rows), end, why, restored, stopped)
+        done = self.restore(keep=keep)
+        return Outcome(
+            tuple(self.rows), end, why, done and not keep, stopped, done and keep,
+            "" if done else self.problem,
+        )  # fmt: skip
 
     def look(self) -> tuple[Change, ...]:
         """Return what would be written.
@@ -166,16 +165,38 @@ class Drive:
                     f"the plant has {got} for {name}, expected one in [{written.low:g}, "
                     f"{written.high:g}] {written.unit}: set it there, or widen the range"
                 )
-        return tuple(
+        self._check_types()
+        changes = tuple(
             Change(name, values[name], new[name], w.low, w.high, w.rate, w.unit)
             for name, w in self.plan.written.items()
         )
+        for change in changes:
+            if change.name in self.plan.start and change.seconds >= self.plan.duration:
+                raise LiveError(
+                    f"{change.name} takes {change.seconds:g} s from {change.old:g} to "
+                    f"{change.new:g} {change.unit}, as long as the run or longer: the duration "
+                    f"must be above that, got {self.plan.duration:g} s"
+                )
+        return changes
+
+    def _check_types(self) -> None:
+        """Refuse nodes that cannot hold the values between, before the first of them is written."""
+        real = [w for w in self.plan.written.values() if not w.integer]
+        if not (real and isinstance(self.plant, TypedPlant)):
+            return
+        for written, whole in zip(real, self.plant.whole([w.node for w in real]), strict=True):
+            if whole:
+                raise LiveError(
+                    f"the node {written.node!r} of {written.name} holds whole numbers only: "
+                    "declare integer = true"
+                )
 
     def restore(self, old: Mapping[str, float] | None = None, *, keep: bool = False) -> bool:
         """Move the plant back to its old values; return whether it has them again.
 
         While the connection is lost, this tries to connect again once per sampling period, for as
-        long as the process is not told to end.
+        long as the process is not told to end. It ends, too, if the values come no closer: the
+        plant refuses them, shows no good value, or another station writes its own.
 
         Args:
             old: Values to restore; by default, those from before this run.
@@ -187,34 +208,49 @@ class Drive:
         if keep:
             targets = {name: v for name, v in targets.items() if name in self.plan.start}
         self._next, self._period = self.hands.clock(), min(self.plan.period, _RESTORING)
-        refused, lost = 0, None
-        while refused < _REFUSALS and not (
-            lost is not None and self.hands.closing() and self.hands.clock() - lost > _PATIENCE
-        ):
+        way, last = Way(self.plan.written, targets, self.plan.period, self.hands.clock()), ""
+        while not way.blocked(self.hands.clock(), closing=self.hands.closing()):
             stage = Stage.RESTORING
             try:
                 if self._moved_to(targets):
                     self.journal.clear()
-                    return not keep
-                refused, lost = 0, None
+                    return True
+                last = ""
+                way.went(self._now, self.hands.clock())
             except ConnectionLostError as error:
-                stage, self.problem = Stage.LOST, self.problem or str(error)
-                lost = self.hands.clock() if lost is None or not self.hands.closing() else lost
+                stage, last = Stage.LOST, str(error)
+                way.lost(self.hands.clock())
             except LiveError as error:
-                refused, self.problem = refused + 1, str(error)
+                last = str(error)
+                way.went(self._now, self.hands.clock())
+            self.problem = self.problem or last
             with suppress(Exception):  # a front end that fails must not keep the values changed
                 self._tell(stage)
             self._wait()
+        self.problem = last or self._refused(targets)
         return False
 
     def _moved_to(self, targets: Mapping[str, float]) -> bool:
         """Connect if necessary, move one step, and return whether the plant shows the targets."""
         if not self.plant.connected:
-            self.plant.connect()
+            try:
+                self.plant.connect()
+            except LiveError as error:  # a server that restarts refuses sessions for a while
+                raise ConnectionLostError(str(error)) from error
         values = self.writer.read()
+        self._now = {**self._now, **values}
         if all(self.plan.written[n].same(values[n], target) for n, target in targets.items()):
             return True
-        self.writer.step(targets)
+        problems = []
+        for name, target in targets.items():  # one that is refused must not keep the others changed
+            try:
+                self.writer.step({name: target})
+            except ConnectionLostError:
+                raise
+            except LiveError as error:
+                problems.append(f"{name}: {error}")
+        if problems:
+            raise LiveError("; ".join(problems))
         return False
 
     def _forward(self) -> End:
@@ -246,17 +282,19 @@ class Drive:
         written = self.plan.written
         longest = max((abs(v - self.old[n]) / written[n].rate for n, v in targets.items()),
                       default=0.0)  # fmt: skip
-        return self.hands.clock() + 2.0 * longest + _SLACK * self.plan.period
+        return self.hands.clock() + 2.0 * longest + SLACK * self.plan.period
 
     def _shows(self, targets: Mapping[str, float]) -> bool:
         written = self.plan.written
         return all(written[n].same(self._now.get(n, self.old[n]), v) for n, v in targets.items())
 
     def _refused(self, targets: Mapping[str, float]) -> str:
+        shown = {n: self._now.get(n, self.old.get(n, nan)) for n in targets}
         wrong = [
-            f"{n} = {self._now.get(n, self.old[n]):g} instead of {v:g} {self.plan.written[n].unit}"
+            f"{n} = {'no good value' if isnan(shown[n]) else format(shown[n], 'g')} "
+            f"instead of {v:g} {self.plan.written[n].unit}"
             for n, v in targets.items()
-            if not self.plan.written[n].same(self._now.get(n, self.old[n]), v)
+            if not self.plan.written[n].same(shown[n], v)
         ]
         return (
             f"the plant shows {', '.join(wrong)}: it limits the value, or another station writes it"
@@ -296,10 +334,11 @@ class Drive:
             started = started or self._shows(plan.start)
             if started and plan.done and self._holds(plan.done):
                 return End.SETTLED
-            if self.rows[-1][0] >= plan.duration - 1e-9:
+            over = self.rows[-1][0] >= plan.duration - 1e-9
+            if over and started:
                 return End.TIME_UP
             if not started:
-                if self.hands.clock() > deadline:
+                if over or self.hands.clock() > deadline:
                     raise LiveError(self._refused(plan.start))
                 self.writer.step(plan.start)
 

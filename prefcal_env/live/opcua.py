@@ -80,9 +80,18 @@ class OPCUAPlant:
 
         Raises:
             ConnectionLostError: If the connection is lost; the value may have arrived.
-            LiveError: If the server refuses the value.
+            LiveError: If the server refuses the value, or the node cannot hold it exactly.
         """
         self._do(self._write(node, value))
+
+    def whole(self, nodes: Sequence[str]) -> list[bool]:
+        """Return for each node, in order, whether its type holds whole numbers only.
+
+        Raises:
+            ConnectionLostError: If the connection is lost.
+            LiveError: If there is no such node.
+        """
+        return self._do(self._whole(nodes))
 
     def close(self) -> None:
         """Disconnect and end the thread of the connection."""
@@ -107,8 +116,8 @@ class OPCUAPlant:
         self._client = client
 
     async def _read(self, nodes: Sequence[str]) -> list[float]:
-        client = self._connection()
-        found = await client.read_attributes([client.get_node(node) for node in nodes])
+        there = [self._node(node) for node in nodes]
+        found = await self._connection().read_attributes(there)
         codes = self._ua.StatusCodes
         for node, value in zip(nodes, found, strict=True):
             if value.StatusCode.value in (codes.BadNodeIdUnknown, codes.BadNodeIdInvalid):
@@ -116,14 +125,37 @@ class OPCUAPlant:
         return [_number(value) for value in found]
 
     async def _write(self, node: str, value: float) -> None:
-        there = self._connection().get_node(node)
+        kind, names = await self._type(node), self._ua.VariantType
+        plain: float | int | bool = value
+        if not self._is_real(kind):
+            # Rounded, it could be outside the limits that were checked.
+            if value != round(value) or (kind == names.Boolean and value not in (0, 1)):
+                raise LiveError(
+                    f"the node {node!r} has the type {kind.name} and cannot hold {value:g}: "
+                    "declare integer = true. Nothing was written"
+                )
+            plain = bool(value) if kind == names.Boolean else round(value)
+        await self._node(node).write_value(self._ua.DataValue(self._ua.Variant(plain, kind)))
+
+    async def _whole(self, nodes: Sequence[str]) -> list[bool]:
+        return [not self._is_real(await self._type(node)) for node in nodes]
+
+    async def _type(self, node: str) -> Any:
+        there = self._node(node)
         if node not in self._types:
             self._types[node] = await there.read_data_type_as_variant_type()
-        kind, names = self._types[node], self._ua.VariantType
-        plain: float | int | bool = value
-        if kind not in (names.Double, names.Float):
-            plain = bool(value) if kind == names.Boolean else round(value)
-        await there.write_value(self._ua.DataValue(self._ua.Variant(plain, kind)))
+        return self._types[node]
+
+    def _is_real(self, kind: Any) -> bool:
+        return kind in (self._ua.VariantType.Double, self._ua.VariantType.Float)
+
+    def _node(self, node: str) -> Any:
+        try:
+            return self._connection().get_node(node)
+        except self._ua.uaerrors.UaStringParsingError as error:
+            raise LiveError(
+                f"the address of a node looks like ns=2;s=Tank.Level, got {node!r}"
+            ) from error
 
     def _connection(self) -> Any:
         if self._client is None:

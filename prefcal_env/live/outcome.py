@@ -19,12 +19,13 @@ def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outco
 
     Where an output had bad quality, its curve is interpolated, and the signal "NAME as read" keeps
     the gaps. Inputs and references keep their latest good value meanwhile, since they are held
-    between samples anyway. A run in which an output never had a good value has failed.
+    between samples anyway. A run in which an output or input never had a good value has failed. An
+    output whose reference never had one has no reference in this run.
     """
     rows = outcome.rows
     read = {tag: np.array([row[f"{tag.role} {tag.name}"] for _, row in rows]) for tag in rig.tags}
     outputs = {tag.name: values for tag, values in read.items() if tag.role == "output"}
-    nothing = any(np.isnan(values).all() for values in outputs.values())
+    nothing = bool(never_good(rig, outcome))
     kept = slice(0, 0) if nothing else slice(None)
     drawn = [tag for tag in rig.tags if tag.role != "reference"]
     return recorded(
@@ -46,6 +47,16 @@ def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outco
     )
 
 
+def never_good(rig: "LiveRig", outcome: Outcome) -> list[str]:
+    """Return the roles and names of outputs and inputs without any good value in a run."""
+    return [
+        f"{tag.role} {tag.name}"
+        for tag in rig.tags
+        if tag.role != "reference"
+        and all(np.isnan(row[f"{tag.role} {tag.name}"]) for _, row in outcome.rows)
+    ]
+
+
 def interpolated(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
     """Return `values` with NaN replaced by interpolation, at the ends by the nearest good value."""
     good = np.flatnonzero(~np.isnan(values))
@@ -53,9 +64,12 @@ def interpolated(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
 
 
 def held(values: Float[np.ndarray, " K"]) -> Float[np.ndarray, " K"]:
-    """Return `values` with each NaN replaced by the latest good value, or else by the first one."""
+    """Return `values` with each NaN replaced by the latest good value, or else by the first one.
+
+    Without any good value, all stay NaN.
+    """
     good = np.flatnonzero(~np.isnan(values))
     if not len(good):
-        return np.zeros(len(values))
+        return values
     places = np.clip(np.searchsorted(good, np.arange(len(values)), side="right") - 1, 0, None)
     return np.asarray(values[good[places]])

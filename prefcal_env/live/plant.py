@@ -1,7 +1,7 @@
 """Define what prefcal needs of a connection to a live plant, for any protocol."""
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
 class LivePlant(Protocol):
@@ -43,3 +43,16 @@ class LivePlant(Protocol):
 
     def close(self) -> None:
         """Disconnect."""
+
+
+@runtime_checkable
+class TypedPlant(Protocol):
+    """What a connection may offer, too, if nodes have types: a check before the first write."""
+
+    def whole(self, nodes: Sequence[str]) -> list[bool]:
+        """Return for each node, in order, whether its type holds whole numbers only.
+
+        Raises:
+            ConnectionLostError: If the connection is lost.
+            LiveError: If there is no such node.
+        """

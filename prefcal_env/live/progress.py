@@ -73,14 +73,18 @@ class Driven:
         experiment: What was recorded. It ended as failed if the run was stopped, refused or lost.
         why: What stopped the run, as a sentence; empty if it was completed.
         restored: Whether the plant has its old values again. False if they are kept on purpose,
-            or if the process ended before the plant could be reached.
+            or if the plant could not be reached or refused them.
         stopped: Whether a person stopped the run, or did not confirm it.
+        kept: Whether the knobs keep their new values on purpose; the start values are taken back.
+        problem: Why the plant does not have the values that it should have; empty if it has.
     """
 
     experiment: Experiment
     why: str = ""
     restored: bool = True
     stopped: bool = False
+    kept: bool = False
+    problem: str = ""
 
 
 Confirm = Callable[[tuple[Change, ...]], bool]

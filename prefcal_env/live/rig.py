@@ -16,7 +16,7 @@ from prefcal_env.knobs.space import KnobSpace
 
 from .drive import Drive, Hands, Plan
 from .journal import Journal
-from .outcome import experiment_of
+from .outcome import experiment_of, never_good
 from .parts import LiveKnob, LiveStart, Tag
 from .plant import LivePlant
 from .progress import Change, Confirm, Driven, Tell
@@ -180,7 +180,12 @@ class LiveRig:
             self._recover(drive)
             outcome = drive.run()
         experiment = experiment_of(self, np.asarray(theta, dtype=float), outcome)
-        return Driven(experiment, outcome.why, outcome.restored, outcome.stopped)
+        blind = ", ".join(never_good(self, outcome))
+        why = outcome.why or (f"the plant had no good value of {blind} in the run" if blind else "")
+        return Driven(
+            experiment, why, outcome.restored, outcome.stopped, outcome.kept,
+            outcome.problem,
+        )  # fmt: skip
 
     @property
     def left(self) -> dict[str, float] | None:

@@ -5,7 +5,7 @@ import pytest
 
 from prefcal_env import End
 from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
-from prefcal_env.live import Journal, LiveKnob, Stage, Tag
+from prefcal_env.live import Journal, LiveKnob, LiveStart, Stage, Tag
 from prefcal_env.live.outcome import held, interpolated
 from support.live import Memory, memory_rig
 
@@ -116,6 +116,22 @@ def test_a_lost_connection_is_waited_for_and_the_old_values_come_back_within_two
     assert written(plant) == OLD
 
 
+def test_a_server_that_refuses_sessions_for_minutes_is_waited_for(tmp_path):
+    plant = Memory()
+    connect = plant.connect
+
+    def refuse():
+        if 5 < plant.now < 300:
+            raise LiveError("the server memory refuses: too many sessions")
+        connect()
+
+    plant.connect = refuse
+    plant.at = lambda p: setattr(p, "up", not 5 < p.now < 7)
+    assert drive(memory_rig(plant, tmp_path), plant).restored
+    assert plant.now > 300
+    assert written(plant) == OLD
+
+
 def test_a_process_told_to_end_leaves_a_lost_plant_to_the_next_start(tmp_path):
     plant = Memory()
 
@@ -158,8 +174,21 @@ def test_theta_can_be_kept_but_start_values_are_always_taken_back(tmp_path):
     rig = memory_rig(plant, tmp_path, after="keep")
     driven = drive(rig, plant)
     assert not driven.restored
+    assert driven.kept
+    assert driven.problem == ""
     assert written(plant) == {"kp": 4.0, "ti": 20.0, "sp": 1.0}
     assert rig.left is None
+
+
+def test_a_start_value_that_cannot_be_taken_back_is_told_apart_from_a_kept_theta(tmp_path):
+    plant = Memory()
+    plant.at = lambda p: setattr(p, "refuses", "sp" if p.now > 12 else "")
+    rig = memory_rig(plant, tmp_path, after="keep")
+    driven = drive(rig, plant)
+    assert driven.why == ""
+    assert (driven.restored, driven.kept) == (False, False)
+    assert "set-point: the server memory refuses" in driven.problem
+    assert rig.left
 
 
 def test_a_refused_or_limited_value_ends_the_run(tmp_path):
@@ -172,6 +201,73 @@ def test_a_refused_or_limited_value_ends_the_run(tmp_path):
     driven = drive(memory_rig(limited, tmp_path), limited)
     assert "the plant shows K_p = 2 instead of 4" in driven.why
     assert written(limited) == OLD
+
+
+def test_a_value_that_is_refused_does_not_keep_the_others_from_being_restored(tmp_path):
+    plant = Memory()
+    plant.at = lambda p: setattr(p, "refuses", "kp" if p.now > 12 else "")
+    rig = memory_rig(plant, tmp_path)
+    driven = drive(rig, plant)
+    assert not driven.restored
+    assert written(plant) == OLD | {"kp": 4.0}
+    assert rig.left
+    with pytest.raises(LiveError, match="K_p: the server memory refuses"):
+        rig.recover(clock=plant.clock, sleep=plant.sleep)
+
+
+@pytest.mark.parametrize(
+    ("at", "words"),
+    [
+        (lambda p: p.bad.add("kp"), "K_p = no good value instead of 1"),
+        (lambda p: p.values.update(kp=7.0), "K_p = 7 instead of 1"),
+    ],
+)
+def test_a_value_that_never_comes_back_is_left_to_a_person(tmp_path, at, words):
+    plant = Memory()
+
+    def fail(p):
+        assert p.now < 1000
+        if p.now > 12:
+            at(p)
+
+    plant.at = fail
+    rig = memory_rig(plant, tmp_path)
+    driven = drive(rig, plant)
+    assert not driven.restored
+    assert [plant.values[node] for node in ("ti", "sp")] == pytest.approx([10.0, 1.0])
+    with pytest.raises(LiveError, match=words):
+        rig.recover(clock=plant.clock, sleep=plant.sleep)
+    assert rig.left
+
+
+def test_a_process_told_to_end_restores_slowly_but_waits_for_a_blocked_value_only_briefly(tmp_path):
+    plant = Memory()
+    knobs = (LiveKnob(memory_rig(plant, tmp_path).knobs[0].knob, "kp", 0.1),)
+    rig = memory_rig(plant, tmp_path, knobs=knobs)
+    ends = {"clock": plant.clock, "sleep": plant.sleep, "closing": lambda: plant.now > 32}
+    assert rig.drive(np.array([4.0]), lambda changes: True, **ends).restored
+    assert plant.now > 60
+    plant = Memory(at=lambda p: p.bad.add("kp") if p.now > 100 else None)
+    rig = memory_rig(plant, tmp_path, period=50.0, duration=500.0)
+    assert not drive(rig, plant, closing=lambda: plant.now > 200).restored
+    assert plant.now < 220
+
+
+def test_a_start_value_that_is_never_reached_is_no_completed_run(tmp_path):
+    plant = Memory()
+    plant.at = lambda p: p.values.update(sp=min(p.values["sp"], 1.5))
+    driven = drive(memory_rig(plant, tmp_path, duration=5.0), plant)
+    assert driven.experiment.end is End.FAILED
+    assert "the plant shows set-point = 1.5 instead of 2" in driven.why
+    assert written(plant) == OLD
+
+
+def test_a_start_value_that_takes_longer_than_the_run_is_refused_before_it(tmp_path):
+    plant = Memory()
+    slow = LiveStart("set-point", "sp", 2.0, 0.5, 2.5, 0.1, "m")
+    driven = drive(memory_rig(plant, tmp_path, start=(slow,)), plant)
+    assert "set-point takes 10 s from 1 to 2 m" in driven.why
+    assert plant.writes == []
 
 
 def test_a_change_by_somebody_else_ends_the_run(tmp_path):
@@ -242,3 +338,18 @@ def test_gaps_are_interpolated_in_outputs_and_held_in_inputs():
     values = np.array([np.nan, 1.0, np.nan, 3.0, np.nan])
     assert interpolated(values).tolist() == [1, 1, 2, 3, 3]
     assert held(values).tolist() == [1, 1, 1, 3, 3]
+
+
+def test_a_value_that_was_never_good_is_not_made_up(tmp_path):
+    plant = Memory(bad={"valve"})
+    driven = drive(memory_rig(plant, tmp_path), plant)
+    assert driven.experiment.end is End.FAILED
+    assert "no good value of input valve" in driven.why
+    assert not len(driven.experiment.t)
+    plant = Memory(bad={"aim"})
+    plant.values["aim"] = 2.0
+    tags = (Tag("level", "level", unit="m"), Tag("level", "aim", "reference"))
+    experiment = drive(memory_rig(plant, tmp_path, tags=tags), plant).experiment
+    assert experiment.end is End.TIME_UP
+    assert np.isnan(experiment.y_ref).all()
+    assert np.isfinite(experiment.y).all()

@@ -67,6 +67,37 @@ def test_a_node_that_does_not_exist_or_is_not_writable_is_named(tank, tmp_path):
     plant.close()
 
 
+def test_a_mistyped_node_is_named_and_no_lost_connection(tank):
+    plant = OPCUAPlant(tank.url, timeout=2.0)
+    plant.connect()
+    for wrong in ("Tank.Level", "ns=x;s=Tank.Level", "ns=2;Tank.Level"):
+        for use in (lambda node: plant.read([node]), lambda node: plant.write(node, 1.0)):
+            with pytest.raises(LiveError, match=f"looks like .*, got '{wrong}'") as caught:
+                use(wrong)
+            assert not isinstance(caught.value, ConnectionLostError)
+    assert plant.connected
+    plant.close()
+
+
+def test_a_whole_number_node_gets_no_rounded_value_and_must_be_declared(
+    tank, tmp_path, monkeypatch
+):
+    monkeypatch.setitem(sys.modules["opcua_server"].NODES, "Kp", 2)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with type(tank)(port).running() as other:
+        rig = live_rig(description(other.url, tmp_path))
+        driven = rig.drive(np.array([2.6, 10.0]), lambda changes: True)
+        with pytest.raises(LiveError, match=r"cannot hold 2\.6: declare integer = true"):
+            rig.plant.write("ns=2;s=Tank.Kp", 2.6)
+        rig.plant.write("ns=2;s=Tank.Kp", 3.0)
+        assert rig.plant.read(["ns=2;s=Tank.Kp"]) == [3.0]
+        rig.plant.close()
+    assert "'ns=2;s=Tank.Kp' of K_p holds whole numbers only" in driven.why
+    assert not len(driven.experiment.t)
+
+
 def test_a_server_that_is_not_there_is_a_lost_connection():
     plant = OPCUAPlant("opc.tcp://127.0.0.1:1", timeout=1.0)
     with pytest.raises(ConnectionLostError, match=r"no connection to opc\.tcp://127\.0\.0\.1:1"):

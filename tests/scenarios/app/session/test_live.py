@@ -107,6 +107,19 @@ def test_a_stopped_run_can_be_tried_again_or_counted_as_failed(scenario, plant):
     assert len(interview.experiment(0).t)
 
 
+def test_a_kept_theta_does_not_hide_that_the_set_point_is_not_taken_back(scenario, plant, tmp_path):
+    rig = memory_rig(plant, tmp_path, after="keep")
+    interview = begin(Scenario("tank", "A tank", rig.space, rig, kpis=scenario.kpis))
+    waited_for(interview)
+    plant.at = lambda p: setattr(p, "refuses", "sp" if plant.values["sp"] == 2.0 else "")
+    interview.write_and_start(0)
+    assert interview.work()
+    assert "set-point: the server memory refuses" in interview.now().live.problem
+    plant.at, plant.refuses = lambda p: None, ""
+    assert interview.work()
+    assert plant.values["sp"] == pytest.approx(1.0)
+
+
 def test_an_unreachable_plant_is_a_problem_that_can_be_looked_at_again(scenario, plant):
     plant.up = False
     interview = begin(scenario)

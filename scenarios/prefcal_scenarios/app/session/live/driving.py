@@ -128,20 +128,22 @@ def _running(flow: Flow, rig: LiveRig, sample: Suggested) -> Attempt:
             )  # fmt: skip
         except Exception as error:
             result = error
-        return lambda: _finish(flow, rig, sample, result)
+        return lambda: _finish(flow, sample, result)
 
     return run
 
 
-def _finish(flow: Flow, rig: LiveRig, sample: Suggested, result: Driven | Exception) -> None:
+def _finish(flow: Flow, sample: Suggested, result: Driven | Exception) -> None:
     """Save what was recorded, or show why there is nothing to save."""
     live = flow.live
     live.end()
     live.ask()
     if isinstance(result, Exception):
         return flow.ran(sample, result)
-    if not result.restored and (result.why or rig.after == "restore"):
-        live.problem = "the plant does not have its old values yet: they are restored first"
+    if not (result.restored or result.kept):
+        live.problem = (
+            f"the plant does not have its old values yet: {result.problem}. They are restored first"
+        )
         live.recovered = False
     experiment = result.experiment
     if not result.why or not _has_failed(experiment):
