@@ -173,6 +173,16 @@ def test_a_million_rows_are_read_and_thinned_to_their_extremes():
     assert (e.y.max(), e.y.min(), e.duration) == (values.max(), values.min(), 999_999 / 8)
 
 
+def test_kpis_are_those_of_all_rows_even_if_only_some_are_kept():
+    level = 1 + np.random.default_rng(0).normal(size=5_000)
+    table = pd.DataFrame({"time": np.arange(5e3) / 8, "level": level})
+    thinned, whole = (
+        from_frame(table, 1.0, reference={"level": 1.0}, max_rows=rows) for rows in (500, None)
+    )
+    assert len(thinned.t) <= 500
+    assert thinned.kpis == whole.kpis
+
+
 @given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=2, max_size=20))
 def test_what_goes_out_as_a_frame_comes_back(rows):
     y, u = np.array(rows).T
