@@ -34,7 +34,8 @@ class TableColumns:
         columns: Maps our names to the table's headings where they differ, such as
             {"level": "TI-101.PV"}.
         time: Heading of the column with the time: numbers, durations or time stamps. None finds
-            it by its usual names, or takes the index of a DataFrame.
+            it by its usual names, or takes the index of a DataFrame; integers
+            without a name are row numbers.
         outputs: Names of the outputs. If empty, all other columns that hold numbers.
         inputs: Names of the inputs.
         signals: Names of additional signals.

@@ -55,6 +55,15 @@ def test_files_and_frames_of_the_same_table(tmp_path):
     same(from_frame(str(tmp_path / "run.csv"), 1.0, **USE))
 
 
+@pytest.mark.parametrize("time", ["t", "time"])
+def test_rows_that_are_selected_or_joined_keep_their_own_time(time):
+    frame = pd.DataFrame({time: [0.0, 0.1, 0.5, 1.0], "level": [1.0, 9.0, 2.0, 3.0]})
+    for chosen in (frame[frame.level < 9], pd.concat([frame[:1], frame[2:]])):
+        e = from_frame(chosen, 1.0)
+        assert np.array_equal(e.t, [0, 0.5, 1])
+        assert [channel.name for channel in e.channels.y] == ["level"]
+
+
 def test_headings_are_mapped_and_the_mapping_can_be_kept():
     table = GOOD.replace("level [m]", "TI-101").replace("valve", "V1")
     log = TableColumns(
