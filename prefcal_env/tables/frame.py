@@ -32,7 +32,7 @@ class TableColumns:
 
     Args:
         columns: Maps our names to the table's headings where they differ, such as
-            {"level": "TI-101.PV"}.
+            {"level": "TI-101.PV", "level ref": "TI-101.SP"}.
         time: Heading of the column with the time: numbers, durations or time stamps. None finds
             it by its usual names, or takes the index of a DataFrame; integers
             without a name are row numbers.
@@ -295,6 +295,8 @@ def _reference_places(
     for name in outputs:
         given = about.reference.get(name)
         place = sheet.find(_ref(name)) if given is None else None
+        if given is None and _ref(name) in about.columns:
+            place = sheet.column(about.columns[_ref(name)], _ref(name))
         if isinstance(given, str):
             place = sheet.column(given, _ref(name))
         if place is not None:
@@ -307,18 +309,24 @@ def _other_columns(sheet: Sheet, about: TableColumns, time: int) -> tuple[str, .
     import pandas as pd
 
     used = {*about.inputs, *about.signals}
-    named = tuple(name for name in about.columns if name not in used and name != "time")
-    if named:
-        return named
     taken = {time, *(sheet.column(about.columns.get(n, n), n) for n in used)}
     taken |= {sheet.column(v, "") for v in about.reference.values() if isinstance(v, str)}
+    renamed = {n: sheet.column(h, n) for n, h in about.columns.items() if n not in used}
+    renamed.pop("time", None)
     names = {i: parts_of(h)[0] for i, h in enumerate(sheet.headings)}
+    places = [(name, i) for name, i in renamed.items() if i not in taken]
+    places += [
+        (name, i)
+        for i, name in names.items()
+        if i not in {*taken, *renamed.values()}
+        and name not in about.columns
+        and pd.api.types.is_numeric_dtype(sheet.frame[i].dtype)
+    ]
+    there = {*renamed, *names.values()}
     found = tuple(
         name
-        for i, name in names.items()
-        if i not in taken
-        and pd.api.types.is_numeric_dtype(sheet.frame[i].dtype)
-        and not (name.endswith(" ref") and name.removesuffix(" ref") in names.values())
+        for name, _ in places
+        if not (name.endswith(" ref") and name.removesuffix(" ref") in there)
     )
     if not found:
         raise RecordError(

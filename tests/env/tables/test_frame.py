@@ -75,6 +75,16 @@ def test_headings_are_mapped_and_the_mapping_can_be_kept():
     )
 
 
+def test_headings_that_are_mapped_leave_the_other_columns_as_they_are():
+    table = "time [s],TI,SP,flow,note\n0,1,2,5,a\n1,2,2,6,b\n2,2,2,7,c\n"
+    e = from_frame(table, 1.0, columns={"level": "TI"})
+    assert [channel.name for channel in e.channels.y] == ["level", "SP", "flow"]
+    e = from_frame(table, 1.0, columns={"level": "TI", "level ref": "SP"}, inputs=["flow"])
+    assert [channel.name for channel in e.channels.y] == ["level"]
+    assert e.channels.y[0].target == 2
+    assert "integrated error of level" in e.kpis
+
+
 def test_without_names_all_columns_of_numbers_are_outputs():
     e = from_frame(GOOD, 1.0)
     assert [c.label for c in e.channels.y] == ["level [m]", "valve [%]"]
