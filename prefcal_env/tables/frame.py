@@ -277,6 +277,10 @@ class _Used:
     def units(self) -> dict[str, str]:
         """Return the unit of each output and input."""
         names = (*self.outputs, *self.about.inputs)
+        known = [*names, *self.about.signals]
+        unknown = [name for name in self.about.units if name not in known]
+        if unknown:
+            raise SettingsError(f"units names {unknown[0]!r}, which is none of {known}")
         return {n: self.sheet.unit(self.places[n], self.about.units.get(n)) for n in names}
 
 

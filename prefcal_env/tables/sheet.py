@@ -146,6 +146,8 @@ def sheet_of(table: Table, wanted: Collection[str] = ()) -> Sheet:
         return table
     if hasattr(table, "columns") and hasattr(table, "iloc"):
         return _of_frame(table)
+    if isinstance(table, str) and not table.strip():
+        raise RecordError("a table needs a line of headings and rows of values, got no line")
     if isinstance(table, str) and not _LINE_END.search(table):
         table = Path(table)
     if isinstance(table, Path):

@@ -103,7 +103,7 @@ def test_a_reference_comes_from_a_column_or_a_number():
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ("", "cannot read the table"),
+        ("", "a line of headings and rows of values, got no line"),
         ("\n", "a line of headings and rows of values, got no line"),
         ("absent.csv", "cannot read the table 'absent.csv': No such file"),
         (b"\x00\x01", "neither text nor Parquet"),
@@ -143,6 +143,7 @@ def test_rows_of_a_frame_are_counted_from_zero_when_refused():
     ("change", "words"),
     [
         ({"units": {"level": "K"}}, "column 'level' is in m by its heading, but units= says K"),
+        ({"units": {"levle": "m"}}, "units names 'levle', which is none of .'level', 'valve'"),
         ({"allow": "repair"}, "allow must hold some of"),
         ({"max_rows": 5}, "max_rows must be 100 or more"),
         ({"resample": "often"}, "resample must be a period above 0 s"),
