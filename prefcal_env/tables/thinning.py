@@ -69,4 +69,4 @@ def extreme_rows(columns: Sequence[Float[np.ndarray, " K"]], most: int) -> Int[n
             kept.append(rows[np.arange(stretches), best])
     found = np.unique(np.concatenate(kept))
     # Of many columns not all extremes can be kept: what is left out lies all over the run.
-    return found[np.linspace(0, len(found) - 1, min(most, len(found))).astype(int)]
+    return np.asarray(found[np.linspace(0, len(found) - 1, min(most, len(found))).astype(int)])
