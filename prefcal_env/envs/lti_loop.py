@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import SettingsError
+from prefcal_env.errors import PlantError, SettingsError
 from prefcal_env.experiments.experiment import Channels, End, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.rollout import KPIs, computed, rollout
@@ -15,6 +16,7 @@ from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import LinearPlant, system_of
+from prefcal_env.plants.systems.linear import numbers
 
 from .lti_controller import Law, LTIController, closed_loop, law_of
 from .plant_env import PlantEnv
@@ -85,6 +87,8 @@ class LTILoop:
                 f"controller must be a function of θ that returns a controller, got {controller!r}"
             )
         self.space = _space(knobs)
+        if T_s is not None and not (isinstance(T_s, Real) and 0 < T_s < np.inf):
+            raise SettingsError(f"T_s must be above 0 {self.plant.time_unit}, got {T_s!r}")
         self.kpis, self._controller, self._T_s = kpis, controller, T_s
         task = self._task(horizon, reference, d, noise, bands, runaway)
         self._env = PlantEnv(self.plant, task)
@@ -123,7 +127,7 @@ class LTILoop:
         x0 = np.asarray(getattr(plant, "x0", np.zeros(len(plant.states))))
         u0 = np.asarray(getattr(plant, "u0", np.zeros(len(plant.inputs))))
         n_d = len(plant.disturbances)
-        load = d if callable(d) else np.broadcast_to(0.0 if d is None else d, n_d)
+        load = d if callable(d) else _numbers("d", 0.0 if d is None else d, n_d)
         y_ref = self._reference(reference)
         d0 = np.asarray(load(0.0) if callable(load) else load, dtype=float)
         times = np.linspace(0.0, horizon, _INSTANTS).tolist()
@@ -137,7 +141,7 @@ class LTILoop:
 
         return Task(
             x0=x0, u0=u0, y_ref=y_ref, d=load, horizon=horizon, unsafe=unsafe,
-            noise=None if noise is None else np.broadcast_to(np.asarray(noise, float), n_y),
+            noise=None if noise is None else _numbers("noise", noise, n_y),
             bands={self._output(name): band for name, band in (bands or {}).items()},
         )  # fmt: skip
 
@@ -204,6 +208,14 @@ class LTILoop:
             solved=np.ones(steps, dtype=bool), channels=self.channels,
             end=End.UNSAFE if stopped else End.TIME_UP, y=y,
         )  # fmt: skip
+
+
+def _numbers(what: str, value: Any, n: int) -> Float[np.ndarray, " n"]:
+    """Return a number or `n` of them, shape (n,)."""
+    try:
+        return numbers(what, value, n)
+    except PlantError as error:
+        raise SettingsError(str(error)) from error
 
 
 def _space(knobs: Sequence[Knob] | KnobSpace) -> KnobSpace | None:

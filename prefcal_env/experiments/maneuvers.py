@@ -49,13 +49,14 @@ def combined(
     Raises:
         ExperimentError: If there are no runs, a maneuver has no name or the name of another one,
             the runs differ in θ or in the names of their channels, a run is itself a combination,
-            or no run has a KPI called as in `higher_is_better` or `targets` says.
+            or no run has a KPI called as in `higher_is_better` or `targets` says, although
+            none was interrupted.
     """
     targets = {} if targets is None else targets
     _check(runs)
     names = dict.fromkeys(name for run in runs for name in run.kpis)
     unknown = sorted({*higher_is_better, *targets} - set(names))
-    if unknown and names:
+    if unknown and names and not any(run.end.interrupted for run in runs):
         raise ExperimentError(
             f"higher_is_better and targets must name KPIs of the maneuvers, got {unknown}; "
             f"there are {sorted(names)}"

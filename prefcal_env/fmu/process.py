@@ -86,6 +86,7 @@ class Process:
     def __init__(self, job: Job, limit: float) -> None:
         self._job, self._limit = job, limit
         self._lock = threading.Lock()
+        self._reset = True  # whether a reset of the FMU may be tried
         self._held = _Held()
         weakref.finalize(self, _Held.release, self._held)
 
@@ -105,22 +106,52 @@ class Process:
             if self._held.owner != os.getpid():  # a fork: the process belongs to the parent
                 self._held = _Held()
                 weakref.finalize(self, _Held.release, self._held)
-            worker = self._started()
+            used = self._ready()
             try:
-                answer = worker.run(theta, self._limit)
-            except BaseException:  # Ctrl-C, too: its answer would be taken for the next one's
-                worker.kill()
-                self._held.worker = None
+                return self._run(theta)
+            except RunError as error:
+                if not used or error.why != "died":
+                    raise
+            # Not θ may have ended the process, but what earlier runs left behind in it.
+            before, self._reset = self._reset, False
+            try:
+                return self._run(theta)
+            except RunError:
+                self._reset = before
                 raise
-            if worker.runs >= _RUNS:
-                worker.leave()
-                self._held.worker = None
-            return answer
 
     def close(self) -> None:
         """End the process and remove its files; a further run starts anew."""
         with self._lock:
             self._held.release()
+
+    def _ready(self) -> bool:
+        """Return whether a used process is ready; one that did not bear a reset is ended."""
+        worker = self._held.worker
+        if worker is None:
+            return False
+        try:
+            worker.settle(self._limit)
+        except BaseException as error:
+            worker.kill()
+            self._held.worker = None
+            if not isinstance(error, RunError):
+                raise
+            self._reset = False
+        return self._held.worker is not None
+
+    def _run(self, theta: list[float]) -> Answer:
+        worker = self._started()
+        try:
+            answer = worker.run(theta, self._limit)
+        except BaseException:  # Ctrl-C, too: its answer would be taken for the next one's
+            worker.kill()
+            self._held.worker = None
+            raise
+        if worker.runs >= _RUNS:
+            worker.leave()
+            self._held.worker = None
+        return answer
 
     def _started(self) -> "_Worker":
         held = self._held
@@ -130,7 +161,7 @@ class Process:
         if held.worker is None:
             worker = _Worker(held.home)
             try:
-                worker.begin(self._job, max(self._limit, _LOADING))
+                worker.begin(self._job, self._reset, max(self._limit, _LOADING))
             except BaseException:
                 worker.kill()
                 raise
@@ -173,7 +204,7 @@ class _Worker:
             )  # fmt: skip
         self.pid, self.runs = self._process.pid, 0
 
-    def begin(self, job: Job, limit: float) -> None:
+    def begin(self, job: Job, reset: bool, limit: float) -> None:
         """Load the FMU. Raises RunError if that fails."""
         plain = (
             str(self._home / "fmu"),
@@ -182,15 +213,20 @@ class _Worker:
             job.instants,
             job.every,
             job.tolerance,
+            reset,
         )
-        problem = self._asked(plain, limit, "loading the FMU")
+        problem = self._heard(limit, "loading the FMU", plain)
         if problem:
             raise RunError(str(problem), "raised")
 
     def run(self, theta: list[float], limit: float) -> Answer:
         """Simulate θ. Raises RunError if it takes too long, or ends the process."""
         self.runs += 1
-        return Answer(*self._asked(theta, limit, "the simulation"))
+        return Answer(*self._heard(limit, "the simulation", theta))
+
+    def settle(self, limit: float) -> None:
+        """Wait until the process is ready after a run. Raises RunError if that fails."""
+        self._heard(limit, "a reset")
 
     def leave(self) -> None:
         """Let the process end by itself, and keep the files."""
@@ -211,7 +247,7 @@ class _Worker:
             with suppress(OSError):
                 pipe.close()  # type: ignore[union-attr]
 
-    def _asked(self, content: Any, limit: float, what: str) -> Any:
+    def _heard(self, limit: float, what: str, *request: Any) -> Any:
         late = threading.Event()
 
         def end() -> None:
@@ -222,7 +258,8 @@ class _Worker:
         timer.daemon = True
         timer.start()
         try:
-            self._send(content)
+            for content in request:
+                self._send(content)
             assert self._process.stdout is not None
             return pickle.load(self._process.stdout)
         except (EOFError, OSError, pickle.UnpicklingError) as error:

@@ -46,6 +46,7 @@ class Job(NamedTuple):
         instants: Start, communication instants and end, in seconds, shape (M,).
         every: Every how many communications the variables are recorded; the end always is.
         tolerance: Relative tolerance of the FMU's solver; None for its own.
+        reset: Whether it may be tried to reset the FMU between runs.
     """
 
     folder: str
@@ -54,6 +55,7 @@ class Job(NamedTuple):
     instants: Any
     every: int
     tolerance: float | None
+    reset: bool = True
 
 
 class Answer(NamedTuple):
@@ -151,7 +153,7 @@ class _Simulation:
 
     def try_reset(self, theta: list[float], answer: Answer) -> None:
         """Find out whether a reset FMU runs θ as the new one did, which gave `answer`."""
-        if self._tried or answer.problem:
+        if self._tried or answer.problem or not self._job.reset:
             return
         self._tried = True
         if answer.seconds <= _QUICK:
@@ -270,6 +272,7 @@ def main() -> None:
         answer = simulation.run(theta)
         _say(out, tuple(answer))
         simulation.try_reset(theta, answer)
+        _say(out, None)
     simulation.close()
     if gone.is_set():
         _remove(job.folder)

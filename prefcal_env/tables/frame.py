@@ -1,7 +1,7 @@
 """Make an experiment of a table: a DataFrame, a CSV or a Parquet file."""
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -32,9 +32,10 @@ class TableColumns:
 
     Args:
         columns: Maps our names to the table's headings where they differ, such as
-            {"level": "TI-101.PV"}.
+            {"level": "TI-101.PV", "level ref": "TI-101.SP"}.
         time: Heading of the column with the time: numbers, durations or time stamps. None finds
-            it by its usual names, or takes the index of a DataFrame.
+            it by its usual names, or takes the index of a DataFrame; integers
+            without a name are row numbers.
         outputs: Names of the outputs. If empty, all other columns that hold numbers.
         inputs: Names of the inputs.
         signals: Names of additional signals.
@@ -52,7 +53,7 @@ class TableColumns:
         resample: Period of a regular time axis, in the unit of time or as text such as "100ms".
             Values between rows are interpolated (inputs are held), not averaged. None keeps rows.
         max_rows: Largest number of rows: of longer tables, the rows with the extreme values of
-            each stretch are kept. None keeps all.
+            each stretch are kept, and KPIs are those of all rows. None keeps all.
 
     Raises:
         SettingsError: If a word in `allow` is unknown or `max_rows` is too small.
@@ -94,15 +95,13 @@ class TableColumns:
     ) -> Experiment:
         """Make an experiment of a table; see `from_frame`."""
         wanted = {*self.columns.values(), *self.outputs, *self.inputs, "time"}
-        used = _Used.of(sheet_of(table, wanted), self).ordered().thinned()
-        made = used.curves()
-        return recorded(
-            theta, used.axis(), {n: made[n] for n in used.outputs},
-            {n: made[n] for n in self.inputs}, used.reference_curves(),
-            used.units(), self.limits, bands=self.bands,
-            signals={n: made[n] for n in self.signals}, kpis=kpis, end=end,
-            time_unit=used.time_unit,
-        )  # fmt: skip
+        used = _Used.of(sheet_of(table, wanted), self).ordered()
+        kept = used.thinned()
+        if kept is used or kpis is None:
+            return kept.recorded(theta, kpis, end)
+        # The extremes that are kept for plots are no fair sample of the errors and moves.
+        every = used.recorded(theta, kpis, end)
+        return kept.recorded(theta, None, every.end).with_kpis(every.kpis)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,7 +175,11 @@ class _Used:
                 f"where {usual:g} {unit} is usual{_and_more(len(gaps))}: fill it, or give "
                 "allow=('gaps',) to bridge it"
             )
-        return used
+        return used.from_zero() if self.about.from_zero and len(used.t) else used
+
+    def from_zero(self) -> "_Used":
+        """Return the same with time that counts from the first row."""
+        return replace(self, t=self.t - self.t[0])
 
     def place(self, k: int) -> str:
         """Return where row k is in the source, for messages."""
@@ -193,15 +196,26 @@ class _Used:
 
     def thinned(self) -> "_Used":
         """Return at most `max_rows` rows, unless the table is resampled anyway."""
-        used, most = self, self.about.max_rows
-        if self.about.from_zero and len(self.t):
-            used = _Used(
-                self.sheet, self.about, self.time_unit, self.t - self.t[0], self.rows,
-                self.outputs, self.places, self.values,
-            )  # fmt: skip
+        most = self.about.max_rows
         if most is None or self.about.resample is not None or len(self.t) <= most:
-            return used
-        return used.taken(extreme_rows(list(used.values.values()), most))
+            return self
+        return self.taken(extreme_rows(list(self.values.values()), most))
+
+    def recorded(
+        self,
+        theta: ArrayLike,
+        kpis: Callable[[Experiment], Mapping[str, float]] | None,
+        end: End | None,
+    ) -> Experiment:
+        """Return the experiment of these rows."""
+        about, made = self.about, self.curves()
+        return recorded(
+            theta, self.axis(), {n: made[n] for n in self.outputs},
+            {n: made[n] for n in about.inputs}, self.reference_curves(),
+            self.units(), about.limits, bands=about.bands,
+            signals={n: made[n] for n in about.signals}, kpis=kpis, end=end,
+            time_unit=self.time_unit,
+        )  # fmt: skip
 
     def axis(self) -> Float[np.ndarray, " M"]:
         """Return the instants of the experiment."""
@@ -263,6 +277,10 @@ class _Used:
     def units(self) -> dict[str, str]:
         """Return the unit of each output and input."""
         names = (*self.outputs, *self.about.inputs)
+        known = [*names, *self.about.signals]
+        unknown = [name for name in self.about.units if name not in known]
+        if unknown:
+            raise SettingsError(f"units names {unknown[0]!r}, which is none of {known}")
         return {n: self.sheet.unit(self.places[n], self.about.units.get(n)) for n in names}
 
 
@@ -281,6 +299,8 @@ def _reference_places(
     for name in outputs:
         given = about.reference.get(name)
         place = sheet.find(_ref(name)) if given is None else None
+        if given is None and _ref(name) in about.columns:
+            place = sheet.column(about.columns[_ref(name)], _ref(name))
         if isinstance(given, str):
             place = sheet.column(given, _ref(name))
         if place is not None:
@@ -293,18 +313,24 @@ def _other_columns(sheet: Sheet, about: TableColumns, time: int) -> tuple[str, .
     import pandas as pd
 
     used = {*about.inputs, *about.signals}
-    named = tuple(name for name in about.columns if name not in used and name != "time")
-    if named:
-        return named
     taken = {time, *(sheet.column(about.columns.get(n, n), n) for n in used)}
     taken |= {sheet.column(v, "") for v in about.reference.values() if isinstance(v, str)}
+    renamed = {n: sheet.column(h, n) for n, h in about.columns.items() if n not in used}
+    renamed.pop("time", None)
     names = {i: parts_of(h)[0] for i, h in enumerate(sheet.headings)}
+    places = [(name, i) for name, i in renamed.items() if i not in taken]
+    places += [
+        (name, i)
+        for i, name in names.items()
+        if i not in {*taken, *renamed.values()}
+        and name not in about.columns
+        and pd.api.types.is_numeric_dtype(sheet.frame[i].dtype)
+    ]
+    there = {*renamed, *names.values()}
     found = tuple(
         name
-        for i, name in names.items()
-        if i not in taken
-        and pd.api.types.is_numeric_dtype(sheet.frame[i].dtype)
-        and not (name.endswith(" ref") and name.removesuffix(" ref") in names.values())
+        for name, _ in places
+        if not (name.endswith(" ref") and name.removesuffix(" ref") in there)
     )
     if not found:
         raise RecordError(

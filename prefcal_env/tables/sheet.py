@@ -146,6 +146,8 @@ def sheet_of(table: Table, wanted: Collection[str] = ()) -> Sheet:
         return table
     if hasattr(table, "columns") and hasattr(table, "iloc"):
         return _of_frame(table)
+    if isinstance(table, str) and not table.strip():
+        raise RecordError("a table needs a line of headings and rows of values, got no line")
     if isinstance(table, str) and not _LINE_END.search(table):
         table = Path(table)
     if isinstance(table, Path):
@@ -228,13 +230,16 @@ def _parquet(content: bytes) -> Any:
 
 
 def _of_frame(frame: Any) -> Sheet:
-    """Return the sheet of a DataFrame; an index that is no row number becomes its first column."""
+    """Return the sheet of a DataFrame; an index that is no row number becomes its first column.
+
+    Integers without a name are row numbers, which a selection of rows does not count anew.
+    """
     import pandas as pd
 
     if isinstance(frame.columns, pd.MultiIndex) or isinstance(frame.index, pd.MultiIndex):
         raise RecordError("the DataFrame has several levels: flatten it with reset_index()")
     index = frame.index
-    if not isinstance(index, pd.RangeIndex) or index.name is not None:
+    if not pd.api.types.is_integer_dtype(index.dtype) or index.name is not None:
         name = "time" if index.name is None else index.name
         frame = pd.concat([index.to_series(index=index, name=name), frame], axis=1)
     headings = tuple(str(heading) for heading in frame.columns)

@@ -67,4 +67,6 @@ def extreme_rows(columns: Sequence[Float[np.ndarray, " K"]], most: int) -> Int[n
         for fill, pick in ((np.inf, np.argmin), (-np.inf, np.argmax)):
             best = pick(np.where(np.isnan(parts), fill, parts), axis=1)
             kept.append(rows[np.arange(stretches), best])
-    return np.unique(np.concatenate(kept))[:most]
+    found = np.unique(np.concatenate(kept))
+    # Of many columns not all extremes can be kept: what is left out lies all over the run.
+    return np.asarray(found[np.linspace(0, len(found) - 1, min(most, len(found))).astype(int)])

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.control import Controller
 from prefcal_env.experiments.experiment import Channels, Experiment
+from prefcal_env.experiments.maneuvers import Maneuvers
 from prefcal_env.experiments.panels import Panel as Panel
 from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.knobs.space import KnobSpace
@@ -239,9 +240,20 @@ def _tracked(run: Any, names: Sequence[str]) -> Any:
     # A live rig measures them itself; a run in another process got them there.
     if isinstance(run, LiveRig):
         return run
+    if isinstance(run, Maneuvers):
+        return run.each(lambda part: _tracked(part, _allowed(part, names)))
     if isinstance(run, Tracked) or hasattr(run, "worker") or not callable(run):
         return run
     return Tracked(run, tuple(names))
+
+
+def _allowed(run: Any, names: Sequence[str]) -> list[str]:
+    """Return those of `names` that the channels of a maneuver allow: others lack a target."""
+    channels = getattr(run, "channels", None)
+    if not isinstance(channels, Channels):
+        return list(names)
+    there = {row["name"] for row in found_rows(channels)}
+    return [name for name in names if name in there]
 
 
 def finds_kpis(scenario: Scenario) -> bool:

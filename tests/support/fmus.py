@@ -66,6 +66,10 @@ TROUBLES = {
     "Crashes": "if self.K_p > 3: os.abort()",
     "Errs": "if self.K_p > 3 and t > 4.95: raise ValueError('the tank is dry')",
     "Diverges": "if self.K_p > 3 and t > 4.95: self.level = math.nan",
+    "Once": (
+        "if t < 0.01: os.environ['USES'] = os.environ.get('USES', '') + 'x'\n"
+        "        if os.environ.get('USES') == 'xx': os.abort()"
+    ),
     "Starts": "if self.K_p > 3 and t < 0.01: raise ValueError('never ready')",
 }
 

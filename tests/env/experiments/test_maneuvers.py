@@ -40,6 +40,13 @@ def test_a_kpi_that_an_interrupted_maneuver_lacks_is_unknown():
     assert made.end is End.UNSAFE
 
 
+def test_interrupted_maneuvers_may_all_lack_a_kpi_that_should_be_high_or_near_a_target():
+    runs = [run(name, 1.0, end=End.UNSAFE) for name in ("step", "load")]
+    made = combined(runs, higher_is_better=["yield"], targets={"mean level": 2.0})
+    assert made.end is End.UNSAFE
+    assert set(made.kpis) == {"error", "error (mean)", "error (step)", "error (load)"}
+
+
 def test_a_kpi_of_one_maneuver_alone_has_no_mean():
     other = replace(run("load"), kpis={"recovery": 3.0})
     assert set(combined([run("step", 1.0), other]).kpis) == {

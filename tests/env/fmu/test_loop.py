@@ -180,6 +180,12 @@ def resident(pid):
     return 4 * int(statm.read_text().split()[1])
 
 
+def test_an_fmu_that_runs_only_once_in_a_process_gets_a_new_one_for_each_run(folder):
+    once = loop(built(folder, "Once"))
+    for _ in range(3):
+        np.testing.assert_allclose(once(GOOD).y[:, 0], simulated(2.0, 10.0)[0], rtol=1e-12)
+
+
 @pytest.mark.parametrize("forgets", [False, True])
 def test_an_fmu_is_reset_only_if_that_gives_the_same_record(tank, tmp_path, forgets):
     serving = pytest.importorskip("prefcal_env.fmu.serving")

@@ -55,6 +55,15 @@ def test_files_and_frames_of_the_same_table(tmp_path):
     same(from_frame(str(tmp_path / "run.csv"), 1.0, **USE))
 
 
+@pytest.mark.parametrize("time", ["t", "time"])
+def test_rows_that_are_selected_or_joined_keep_their_own_time(time):
+    frame = pd.DataFrame({time: [0.0, 0.1, 0.5, 1.0], "level": [1.0, 9.0, 2.0, 3.0]})
+    for chosen in (frame[frame.level < 9], pd.concat([frame[:1], frame[2:]])):
+        e = from_frame(chosen, 1.0)
+        assert np.array_equal(e.t, [0, 0.5, 1])
+        assert [channel.name for channel in e.channels.y] == ["level"]
+
+
 def test_headings_are_mapped_and_the_mapping_can_be_kept():
     table = GOOD.replace("level [m]", "TI-101").replace("valve", "V1")
     log = TableColumns(
@@ -64,6 +73,16 @@ def test_headings_are_mapped_and_the_mapping_can_be_kept():
     assert log.read(table, 1.0) == from_frame(
         table, 1.0, columns=log.columns, inputs=["valve"], units=log.units
     )
+
+
+def test_headings_that_are_mapped_leave_the_other_columns_as_they_are():
+    table = "time [s],TI,SP,flow,note\n0,1,2,5,a\n1,2,2,6,b\n2,2,2,7,c\n"
+    e = from_frame(table, 1.0, columns={"level": "TI"})
+    assert [channel.name for channel in e.channels.y] == ["level", "SP", "flow"]
+    e = from_frame(table, 1.0, columns={"level": "TI", "level ref": "SP"}, inputs=["flow"])
+    assert [channel.name for channel in e.channels.y] == ["level"]
+    assert e.channels.y[0].target == 2
+    assert "integrated error of level" in e.kpis
 
 
 def test_without_names_all_columns_of_numbers_are_outputs():
@@ -84,7 +103,7 @@ def test_a_reference_comes_from_a_column_or_a_number():
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ("", "cannot read the table"),
+        ("", "a line of headings and rows of values, got no line"),
         ("\n", "a line of headings and rows of values, got no line"),
         ("absent.csv", "cannot read the table 'absent.csv': No such file"),
         (b"\x00\x01", "neither text nor Parquet"),
@@ -124,6 +143,7 @@ def test_rows_of_a_frame_are_counted_from_zero_when_refused():
     ("change", "words"),
     [
         ({"units": {"level": "K"}}, "column 'level' is in m by its heading, but units= says K"),
+        ({"units": {"levle": "m"}}, "units names 'levle', which is none of .'level', 'valve'"),
         ({"allow": "repair"}, "allow must hold some of"),
         ({"max_rows": 5}, "max_rows must be 100 or more"),
         ({"resample": "often"}, "resample must be a period above 0 s"),
@@ -171,6 +191,16 @@ def test_a_million_rows_are_read_and_thinned_to_their_extremes():
     e = from_frame(pd.DataFrame({"time": np.arange(1e6) / 8, "level": values}), 1.0)
     assert 50_000 < len(e.t) <= 100_000
     assert (e.y.max(), e.y.min(), e.duration) == (values.max(), values.min(), 999_999 / 8)
+
+
+def test_kpis_are_those_of_all_rows_even_if_only_some_are_kept():
+    level = 1 + np.random.default_rng(0).normal(size=5_000)
+    table = pd.DataFrame({"time": np.arange(5e3) / 8, "level": level})
+    thinned, whole = (
+        from_frame(table, 1.0, reference={"level": 1.0}, max_rows=rows) for rows in (500, None)
+    )
+    assert len(thinned.t) <= 500
+    assert thinned.kpis == whole.kpis
 
 
 @given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), min_size=2, max_size=20))

@@ -49,6 +49,16 @@ def test_the_ranges_hold_the_tunings_of_known_rules(name):
         assert np.all((inside > 0) & (inside < 1))
 
 
+def test_the_total_move_counts_the_first_move_away_from_rest():
+    scenario = pid_scenario(PLANTS["lag with dead time"])
+    theta = scenario.space.decode(np.full(len(scenario.space), 0.5))
+    made = scenario.run(theta)
+    rest = scenario.run.kpis.design.point.u[0]
+    moved = np.abs(np.diff([rest, *made.u_control[:, 0]]))
+    assert moved[0] > 1
+    assert np.isclose(made.kpis["total_move"], moved.sum())
+
+
 def test_a_direct_and_a_reversed_plant_are_controlled_in_their_directions():
     theta = np.array([1.0, 5.0, 0.0, 1.0])
     for name, sign in (("lag with dead time", 1), ("negative gain", -1)):

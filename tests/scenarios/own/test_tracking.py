@@ -6,7 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_env import Channel, Channels, ClosedLoop, Knob, KnobSpace, Move, PlantEnv, Rig, Task
+from prefcal_env import (
+    Channel,
+    Channels,
+    ClosedLoop,
+    Knob,
+    KnobSpace,
+    Maneuvers,
+    Move,
+    PlantEnv,
+    Rig,
+    Task,
+)
 from prefcal_env.plants import FunctionPlant
 from prefcal_scenarios.own.tracking import Tracked, found_rows
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
@@ -29,10 +40,10 @@ class P:
         return Move(np.array([self.K * (m.y_ref[0] - m.x[0])]))
 
 
-def loop():
+def loop(level=2.0):
     plant = FunctionPlant(lambda x, u, d: [0.02 * u[0] - 0.1 * x[0]], states=[LEVEL],
                           inputs=[VALVE])  # fmt: skip
-    task = Task(x0=np.zeros(1), u0=np.zeros(1), y_ref=np.array([2.0]), horizon=20.0)
+    task = Task(x0=np.zeros(1), u0=np.zeros(1), y_ref=np.array([level]), horizon=20.0)
     return ClosedLoop(lambda: PlantEnv(plant, task), P)
 
 
@@ -51,6 +62,22 @@ def test_a_plain_function_gets_its_kpis_from_its_first_experiment():
     assert finds_kpis(replace(scenario, title="Other"))
     found = with_found_kpis(scenario, scenario.run(np.array([30.0])))
     assert [kpi.name for kpi in found.kpis] == FOUND
+
+
+def test_the_found_kpis_of_maneuvers_are_the_worst_of_all_of_them():
+    plain = {"small": loop(2.0), "large": loop(6.0)}
+    for runs in (plain, {name: lambda theta, seed=0, run=run: run(theta, seed)
+                         for name, run in plain.items()}):  # fmt: skip
+        scenario = Scenario("tank", "Tank", SPACE, Maneuvers(runs))
+        made = replace(scenario, title="Other").run(np.array([30.0]))
+        each = [made.kpis[f"integrated error of level ({name})"] for name in plain]
+        assert each[0] < each[1] == made.kpis["integrated error of level"]
+
+
+def test_a_maneuver_without_a_set_point_leaves_the_kpis_of_the_others_known():
+    scenario = Scenario("tank", "Tank", SPACE, Maneuvers({"step": loop(), "off": loop(np.nan)}))
+    assert [kpi.name for kpi in scenario.kpis] == FOUND
+    assert np.isfinite(scenario.run(np.array([30.0])).kpis["integrated error of level"])
 
 
 def test_a_scenario_can_say_that_it_has_none_and_its_run_stays_its_own():

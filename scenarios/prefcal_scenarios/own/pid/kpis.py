@@ -44,6 +44,9 @@ class Measure:
                 found |= {
                     f"{n}{end}": v for n, v in _values(experiment, loop, k, len(loops), phase)
                 }
+                rest = self.design.point.u[loop.input]  # the first move starts there
+                moves = np.diff(experiment.u_control[:, loop.input], prepend=rest)
+                found[f"total_move{end}"] = float(np.abs(moves).sum())
         return found | {"M_s": self.sensitivity(experiment.theta)}
 
     def sensitivity(self, theta: Float[np.ndarray, " n"]) -> float:
@@ -73,7 +76,6 @@ def _values(e: Experiment, loop: Single, k: int, n: int, phase: float) -> list[t
         ("overshoot", 100 * max(float(error[own].max(initial=0.0)), 0.0)),
         ("disturbance_peak", size * float(np.abs(error[late]).max()) if late.any() else np.inf),
         ("recovery", _until(t, error, late, n * phase, (n + 1) * phase)),
-        ("total_move", float(np.abs(np.diff(e.u_control[:, loop.input])).sum())),
     ]
 
 

@@ -196,3 +196,17 @@ def test_a_controller_that_does_not_fit_is_refused(controller, error, reason):
     loop = LTILoop(([1.0, 0.0], [1.0, 1.0]), lambda theta: controller, horizon=1.0)
     with pytest.raises(error, match=reason):
         loop([1.0])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"d": [1, 2]}, "d must be a finite number or 0 of them"),
+        ({"noise": [1, 2]}, "noise must be a finite number or 1 of them"),
+        ({"T_s": "x"}, "T_s must be above 0 s, got 'x'"),
+        ({"T_s": -1.0}, r"T_s must be above 0 s, got -1\.0"),
+    ],
+)
+def test_settings_that_do_not_fit_a_loop_are_refused(change, words):
+    with pytest.raises(SettingsError, match=words):
+        LTILoop(([1.0], [1.0, 1.0]), lambda theta: 2.0, horizon=10.0, **change)
