@@ -183,9 +183,8 @@ class LiveRig:
         blind = ", ".join(never_good(self, outcome))
         why = outcome.why or (f"the plant had no good value of {blind} in the run" if blind else "")
         return Driven(
-            experiment, why, outcome.restored, outcome.stopped, outcome.kept,
-            outcome.problem,
-        )  # fmt: skip
+            experiment, why, outcome.restored, outcome.stopped, outcome.kept, outcome.problem
+        )
 
     @property
     def left(self) -> dict[str, float] | None:
