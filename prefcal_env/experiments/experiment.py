@@ -221,7 +221,8 @@ class Experiment:
     def to_frame(self) -> Any:
         """Return the curves as a pandas DataFrame: time as index, columns "name [unit]".
 
-        Columns are the outputs, states, inputs and signals. `from_frame` reads the curves back; name the inputs.
+        Columns are the outputs, states, inputs and signals. `from_frame` reads the
+        curves back if you name the inputs.
         """
         from .notebook import frame_of
 
