@@ -9,6 +9,7 @@ from typing import Any
 
 from prefcal_env.errors import ExperimentError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_scenarios.app.presentation.wording import printable
 
 from .kpis import measured_run
 from .pair import Pair, Run, paired
@@ -66,15 +67,19 @@ class Look:
         return comparison(self.pair)
 
     def png(self) -> bytes:
-        """Return the picture of both runs."""
+        """Return the picture of both runs over each other; references are dotted."""
         # Imported here: plotting takes half a second to import.
-        from prefcal_scenarios.app.presentation.style import save, style
+        from prefcal_scenarios.app.presentation.style import BEST, OTHERS, save, style
+        from prefcal_scenarios.app.report.trajectories import Curve, overlaid
 
-        from .picture import picture
-
+        looks = ((BEST, "-"), (OTHERS[0], (0, (5, 1.6))))
+        curves = [
+            Curve(run.experiment, printable(run.name).replace("$", r"\$"), color, 1.7, dashes)
+            for run, (color, dashes) in zip((self.pair.left, self.pair.right), looks, strict=True)
+        ]
         buffer = BytesIO()
         with style():
-            save(picture(self.pair), buffer)
+            save(overlaid(self.pair.panels, curves), buffer)
         return buffer.getvalue()
 
     def save(self, path: str | Path) -> Path:
