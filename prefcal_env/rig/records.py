@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,8 @@ from jaxtyping import Float
 
 from prefcal_env.errors import RecordError
 from prefcal_env.tables.cells import Cells, cells_of, number_of, parts_of, same_unit
+from prefcal_env.tables.sheet import Sheet
+from prefcal_env.tables.timing import instants
 
 _MOST_LISTED = 5
 """Largest number of problems in a message; people fix some of them and try again."""
@@ -28,6 +31,7 @@ class Columns:
         max_gap: Longest step in time, in median steps.
         max_rows: Largest number of rows.
         optional: Maps the names of optional columns to their units.
+        time_format: Format of time stamps as for `datetime.strptime`; None for ISO 8601.
     """
 
     names: tuple[str, ...]
@@ -36,6 +40,7 @@ class Columns:
     max_gap: float
     max_rows: int
     optional: Mapping[str, str]
+    time_format: str | None = None
 
     @property
     def headings(self) -> tuple[str, ...]:
@@ -53,7 +58,8 @@ class Columns:
         """Return the values of `names` and then `optional`, shape (K, n); NaN for absent columns.
 
         Separators are commas, semicolons or tabs; with the latter two, numbers may have a decimal
-        comma. Lines that begin with # and unknown columns are ignored.
+        comma. Lines that begin with # and unknown columns are ignored. Time stamps count from
+        the earliest one.
 
         Raises:
             RecordError: If the record is not valid; the message lists all problems, with line
@@ -72,7 +78,9 @@ class Columns:
         lines = [line for line, _ in cells.rows]
         problems = [*_too_long(cells), *_mixed(cells, places.values())]
         for i, name in enumerate(known):
-            if name in places:
+            if name == self.names[0] and _stamped(cells, places[name]):
+                values[:, i] = self._elapsed(cells, places[name])
+            elif name in places:
                 problems += self._column(cells, name, places[name], values[:, i])
         problems += [*self._time(values[:, 0], lines), *self._in_range(values, lines)]
         _refuse(problems)
@@ -117,6 +125,20 @@ class Columns:
             count += 1
         return [first + _and_more(count)] if count else []
 
+    def _elapsed(self, cells: Cells, place: int) -> Float[np.ndarray, " K"]:
+        """Return time stamps as the time since the earliest one, in the record's unit, shape (K,).
+
+        Raises:
+            RecordError: If a cell is no time stamp, or the unit of time is unknown.
+        """
+        import pandas as pd
+
+        stamps = [row[place].strip() if place < len(row) else "" for _, row in cells.rows]
+        lines = np.array([line for line, _ in cells.rows])
+        frame = pd.DataFrame({0: [stamp or None for stamp in stamps]})
+        sheet = Sheet((cells.headings[place],), frame, lines)
+        return instants(sheet, 0, self.units[0], self.time_format)[0]
+
     def _time(self, t: Float[np.ndarray, " K"], lines: Sequence[int]) -> Iterator[str]:
         if np.any(np.isnan(t)):
             return
@@ -149,6 +171,12 @@ class Columns:
                     f"line {lines[k]}, column {name!r}: {values[k, i]:g} {unit} is outside "
                     f"[{low:g}, {high:g}] {unit}{_and_more(len(outside))}: is the unit right?"
                 )
+
+
+def _stamped(cells: Cells, place: int) -> bool:
+    """Return whether a column begins with a date, such as 2026-11-23 or 23.11.2026 09:00."""
+    first = next((row[place] for _, row in cells.rows if place < len(row)), "")
+    return re.match(r"\s*\d{1,4}[-./]\d{1,2}[-./]\d{1,4}(\D|$)", first) is not None
 
 
 def _heading(name: str, unit: str) -> str:

@@ -36,6 +36,8 @@ class Rig:
         max_rows: Largest number of rows of a record.
         headings: Maps "time" and names of channels to the headings of the record's columns where
             they differ, such as {"temperature": "TI-101.PV"}.
+        time_format: Format of time stamps, such as "%d/%m/%Y %H:%M:%S"; None for ISO 8601, or
+            days and months with points. They count from the earliest one.
 
     Raises:
         SettingsError: If references or ranges do not fit the channels, or a bound is not valid.
@@ -49,6 +51,7 @@ class Rig:
     max_gap: float = 3.0
     max_rows: int = 200_000
     headings: Mapping[str, str] = field(default_factory=dict)
+    time_format: str | None = None
 
     signals = ()
     """Additional signals of the records: none."""
@@ -100,6 +103,7 @@ class Rig:
             self.max_gap,
             self.max_rows,
             {called.get(f"{c.name} ref", f"{c.name} ref"): c.unit for c in self.channels.y},
+            self.time_format,
         )
 
     def template(self) -> str:

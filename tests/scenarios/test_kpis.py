@@ -236,6 +236,15 @@ def test_a_cost_that_is_no_finite_number_is_refused(tmp_path, name):
     assert with_cost(TOY, f"{tmp_path}/costs.py:fine").cost(FINE) == 0.4
 
 
+def test_a_kpi_can_be_the_cost_and_a_stopped_run_is_the_worst():
+    name = next(kpi.name for kpi in TOY.kpis if kpi.goal is not None)
+    scenario = with_cost(TOY, name)
+    assert scenario.cost(FINE) == outcome(TOY, FINE)[name]
+    assert scenario.cost(UNSAFE) == np.inf
+    with pytest.raises(ScenarioError, match="Did you mean"):
+        with_cost(TOY, name[:-1])
+
+
 @pytest.mark.parametrize(
     ("source", "message"),
     [

@@ -54,6 +54,41 @@ def test_spellings_of_the_same_record(text):
     assert RIG.read(text, THETA) == RIG.read(GOOD, THETA)
 
 
+HISTORIAN = """Timestamp;TI-101.PV;FI-2.PV;V-7.OP;Quality
+23.11.2026 09:00:00;20;1,5;100;Good
+23.11.2026 09:00:30;21;1,5;100;Good
+23.11.2026 09:01:00;23,5;1,6;90;Good
+"""
+TAGS = {"time": "Timestamp", "temperature": "TI-101.PV", "flow": "FI-2.PV", "power": "V-7.OP"}
+
+
+@pytest.mark.parametrize(
+    ("text", "time_format"),
+    [
+        (HISTORIAN, None),
+        (HISTORIAN.replace("23.11.2026 ", "2026-11-23T"), None),
+        (HISTORIAN.replace("23.11.2026", "11/23/2026"), "%m/%d/%Y %H:%M:%S"),
+    ],
+)
+def test_a_historian_s_export_is_a_record_by_its_own_headings_and_time_stamps(text, time_format):
+    rig = replace(RIG, headings=TAGS, time_format=time_format)
+    assert rig.read(text, THETA) == RIG.read(GOOD, THETA)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("23.11.2026 09:00:30", "later", "line 3, column 'Timestamp': expected a number or a time"),
+        ("23.11.2026 09:00:30", "", "line 3, column 'Timestamp': expected a time, got nothing"),
+        ("23.11.2026", "11/23/2026", "give time_format='%d/%m/%Y %H:%M:%S' or the like"),
+        ("09:00:30", "08:00:30", "line 3: time must increase"),
+    ],
+)
+def test_a_time_stamp_that_cannot_be_read_is_refused_with_its_line(old, new, words):
+    with pytest.raises(RecordError, match=words):
+        replace(RIG, headings=TAGS).read(HISTORIAN.replace(old, new), THETA)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

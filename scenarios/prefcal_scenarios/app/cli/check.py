@@ -235,7 +235,8 @@ def _print_findings(checkup: "Checkup | None", findings: "list[Finding]") -> Non
     table.add_column(overflow="fold")
     for finding in findings:
         sign, style = _SIGNS[finding.ok]
-        words = Text(printable(finding.words), style="" if finding.ok is not None else "dim")
+        lines = "\n".join(map(printable, finding.words.splitlines()))
+        words = Text(lines, style="" if finding.ok is not None else "dim")
         table.add_row(Text(sign, style=style), Text(printable(finding.what)), words)
     console.print(table)
 

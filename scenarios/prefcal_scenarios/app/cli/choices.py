@@ -1,5 +1,6 @@
 """Turn command-line values into agents, calibrators, θ and processors."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from prefcal_env.rig import Rig
 from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
-from .options import SCORE, SIMULATING, Options
+from .options import SCORE, SIMULATING, SYNTHETIC, Options
 from .parameters import kept_by
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ def make_agent(options: Options, scenario: Scenario, start: Thetas = ()) -> "Age
             f"--agent must be one of {', '.join(WORDS)}, got {options.agent!r}.{hint}".rstrip(".")
         )
     check_agent_takes(options)
+    _check_cost(options)
     _check_simulates(options, scenario)
     if WORDS[options.agent].by_value:
         _check_score(options, scenario)
@@ -66,6 +68,15 @@ def check_agent_takes(options: Options) -> None:
             continue
         usual = f"only the agent {' or '.join(kept.agents)} takes {parameter.flag}, not {{agent!r}}"
         raise SettingsError((kept.refusal or usual).format(agent=options.agent))
+
+
+def _check_cost(options: Options) -> None:
+    """Raise SettingsError if a cost was given and someone else answers."""
+    if options.cost is not None and options.calibrator not in (SCORE, SYNTHETIC):
+        raise SettingsError(
+            "--cost is what the calibrator synthetic and the agent glis go by: add --calibrator "
+            f"synthetic, or --agent glis; got --calibrator {options.calibrator}"
+        )
 
 
 def _check_simulates(options: Options, scenario: Scenario) -> None:
@@ -116,12 +127,23 @@ def _unknown(calibrator: str, scenario: Scenario, known: list[str]) -> str:
             f"scenario {scenario.name!r} is a rig that only a person can run: its calibrator is "
             f"human, got {calibrator!r}"
         )
-    hint = "" if known else " (give it a cost, or calibrators, to calibrate it unattended)"
+    if not known:
+        return (
+            f"scenario {scenario.name!r} has no cost, so only people can compare: leave "
+            f"--calibrator {calibrator} out, or say what to go by: a KPI ({_such_as(scenario)}), "
+            "or a function in own.py with --cost own.py:NAME"
+        )
     names = sorted(["human", *known])
     return (
-        f"--calibrator must be one of {', '.join(names)} for scenario {scenario.name!r}"
-        f"{hint}, got {calibrator!r}.{did_you_mean(calibrator, names)}"
+        f"--calibrator must be one of {', '.join(names)} for scenario {scenario.name!r}, "
+        f"got {calibrator!r}.{did_you_mean(calibrator, names)}"
     ).rstrip(".")
+
+
+def _such_as(scenario: Scenario) -> str:
+    """Return the option that makes a KPI the cost, or where their names are."""
+    name = next((kpi.name for kpi in scenario.kpis if kpi.goal is not None), "")
+    return f"--cost {shlex.quote(name)}" if name else "--cost NAME; `prefcal check` lists them"
 
 
 def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experiment] | None:
@@ -135,9 +157,9 @@ def make_calibrator(options: Options, scenario: Scenario) -> Calibrator[Experime
     from prefcal_env.calibrators import LatentCost, Thurstone
 
     calibrators = dict(scenario.calibrators)
-    if not calibrators and scenario.cost is not None:
+    if scenario.cost is not None and (options.cost is not None or not calibrators):
         cost = scenario.cost
-        calibrators["synthetic"] = lambda seed: LatentCost(cost, seed=seed)
+        calibrators[SYNTHETIC] = lambda seed: LatentCost(cost, seed=seed)
     if options.calibrator not in calibrators:
         raise SettingsError(_unknown(options.calibrator, scenario, sorted(calibrators)))
     calibrator = calibrators[options.calibrator](options.seed)
@@ -166,7 +188,7 @@ def follows_cost(options: Options, scenario: Scenario) -> bool:
 
     if scenario.cost is None:
         return False
-    if options.calibrator in (SCORE, "synthetic") or options.cost is not None:
+    if options.calibrator in (SCORE, SYNTHETIC) or options.cost is not None:
         return True
     made = scenario.calibrators.get(options.calibrator)
     return made is not None and isinstance(made(options.seed), LatentCost)
@@ -177,7 +199,8 @@ def _check_score(options: Options, scenario: Scenario) -> None:
     if scenario.cost is None:
         raise SettingsError(
             f"agent {options.agent!r} learns from a score, and scenario {scenario.name!r} has "
-            "none: choose another agent, or give a score with --cost own.py:NAME"
+            "none: choose another agent, or give a score with --cost, the name of a KPI or "
+            "own.py:NAME"
         )
     if options.calibrator != SCORE:
         raise SettingsError(

@@ -1,15 +1,18 @@
-"""Use a cost function from a user's own file in place of a scenario's score."""
+"""Use a cost of the user's choice in place of a scenario's score: a function, or a KPI."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from math import inf
 from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_scenarios.kpis import outcome
+from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.own.own_file import module_at
-from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.scenario import Scenario, finds_kpis
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,19 +39,57 @@ class FileCost:
         return float(value)
 
 
+@dataclass(frozen=True, slots=True)
+class KPICost:
+    """A KPI as the cost of an experiment, lower is better; infinite for a run that was stopped.
+
+    Args:
+        name: Name of the KPI.
+        scenario: Scenario that has it, or that finds its KPIs in the first experiment.
+    """
+
+    name: str
+    scenario: Scenario
+
+    def __call__(self, experiment: Experiment) -> float:
+        """Return the cost of `experiment`. Raises ScenarioError if it has no such KPI."""
+        if not len(experiment.t):
+            return inf
+        found = outcome(self.scenario, experiment)
+        if self.name not in found:
+            raise ScenarioError(_no_cost(self.name, found))
+        return found[self.name]
+
+
 def with_cost(scenario: Scenario, source: str | None) -> Scenario:
-    """Return `scenario` with the cost at PATH:NAME, or unchanged if `source` is None.
+    """Return `scenario` with another cost.
+
+    Args:
+        scenario: Scenario whose cost is replaced.
+        source: PATH:NAME of a function, or the name of a KPI; None leaves the scenario unchanged.
 
     Raises:
-        ScenarioError: If the file or the name in it does not exist, or it cannot be called.
+        ScenarioError: If there is no such KPI, the file or the name in it does not exist, or it
+            cannot be called.
     """
     if source is None:
         return scenario
     path, _, name = source.rpartition(":")
     if not path.endswith(".py") or not name:
-        raise ScenarioError(f"a cost must be path/to/own.py:NAME, got {source!r}")
+        names = [kpi.name for kpi in scenario.kpis if kpi.goal is not None]
+        if source not in names and not finds_kpis(scenario):
+            raise ScenarioError(_no_cost(source, names))
+        return replace(scenario, cost=KPICost(source, scenario))
     found = getattr(module_at(Path(path)), name, None)
     if not callable(found):
         got = "nothing of that name" if found is None else repr(found)
         raise ScenarioError(f"cost {source!r} must be a function of an experiment, got {got}")
     return replace(scenario, cost=FileCost(source, found))
+
+
+def _no_cost(source: str, names: Iterable[str]) -> str:
+    there = ", ".join(map(repr, names)) or "none"
+    return (
+        f"a cost must be path/to/own.py:NAME or a KPI of the scenario with a good direction "
+        f"({there}), got {source!r}.{did_you_mean(source, names)}".rstrip(".")
+    )

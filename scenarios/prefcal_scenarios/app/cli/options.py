@@ -22,6 +22,9 @@ from .parameters import Kept, kept_by, parameters_of
 HUMAN = "human"
 """Name of the calibrator that is a person."""
 
+SYNTHETIC = "synthetic"
+"""Name of the calibrator that compares by a cost."""
+
 SCORE = "score"
 """Name of the calibrator if the agent learns from the scenario's score, with no comparisons."""
 
@@ -214,15 +217,12 @@ class Options:
     cost: Annotated[
         str | None,
         Option(
-            metavar="FILE.py:NAME",
-            help="For glis: a function of an experiment, lower is better.",
+            metavar="FILE.py:NAME|KPI",
+            help="What the calibrator synthetic or the agent glis goes by: a function of an "
+            "experiment, lower is better, or the name of a KPI.",
             show_default="the scenario's score",
         ),
-        Kept(
-            label="cost",
-            agents=BY_VALUE,
-            refusal="only an agent that learns from scores (glis) takes --cost, not {agent!r}",
-        ),
+        Kept(label="cost"),
     ] = None
     knob: KnobOption = ()
     show: ShowOption = ()
@@ -392,7 +392,7 @@ def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
     if kept.get("cost") is not None and given.get("cost") is None:
         # A study from another person must not decide which program runs here.
         raise SettingsError(
-            f"the study is scored by a program: if you trust it, add "
+            f"the study goes by a cost that was given to it: if you trust it, add "
             f"--cost {shlex.quote(str(kept['cost']))}"
         )
     if is_described(str(kept.get("scenario", ""))):

@@ -51,6 +51,8 @@ def rig_of(values: Mapping[str, Any], reference: Mapping[str, float], where: str
         y_ref=tuple(c.target for c in x if c.target is not None),
         ranges={n: s.sensor for n, s in {**outputs, **inputs}.items() if s.sensor is not None},
         instructions=table.instructions.strip(),
+        headings=table.headings,
+        time_format=table.time_format,
         **limits,  # type: ignore[arg-type]
     )
 

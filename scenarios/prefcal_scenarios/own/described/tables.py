@@ -67,6 +67,8 @@ class RigTable(msgspec.Struct, frozen=True):
     time_unit: str = "s"
     max_gap: float | None = None
     max_rows: int | None = None
+    headings: dict[str, str] = {}
+    time_format: str | None = None
 
 
 class Description(msgspec.Struct, frozen=True, kw_only=True):

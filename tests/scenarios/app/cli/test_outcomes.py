@@ -111,7 +111,7 @@ def test_a_study_from_before_goes_on_without_outcomes(prefcal, tmp_path, agent):
     [
         (["--agent", "random", "--no-outcomes"], "only the agent glisp learns from KPIs"),
         (["--agent", "glis", "--no-outcomes"], "only the agent glisp learns from KPIs"),
-        (["--cost", "mine.py:cost"], "an agent that learns from scores"),
+        (["--cost", "mine.py:cost"], "add --calibrator synthetic"),
         (["--agent", "glis", "--cost", "no.py:cost"], "no file 'no.py'"),
         (["--agent", "glis", "--cost", "mine.py:other"], "nothing of that name"),
         (["--agent", "glis", "--cost", "mine.py:three"], "got 3"),

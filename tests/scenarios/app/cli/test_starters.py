@@ -1,6 +1,7 @@
 """`prefcal new`: every starter runs as it is written."""
 
 import csv
+import json
 import shlex
 
 import pytest
@@ -43,6 +44,24 @@ def test_a_starter_passes_its_check_by_the_command_that_is_told(prefcal, kind):
     assert code == 0, out + err
     tune = next(iter(KINDS[kind].source))
     assert f"prefcal calibrate {tune.replace('FILE', kind + KINDS[kind].suffix)}" in out
+
+
+@pytest.mark.parametrize(
+    ("kind", "cost"),
+    [("function", "settling time of level"), ("controller", "overshoot of level"), ("pid", "M_s")],
+)
+def test_a_starter_is_tuned_unattended_by_a_kpi_as_the_refusal_advises(prefcal, kind, cost):
+    assert prefcal("new", kind)[0] == 0
+    words = [w.replace("FILE", f"{kind}.py") for w in KINDS[kind].source]
+    words += ["--calibrator", "synthetic", "--n-max", "3", "--simulate", "0"]
+    code, _, err = prefcal("calibrate", *words)
+    assert code == 2
+    assert "say what to go by: a KPI (--cost " in err
+    code, out, err = prefcal("calibrate", *words, "--cost", cost, "--out", "made", "--json")
+    assert code == 0, err
+    found = json.loads(out)
+    assert found["experiments"] == 3
+    assert found["cost"] >= 0
 
 
 @pytest.mark.parametrize("kind", OWN)

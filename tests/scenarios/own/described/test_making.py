@@ -54,6 +54,12 @@ def written(tmp_path):
     return write
 
 
+def test_a_rig_reads_the_headings_and_time_stamps_of_its_logger(written):
+    tags = '[rig]\ntime_format = "%m/%d/%y %H:%M"\nheadings = { time = "Stamp", a = "TI-1" }\n'
+    log = "Stamp,TI-1\n11/23/26 09:00,1\n11/23/26 09:01,2\n"
+    assert np.array_equal(load(written(tags + KNOB)).run.read(log, [1.0]).t, [0.0, 60.0])
+
+
 def test_a_rig_needs_no_code(written):
     oven = load(written(OVEN))
     assert (oven.name, oven.title) == ("oven", "Heating an oven")
