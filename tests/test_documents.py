@@ -3,7 +3,8 @@
 In a folder with the examples of docs/: first the lines of `console` blocks that begin with
 `$ prefcal`, then the Python blocks, which share one namespace. A block after
 `<!-- not executed: why -->` is left out. A Python block whose first line is `# NAME.py` is that
-file, and `<!-- needs: MODULE -->` leaves a page out where an extra is not installed.
+file, `<!-- needs: MODULE -->` leaves a page out where an extra is not installed, and
+`<!-- run first: FILE.py -->` runs an example before the page.
 """
 
 import json
@@ -82,6 +83,8 @@ def test_what_a_document_shows_runs(document, tmp_path):
             (tmp_path / name).write_text(block)
     for example in (*(ROOT / "docs").glob("*.py"), *(ROOT / "docs").glob("*.json")):
         shutil.copy(example, tmp_path)  # a reader has them at hand
+    for script in re.findall(r"^<!-- run first: ([\w.]+) -->", document.read_text(), re.M):
+        run([sys.executable, script], tmp_path)
     run([sys.executable, "-c", SHOWN, code, *commands], tmp_path)
 
 

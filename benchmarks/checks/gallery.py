@@ -1,6 +1,7 @@
 """Draw two experiments of each page of the gallery, from the code that the page shows."""
 
 import re
+import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +12,7 @@ from prefcal_scenarios import load
 from prefcal_scenarios.app.looking import look
 
 Story = Mapping[str, float]
+_FIRST = re.compile(r"^<!-- run first: ([\w.]+) -->", re.M)
 _FILE = re.compile(r"^```python\n(# (\w+\.py)\n.*?)^```", re.M | re.S)
 
 PAGES: Mapping[str, tuple[str, str, tuple[tuple[float, float], tuple[float, float]]]] = {
@@ -20,6 +22,9 @@ PAGES: Mapping[str, tuple[str, str, tuple[tuple[float, float], tuple[float, floa
     "do-mpc": ("gallery_do_mpc.png", "tank.py:scenario", ((0.1, 10), (5, 4))),
     "quadruple-tank": ("gallery_quadruple_tank.png", "quadruple_tank.py:tanks",
                        ((10, 0.05), (30, 5))),
+    "simulink": ("gallery_simulink.png",
+                 'Tank.fmu {"knobs": {"K_p": "0.1:100:log", "T_i": "1:60 s"}, '
+                 '"show": ["level", "valve"], "reference": {"level": 2}}', ((1, 4), (8, 20))),
 }  # fmt: skip
 """Figure of each page, its scenario, and the two θ to draw, in physical units."""
 FIGURES = tuple(file for file, _, _ in PAGES.values())
@@ -39,6 +44,9 @@ def gallery(pages: Path, folder: Path) -> tuple[dict[str, bytes], Story]:
         for page, (picture, source, thetas) in PAGES.items():
             for content, name in _FILE.findall((pages / f"{page}.md").read_text("utf-8")):
                 (folder / name).write_text(content, "utf-8")
+            for script in _FIRST.findall((pages / f"{page}.md").read_text("utf-8")):
+                subprocess.run([sys.executable, pages.parent / script], cwd=folder, check=True,
+                               stdout=subprocess.DEVNULL)  # fmt: skip
             scenario = load(f"{folder}/{source}")
             runs = [scenario.run(np.array(theta, dtype=float)) for theta in thetas]
             names = [", ".join(f"{k.name} = {v:g}" for k, v in zip(scenario.space.knobs, t,

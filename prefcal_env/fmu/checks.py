@@ -10,13 +10,13 @@ from jaxtyping import Float
 from prefcal_env.errors import KnobError, PlantError
 from prefcal_env.knobs.knob import Knob, is_number
 
-from .model import Model, Variable, listed, meant
+from .model import Model, Variable, in_unit, listed, meant
+from .units import plain
 
 _POINTS = 500
 """Number of intervals to record if neither the caller nor the FMU names a step."""
 _MOST = 2_000
 """Largest number of intervals to record, unless the caller asks for more."""
-_NO_UNIT = ("", "-", "1")
 _ROUNDING = 1e-9
 """Relative error of a ratio of times that counts as a whole number."""
 
@@ -38,14 +38,17 @@ class Grid:
 
 
 def names_of(what: str, names: Mapping[str, str] | Sequence[str]) -> Names:
-    """Return `names` as a mapping from shown names to names in the FMU.
+    """Return `names` as a mapping from shown names to names in the FMU, these with their units.
 
     Raises:
         PlantError: If they are no names, or one appears twice.
     """
     if isinstance(names, str):
         raise PlantError(f"{what} must be a sequence of names, got {names!r}: write [{names!r}]")
-    pairs = list(names.items()) if isinstance(names, Mapping) else [(n, n) for n in names]
+    if isinstance(names, Mapping):
+        pairs = list(names.items())
+    else:
+        pairs = [(in_unit(n)[0] if isinstance(n, str) else n, n) for n in names]
     for pair in pairs:
         if not all(isinstance(name, str) and name for name in pair):
             raise PlantError(f"{what} must hold names of variables, got {pair[0]!r}: {pair[1]!r}")
@@ -85,14 +88,15 @@ def _tuned(model: Model, name: str, knob: Knob) -> Knob:
             f"causality {variable.causality}, variability {variable.variability}: export it as a "
             f"tunable parameter, or tune {listed(able)}"
         )
-    unit, declared = (u if u not in _NO_UNIT else "" for u in (knob.unit, variable.unit))
-    if unit and declared and unit != declared:
+    given = variable.within(knob.unit)
+    if given is None:
         raise KnobError(
-            f"knob {knob.name!r}: its unit must be {declared!r} as in the FMU, got {unit!r}: "
-            f"convert its range to {declared}"
+            f"knob {knob.name!r}: its unit must be {variable.every_unit} as in the FMU, got "
+            f"{knob.unit!r}: convert its range"
         )
-    _check_range(knob, variable)
-    return replace(knob, unit=unit or declared, about=knob.about or variable.about)
+    _check_range(knob, given)
+    unit = next((u for u in (knob.unit, given.unit) if plain(u)), "")
+    return replace(knob, unit=unit, about=knob.about or variable.about)
 
 
 def _check_range(knob: Knob, variable: Variable) -> None:
@@ -109,7 +113,7 @@ def _check_range(knob: Knob, variable: Variable) -> None:
 
 
 def referenced(
-    model: Model, outputs: Mapping[str, object], reference: Mapping[str, float | str] | None
+    model: Model, outputs: Mapping[str, Variable], reference: Mapping[str, float | str] | None
 ) -> tuple[dict[str, float], dict[str, Variable]]:
     """Return the references that are numbers, and those that are variables, by shown output.
 
@@ -125,7 +129,7 @@ def referenced(
                 + meant(name, outputs)
             )
         if isinstance(value, str):
-            variables[name] = model.variable(value)
+            variables[name] = _alike(model.variable(value), name, outputs[name])
         elif is_number(value) and isfinite(value):
             numbers[name] = float(value)
         else:
@@ -134,6 +138,17 @@ def referenced(
                 f"FMU, got {value!r}"
             )
     return numbers, variables
+
+
+def _alike(variable: Variable, name: str, output: Variable) -> Variable:
+    """Return the variable of a reference in the unit of its output."""
+    found = variable.within(output.unit)
+    if found is None:
+        raise PlantError(
+            f"reference {variable.name!r} is in {variable.unit}, and {name!r} in {output.unit}: "
+            "show the output in the unit of its reference, or name another variable"
+        )
+    return found
 
 
 def grid_of(model: Model, stop_time: float | None, output_interval: float | None) -> Grid:

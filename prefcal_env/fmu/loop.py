@@ -35,8 +35,10 @@ class FMULoop:
     Args:
         path: The .fmu file.
         knobs: Knobs named as the parameters, or a mapping from parameters to knobs with other
-            names. Units and descriptions that a knob lacks are those of the FMU.
-        outputs: Variables shown as outputs, or a mapping from shown names to variables.
+            names. Units and descriptions that a knob lacks are those of the FMU. Its unit may be
+            any display unit that the FMU defines.
+        outputs: Variables shown as outputs, or a mapping from shown names to variables. They have
+            the FMU's unit, or a display unit that it defines: "T [degC]".
         inputs: Variables shown as control signals, or such a mapping.
         reference: Maps shown outputs to their reference: a number in the output's unit, or the
             name of a variable of the FMU.
@@ -84,7 +86,7 @@ class FMULoop:
             raise PlantError(f"timeout must be above 0 s, got {timeout!r}")
         found = tuned(self.model, knobs)
         self.space = KnobSpace(list(found.values()))
-        self._parameters = [self.model.variable(name) for name in found]
+        self._parameters = [self.model.variable(f"{n} [{k.unit}]") for n, k in found.items()]
         self._outputs = shown(self.model, names_of("outputs", outputs))
         self._inputs = shown(self.model, names_of("inputs", inputs))
         if not self._outputs:
@@ -92,10 +94,11 @@ class FMULoop:
         check_apart((self._outputs, self._inputs))
         self._numbers, self._variables = referenced(self.model, self._outputs, reference)
         self.channels: Channels = self._curveless(np.zeros(len(found)), 0.0).channels
-        recorded_ = [*self._outputs.values(), *self._inputs.values(), *self._variables.values()]
+        shown_ = {**self._outputs, **self._inputs}
+        self._recorded = [*shown_.values(), *self._variables.values()]
         grid = grid_of(self.model, stop_time, output_interval)
         job = Job(
-            self.model.path, _places(self._parameters), _places(recorded_), grid.instants,
+            self.model.path, _places(self._parameters), _places(self._recorded), grid.instants,
             grid.every, self.model.tolerance,
         )  # fmt: skip
         self._process = Process(job, timeout)
@@ -122,7 +125,8 @@ class FMULoop:
             PlantError: If the FMU is no longer there.
         """
         theta = self._checked(theta)
-        answer = self._process.run(theta.tolist())
+        pairs = zip(self._parameters, theta, strict=True)
+        answer = self._process.run([self._stored(*pair) for pair in pairs])
         finite = np.isfinite(answer.values).all(axis=1)
         count = len(finite) if finite.all() else int(np.argmin(finite))
         self.problem, self.seconds = answer.problem, answer.seconds
@@ -158,9 +162,15 @@ class FMULoop:
                 )
         return theta
 
+    def _stored(self, variable: Variable, value: float) -> float:
+        """Return the value of a knob in the FMU's unit; rounding takes it beyond no limit."""
+        own = self.model.variables[variable.name]
+        return float(np.clip(variable.scale.stored(value), own.low, own.high))
+
     def _experiment(self, theta: Float[np.ndarray, " n"], answer: Answer, count: int) -> Experiment:
         n_y, n_u = len(self._outputs), len(self._inputs)
-        columns = answer.values[:count].T
+        pairs = zip(self._recorded, answer.values[:count].T, strict=True)
+        columns = [variable.scale.shown(column) for variable, column in pairs]
         outputs = dict(zip(self._outputs, columns, strict=False))
         inputs = dict(zip(self._inputs, columns[n_y:], strict=False))
         curves = dict(zip(self._variables, columns[n_y + n_u :], strict=True))

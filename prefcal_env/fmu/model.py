@@ -1,7 +1,8 @@
 """What the model description of an FMU says: variables, units, limits, times."""
 
+import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from prefcal_env.errors import MissingExtraError, PlantError
+
+from .units import AS_IT_IS, Scale, Scales, display_units, plain
 
 _NUMBERS = {
     "Real", "Integer", "Boolean", "Enumeration", "Float64", "Float32",
@@ -35,6 +38,8 @@ class Variable:
         high: Largest value, in `unit`; infinite if the FMU declares none.
         start: Start value, in `unit`; None if the FMU declares none.
         about: Description.
+        units: Other units in which the FMU says that it can be given.
+        scale: Conversion from the FMU's unit, if `unit` is another one.
     """
 
     name: str
@@ -47,6 +52,27 @@ class Variable:
     high: float = np.inf
     start: float | None = None
     about: str = ""
+    units: Scales = field(default_factory=dict)
+    scale: Scale = AS_IT_IS
+
+    def within(self, unit: str) -> "Variable | None":
+        """Return the variable in a unit that the FMU defines for it; None if it defines none.
+
+        Without a unit, here or in the FMU, the variable stays as it is.
+        """
+        if not plain(unit) or not plain(self.unit) or plain(unit) == plain(self.unit):
+            return self
+        scale = next((s for name, s in self.units.items() if plain(name) == plain(unit)), None)
+        if scale is None:
+            return None
+        low, high = sorted((scale.shown(self.low), scale.shown(self.high)))
+        start = None if self.start is None else scale.shown(self.start)
+        return replace(self, unit=unit, low=low, high=high, start=start, scale=scale)
+
+    @property
+    def every_unit(self) -> str:
+        """Return all units in which it can be given, for messages."""
+        return " or ".join(repr(unit) for unit in (self.unit or "none", *self.units))
 
     @property
     def tunable(self) -> bool:
@@ -96,13 +122,24 @@ class Model:
         return tuple(v for v in self.variables.values() if v.causality == "output")
 
     def variable(self, name: str) -> Variable:
-        """Return the variable called `name`.
+        """Return the variable called `name`, which may have a unit, as in "T [degC]".
 
         Raises:
-            PlantError: If there is none; the message suggests a similar name.
+            PlantError: If there is none, or the FMU does not define the unit; the message suggests
+                a similar name.
         """
         if name in self.variables:
             return self.variables[name]
+        bare, unit = in_unit(name)
+        if bare in self.variables:
+            found = self.variables[bare].within(unit)
+            if found is None:
+                units = self.variables[bare].every_unit
+                raise PlantError(
+                    f"the unit of {bare!r} must be {units} as in the FMU, got {unit!r}"
+                )
+            return found
+        name = bare
         hint = meant(name, self.variables)
         there = hint or f" Its variables are {listed(self.variables)}"
         raise PlantError(f"FMU {self.path.name!r} has no numeric variable {name!r}.{there}")
@@ -128,17 +165,24 @@ def read_model(path: Path | str) -> Model:
     ]
     step = times[2] or _number(found.coSimulation.fixedInternalStepSize)
     scalars = (v for v in found.modelVariables if v.type in _NUMBERS and not v.dimensions)
+    units = display_units(path)
     return Model(
         path,
         name=found.modelName or path.stem,
         about=" ".join((found.description or "").split()),
-        variables={v.name: _variable(v) for v in scalars},
+        variables={v.name: _variable(v, units) for v in scalars},
         start_time=times[0] or 0.0,
         stop_time=times[1],
         step=step if step and step > 0 else None,
         tolerance=times[3],
         variable_step=bool(found.coSimulation.canHandleVariableCommunicationStepSize),
     )
+
+
+def in_unit(name: str) -> tuple[str, str]:
+    """Return name and unit of "T [degC]"; the unit is empty if there is none, as in "x[1]"."""
+    found = re.fullmatch(r"(.*\S)\s+\[([^\[\]]*)\]", name)
+    return (found[1], found[2]) if found else (name, "")
 
 
 def meant(name: str, names: Iterable[str]) -> str:
@@ -195,13 +239,21 @@ def _description(path: Path) -> Any:
     return found
 
 
-def _variable(v: Any) -> Variable:
-    """Return a variable as FMPy describes it."""
+def _variable(v: Any, units: Mapping[str, Scales]) -> Variable:
+    """Return a variable as FMPy describes it.
+
+    Args:
+        v: Variable of FMPy's model description.
+        units: Display units by unit.
+    """
     declared = v.declaredType
-    unit, low, high = (
+    unit, low, high, relative = (
         getattr(v, name) if getattr(v, name) is not None else getattr(declared, name, None)
-        for name in ("unit", "min", "max")
+        for name in ("unit", "min", "max", "relativeQuantity")
     )
+    others = dict(units.get(unit or "", {}))
+    if relative in (True, "true", "1"):  # a difference of temperatures has no offset
+        others = {name: Scale(scale.factor) for name, scale in others.items()}
     low, high = _number(low), _number(high)
     if v.type == "Boolean":
         low, high = 0.0, 1.0
@@ -212,6 +264,7 @@ def _variable(v: Any) -> Variable:
         high=np.inf if high is None else high,
         start=_number(v.start),
         about=" ".join((v.description or "").split()),
+        units=others,
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
-from prefcal_env.fmu import FMULoop, Model, Variable, read_model
+from prefcal_env.fmu import FMULoop, Model, Variable, in_unit, read_model
 from prefcal_env.knobs.knob import Knob
 from prefcal_scenarios.scenario import Scenario
 
@@ -67,8 +67,10 @@ def fmu_scenario(
     Args:
         path: The .fmu file (FMI 2 or 3, co-simulation).
         knobs: Knobs named as the parameters of the FMU.
-        show: Variables to show; by default the outputs of the FMU, the first eight.
-        reference: Maps outputs to their reference, in their unit; they are shown, too.
+        show: Variables to show, with a unit if it is not the FMU's, as in "T [degC]"; by default
+            the outputs of the FMU, the first eight.
+        reference: Maps outputs, with a unit like those of `show`, to their reference in that unit;
+            they are shown, too.
         stop_time: End of the simulation in seconds; None for that of the FMU.
         title: Title; by default the name of the model.
         brief: Task in a few sentences; by default the description of the model.
@@ -84,7 +86,8 @@ def fmu_scenario(
     if not knobs:
         raise ScenarioError(_choice(model))
     outputs, inputs = _shown(model, show, reference or {})
-    given = (model.path, list(knobs), outputs, inputs, dict(reference or {}), stop_time)
+    aims = {in_unit(name)[0]: value for name, value in (reference or {}).items()}
+    given = (model.path, list(knobs), outputs, inputs, aims, stop_time)
     loop = FMULoop(*given, timeout=timeout)
     return Scenario(
         name=re.sub(r"[^\w]+", "-", model.name).strip("-").lower() or "fmu",
@@ -106,7 +109,8 @@ def _choice(model: Model) -> str:
     lines = [f"say which parameters of {model.path.name!r} are knobs, and their ranges, such as"]
     for v in model.parameters:
         start = "" if v.start is None else f"now {v.start:g} {v.unit}".rstrip()
-        note = ", ".join(part for part in (start, v.about) if part)
+        units = f"in {v.every_unit}" if v.units else ""
+        note = ", ".join(part for part in (start, units, v.about) if part)
         lines.append(f'  --knob "{v.name}={_range(v)}"' + (f"  ({note})" if note else ""))
     return "\n".join(lines)
 
@@ -127,14 +131,19 @@ def _range(v: Variable) -> str:
 def _shown(
     model: Model, show: Sequence[str], reference: Mapping[str, float]
 ) -> tuple[list[str], list[str]]:
-    """Return the names of the outputs and of the control signals."""
-    names = list(dict.fromkeys([*(show or [v.name for v in model.outputs[:_SHOWN]]), *reference]))
+    """Return the names of the outputs and of the control signals, with units if they have one."""
+    named: dict[str, str] = {}
+    for name in (*(show or [v.name for v in model.outputs[:_SHOWN]]), *reference):
+        bare, unit = in_unit(name)
+        if bare not in named or unit:
+            named[bare] = name
+    names, aims = list(named.values()), {in_unit(name)[0] for name in reference}
     if not names:
         raise ScenarioError(
             f"FMU {model.path.name!r} declares no outputs: say which variables to show, such as "
             f"--show {','.join(list(model.variables)[:2])}"
         )
-    inputs = [n for n in names if n not in reference and _is_input(model.variable(n))]
+    inputs = [n for n in names if in_unit(n)[0] not in aims and _is_input(model.variable(n))]
     if len(inputs) == len(names):
         return names, []
     return [n for n in names if n not in inputs], inputs

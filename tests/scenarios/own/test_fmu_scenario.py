@@ -43,6 +43,22 @@ def test_names_and_references_decide_what_is_an_output(tank):
     assert [c.name for c in other.run.channels.y] == ["valve"]
 
 
+def test_a_unit_in_show_or_reference_is_the_unit_of_the_curve(tank, folder):
+    units = """<UnitDefinitions><Unit name="m"><DisplayUnit name="cm" factor="100"/></Unit>
+    </UnitDefinitions><ModelVariables>"""
+    level = ['name="level" valueReference="3" causality="output">\n\t\t\t<Real']
+    replace = [("<ModelVariables>", units), (level[0], f'{level[0]} unit="m"')]
+    path = changed(tank, folder / "metric.fmu", replace=replace)
+    for show, reference in (
+        (["level [cm]", "valve"], {"level": 200.0}),
+        (["valve"], {"level [cm]": 200.0}),
+        (["valve", "level"], {"level [cm]": 200.0}),
+    ):
+        channels = fmu_scenario(path, knobs=KNOBS, show=show, reference=reference).run.channels
+        assert [(c.name, c.unit, c.target) for c in channels.y] == [("level", "cm", 200.0)]
+        assert [c.name for c in channels.u] == ["valve"]
+
+
 def test_everything_else_is_found_in_the_fmu(tank):
     made = fmu_scenario(tank, knobs=KNOBS)
     assert made.title == "Tank2"

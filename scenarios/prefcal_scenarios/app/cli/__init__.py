@@ -89,7 +89,7 @@ def scenarios(
 
         from prefcal_scenarios.app.terminal.briefing import show_scenario
 
-        show_scenario(load(name), Console())
+        show_scenario(load(name), Console(emoji=False))
         return
     cases = [known for known in BUILT_IN if known not in CLOSED_LOOPS]
     width = max(map(len, cases)) + 2

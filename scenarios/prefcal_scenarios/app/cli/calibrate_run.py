@@ -70,7 +70,7 @@ def run(given: Mapping[str, Any]) -> int:
     given = {**given, "scenario": source_of(given)}
     source = given["scenario"]
     with interruption(others=True) as ctrl_c:
-        messages = Console(stderr=True)
+        messages = Console(stderr=True, emoji=False)
         ctrl_c.on_press = lambda: messages.print("Stopping ...", highlight=False)
         with isolation(source, given["run_timeout"]) as isolated:
             scenario = isolated(with_cost(load(source), given["cost"]))
@@ -272,7 +272,7 @@ def _in_terminal(work: CalibrateRun) -> None:
     from prefcal_scenarios.app.terminal import converse, keys_of
 
     # With --json, standard output belongs to the result.
-    console = work.reporter.messages if work.options.json else Console()
+    console = work.reporter.messages if work.options.json else Console(emoji=False)
     with Background(work.interview):
         try:
             with work.ctrl_c.allowed():

@@ -146,7 +146,7 @@ def _check(wanted: CheckOptions, isolated: "Callable[[Scenario], Scenario]") -> 
         theta = start_of(wanted.theta, scenario)
     picture = _file_for(scenario, wanted.out)
     checkup = Checkup(scenario, theta, wanted.seed)
-    with Console(stderr=True).status("") as status:
+    with Console(stderr=True, emoji=False).status("") as status:
         for words, step in checkup.steps():
             status.update(f"{words} …{_FIRST if words == 'running θ' else ''}")
             step()
@@ -208,7 +208,7 @@ def _end(
     _print_findings(checkup, findings)
     from rich.console import Console
 
-    console = Console(emoji=False)  # ":100:" in the range of a knob is no emoji
+    console = Console(emoji=False)
     if picture is not None:
         console.print(f"Picture: {picture}", soft_wrap=True, markup=False, highlight=False)
     ran = checkup is not None and checkup.experiment is not None
@@ -225,7 +225,7 @@ def _print_findings(checkup: "Checkup | None", findings: "list[Finding]") -> Non
 
     from prefcal_scenarios.app.presentation.wording import printable, theta_text
 
-    console = Console()
+    console = Console(emoji=False)
     if checkup is not None:
         title = Text(printable(checkup.scenario.title), style="bold")
         console.print(title, Text(theta_text(checkup.scenario.space, checkup.theta)), sep="\n")

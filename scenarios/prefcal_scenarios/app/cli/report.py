@@ -105,9 +105,12 @@ class Reporter:
         elif report is None:
             self.say("Nothing to report: no experiment was compared.")
         else:
-            show(record, report, Console())
+            show(record, report, Console(emoji=False))
             if not options.by_a_person:  # no program can repeat a person's answers
-                Console().print(f"Repeat it: {options.command()}", soft_wrap=True, markup=False)
+                # ":100:" in the range of a knob is no emoji
+                Console(emoji=False).print(
+                    f"Repeat it: {options.command()}", soft_wrap=True, markup=False
+                )
         if report is not None and record.stopped and not record.good_enough:
             self.say(
                 f"This is a partial report: {len(record.trials)} of {record.n_max} experiments."
@@ -158,7 +161,7 @@ def report_of(
         interview = Interview(scenario, file, ahead=False, asks=False)
         claim = claim_folder(opened, scenario.name)
         try:
-            reporter = Reporter(interview, opened, claim, Console(stderr=True))
+            reporter = Reporter(interview, opened, claim, Console(stderr=True, emoji=False))
             reporter.tell(reporter.write())
         finally:
             claim.release()

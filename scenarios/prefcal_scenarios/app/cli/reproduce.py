@@ -80,7 +80,7 @@ def _run(seeds: int, jobs: int | None, out: Path, *, json: bool) -> int:
 
     from .interrupt import INTERRUPTED, interruption
 
-    folder, messages = folder_for(out), Console(stderr=True)
+    folder, messages = folder_for(out), Console(stderr=True, emoji=False)
     with interruption() as pressed, BenchDisplay(messages) as display:
         try:
             with pressed.allowed():

@@ -91,7 +91,8 @@ def named_numbers(texts: Iterable[str], flag: str) -> dict[str, float]:
             value = float("nan")
         if not (equals and name and isfinite(value)):
             raise ScenarioError(
-                f"{flag} must be NAME=NUMBER, for example {flag} level=2, got {part!r}"
+                f"{flag} must be NAME=NUMBER, for example {flag} level=2, or, for an FMU, "
+                f'{flag} "T [degC]=80"; got {part!r}'
             )
         if name in found:
             raise ScenarioError(f"{flag} gives {name!r} twice: {found[name]:g} and {value:g}")

@@ -8,6 +8,7 @@ import pytest
 from prefcal_env.controllers.stored import as_data
 from prefcal_env.study import verify
 from prefcal_scenarios import load_controller
+from support.fmus import built
 from support.processes import finished, start, wait_until
 from support.studies import state_of
 
@@ -56,6 +57,38 @@ def test_a_tuned_pid_is_loaded_and_reported_from_another_folder(prefcal, plant, 
     assert code == 0, err
     again = json.loads((elsewhere / "again" / "best.json").read_text())
     assert again["theta"] == best["theta"]
+
+
+def test_the_report_of_an_fmu_is_written_from_another_folder_by_its_file_alone(
+    prefcal, tmp_path, monkeypatch
+):
+    pytest.importorskip("fmpy")
+    pytest.importorskip("pythonfmu")
+    fmu = built(tmp_path, "Tank")
+    cost = ("--cost", "integrated error of level")
+    code, out, err = prefcal(
+        "calibrate", fmu.name, "--knob", "K_p=0.1:100:log", "--reference", "level=2",
+        "--calibrator", "synthetic", *cost, "--simulate", "0", "--n-max", "3",
+        "--study", "tank.prefcal", "--out", "out",
+    )  # fmt: skip
+    assert code == 0, err
+    assert "--knob K_p=0.1:100:log" in out  # and no emoji for ":100:"
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    code, _, err = prefcal("report", "../tank.prefcal", *cost)
+    assert code == 2
+    assert "if you trust it, add --scenario Tank2.fmu" in err
+    code, _, err = prefcal(
+        "report", "../tank.prefcal", *cost, "--scenario", f"../{fmu.name}", "--out", "again"
+    )
+    assert code == 0, err
+    best, again = (
+        json.loads((folder / "best.json").read_text())
+        for folder in (tmp_path / "out", elsewhere / "again")
+    )
+    assert again["theta"] == best["theta"]
+    assert (elsewhere / "again" / "report.html").is_file()
 
 
 def test_a_killed_study_of_a_pid_is_resumed_from_another_folder(plant):

@@ -19,7 +19,7 @@ ShowOption = Annotated[
     Option(
         "--show",
         metavar="NAMES",
-        help="Curves to show, for example level,valve.",
+        help='Curves to show, for example level,valve; of an FMU also in another unit, "T [degC]".',
         show_default="all outputs and inputs",
     ),
 ]

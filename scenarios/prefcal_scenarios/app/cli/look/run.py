@@ -52,7 +52,7 @@ def run(options: LookOptions) -> int:
 
         sides = {"left": look.pair.left, "right": look.pair.right}
         shown = {side: (each.name, each.experiment) for side, each in sides.items()}
-        show_runs(shown, look.pair.panels, look.kpis(), Console())
+        show_runs(shown, look.pair.panels, look.kpis(), Console(emoji=False))
     else:
         _serve(runs, options)
     return 0

@@ -20,8 +20,9 @@ _Json = Annotated[
 _Scenario = Annotated[
     str | None,
     typer.Option(
-        metavar="FILE.py:NAME",
-        help="Your own scenario. A study file alone never makes prefcal run a program.",
+        metavar="SCENARIO",
+        help="Your own scenario: own.py:NAME, tank.toml or loop.fmu. A study file alone never "
+        "makes prefcal run a program.",
         show_default="the built-in one that the study names",
     ),
 ]
@@ -249,7 +250,7 @@ def report(
     cost: Annotated[
         str | None,
         typer.Option(
-            metavar="FILE.py:NAME",
+            metavar="FILE.py:NAME|KPI",
             help="The cost that the study was started with, if any.",
             show_default="the scenario's score",
         ),

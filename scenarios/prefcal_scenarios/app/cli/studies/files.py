@@ -31,6 +31,7 @@ from prefcal_scenarios.app.presentation.wording import (
 from prefcal_scenarios.app.report.export import jsonable
 from prefcal_scenarios.app.report.record import verdict_text
 from prefcal_scenarios.app.summary.counts import Counts
+from prefcal_scenarios.own.described.options import words_to_resume
 from prefcal_scenarios.own.described.resuming import resumed_source
 from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.scenario import is_built_in, is_described
@@ -139,13 +140,20 @@ def trusted_source(name: str, state: State, source: str | None) -> str:
     named: str = state.configuration["scenario"]
     if source is None and not is_built_in(named):
         # A study from another person must not decide which program runs here.
+        short = _short(named)
         raise StudyError(
-            f"study {name!r} calibrates {named!r}, which is a program: "
-            f"if you trust it, add --scenario {shlex.quote(named) if '{' in named else named}"
+            f"study {name!r} calibrates {short!r}, which is a program: if you trust it, add "
+            f"--scenario {shlex.quote(short) if '{' in short else short}"
         )
     if source is not None and is_described(source) and is_described(named):
         return resumed_source(named, source)
     return source or named
+
+
+def _short(source: str) -> str:
+    """Return what is enough to name a study's scenario: the study keeps all but a plant."""
+    words = words_to_resume(source)
+    return words[0] if len(words) == 1 else source
 
 
 def print_list(*, json: bool) -> None:
@@ -157,7 +165,7 @@ def print_list(*, json: bool) -> None:
     if not rows:
         print("No studies yet: `prefcal calibrate cstr` starts one.")
         return
-    console, narrowest = Console(), _list([{**row, "state": ""} for row in rows])
+    console, narrowest = Console(emoji=False), _list([{**row, "state": ""} for row in rows])
     wanted = console.measure(narrowest, options=console.options.update(width=_WIDEST)).minimum
     Console(width=max(console.width, wanted)).print(_list(rows), crop=False)
 
@@ -236,7 +244,7 @@ def print_study(name: str, *, json: bool) -> None:
     if json:
         print(_dumps(content))
         return
-    console = Console()
+    console = Console(emoji=False)
     for key in ("study", "file", "scenario", "calibrator", "agent", "seed", "begun", "state"):
         line = printable(f"{key:<12}{content[key]}")
         console.print(line, markup=False, highlight=False, soft_wrap=True)
