@@ -73,6 +73,9 @@ def test_what_a_document_shows_runs(document, tmp_path):
     commands = [line[2:] for line in lines if line.startswith("$ prefcal ")]
     # The first experiments of a study take the same way as the others.
     commands = [line.replace("--n-max 20", "--n-max 4") for line in commands]
+    # A hundred simulations take the same way as a thousand.
+    quick = "calibrate cstr --simulate 100 --calibrator synthetic"
+    commands = [line.replace("calibrate cstr --calibrator synthetic", quick) for line in commands]
     code = "\n".join(blocks(document, "python"))
     if not commands and not code:
         pytest.skip("nothing to run in it")

@@ -265,9 +265,13 @@ class _Worker:
         except (EOFError, OSError, pickle.UnpicklingError) as error:
             if late.is_set():
                 raise RunError(
-                    f"{what} took longer than {limit:g} s and was ended", "late"
+                    f"{what} took longer than {limit:g} s and was ended (timeout allows more)",
+                    "late",
                 ) from error
-            raise RunError(f"{what} ended the process of the FMU: {self._end()}", "died") from error
+            raise RunError(
+                f"{what} ended the process of the FMU: {self._end()} (if only some θ do, narrow "
+                "the ranges of the knobs)", "died",
+            ) from error  # fmt: skip
         finally:
             timer.cancel()
 

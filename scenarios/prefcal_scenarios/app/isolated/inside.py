@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.errors import ScenarioError
+from prefcal_env.errors import RunError, ScenarioError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.study import space_of
 from prefcal_env.study.codec import encode
@@ -97,7 +97,11 @@ def run_of(scenario: Scenario, space: dict[str, Any] | None) -> Callable[..., An
 
 
 def _error(error: BaseException) -> Message:
+    if isinstance(error, RunError):  # an FMU that hung or crashed: no code of the user's
+        said = {"words": str(error), "line": "", "trace": "", "why": error.why}
+        return Kind.ERROR, json.dumps(said).encode()
     trace = "".join(traceback.format_exception(error))
     known = error if isinstance(error, Exception) else ScenarioError(f"run called exit: {error}")
     said = {"words": in_words(located(known)), "line": own_line(error), "trace": trace}
+    said["why"] = "raised"
     return Kind.ERROR, json.dumps(said).encode()

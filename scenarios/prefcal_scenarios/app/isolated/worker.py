@@ -100,12 +100,11 @@ class Worker:
                     raise RunError("prefcal is closing", "given up")
                 self._begun = self._clock()
                 life.ask(_request(theta, seed, space))
-                experiment = self._answer(life)
+                message = self._answer(life)
                 self.hangs = False
-                return experiment
             except RunError as error:
-                line = "" if error.why == "raised" else self._renew()
-                self.hangs = error.why != "raised" and self._clock() - self._begun > _LONG
+                line = self._renew()
+                self.hangs = self._clock() - self._begun > _LONG
                 if line:
                     raise RunError(f"{error}. It was in {line}", error.why) from None
                 raise
@@ -116,6 +115,7 @@ class Worker:
             finally:
                 with self._lock:
                     self._theta = None
+        return _read(message)
 
     def close(self) -> None:
         """End the process; nothing can run afterwards."""
@@ -131,8 +131,11 @@ class Worker:
         finally:
             life.kill()
 
-    def _answer(self, life: Life) -> Experiment:
-        """Wait for the experiment. The time limit starts once the user's file is loaded."""
+    def _answer(self, life: Life) -> Message:
+        """Wait for the experiment or the error of the user's code.
+
+        The time limit starts once their file is loaded.
+        """
         self._limit(0.0 if life.loaded else _LOADING)
         while True:
             with self._lock:
@@ -146,7 +149,7 @@ class Worker:
                 life.loaded = True
                 self._limit(0.0)
             elif message is not None:
-                return _read(message)
+                return message
 
     def _limit(self, least: float) -> None:
         with self._lock:
@@ -186,7 +189,7 @@ def _read(message: Message) -> Experiment:
     if kind is Kind.EXPERIMENT:
         return decode(content)
     said = json.loads(content)
-    raise RunError(said["words"], "raised", said["trace"])
+    raise RunError(said["words"], said["why"], said["trace"])
 
 
 def _request(theta: Float[np.ndarray, " n"], seed: int, space: KnobSpace | None) -> bytes:

@@ -35,6 +35,8 @@ def scenario_of(name: str, config: Mapping[str, Any] | None = None) -> Scenario:
             names the file, the table and the key.
     """
     description = description_of(name, {} if config is None else config)
+    if description.timeout is not None and description.fmu is None:
+        raise ScenarioError(f"{name}: timeout is for an FMU; --run-timeout limits other runs")
     knobs = [_knob(key, value, name) for key, value in description.knobs.items()]
     made = _maker(description)(description, knobs, name)
     return _dressed(made, description, name)
@@ -54,7 +56,7 @@ def _of_fmu(d: Description, knobs: list[Knob], where: str) -> Scenario:
     assert d.fmu is not None
     return fmu_scenario(
         d.fmu, knobs=knobs, show=d.show, reference=d.reference or None, stop_time=d.stop_time,
-        title=d.title, brief=d.brief,
+        title=d.title, brief=d.brief, timeout=60.0 if d.timeout is None else d.timeout,
     )  # fmt: skip
 
 

@@ -91,6 +91,23 @@ def test_the_report_of_an_fmu_is_written_from_another_folder_by_its_file_alone(
     assert (elsewhere / "again" / "report.html").is_file()
 
 
+def test_unattended_a_crashed_run_of_an_fmu_counts_as_failed_and_three_end_the_study(
+    prefcal, tmp_path
+):
+    pytest.importorskip("fmpy")
+    pytest.importorskip("pythonfmu")
+    fmu = built(tmp_path, "Crashes")  # above K_p = 3
+    words = ["calibrate", fmu.name, "--reference", "level=2", "--calibrator", "synthetic",
+             "--cost", "integrated error of level", "--simulate", "0", "--n-max", "4"]  # fmt: skip
+    code, out, err = prefcal(*words, "--knob", "K_p=1:6", "--out", "some")
+    assert code == 0, err
+    assert "failed: the simulation ended the process of the FMU: SIGABRT" in err + out
+    code, out, err = prefcal(*words, "--knob", "K_p=3.5:6", "--out", "all")
+    assert code == 1
+    assert (err + out).count("ended the process of the FMU: SIGABRT") == 3
+    assert "Traceback" not in err + out
+
+
 def test_a_killed_study_of_a_pid_is_resumed_from_another_folder(plant):
     words = ["calibrate", "pid", "--plant", "plant.py:plant", *SCORED, "--study", "level.prefcal"]
     process = start(plant, *words, "--n-max", "40")

@@ -109,6 +109,7 @@ def test_options_add_to_a_file_and_replace_what_it_says(written):
         (f"{KNOB}[panels]\nb = {{}}", "no channel or signal has this name"),
         (f"{KNOB}[starts]\nnow = {{ q = 1 }}", "expected a value for each of k, got q"),
         (f"stop_time = 3\n{KNOB}", "a rig has no stop_time"),
+        (f"timeout = 3\n{KNOB}", "timeout is for an FMU"),
         (f"plant = 'm.py:p'\n{KNOB}", "a plant needs controller"),
     ],
 )
