@@ -217,9 +217,9 @@ class Options:
     cost: Annotated[
         str | None,
         Option(
-            metavar="FILE.py:NAME|KPI",
-            help="What the calibrator synthetic or the agent glis goes by: a function of an "
-            "experiment, lower is better, or the name of a KPI.",
+            metavar="COST",
+            help="What the calibrator synthetic or the agent glis goes by: own.py:NAME, a function "
+            "of an experiment, lower is better; or the name of a KPI.",
             show_default="the scenario's score",
         ),
         Kept(label="cost"),

@@ -19,7 +19,8 @@ ShowOption = Annotated[
     Option(
         "--show",
         metavar="NAMES",
-        help='Curves to show, for example level,valve; of an FMU also in another unit, "T [degC]".',
+        help="Curves to show, for example level,valve; of an FMU also in another unit, "
+        r'"T \[degC]".',
         show_default="all outputs and inputs",
     ),
 ]

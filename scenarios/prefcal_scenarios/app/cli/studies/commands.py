@@ -250,7 +250,7 @@ def report(
     cost: Annotated[
         str | None,
         typer.Option(
-            metavar="FILE.py:NAME|KPI",
+            metavar="COST",
             help="The cost that the study was started with, if any.",
             show_default="the scenario's score",
         ),
