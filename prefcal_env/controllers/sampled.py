@@ -40,7 +40,8 @@ def sampled(J: Jacobians, T_s: float, delay: Float[np.ndarray, " n_u"] | None = 
 
     With a direct feedthrough D, an output is measured before the next input acts.
 
-    Source: Åström, Wittenmark (1997), Computer-Controlled Systems, section 2.3 (dead time).
+    Source: Åström, Wittenmark (1997), Computer-Controlled Systems, section 2.3 (sampling a
+    continuous-time state-space system), with dead time.
 
     Args:
         J: Matrices of the continuous plant.

@@ -8,8 +8,9 @@ from math import floor, log10
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.controllers.rules import Candidates, Process, Tuning, robust, simc, ziegler_nichols
-from prefcal_env.controllers.sampled import Sampled, sampled
+from prefcal_env.controllers.pid_law import LinearPIDs, Tuning
+from prefcal_env.controllers.rules import Process, robust, simc, ziegler_nichols
+from prefcal_env.controllers.sampled import sampled
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Jacobians, Plant
@@ -250,15 +251,9 @@ def _single(
     known = {
         name: t
         for name, t in rules.items()
-        if t is not None and _near(t, center) and _stable(model, t)
+        if t is not None and _near(t, center) and LinearPIDs.of([t], N).stable(model)[0]
     }
     return Single(i, j, channel, start, target, load, center, known, _PATIENCE * time)
-
-
-def _stable(model: Sampled, tuning: Tuning) -> bool:
-    """Return whether the sampled loop is stable, with the derivative's filter."""
-    one = Candidates(np.array([tuning.K_p]), np.array([tuning.T_i]), np.array([tuning.T_d]), N)
-    return bool(one.radius(model)[0] < 1 - 1e-9)
 
 
 def _near(tuning: Tuning, center: Tuning) -> bool:

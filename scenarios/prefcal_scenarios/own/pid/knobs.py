@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.controllers.rules import Tuning
+from prefcal_env.controllers.pid_law import Tuning
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.controllers.rules import Tuning
+from prefcal_env.controllers.pid_law import LinearPIDs, Tuning
 from prefcal_env.controllers.sampled import Sampled
 from prefcal_env.experiments.experiment import Experiment
 
@@ -51,8 +51,9 @@ class Measure:
 
     def sensitivity(self, theta: Float[np.ndarray, " n"]) -> float:
         """Return the largest singular value of (1 + G C)^-1; infinite if it is unstable."""
-        tunings = tunings_of(self.design, theta)
-        return peak_sensitivity(self.plant, tunings, self.N)
+        omega = np.geomspace(1e-4, 0.999, 300) * np.pi / self.plant.T_s
+        pids = LinearPIDs.of(tunings_of(self.design, theta), self.N)
+        return float(pids.sensitivity(self.plant, omega)[0])
 
 
 def tunings_of(design: Design, theta: Float[np.ndarray, " n"]) -> list[Tuning]:
@@ -89,35 +90,3 @@ def _until(
     instants, outside = t[part], np.flatnonzero(np.abs(error[part]) > _BAND)
     last = int(outside[-1]) if len(outside) else -1
     return float(instants[last + 1] - start) if last + 1 < len(instants) else np.inf
-
-
-def peak_sensitivity(plant: Sampled, tunings: list[Tuning], N: float) -> float:
-    """Return max σ((1 + G C)^-1) over all frequencies, infinite if a pole is not stable.
-
-    Source: Skogestad, Postlethwaite (2005), Multivariable Feedback Control, section 2.4.
-
-    Args:
-        plant: Square sampled plant.
-        tunings: Tuning of the PID of each pair of an output and an input, in the same order.
-        N: Filter of the derivative parts.
-    """
-    T_s, n, m = plant.T_s, len(plant.A), len(tunings)
-    K, T_i, T_d = np.array([(t.K_p, t.T_i, t.T_d) for t in tunings]).T
-    pole = T_d / (T_d + N * T_s)
-    integral, slope = -K * T_s / T_i, pole * K * N
-    derivative, direct = slope * (1 - pole), -K - slope
-    loop = np.zeros((n + 2 * m, n + 2 * m))
-    loop[:n, :n] = plant.A + plant.B @ np.diag(direct) @ plant.C
-    loop[:n, n : n + m] = loop[:n, n + m :] = plant.B
-    loop[n : n + m, :n], loop[n + m :, :n] = (
-        integral[:, None] * plant.C,
-        derivative[:, None] * plant.C,
-    )
-    loop[n : n + m, n : n + m], loop[n + m :, n + m :] = np.eye(m), np.diag(pole)
-    if not np.abs(np.linalg.eigvals(loop)).max() < 1 - 1e-9:
-        return np.inf
-    omega = np.geomspace(1e-4, 0.999, 300) * np.pi / T_s
-    z = np.exp(1j * omega * T_s)[:, None]
-    C = -(direct + integral / (z - 1) + derivative / (z - pole))  # (k, m)
-    difference = np.eye(m) + plant.at(omega) * C[:, None, :]
-    return float((1 / np.linalg.svd(difference, compute_uv=False)[:, -1]).max())
