@@ -73,8 +73,8 @@ class LinearPIDs:
     @classmethod
     def of(cls, tunings: Sequence[Tuning], N: float) -> "LinearPIDs":
         """Return one set of PIDs."""
-        rows = np.array([(t.K_p, t.T_i, t.T_d) for t in tunings]).T
-        return cls(*(row[None] for row in rows), N)
+        K_p, T_i, T_d = np.array([(t.K_p, t.T_i, t.T_d) for t in tunings]).T[:, None]
+        return cls(K_p, T_i, T_d, N)
 
     def loops(self, plant: Sampled) -> Float[np.ndarray, "m n n"]:
         """Return the closed loops, x⁺ = M x; x holds the plant's states, then I, then s."""

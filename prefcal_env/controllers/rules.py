@@ -126,11 +126,9 @@ def robust(
     T_i, T_d = np.tile(np.array(shapes), (len(crossover), 1)).T / w
     unit = PIDLaw.of(np.ones(len(w)), T_i, T_d, N=N, T_s=T_s)
     size = np.abs(plant.at(w)[:, 0, 0] * unit.at(np.exp(1j * w * T_s)))
-    usable = size > 0
-    w, T_i, T_d, K = (
-        np.tile(v, 2) for v in (w[usable], T_i[usable], T_d[usable], 1 / size[usable])
-    )
-    K[len(K) // 2 :] *= -1  # either sign
+    w, T_i, T_d, size = (v[size > 0] for v in (w, T_i, T_d, size))
+    K = np.concatenate([1 / size, -1 / size])  # either sign
+    w, T_i, T_d = (np.tile(v, 2) for v in (w, T_i, T_d))
     peak = LinearPIDs(K[:, None], T_i[:, None], T_d[:, None], N).sensitivity(plant, omega)
     drive, within = np.abs(K) / T_i, np.abs(K) <= largest
     for bound, allowed in [(b, within) for b in _ROBUST] + [(np.inf, np.ones_like(within))]:

@@ -173,6 +173,33 @@ def linear_plant(system: Any, **how: Any) -> LinearPlant:
     return LinearPlant(system_of(system), **how)
 
 
+def local_system(plant: Any, x: X, u: U, d: D) -> LinearSystem:
+    """Return the linear system from inputs to outputs that a plant is near a point, no dead time.
+
+    It is discrete if the plant is a discrete `LinearPlant`, so that poles at 0 and on the negative
+    axis, which no continuous system has, are kept.
+
+    Raises:
+        PlantError: If a derivative is not finite.
+    """
+    if isinstance(plant, LinearPlant):
+        return plant.system.part(range(len(plant.outputs)), range(len(plant.inputs)))
+    J = plant.jacobians(x, u, d)
+    return LinearSystem(J.A, J.B, J.C, J.D)
+
+
+def motion(plant: Any, x: X, u: U, d: D) -> tuple[X, Float[np.ndarray, "n_x n_x"]]:
+    """Return how fast the states change, per unit of time, and the derivative of that by x.
+
+    For a discrete `LinearPlant` this is the change over a sample, by its sample time.
+    """
+    if isinstance(plant, LinearPlant) and plant.sample_time:
+        dt, A = plant.sample_time, plant.system.A
+        after = A @ x + plant.system.B @ np.concatenate([u, d])
+        return np.asarray(after - x) / dt, np.asarray(A - np.eye(len(A))) / dt
+    return np.asarray(plant.f(x, u, d)), np.asarray(plant.jacobians(x, u, d).A)
+
+
 def _listed(named: Named | None) -> list[str | Channel]:
     if named is None:
         return []

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 
 from prefcal_env.errors import PlantError
 
@@ -67,6 +67,38 @@ class LinearSystem:
     def sizes(self) -> tuple[int, int, int]:
         """Return the numbers of states, inputs and outputs."""
         return len(self.A), self.D.shape[1], self.D.shape[0]
+
+    @property
+    def rates(self) -> Complex[np.ndarray, " n_x"]:
+        """Return the poles as rates s per unit of time; a discrete pole z counts as ln(z) / dt.
+
+        Discrete poles at 0 have no rate: they count as faster than any that matters.
+        """
+        poles = (np.linalg.eigvals(self.A) if len(self.A) else np.zeros(0)).astype(complex)
+        return rates_of(poles, self.dt)
+
+    def at(self, s: complex) -> Complex[np.ndarray, "n_y n_u"]:
+        """Return the transfer function at s, for a discrete system at z = exp(s dt)."""
+        point = np.exp(s * self.dt) if self.dt else s
+        resolvent = point * np.eye(len(self.A)) - self.A
+        return np.asarray(self.C @ np.linalg.solve(resolvent, self.B + 0j) + self.D)
+
+    def part(self, outputs: Sequence[int], inputs: Sequence[int]) -> "LinearSystem":
+        """Return the system from some inputs to some outputs, with all states."""
+        rows, columns = list(outputs), list(inputs)
+        D = self.D[np.ix_(rows, columns)]
+        return LinearSystem(self.A, self.B[:, columns], self.C[rows], D, self.dt)
+
+
+def rates_of(points: Complex[np.ndarray, " n"], dt: float) -> Complex[np.ndarray, " n"]:
+    """Return poles or zeros as rates s per unit of time: z counts as ln(z) / dt if dt is not 0."""
+    if not dt:
+        return points
+    return np.log(np.where(np.abs(points) < _FASTEST, _FASTEST, points)) / dt
+
+
+_FASTEST = 1e-3
+"""Magnitude of discrete poles below which they count as this one."""
 
 
 def system_of(system: Any) -> LinearSystem:

@@ -18,7 +18,6 @@ from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs.knob import Knob
-from prefcal_env.plants.jacobians import Jacobians
 from prefcal_env.plants.plant import Plant
 from prefcal_scenarios.scenario import KPI, Scenario
 
@@ -77,9 +76,9 @@ def pid_scenario(
     make = MakePID(found, len(plant.inputs))
     rows = [loop.output for loop in found.loops]
     columns = [loop.input for loop in found.loops]
-    J, grid = found.J, np.ix_(rows, columns)
-    square = Jacobians(J.A, J.B[:, columns], J.C[rows], J.D[grid])
-    delay = found.delay[grid].max(axis=0)  # of the slowest output, if several differ
+    square = found.J.part(rows, columns)
+    delays = found.delay[np.ix_(rows, columns)]
+    delay = delays.max(axis=0)  # of the slowest output, if several differ
     measure = Measure(found, sampled(square, found.T_s, delay), N)
     return Scenario(
         name="pid",

@@ -6,14 +6,14 @@ import pytest
 from prefcal_env import PID, Channel, Plant, PlantEnv, Task, rollout
 from prefcal_env.controllers.pid_law import LinearPIDs, PIDLaw, Tuning
 from prefcal_env.controllers.sampled import sampled
+from prefcal_env.plants.systems import system_of
 
 LAG = Plant.of(([2.0], [5, 6, 1]), delay=0.7, inputs=[Channel("u")], outputs=[Channel("y")])
 TUNING = Tuning(1.2, 4.0, 0.6)
 
 
 def lag_sampled():
-    J = LAG.jacobians(np.zeros(2), np.zeros(1), np.zeros(0))
-    return sampled(J, 0.25, np.array([0.7]))
+    return sampled(LAG.system, 0.25, np.array([0.7]))
 
 
 def test_a_step_of_the_reference_is_answered_as_by_the_running_pid():
@@ -33,16 +33,12 @@ def test_the_response_is_that_of_a_pid_at_low_frequencies():
 
 
 def test_one_pid_of_a_pair_is_as_sensitive_as_alone_if_nothing_couples_them():
-    J = Plant.of((-np.diag([1.0, 2.0]), np.eye(2), np.eye(2), np.zeros((2, 2)))).jacobians(
-        np.zeros(2), np.zeros(2), np.zeros(0)
-    )
+    two = system_of((-np.diag([1.0, 2.0]), np.eye(2), np.eye(2), np.zeros((2, 2))))
     omega = np.geomspace(1e-3, 30, 200)
     slow, fast = Tuning(1.0, 2.0), Tuning(3.0, 1.0, 0.1)
-    both = LinearPIDs.of([slow, fast], 10.0).sensitivity(sampled(J, 0.1), omega)[0]
+    both = LinearPIDs.of([slow, fast], 10.0).sensitivity(sampled(two, 0.1), omega)[0]
     alone = [
-        LinearPIDs.of([t], 10.0).sensitivity(
-            sampled(type(J)(J.A, J.B[:, [i]], J.C[[i]], J.D[[i]][:, [i]]), 0.1), omega
-        )[0]
+        LinearPIDs.of([t], 10.0).sensitivity(sampled(two.part([i], [i]), 0.1), omega)[0]
         for i, t in enumerate((slow, fast))
     ]
     assert both == pytest.approx(max(alone))

@@ -11,9 +11,11 @@ from jaxtyping import Float
 from prefcal_env.controllers.pid_law import LinearPIDs, Tuning
 from prefcal_env.controllers.rules import Process, robust, simc, ziegler_nichols
 from prefcal_env.controllers.sampled import sampled
-from prefcal_env.errors import ScenarioError
+from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.experiment import Channel
-from prefcal_env.plants.plant import Jacobians, Plant
+from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems import LinearSystem
+from prefcal_env.plants.systems.linear import local_system
 from prefcal_scenarios.own.nearest import did_you_mean
 
 from .operating_point import OperatingPoint, operating_point, settled
@@ -66,7 +68,7 @@ class Design:
     """Everything that was chosen for a plant: operating point, sampling time and loops."""
 
     point: OperatingPoint
-    J: Jacobians
+    J: LinearSystem
     delay: Float[np.ndarray, "n_y n_u"]
     T_s: float
     loops: tuple[Single, ...]
@@ -77,7 +79,9 @@ class Design:
         return max(loop.phase for loop in self.loops)
 
 
-def pairs_of(plant: Plant, J: Jacobians, outputs: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
+def pairs_of(
+    plant: Plant, J: LinearSystem, outputs: tuple[int, ...]
+) -> tuple[tuple[int, int], ...]:
     """Return (output, input) of each loop, paired by the relative gain array near rest.
 
     Of all pairings with positive relative gains, the one whose gains are closest to 1.
@@ -116,17 +120,12 @@ def pairs_of(plant: Plant, J: Jacobians, outputs: tuple[int, ...]) -> tuple[tupl
     return tuple(zip(outputs, best, strict=True))
 
 
-def _near_rest(J: Jacobians) -> np.ndarray:
+def _near_rest(J: LinearSystem) -> np.ndarray:
     """Return G(jω) at a frequency far below all poles that are not integrators."""
-    rates = np.abs(np.linalg.eigvals(J.A)) if len(J.A) else np.zeros(0)
+    rates = np.abs(J.rates)
     moving = rates[rates > 1e-6 * rates.max(initial=0.0)]
     s = 1e-3j * (float(moving.min()) if len(moving) else 1.0)
-    return np.asarray(J.C @ np.linalg.solve(s * np.eye(len(J.A)) - J.A, J.B) + J.D)
-
-
-def part(J: Jacobians, output: int, input_: int) -> Jacobians:
-    """Return the matrices from one input to one output."""
-    return Jacobians(J.A, J.B[:, [input_]], J.C[[output]], J.D[[output]][:, [input_]])
+    return J.at(s)
 
 
 def scale_of(process: Process) -> float:
@@ -158,16 +157,19 @@ def design(
             start, or no PID stabilizes the plant there.
     """
     point = operating_point(plant)
-    J = plant.jacobians(point.x, point.u, point.d)
-    if not all(np.isfinite(m).all() for m in (J.A, J.B, J.C, J.D)):
-        raise ScenarioError(f"plant {plant.name!r} has no derivative at its steady state {point.x}")
+    try:
+        J = local_system(plant, point.x, point.u, point.d)
+    except PlantError as error:
+        raise ScenarioError(
+            f"plant {plant.name!r} has no derivative at its steady state {point.x}: {error}"
+        ) from error
     delay = np.add.outer(
         np.array(getattr(plant, "output_delay", ()) or (0.0,) * len(plant.outputs)),
         np.array(getattr(plant, "input_delay", ()) or (0.0,) * len(plant.inputs)),
     )
     outputs = _chosen(plant, reference)
     pairs = pairs_of(plant, J, outputs)
-    processes = [process_of(part(J, i, j), float(delay[i, j])) for i, j in pairs]
+    processes = [process_of(J.part([i], [j]), float(delay[i, j])) for i, j in pairs]
     T_s = _sampling_time(plant, processes)
     for _ in range(3):
         loops = tuple(
@@ -216,7 +218,7 @@ def _allowed(plant: Plant, T_s: float) -> float:
 
 
 def _single(
-    plant: Plant, point: OperatingPoint, J: Jacobians, delay: Float[np.ndarray, "n_y n_u"],
+    plant: Plant, point: OperatingPoint, J: LinearSystem, delay: Float[np.ndarray, "n_y n_u"],
     T_s: float, pair: tuple[int, int], process: Process, reference: Mapping[str, float],
 ) -> Single:  # fmt: skip
     """Return the loop of one pair of an output and an input."""
@@ -224,7 +226,7 @@ def _single(
     start = float(plant.g(point.x, point.u, point.d)[i])
     target = _target(plant, point, pair, process, start, reference)
     channel = _limited(plant.inputs[j], float(point.u[j]), target - start, process, T_s)
-    model = sampled(part(J, i, j), T_s, delay[[i], [j]])
+    model = sampled(J.part([i], [j]), T_s, delay[[i], [j]])
     omega = np.geomspace(1e-4 * np.pi / T_s, 0.999 * np.pi / T_s, 400)
     room = channel.high - point.u[j], point.u[j] - channel.low
     largest = max(room) / abs(target - start)
