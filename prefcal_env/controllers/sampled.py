@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Complex, Float
-from scipy.linalg import expm
+from scipy.linalg import block_diag, expm
 
 from prefcal_env.plants.systems import LinearSystem
 
@@ -35,7 +35,9 @@ def held(
     return E[:n, :n], E[:n, n:]
 
 
-def sampled(J: LinearSystem, T_s: float, delay: Float[np.ndarray, " n_u"] | None = None) -> Sampled:
+def sampled(
+    J: LinearSystem, T_s: float, delay: Float[np.ndarray, "n_y n_u"] | None = None
+) -> Sampled:
     """Return the sampled model of a linear plant, exact also for fractions of T_s.
 
     With a direct feedthrough D, an output is measured before the next input acts.
@@ -46,14 +48,25 @@ def sampled(J: LinearSystem, T_s: float, delay: Float[np.ndarray, " n_u"] | None
     Args:
         J: Matrices of the plant.
         T_s: Sampling time; if the plant is discrete, a multiple of its sample time.
-        delay: Dead time of each input, in the unit of T_s, shape (n_u,); None for none.
+        delay: Dead time from each input to each output, in the unit of T_s; None for none.
     """
+    delays = np.zeros(J.D.shape) if delay is None else delay
+    if (delays == delays[0]).all():
+        return _sampled(J, T_s, delays[0])
+    # Each output has states of its own, which its dead times reach.
+    each = [_sampled(J.part([i], range(J.D.shape[1])), T_s, row) for i, row in enumerate(delays)]
+    A, C = (block_diag(*(getattr(s, name) for s in each)) for name in "AC")
+    return Sampled(A, np.vstack([s.B for s in each]), C, T_s)
+
+
+def _sampled(J: LinearSystem, T_s: float, delay: Float[np.ndarray, " n_u"]) -> Sampled:
+    """Return the sampled model with a dead time for each input."""
     n, n_u = J.B.shape
     A, B_now = _over(J, T_s)
     C, B = J.C, np.zeros((n, n_u))
     blocks: list[tuple[int, int, np.ndarray, np.ndarray]] = []  # input, samples, older, newer
     for i in range(n_u):
-        samples, rest = divmod(0.0 if delay is None else float(delay[i]), T_s)
+        samples, rest = divmod(float(delay[i]), T_s)
         late = np.zeros(n)
         if rest > 1e-9 * T_s:
             Phi, Gamma = _over(J, T_s - rest)

@@ -77,8 +77,7 @@ def pid_scenario(
     rows = [loop.output for loop in found.loops]
     columns = [loop.input for loop in found.loops]
     square = found.J.part(rows, columns)
-    delays = found.delay[np.ix_(rows, columns)]
-    delay = delays.max(axis=0)  # of the slowest output, if several differ
+    delay = found.delay[np.ix_(rows, columns)]
     measure = Measure(found, sampled(square, found.T_s, delay), N)
     return Scenario(
         name="pid",

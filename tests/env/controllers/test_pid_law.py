@@ -13,7 +13,7 @@ TUNING = Tuning(1.2, 4.0, 0.6)
 
 
 def lag_sampled():
-    return sampled(LAG.system, 0.25, np.array([0.7]))
+    return sampled(LAG.system, 0.25, np.array([[0.7]]))
 
 
 def test_a_step_of_the_reference_is_answered_as_by_the_running_pid():

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from prefcal_env.controllers.pid_law import LinearPIDs, Tuning
 from prefcal_env.controllers.rules import Process, robust, simc, ziegler_nichols
 from prefcal_env.controllers.sampled import sampled
+from prefcal_env.envs.dead_time import dead_times
 from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Plant
@@ -163,10 +164,7 @@ def design(
         raise ScenarioError(
             f"plant {plant.name!r} has no derivative at its steady state {point.x}: {error}"
         ) from error
-    delay = np.add.outer(
-        np.array(getattr(plant, "output_delay", ()) or (0.0,) * len(plant.outputs)),
-        np.array(getattr(plant, "input_delay", ()) or (0.0,) * len(plant.inputs)),
-    )
+    delay = dead_times(plant)
     outputs = _chosen(plant, reference)
     pairs = pairs_of(plant, J, outputs)
     processes = [process_of(J.part([i], [j]), float(delay[i, j])) for i, j in pairs]
@@ -226,7 +224,7 @@ def _single(
     start = float(plant.g(point.x, point.u, point.d)[i])
     target = _target(plant, point, pair, process, start, reference)
     channel = _limited(plant.inputs[j], float(point.u[j]), target - start, process, T_s)
-    model = sampled(J.part([i], [j]), T_s, delay[[i], [j]])
+    model = sampled(J.part([i], [j]), T_s, delay[[i]][:, [j]])
     omega = np.geomspace(1e-4 * np.pi / T_s, 0.999 * np.pi / T_s, 400)
     room = channel.high - point.u[j], point.u[j] - channel.low
     largest = max(room) / abs(target - start)

@@ -48,7 +48,7 @@ def operating_point(plant: Plant) -> OperatingPoint:
             return found
     raise ScenarioError(
         f"no steady state of plant {plant.name!r} was found within the limits of its states and "
-        "inputs: widen the limits, or give the plant an attribute x0 near one"
+        "inputs: widen the limits, or give the plant an x0 near one"
     )
 
 
