@@ -1,5 +1,6 @@
-"""KPIs of PID loops: steps of the references, then loads on the inputs."""
+"""KPIs of loops: steps of the references, then loads on the inputs."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,8 @@ from jaxtyping import Float
 
 from prefcal_env.controllers.pid_law import LinearPIDs, Tuning
 from prefcal_env.controllers.sampled import Sampled
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import Channel, Experiment
+from prefcal_scenarios.scenario import KPI
 
 from .design import Design, Single
 
@@ -26,13 +28,11 @@ class Measure:
 
     Args:
         design: What was chosen for the plant.
-        plant: Sampled linear plant, from the inputs to the outputs of the loops.
-        N: Filter of the derivative parts.
+        sensitivity: Function of θ that returns the sensitivity peak of the linearized loop.
     """
 
     design: Design
-    plant: Sampled
-    N: float
+    sensitivity: Callable[[Float[np.ndarray, " n"]], float]
 
     def __call__(self, experiment: Experiment) -> dict[str, float]:
         """Return the KPIs by name; an infinite time means never."""
@@ -49,8 +49,23 @@ class Measure:
                 found[f"total_move{end}"] = float(np.abs(moves).sum())
         return found | {"M_s": self.sensitivity(experiment.theta)}
 
-    def sensitivity(self, theta: Float[np.ndarray, " n"]) -> float:
-        """Return the largest singular value of (1 + G C)^-1; infinite if it is unstable."""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PIDSensitivity:
+    """Function of θ that returns the largest singular value of (1 + G C)^-1 of its PIDs.
+
+    Args:
+        design: What was chosen for the plant.
+        plant: Sampled linear plant, from the inputs to the outputs of the loops.
+        N: Filter of the derivative parts.
+    """
+
+    design: Design
+    plant: Sampled
+    N: float
+
+    def __call__(self, theta: Float[np.ndarray, " n"]) -> float:
+        """Return the sensitivity peak; infinite if the loop is unstable."""
         omega = np.geomspace(1e-4, 0.999, 300) * np.pi / self.plant.T_s
         pids = LinearPIDs.of(tunings_of(self.design, theta), self.N)
         return float(pids.sensitivity(self.plant, omega)[0])
@@ -58,7 +73,7 @@ class Measure:
 
 def tunings_of(design: Design, theta: Float[np.ndarray, " n"]) -> list[Tuning]:
     """Return the tuning of each loop for θ: K_p, T_i, T_d and b of each loop in turn."""
-    signs = [float(np.sign(loop.center.K_p)) for loop in design.loops]
+    signs = [float(np.sign(tuned.center.K_p)) for tuned in design.tunings]
     rows = np.reshape(theta[: 4 * len(signs)], (-1, 4)).tolist()
     return [Tuning(s * row[0], row[1], row[2]) for s, row in zip(signs, rows, strict=True)]
 
@@ -90,3 +105,31 @@ def _until(
     instants, outside = t[part], np.flatnonzero(np.abs(error[part]) > _BAND)
     last = int(outside[-1]) if len(outside) else -1
     return float(instants[last + 1] - start) if last + 1 < len(instants) else np.inf
+
+
+def kpis_of(design: Design, outputs: tuple[Channel, ...], time_unit: str) -> tuple[KPI, ...]:
+    """Return the KPIs, in order of importance; all are better if lower."""
+    found: list[KPI] = []
+    for k, loop in enumerate(design.loops):
+        found += _of_loop(names_of(design, k), outputs[loop.output], loop.channel, time_unit)
+    about = (
+        "Largest amplification of disturbances at any frequency, by the linearized loop: 1.2 to 2 "
+        "is usual, a large one is close to instability."
+    )
+    found.append(KPI("M_s", "sensitivity peak M_s", "", better="lower", about=about))
+    return tuple(found)
+
+
+def _of_loop(end: str, y: Channel, u: Channel, time: str) -> list[KPI]:
+    return [
+        KPI(f"settling_time{end}", f"settling time of {y.name} (within ±5 %)", time,
+            better="lower", about="Time after which it stays close to its reference."),
+        KPI(f"overshoot{end}", f"overshoot of {y.name}", "%", better="lower",
+            about="How far it goes beyond its reference, as a share of the step."),
+        KPI(f"disturbance_peak{end}", f"peak error of {y.name} under the load", y.unit,
+            better="lower", about="Largest distance from the reference after the load sets in."),
+        KPI(f"recovery{end}", f"recovery time of {y.name} (within ±5 %)", time, better="lower",
+            about="Time from the load until it stays close to its reference again."),
+        KPI(f"total_move{end}", f"total move of {u.name}", u.unit, better="lower",
+            about="Sum of all changes of the input: wear of the actuator."),
+    ]  # fmt: skip

@@ -1,28 +1,30 @@
-"""How a linear loop with a given tuning answers a step and a load."""
+"""How long a linear loop takes to settle after a step and a load."""
+
+from collections.abc import Callable
 
 import numpy as np
-
-from prefcal_env.controllers.pid_law import LinearPIDs, Tuning
-from prefcal_env.controllers.sampled import Sampled
+from jaxtyping import Float
 
 _SETTLED = 0.02
+Responses = Callable[[int], tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]]
+"""Function of a number of samples: the outputs after a unit step of reference and load."""
 
 
-def settling(plant: Sampled, tuning: Tuning, N: float) -> tuple[float, float]:
+def settling(responses: Responses, T_s: float) -> tuple[float, float]:
     """Return the time until step and load have settled, and the peak of the load's output.
 
     Raises:
         FloatingPointError: If the loop does not settle.
     """
-    count, loop = 200, LinearPIDs.of([tuning], N)
+    count = 200
     while count <= 25_600:
-        step, load = loop.responses(plant, count)
+        step, load = responses(count)
         if not np.isfinite(step).all():
             break
         peak = float(np.abs(load).max())
         late = np.flatnonzero((np.abs(step - 1) > _SETTLED) | (np.abs(load) > 5 * _SETTLED * peak))
         last = int(late[-1]) if len(late) else 0
         if last < 0.7 * count:
-            return (last + 1) * plant.T_s, peak
+            return (last + 1) * T_s, peak
         count *= 2
     raise FloatingPointError("the loop does not settle")
