@@ -63,7 +63,7 @@ class CheckOptions:
         str,
         typer.Argument(
             metavar="SCENARIO",
-            help="own.py:name, tank.toml, loop.fmu, pid with --plant, or a name (see `prefcal "
+            help="own.py:name, tank.toml, loop.fmu, pid or lqr with --plant, or a name (see `prefcal "
             "scenarios`).",
         ),
     ]

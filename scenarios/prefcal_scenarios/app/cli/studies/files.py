@@ -144,7 +144,7 @@ def trusted_source(name: str, state: State, source: str | None) -> str:
             f"if you trust it, add --scenario {shlex.quote(named) if '{' in named else named}"
         )
     if source is not None and is_described(source) and is_described(named):
-        return resumed_source(named, source)
+        return resumed_source(named, source, whole=True)
     return source or named
 
 
