@@ -68,8 +68,8 @@ def _check_subject(description: Description, where: str) -> None:
     if len(there) != 1:
         got = " and ".join(there) or "none"
         raise ScenarioError(
-            f'{where}: expected one of fmu = "loop.fmu", controller = "pid" or "lqr", [rig] and [opcua], '
-            f"got {got}"
+            f'{where}: expected one of fmu = "loop.fmu", controller = "pid" or "lqr", [rig] and '
+            f"[opcua], got {got}"
         )
     if description.plant is not None and description.controller is None:
         raise ScenarioError(
