@@ -52,6 +52,7 @@ class DeadTime:
         self._given_at, self._given = [-np.inf], [u0]  # inputs as they are decided
         self._since, self._spans = [-np.inf], [(x0, u0, d0)]  # as they reach the plant
         self._tolerance = 0.0
+        self._end = -np.inf, x0  # the latest state
         entries = getattr(plant, "entry_delay", ())
         self._entries = np.pad(entries, ((0, 0), (0, 1))) if entries else None
 
@@ -80,7 +81,8 @@ class DeadTime:
                 states = np.full((len(instants), len(x)), np.nan)
             rows.append(states[: len(inside)])
             x = states[-1]
-        return np.concatenate(rows)
+        self._end = end, x
+        return rows[0] if len(rows) == 1 else np.concatenate(rows)
 
     def outputs(self, t: float, delays: tuple[float, ...]) -> Float[np.ndarray, " n_y"]:
         """Return the outputs as seen at `t`, each from as long ago as its delay, shape (n_y,)."""
@@ -124,6 +126,8 @@ class DeadTime:
         k = bisect_right(self._since, t + self._tolerance) - 1
         x, u, d = self._spans[k]
         ago = t - self._since[k]
-        if self._tolerance < ago < np.inf:
+        if k == len(self._since) - 1 and abs(t - self._end[0]) <= self._tolerance:
+            x = self._end[1]
+        elif self._tolerance < ago < np.inf:
             x = self._plant.hold(x, u, d, np.array([ago]))[0]
         return np.asarray((g or self._plant.g)(x, u, d), dtype=float)

@@ -75,6 +75,7 @@ class LinearPlant:
         late = self._delays("delay", entries.ravel(), entries.size)
         self.entry_delay = tuple(map(tuple, np.reshape(late, entries.shape).tolist()))
         self._kept: dict[float, np.ndarray] = {}
+        self._direct = bool(system.D.any())
 
     @property
     def sample_time(self) -> float:
@@ -92,7 +93,8 @@ class LinearPlant:
 
     def g(self, x: X, u: U, d: D) -> Y:
         """Return the outputs, without dead time."""
-        return np.asarray(self.system.C @ x + self.system.D @ np.concatenate([u, d]))
+        y = self.system.C @ x
+        return np.asarray(y + self.system.D @ np.concatenate([u, d]) if self._direct else y)
 
     def entries(self, x: X, u: U, d: D) -> Float[np.ndarray, "n_y n"]:
         """Return what each input adds to the outputs, and last what no input does, n = n_u + 1."""

@@ -92,11 +92,11 @@ def task_of(plant: Plant, found: Design) -> Task:
     """Return the task: one step for each loop, then the loads."""
     point, phase, n = found.point, found.phase, len(found.loops)
     start = np.full(len(plant.outputs), np.nan)
-    schedule = Schedule(found, start, len(plant.inputs))
-    alone = n == 1
-    y_ref = start.copy()
+    alone, y_ref, loads = n == 1, start.copy(), np.zeros(len(plant.inputs))
     for loop in found.loops:
-        y_ref[loop.output] = loop.target
+        y_ref[loop.output], loads[loop.input] = loop.target, loop.load
+    none, acting = (np.concatenate([point.d, part]) for part in (0 * loads, loads))
+    schedule = Schedule(found, start, none, acting)
     return Task(
         x0=point.x, u0=point.u, y_ref=y_ref if alone else schedule.reference,
         d=schedule.disturbance, horizon=(n + 1) * phase, T_s=found.T_s, dense_step=found.T_s,
@@ -111,7 +111,8 @@ class Schedule:
 
     design: Design
     nothing: Float[np.ndarray, " n_y"]
-    n_u: int
+    unloaded: Float[np.ndarray, " n_d"]
+    loaded: Float[np.ndarray, " n_d"]
 
     def reference(self, t: float) -> Float[np.ndarray, " n_y"]:
         """Return the references at time `t`: loop k steps after k phases."""
@@ -123,32 +124,33 @@ class Schedule:
 
     def disturbance(self, t: float) -> Float[np.ndarray, " n_d"]:
         """Return the measured disturbances, which rest, and the loads at time `t`."""
-        loads = np.zeros(self.n_u)
-        if t >= (len(self.design.loops) - 1e-9) * self.design.phase:
-            for loop in self.design.loops:
-                loads[loop.input] = loop.load
-        return np.concatenate([self.design.point.d, loads])
+        acting = t >= (len(self.design.loops) - 1e-9) * self.design.phase
+        return self.loaded if acting else self.unloaded
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class RunsAway:
-    """Function of a state that tells whether an output has run away or a state left its limits."""
+    """Function of a state that tells whether an output has run away or a state left its limits.
 
-    plant: Plant
-    design: Design
+    Args:
+        plant: Plant.
+        design: What was chosen for it. States that start at or beyond a limit have none.
+    """
+
+    def __init__(self, plant: Plant, design: Design) -> None:
+        self._plant, self._point, x = plant, design.point, design.point.x
+        low, high = (np.array([getattr(c, end) for c in plant.states]) for end in ("low", "high"))
+        inside = (low < x) & (x < high)
+        self._low, self._high = np.where(inside, low, -np.inf), np.where(inside, high, np.inf)
+        self._outputs = [loop.output for loop in design.loops]
+        self._start = np.array([loop.start for loop in design.loops])
+        self._reach = np.array([_AWAY * abs(loop.target - loop.start) for loop in design.loops])
 
     def __call__(self, x: Float[np.ndarray, " n_x"]) -> bool:
         """Return whether the experiment ends."""
-        states, point = self.plant.states, self.design.point
-        for channel, value, start in zip(states, x.tolist(), point.x.tolist(), strict=True):
-            inside = channel.low < start < channel.high
-            if inside and not channel.low <= value <= channel.high:
-                return True
-        y = self.plant.g(x, point.u, point.d)
-        return any(
-            abs(y[loop.output] - loop.start) > _AWAY * abs(loop.target - loop.start)
-            for loop in self.design.loops
-        )
+        if not ((self._low <= x) & (x <= self._high)).all():
+            return True
+        y = self._plant.g(x, self._point.u, self._point.d)[self._outputs]
+        return bool((np.abs(y - self._start) > self._reach).any())
 
 
 def _loaded(plant: Plant, found: Design) -> Loaded:
