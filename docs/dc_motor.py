@@ -3,8 +3,7 @@
 import numpy as np
 
 from prefcal_agents import minimize_by_preference
-from prefcal_env import Channel, ClosedLoop, Knob, KnobSpace, Move, PlantEnv, Task
-from prefcal_env.plants import FunctionPlant
+from prefcal_env import PID, Channel, ClosedLoop, FunctionPlant, Knob, KnobSpace, PlantEnv, Task
 from prefcal_scenarios import KPI, Panel, Scenario
 
 ANGLE = Channel("angle", "rad", target=1.0, band=0.02)
@@ -22,17 +21,10 @@ plant = FunctionPlant(
 task = Task(x0=np.zeros(3), u0=np.zeros(1), y_ref=np.array([1.0]), horizon=3.0)
 
 
-# The controller: anything with `T_s` and `move`.
-class PID:
-    T_s = 0.01
-
-    def __init__(self, theta):
-        (self.K_p, self.K_i, self.K_d), self.sum = theta, 0.0
-
-    def move(self, m):
-        error = m.y_ref[0] - m.x[0]
-        self.sum += error * self.T_s
-        return Move(np.array([self.K_p * error + self.K_i * self.sum - self.K_d * m.x[1]]))
+# The controller of θ: prefcal's PID, or anything with `T_s` and `move`.
+def pid(theta):
+    K_p, K_i, K_d = theta
+    return PID.of_gains(K_p, K_i, K_d, T_s=0.01, plant=plant)
 
 
 # What you read beside the curves.
@@ -54,15 +46,14 @@ motor = Scenario(
             Knob("K_d", 0.01, 10, "V s/rad", scale="log10"),
         ]
     ),
-    run=ClosedLoop(lambda: PlantEnv(plant, task), PID, kpis),
+    run=ClosedLoop(PlantEnv(plant, task), pid, kpis),
     kpis=(
         KPI("settled", "settled within 2 %", "s", at_most=1.0),
         KPI("overshoot", "overshoot", "%", at_most=5.0),
     ),
     panels=(Panel("angle"), Panel("voltage")),
-    cost=lambda e: (
-        e.kpis["overshoot"] / 5 + min(e.kpis["settled"], 3.0)
-    ),  # only for unattended runs
+    # Only for unattended runs.
+    cost=lambda e: e.kpis["overshoot"] / 5 + min(e.kpis["settled"], 3.0),
 )
 
 if __name__ == "__main__":

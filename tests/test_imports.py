@@ -43,7 +43,7 @@ LAYERS = {
     "prefcal_scenarios": (
         {"own", "processes"},
         {"scenario"},
-        {"own.described", "own.fmu_scenario", "own.pid", "own.pid_scenario"},
+        {"own.described", "own.fmu_scenario", "own.lqr_scenario", "own.pid", "own.pid_scenario"},
         {"kpis", "app.isolated", "app.presentation", "app.summary", "many"},
         {"app.simulating"},
         {"app.screening"},
@@ -56,7 +56,7 @@ LAYERS = {
     ),
 }
 """Parts of each package, lowest first. A part may import itself and whatever is below it."""
-MAKERS = ("own.described", "own.fmu_scenario", "own.pid", "own.pid_scenario")
+MAKERS = ("own.described", "own.fmu_scenario", "own.lqr_scenario", "own.pid", "own.pid_scenario")
 """Parts of `own` that make scenarios, so they lie above the class."""
 APART = {frozenset({"mpc", "envs"})}
 """Of one layer, and yet they never import each other."""

@@ -22,7 +22,7 @@ class LQG:
     The filter starts at the steady state with the covariance that it has in the long run, so its
     gain is constant. A constant load shifts the estimates: let the LQR have integral action.
 
-    Source: Åström, Wittenmark (1997), Computer-Controlled Systems, sections 11.3 and 11.4.
+    Source: Åström, Wittenmark (1997), Computer-Controlled Systems.
 
     Args:
         lqr: State feedback, which also holds the model.

@@ -28,9 +28,9 @@ class LQR:
     Anti-windup is conditional integration: while an input is at a limit, q moves only if that
     brings the input back.
 
-    Source: Åström, Wittenmark (1997), Computer-Controlled Systems, section 11.2 (sampled linear
-    quadratic control); Franklin, Powell, Workman (1998), Digital Control of Dynamic Systems,
-    section 8.5 (integral action); Åström, Hägglund (2006), Advanced PID Control, section 3.5.
+    Source: Åström, Wittenmark (1997), Computer-Controlled Systems (sampled linear quadratic
+    control); Franklin, Powell, Workman (1998), Digital Control of Dynamic Systems (integral
+    action); Åström, Hägglund (2006), Advanced PID Control (conditional integration).
     Deviation: the cost is summed at sampling instants, as `control.dlqr` does.
 
     Args:

@@ -10,6 +10,7 @@ from prefcal_env.knobs.knob import is_number
 from prefcal_env.plants.plant import Plant
 
 from .measured import index_of, outputs_of, reference_of
+from .pid_law import PIDLaw
 
 
 class PID:
@@ -29,8 +30,8 @@ class PID:
       that, too, as for a switch from manual to automatic.
     - `retune` changes parameters without a jump of the input.
 
-    Source: Åström, Hägglund (2006), Advanced PID Control: sections 3.3 (filter), 3.4 (set-point
-    weights), 3.5 (back-calculation, T_t = √(T_i T_d)), 13.2 to 13.4 (sampling, bumpless changes).
+    Source: Åström, Hägglund (2006), Advanced PID Control: filter, set-point weights,
+    back-calculation with T_t = √(T_i T_d), sampling and bumpless changes.
     Deviation: T_t = T_i if T_d is below T_i / 25, since √(T_i T_d) would be close to 0.
 
     Args:
@@ -150,9 +151,8 @@ class PID:
         y = float(outputs_of(measurement, self._plant)[self.output])
         p, before = self._p, _error(self._p["c"], self._r, self._y)
         self._r, self._y = r, y
-        share = p["T_d"] / (p["T_d"] + p["N"] * p["T_s"]) if p["T_d"] else 0.0
-        rise = p["K_p"] * p["N"] * (_error(p["c"], r, y) - before)
-        self._derivative = share * (self._derivative + rise)
+        law, change = self._law, _error(p["c"], r, y) - before
+        self._derivative = float(law.pole * (self._derivative + law.rise * change))
         assert self._integral is not None
         self._v = self._proportional() + self._integral + self._derivative
         u = np.array(measurement.u, dtype=float)
@@ -170,7 +170,7 @@ class PID:
         p = self._p
         if not np.isfinite(p["T_i"]) or self._integral is None:
             return
-        self._integral += p["K_p"] * p["T_s"] / p["T_i"] * (self._r - self._y)
+        self._integral += self._law.integral * (self._r - self._y)
         self._integral += min(p["T_s"] / self._tracking, 1.0) * (applied - self._v)
 
     def _proportional(self) -> float:
@@ -196,6 +196,7 @@ class PID:
             raise SettingsError(f"PID: low must be below high, got {limits}")
         self._p: dict[str, Any] = {k: v if v is None else float(v) for k, v in parameters.items()}
         T_i, T_d = self._p["T_i"], self._p["T_d"]
+        self._law = PIDLaw.of(self._p["K_p"], T_i, T_d, N=self._p["N"], T_s=self._p["T_s"])
         rule = np.sqrt(T_i * T_d) if 25 * T_d >= T_i else T_i
         self._tracking = float(rule if self._p["T_t"] is None else self._p["T_t"])
 

@@ -3,18 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 
+from .pid_law import LinearPIDs, PIDLaw, Tuning
 from .sampled import Sampled
-
-
-@dataclass(frozen=True, slots=True)
-class Tuning:
-    """Parameters of a PID: gain with its sign, and integral and derivative time."""
-
-    K_p: float
-    T_i: float
-    T_d: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +36,7 @@ def simc(process: Process, *, derivative: bool = True) -> Tuning | None:
     """Return Skogestad's tuning with τ_c = θ; None where the rule does not apply.
 
     Source: Skogestad (2003), Simple analytic rules for model reduction and PID controller tuning,
-    J. Process Control 13: half rule (10), (11), settings (22) to (24), table 1 for integrators;
-    series to standard form by (36).
+    J. Process Control 13(4), 291-309: half rule, settings, and series to standard form.
     Deviation: zeros in the left half plane are left out.
 
     Args:
@@ -77,7 +68,8 @@ def ziegler_nichols(plant: Sampled, omega: Float[np.ndarray, " m"], sign: float)
 
     K_p = 0.6 K_u, T_i = T_u / 2, T_d = T_u / 8.
 
-    Source: Ziegler, Nichols (1942), Optimum settings for automatic controllers, Trans. ASME 64.
+    Source: Ziegler, Nichols (1942), Optimum settings for automatic controllers, Trans. ASME 64,
+    759-768.
 
     Args:
         plant: Sampled plant of one input and one output, stable or integrating.
@@ -93,46 +85,6 @@ def ziegler_nichols(plant: Sampled, omega: Float[np.ndarray, " m"], sign: float)
     size = abs(G.real[k] + share * (G.real[k + 1] - G.real[k]))
     T_u = 2 * np.pi / (omega[k] + share * (omega[k + 1] - omega[k]))
     return Tuning(sign * 0.6 / size, T_u / 2, T_u / 8)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Candidates:
-    """PIDs to check together, each array of shape (m,); see `PID` for the sampled form."""
-
-    K_p: Float[np.ndarray, " m"]
-    T_i: Float[np.ndarray, " m"]
-    T_d: Float[np.ndarray, " m"]
-    N: float
-
-    def law(self, T_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the pole of the derivative, and the gains of integral, derivative and y."""
-        pole = self.T_d / (self.T_d + self.N * T_s)
-        slope = pole * self.K_p * self.N
-        return pole, -self.K_p * T_s / self.T_i, slope * (1 - pole), -self.K_p - slope
-
-    def controller(self, z: Complex[np.ndarray, " k"], T_s: float) -> Complex[np.ndarray, "m k"]:
-        """Return -C(z), from y to the input, at points z, shape (k,)."""
-        pole, integral, derivative, direct = (v[:, None] for v in self.law(T_s))
-        return np.asarray(direct + integral / (z - 1) + derivative / (z - pole))
-
-    def radius(self, plant: Sampled) -> Float[np.ndarray, " m"]:
-        """Return the spectral radius of each closed loop; it is stable below 1."""
-        pole, integral, derivative, direct = self.law(plant.T_s)
-        n, m = len(plant.A), len(self.K_p)
-        M = np.zeros((m, n + 2, n + 2))
-        M[:, :n, :n] = plant.A + direct[:, None, None] * (plant.B @ plant.C)
-        M[:, :n, n], M[:, :n, n + 1] = plant.B[:, 0], plant.B[:, 0]
-        M[:, n, :n] = integral[:, None] * plant.C[0]
-        M[:, n + 1, :n] = derivative[:, None] * plant.C[0]
-        M[:, n, n], M[:, n + 1, n + 1] = 1.0, pole
-        return np.asarray(np.abs(np.linalg.eigvals(M)).max(axis=1))
-
-    def sensitivity(self, plant: Sampled, omega: Float[np.ndarray, " k"]) -> np.ndarray:
-        """Return the largest |1 / (1 + L)| over `omega`, infinite for unstable loops, (m,)."""
-        G = plant.at(omega)[:, 0, 0]
-        L = -G * self.controller(np.exp(1j * omega * plant.T_s), plant.T_s)
-        peak = np.abs(1 / (1 + L)).max(axis=1)
-        return np.asarray(np.where(self.radius(plant) < 1 - 1e-9, peak, np.inf))
 
 
 _ROBUST = (1.6, 2.0, 2.5, 3.5, np.inf)
@@ -158,7 +110,7 @@ def robust(
     It maximizes the integral gain K_p / T_i at a sensitivity of at most 1.6 (more only if
     necessary), over both signs and a grid of crossover frequencies and times.
 
-    Source: Åström, Hägglund (2006), Advanced PID Control, section 7.2 (MIGO).
+    Source: Åström, Hägglund (2006), Advanced PID Control (MIGO).
     Deviation: on a grid, for the sampled loop, so any linear plant will do.
 
     Args:
@@ -172,22 +124,18 @@ def robust(
     shapes = [(i, d) for i in _INTEGRAL_TIMES for d in _DERIVATIVE_TIMES]
     w = np.repeat(crossover, len(shapes))
     T_i, T_d = np.tile(np.array(shapes), (len(crossover), 1)).T / w
-    unit = Candidates(np.ones(len(w)), T_i, T_d, N)
-    z = np.exp(1j * w * T_s)
-    pole, integral, derivative, direct = unit.law(T_s)
-    size = np.abs(plant.at(w)[:, 0, 0] * (direct + integral / (z - 1) + derivative / (z - pole)))
-    usable = size > 0
-    w, T_i, T_d, K = w[usable], T_i[usable], T_d[usable], 1 / size[usable]
-    both = Candidates(np.concatenate([K, -K]), np.tile(T_i, 2), np.tile(T_d, 2), N)
-    peak = both.sensitivity(plant, omega)
-    drive = np.abs(both.K_p) / both.T_i
-    within = np.abs(both.K_p) <= largest
+    unit = PIDLaw.of(np.ones(len(w)), T_i, T_d, N=N, T_s=T_s)
+    size = np.abs(plant.at(w)[:, 0, 0] * unit.at(np.exp(1j * w * T_s)))
+    w, T_i, T_d, size = (v[size > 0] for v in (w, T_i, T_d, size))
+    K = np.concatenate([1 / size, -1 / size])  # either sign
+    w, T_i, T_d = (np.tile(v, 2) for v in (w, T_i, T_d))
+    peak = LinearPIDs(K[:, None], T_i[:, None], T_d[:, None], N).sensitivity(plant, omega)
+    drive, within = np.abs(K) / T_i, np.abs(K) <= largest
     for bound, allowed in [(b, within) for b in _ROBUST] + [(np.inf, np.ones_like(within))]:
         fine = np.isfinite(peak) & (peak <= bound) & allowed
         if fine.any():
             # Among unbounded ones the most robust, else the strongest integral action.
             score = drive if np.isfinite(bound) else 1 / peak
             best = int(np.argmax(np.where(fine, score, -np.inf)))
-            found = Tuning(*(float(v[best]) for v in (both.K_p, both.T_i, both.T_d)))
-            return found, float(np.tile(w, 2)[best])
+            return Tuning(float(K[best]), float(T_i[best]), float(T_d[best])), float(w[best])
     return None

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Complex, Float
-from scipy.linalg import expm
+from scipy.linalg import block_diag, expm
 
-from prefcal_env.plants.plant import Jacobians
+from prefcal_env.plants.systems import LinearSystem
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,29 +35,42 @@ def held(
     return E[:n, :n], E[:n, n:]
 
 
-def sampled(J: Jacobians, T_s: float, delay: Float[np.ndarray, " n_u"] | None = None) -> Sampled:
-    """Return the sampled model of a linearized plant, exact also for fractions of T_s.
+def sampled(
+    J: LinearSystem, T_s: float, delay: Float[np.ndarray, "n_y n_u"] | None = None
+) -> Sampled:
+    """Return the sampled model of a linear plant, exact also for fractions of T_s.
 
     With a direct feedthrough D, an output is measured before the next input acts.
 
-    Source: Åström, Wittenmark (1997), Computer-Controlled Systems, section 2.3 (dead time).
+    Source: Åström, Wittenmark (1997), Computer-Controlled Systems, section 2.3 (sampling a
+    continuous-time state-space system), with dead time.
 
     Args:
-        J: Matrices of the continuous plant.
-        T_s: Sampling time.
-        delay: Dead time of each input, in the unit of T_s, shape (n_u,); None for none.
+        J: Matrices of the plant.
+        T_s: Sampling time; if the plant is discrete, a multiple of its sample time.
+        delay: Dead time from each input to each output, in the unit of T_s; None for none.
     """
+    delays = np.zeros(J.D.shape) if delay is None else delay
+    if (delays == delays[0]).all():
+        return _sampled(J, T_s, delays[0])
+    # Each output has states of its own, which its dead times reach.
+    each = [_sampled(J.part([i], range(J.D.shape[1])), T_s, row) for i, row in enumerate(delays)]
+    A, C = (block_diag(*(getattr(s, name) for s in each)) for name in "AC")
+    return Sampled(A, np.vstack([s.B for s in each]), C, T_s)
+
+
+def _sampled(J: LinearSystem, T_s: float, delay: Float[np.ndarray, " n_u"]) -> Sampled:
+    """Return the sampled model with a dead time for each input."""
     n, n_u = J.B.shape
-    A, B_now = held(J.A, J.B, T_s)
+    A, B_now = _over(J, T_s)
     C, B = J.C, np.zeros((n, n_u))
     blocks: list[tuple[int, int, np.ndarray, np.ndarray]] = []  # input, samples, older, newer
     for i in range(n_u):
-        samples, rest = divmod(0.0 if delay is None else float(delay[i]), T_s)
+        samples, rest = divmod(float(delay[i]), T_s)
         late = np.zeros(n)
         if rest > 1e-9 * T_s:
-            Phi, Gamma = held(J.A, J.B[:, [i]], T_s - rest)
-            late = Phi @ held(J.A, J.B[:, [i]], rest)[1][:, 0]
-            now = Gamma[:, 0]
+            Phi, Gamma = _over(J, T_s - rest)
+            late, now = Phi @ _over(J, rest)[1][:, i], Gamma[:, i]
         else:
             now = B_now[:, i]
         blocks.append((i, int(samples), late, now))
@@ -79,11 +92,21 @@ def sampled(J: Jacobians, T_s: float, delay: Float[np.ndarray, " n_u"] | None = 
     return Sampled(A_all, B_all, C_all, T_s)
 
 
-def minimal(J: Jacobians) -> Jacobians:
+def _over(J: LinearSystem, T: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return A_d and B_d over T with u held; T is a multiple of the sample time if J has one."""
+    if not J.dt:
+        return held(J.A, J.B, T)
+    n, m = J.B.shape
+    once = np.block([[J.A, J.B], [np.zeros((m, n)), np.eye(m)]])
+    E = np.linalg.matrix_power(once, round(T / J.dt))
+    return E[:n, :n], E[:n, n:]
+
+
+def minimal(J: LinearSystem) -> LinearSystem:
     """Return the controllable and observable part of a linear plant (Kalman decomposition)."""
     A, B, C = _reachable(J.A, J.B, J.C)
     At, Ct, Bt = _reachable(A.T, C.T, B.T)
-    return Jacobians(At.T, Bt.T, Ct.T, J.D)
+    return LinearSystem(At.T, Bt.T, Ct.T, J.D, J.dt)
 
 
 def _reachable(

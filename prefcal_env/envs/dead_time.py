@@ -1,7 +1,9 @@
 """Dead time of inputs, outputs and measurements, exact for any length and sampling time."""
 
 from bisect import bisect_right
+from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +19,13 @@ def delays_of(plant: Plant) -> tuple[tuple[float, ...], tuple[float, ...]]:
     given = getattr(plant, "input_delay", ()), getattr(plant, "output_delay", ())
     n_u, n_y = len(plant.inputs), len(plant.outputs)
     return (tuple(given[0]) or (0.0,) * n_u, tuple(given[1]) or (0.0,) * n_y)
+
+
+def dead_times(plant: Plant) -> Float[np.ndarray, "n_y n_u"]:
+    """Return the dead time from each input to each output, in the plant's unit of time."""
+    inputs, outputs = delays_of(plant)
+    entries = getattr(plant, "entry_delay", ()) or 0.0
+    return np.asarray(np.add.outer(outputs, inputs) + np.array(entries))
 
 
 class DeadTime:
@@ -43,6 +52,9 @@ class DeadTime:
         self._given_at, self._given = [-np.inf], [u0]  # inputs as they are decided
         self._since, self._spans = [-np.inf], [(x0, u0, d0)]  # as they reach the plant
         self._tolerance = 0.0
+        self._end = -np.inf, x0  # the latest state
+        entries = getattr(plant, "entry_delay", ())
+        self._entries = np.pad(entries, ((0, 0), (0, 1))) if entries else None
 
     def hold(
         self,
@@ -69,12 +81,23 @@ class DeadTime:
                 states = np.full((len(instants), len(x)), np.nan)
             rows.append(states[: len(inside)])
             x = states[-1]
-        return np.concatenate(rows)
+        self._end = end, x
+        return rows[0] if len(rows) == 1 else np.concatenate(rows)
 
     def outputs(self, t: float, delays: tuple[float, ...]) -> Float[np.ndarray, " n_y"]:
         """Return the outputs as seen at `t`, each from as long ago as its delay, shape (n_y,)."""
+        if self._entries is not None:
+            return self._joined(t, self._entries + np.array(delays)[:, None])
         seen = {delay: self._output(t - delay) for delay in set(delays)}
         return np.array([seen[delay][i] for i, delay in enumerate(delays)], dtype=float)
+
+    def _joined(self, t: float, ago: Float[np.ndarray, "n_y n"]) -> Float[np.ndarray, " n_y"]:
+        """Return the sums of what each input adds to the outputs, from as long ago as `ago`."""
+        y = np.zeros(len(ago))
+        for delay in np.unique(ago).tolist():
+            entries = self._output(t - delay, self._plant.entries)  # type: ignore[attr-defined]
+            y += np.where(ago == delay, entries, 0.0).sum(axis=1)
+        return y
 
     def _changes(self, start: float, end: float) -> list[float]:
         """Return the instants between `start` and `end` at which a delayed input changes."""
@@ -98,10 +121,13 @@ class DeadTime:
         ]
         return np.array(chosen, dtype=float)
 
-    def _output(self, t: float) -> Float[np.ndarray, " n_y"]:
+    def _output(self, t: float, g: Callable[..., Any] | None = None) -> np.ndarray:
+        """Return the outputs of the plant at `t`, or what `g` makes of its state."""
         k = bisect_right(self._since, t + self._tolerance) - 1
         x, u, d = self._spans[k]
         ago = t - self._since[k]
-        if self._tolerance < ago < np.inf:
+        if k == len(self._since) - 1 and abs(t - self._end[0]) <= self._tolerance:
+            x = self._end[1]
+        elif self._tolerance < ago < np.inf:
             x = self._plant.hold(x, u, d, np.array([ago]))[0]
-        return np.asarray(self._plant.g(x, u, d), dtype=float)
+        return np.asarray((g or self._plant.g)(x, u, d), dtype=float)

@@ -18,6 +18,7 @@ from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import LinearPlant, system_of
 from prefcal_env.plants.systems.linear import numbers
 
+from .dead_time import dead_times
 from .lti_controller import Law, LTIController, closed_loop, law_of
 from .plant_env import PlantEnv
 from .task import Task
@@ -40,7 +41,8 @@ class LTILoop:
     A run ends as unsafe once an output is `runaway` times as far away as its largest reference.
 
     Args:
-        plant: Plant, such as `Plant.of(...)`, or what `Plant.of` takes.
+        plant: Plant, such as `Plant.of(...)`, or what `Plant.of` takes. A run starts at its `x0`,
+            with its `u0` as the last input; at 0 if it has none.
         controller: Function of a physical θ, shape (n,), that returns a linear system (whatever
             `Plant.of` takes, or a gain), or any controller with `T_s` and `move`. The system's
             inputs are the errors r - y or, with twice as many, the references and then the outputs;
@@ -124,16 +126,16 @@ class LTILoop:
         bands: Mapping[str, float] | None, runaway: float,
     ) -> Task:  # fmt: skip
         plant, n_y = self.plant, len(self.plant.outputs)
-        x0 = np.asarray(getattr(plant, "x0", np.zeros(len(plant.states))))
-        u0 = np.asarray(getattr(plant, "u0", np.zeros(len(plant.inputs))))
+        start = getattr(plant, "x0", None), getattr(plant, "u0", None)
+        x0 = np.zeros(len(plant.states)) if start[0] is None else np.asarray(start[0])
+        u0 = np.zeros(len(plant.inputs)) if start[1] is None else np.asarray(start[1])
         n_d = len(plant.disturbances)
         load = d if callable(d) else _numbers("d", 0.0 if d is None else d, n_d)
         y_ref = self._reference(reference)
         d0 = np.asarray(load(0.0) if callable(load) else load, dtype=float)
         times = np.linspace(0.0, horizon, _INSTANTS).tolist()
         largest = [y_ref(t) for t in times] if callable(y_ref) else [y_ref]
-        start = np.asarray(plant.g(x0, u0, d0))
-        reach = np.nanmax(np.abs(np.array([*largest, start])), axis=0)
+        reach = np.nanmax(np.abs(np.array([*largest, plant.g(x0, u0, d0)])), axis=0)
         farthest = runaway * np.where(reach > 0, reach, 1.0)
 
         def unsafe(x: Float[np.ndarray, " n_x"]) -> bool:
@@ -180,7 +182,7 @@ class LTILoop:
         return (
             isinstance(plant, LinearPlant)
             and not (law.dt or plant.sample_time or self._T_s or np.isfinite(limits).any())
-            and not any((*plant.input_delay, *plant.output_delay))
+            and not dead_times(plant).any()
             and self._env.task.noise is None
         )
 

@@ -16,7 +16,7 @@ from prefcal_env.plants.plant import Plant
 
 from .canvas import Canvas, Trace
 from .checks import check_render_mode, known_options, vector
-from .dead_time import DeadTime, delays_of
+from .dead_time import DeadTime, dead_times, delays_of
 from .fit import channels_of, check_fit, check_limits, observed_of, tracked_of
 from .task import Step, Task
 
@@ -76,10 +76,10 @@ class PlantEnv(gym.Env[Array, Array]):
         self._end: End | None = None
         self._T_s, self._steps = task.T_s, 0
         self._t, self._x, self._u = 0.0, task.x0, task.u0
-        inputs, self._output_delay = delays_of(plant)
+        self._output_delay = delays_of(plant)[1]
         measuring = np.broadcast_to(task.measurement_delay, len(plant.outputs)).tolist()
         self._seen_delay = tuple(map(sum, zip(self._output_delay, measuring, strict=True)))
-        self._delayed = any(inputs) or any(self._seen_delay)
+        self._delayed = bool(dead_times(plant).any()) or any(self._seen_delay)
         self._dead_time: DeadTime | None = None
         self._noise = np.zeros(len(plant.outputs))
 

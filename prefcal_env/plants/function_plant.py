@@ -15,7 +15,7 @@ from .equations import Callbacks, Equations
 from .integrate import integrate
 from .jacobians import Jacobians
 from .systems.casadi import CasadiEquation, is_function
-from .systems.linear import numbers
+from .systems.linear import Numbers, numbers
 
 Equation = Callable[[Any, Any, Any], Any]
 """Function of (x, u, d), each an array, that returns an array or a sequence of numbers."""
@@ -44,15 +44,18 @@ class FunctionPlant:
         time_unit: Unit of time.
         delay: Dead time between input and plant, one number or one for each input, in `time_unit`.
             The environment applies it (`PlantEnv`).
+        x0: State at the start of an `LTILoop`, and where the search for a steady state begins,
+            shape (n_x,) or one number; None for 0, and for a search that begins anywhere.
+        u0: Input before the start, shape (n_u,) or one number; None for 0.
         max_step: Largest step of the integrator, in `time_unit`; None means that only the error
             counts. Set it if f is so different in a short range that a step could miss it.
         compiled: Function that returns f as a C function, for a faster simulation.
 
     Raises:
         PlantError: If there is no state or no input, only one of `g` and `outputs` is given,
-            the step is not positive, a dead time is negative, or the inputs of a CasADi Function
-            have other sizes; when called, if an equation returns the wrong number of
-            values.
+            the step is not positive, a dead time is negative, x0 or u0 does not fit, or the inputs
+            of a CasADi Function have other sizes; when called, if an equation returns the wrong
+            number of values.
     """
 
     def __init__(
@@ -67,6 +70,8 @@ class FunctionPlant:
         name: str = "plant",
         time_unit: str = "s",
         delay: float | Sequence[float] = 0.0,
+        x0: Numbers | None = None,
+        u0: Numbers | None = None,
         max_step: float | None = None,
         compiled: Callable[[], Equations] | None = None,
     ) -> None:
@@ -83,6 +88,8 @@ class FunctionPlant:
         self.input_delay = tuple(numbers("delay", delay, len(self.inputs)).tolist())
         if min(self.input_delay) < 0:
             raise PlantError(f"delay must be 0 {time_unit} or more, got {self.input_delay}")
+        self.x0 = None if x0 is None else numbers("x0", x0, len(self.states))
+        self.u0 = None if u0 is None else numbers("u0", u0, len(self.inputs))
         self._f, self._g = self._of_casadi(f), self._of_casadi(g)
         self._compiled = compiled
         self._equations: Equations | None = None

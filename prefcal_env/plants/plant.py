@@ -11,7 +11,7 @@ from prefcal_env.experiments.experiment import Channel
 from .jacobians import Jacobians as Jacobians
 
 if TYPE_CHECKING:
-    from prefcal_env.plants.systems.linear import LinearPlant, Named, Numbers
+    from prefcal_env.plants.systems.linear import Delay, LinearPlant, Named, Numbers
 
     _ProtocolType = ABCMeta
 else:
@@ -29,7 +29,7 @@ class _PlantType(_ProtocolType):
         inputs: "Named | None" = None,
         outputs: "Named | None" = None,
         disturbances: "Named" = (),
-        delay: "Numbers" = 0.0,
+        delay: "Delay" = 0.0,
         output_delay: "Numbers" = 0.0,
         x0: "Numbers | None" = None,
         u0: "Numbers | None" = None,
@@ -45,16 +45,18 @@ class _PlantType(_ProtocolType):
 
         Args:
             system: StateSpace or TransferFunction of python-control or scipy.signal (`lti`,
-                `dlti`), arrays (A, B, C, D) or (A, B, C, D, dt), or polynomials (num, den).
-                Improper transfer functions are refused.
+                `dlti`), arrays (A, B, C, D) or (A, B, C, D, dt), polynomials (num, den), or a list
+                of rows of these. Improper transfer functions are refused.
             states: Names or `Channel`s of the states, in their order.
             inputs: Names or `Channel`s of the inputs; limits of a `Channel` are those of the
                 actuator. Without them, the names that python-control knows, else u or u1, u2, ...
             outputs: Names or `Channel`s of the outputs, likewise.
             disturbances: Names or `Channel`s of measured disturbances: the last inputs of `system`
                 are these instead of inputs.
-            delay: Dead time between input and plant, one number or one for each input, in
-                `time_unit`; if the plant is discrete, a multiple of its sample time.
+            delay: Dead time between input and plant, in `time_unit`: one number, one for each
+                input, or a matrix of shape (n_y, n_u) with that from each input to each output. If
+                the plant is discrete, multiples of its sample time. A matrix gives each input
+                states of its own.
             output_delay: Dead time between plant and output, likewise.
             x0: State at the start of experiments, shape (n_x,) or one number; by default 0.
             u0: Input before the start of experiments, shape (n_u,) or one number; by default 0.
@@ -79,9 +81,11 @@ class Plant(Protocol, metaclass=_PlantType):
     your own plant, you only need f and g: see `FunctionPlant`. `Plant.of` makes a plant of a
     linear system of python-control or SciPy.
 
-    Three more attributes are optional: `input_delay` and `output_delay`, tuples with the dead time
-    of each input and output, which environments apply, and `sample_time`, of whose multiples the
-    sampling time of a controller must be one.
+    More attributes are optional: `input_delay` and `output_delay`, tuples with the dead time of
+    each input and output, which environments apply; `entry_delay`, rows with that from each input
+    to each output, and with it `entries(x, u, d)`, what each input, and last anything else, adds to
+    the outputs; and `sample_time`, of whose multiples the sampling time of a controller must be
+    one.
     """
 
     @property

@@ -50,7 +50,7 @@ BUILT_IN: Mapping[str, str] = {
 NAMES = ", ".join([*(n for n in BUILT_IN if n not in CLOSED_LOOPS), "a closed loop such as servo"])
 """What a scenario may be called, for messages: the closed loops are too many to list."""
 _DESCRIBED = "prefcal_scenarios.own.described.making"
-CONTROLLERS = ("pid",)
+CONTROLLERS = ("pid", "lqr")
 """Standard controllers that `prefcal calibrate NAME --plant model.py:plant` tunes."""
 _RANDOM_LOOP = re.compile(r"loop-(0|[1-9]\d*)", re.ASCII)
 
@@ -382,7 +382,7 @@ def load(name: str) -> Scenario:
         return _scenario_in(import_module(module), attribute, name)
     raise ScenarioError(
         f"no scenario is called {name!r}.{did_you_mean(str(name), BUILT_IN)} "
-        f"Expected {NAMES}, or your own: path/to/own.py:NAME, tank.toml, loop.fmu or pid "
+        f"Expected {NAMES}, or your own: path/to/own.py:NAME, tank.toml, loop.fmu, pid or lqr "
         "(see `prefcal scenarios`)"
     )
 

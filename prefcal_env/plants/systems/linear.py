@@ -17,6 +17,8 @@ from .matrices import LinearSystem, system_of
 Named = str | Channel | Sequence[str | Channel]
 """One name or channel, or one for each signal."""
 Numbers = float | Sequence[float] | np.ndarray
+Delay = Numbers | Sequence[Sequence[float]]
+"""One dead time, one for each input, or a row for each output with one for each input."""
 X = Float[np.ndarray, " n_x"]
 U = Float[np.ndarray, " n_u"]
 D = Float[np.ndarray, " n_d"]
@@ -33,7 +35,8 @@ class LinearPlant:
 
     Between two instants its states follow from a matrix exponential, so they are exact. A discrete
     plant keeps its states until its next sample. Dead time is not part of x: environments delay
-    the inputs by `input_delay` and the outputs by `output_delay`.
+    the inputs by `input_delay`, the outputs by `output_delay`, and what each input adds to each
+    output (`entries`) by `entry_delay`.
     """
 
     def __init__(
@@ -44,18 +47,20 @@ class LinearPlant:
         inputs: Named | None = None,
         outputs: Named | None = None,
         disturbances: Named = (),
-        delay: Numbers = 0.0,
+        delay: Delay = 0.0,
         output_delay: Numbers = 0.0,
         x0: Numbers | None = None,
         u0: Numbers | None = None,
         name: str = "plant",
         time_unit: str = "s",
     ) -> None:
-        n_x, n_all, n_y = system.sizes
+        n_all, n_y = system.sizes[1:]
         n_d = len(_listed(disturbances))
         if n_all <= n_d or n_y == 0:
             raise PlantError(f"a plant needs an input and an output, got D of shape {(n_y, n_all)}")
-        names = system.inputs or None
+        shared, entries = _shared(delay, n_y, n_all - n_d)
+        system = system.separated() if entries.any() else system
+        n_x, names = len(system.A), system.inputs or None
         self.system, self.name, self.time_unit = system, name, time_unit
         self.has_named_states = states is not None or bool(system.states)
         self.states = _channels("states", states, system.states or None, n_x, "x")
@@ -65,9 +70,12 @@ class LinearPlant:
         self.disturbances = _channels("disturbances", disturbances, split[1], n_d, "d")
         self.x0 = numbers("x0", 0.0 if x0 is None else x0, n_x)
         self.u0 = numbers("u0", 0.0 if u0 is None else u0, n_all - n_d)
-        self.input_delay = self._delays("delay", delay, len(self.inputs))
+        self.input_delay = self._delays("delay", shared, len(self.inputs))
         self.output_delay = self._delays("output_delay", output_delay, n_y)
+        late = self._delays("delay", entries.ravel(), entries.size)
+        self.entry_delay = tuple(map(tuple, np.reshape(late, entries.shape).tolist()))
         self._kept: dict[float, np.ndarray] = {}
+        self._direct = bool(system.D.any())
 
     @property
     def sample_time(self) -> float:
@@ -85,7 +93,16 @@ class LinearPlant:
 
     def g(self, x: X, u: U, d: D) -> Y:
         """Return the outputs, without dead time."""
-        return np.asarray(self.system.C @ x + self.system.D @ np.concatenate([u, d]))
+        y = self.system.C @ x
+        return np.asarray(y + self.system.D @ np.concatenate([u, d]) if self._direct else y)
+
+    def entries(self, x: X, u: U, d: D) -> Float[np.ndarray, "n_y n"]:
+        """Return what each input adds to the outputs, and last what no input does, n = n_u + 1."""
+        n_u, C, D = len(self.inputs), self.system.C, self.system.D
+        found = np.zeros((len(self.outputs), n_u + 1))
+        found[:, :n_u] = C @ (x[:, None] * self._owned) + D[:, :n_u] * u
+        found[:, n_u] = self.g(x, u, d) - found[:, :n_u].sum(axis=1)
+        return found
 
     def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return A, B, C and D. Raises PlantError as `f` does."""
@@ -137,6 +154,11 @@ class LinearPlant:
         return full
 
     @cached_property
+    def _owned(self) -> Float[np.ndarray, "n_x n_u"]:
+        """1 for the states that an input drives, else 0."""
+        return self.system.owned[:, : len(self.inputs)].astype(float)
+
+    @cached_property
     def _rates(self) -> tuple[Float[np.ndarray, "n_x n_x"], Float[np.ndarray, "n_x n_u"]]:
         """A and B of ẋ, for a discrete plant those of the continuous one with the same samples."""
         if not self.system.dt:
@@ -171,6 +193,48 @@ class LinearPlant:
 def linear_plant(system: Any, **how: Any) -> LinearPlant:
     """Return `system`, which `system_of` takes, as a plant; see `Plant.of`."""
     return LinearPlant(system_of(system), **how)
+
+
+def local_system(plant: Any, x: X, u: U, d: D) -> LinearSystem:
+    """Return the linear system from inputs to outputs that a plant is near a point, no dead time.
+
+    It is discrete if the plant is a discrete `LinearPlant`, so that poles at 0 and on the negative
+    axis, which no continuous system has, are kept.
+
+    Raises:
+        PlantError: If a derivative is not finite.
+    """
+    if isinstance(plant, LinearPlant):
+        return plant.system.part(range(len(plant.outputs)), range(len(plant.inputs)))
+    J = plant.jacobians(x, u, d)
+    return LinearSystem(J.A, J.B, J.C, J.D)
+
+
+def motion(plant: Any, x: X, u: U, d: D) -> tuple[X, Float[np.ndarray, "n_x n_x"]]:
+    """Return how fast the states change, per unit of time, and the derivative of that by x.
+
+    For a discrete `LinearPlant` this is the change over a sample, by its sample time.
+    """
+    if isinstance(plant, LinearPlant) and plant.sample_time:
+        dt, A = plant.sample_time, plant.system.A
+        after = A @ x + plant.system.B @ np.concatenate([u, d])
+        return np.asarray(after - x) / dt, np.asarray(A - np.eye(len(A))) / dt
+    return np.asarray(plant.f(x, u, d)), np.asarray(plant.jacobians(x, u, d).A)
+
+
+def _shared(delay: Any, n_y: int, n_u: int) -> tuple[Any, Float[np.ndarray, "rows n_u"]]:
+    """Return the dead time of the inputs, and what is left for each entry, without rows if 0."""
+    none = np.zeros((0, n_u))
+    if np.ndim(delay) != 2:
+        return delay, none
+    if np.shape(delay) != (n_y, n_u):
+        raise PlantError(
+            f"a matrix of dead times must have a row for each of {n_y} outputs and a column for "
+            f"each of {n_u} inputs, got shape {np.shape(delay)}"
+        )
+    matrix = numbers("delay", np.ravel(delay), n_y * n_u).reshape(n_y, n_u)
+    shared = matrix.min(axis=0)
+    return shared, (matrix - shared if (matrix > shared).any() else none)
 
 
 def _listed(named: Named | None) -> list[str | Channel]:

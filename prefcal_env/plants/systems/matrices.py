@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Complex, Float
 
 from prefcal_env.errors import PlantError
 
 _FORMS = (
     "a StateSpace or TransferFunction of python-control or scipy.signal, arrays (A, B, C, D) or "
-    "(A, B, C, D, dt), polynomials (num, den), or a gain"
+    "(A, B, C, D, dt), polynomials (num, den), a gain, or a list of rows of these"
 )
 _DEFAULT_LABEL = re.compile(r"[uyx]\[\d+\]")
 """Names that python-control gives to signals without a name."""
@@ -68,6 +68,55 @@ class LinearSystem:
         """Return the numbers of states, inputs and outputs."""
         return len(self.A), self.D.shape[1], self.D.shape[0]
 
+    @property
+    def rates(self) -> Complex[np.ndarray, " n_x"]:
+        """Return the poles as rates s per unit of time; a discrete pole z counts as ln(z) / dt.
+
+        Discrete poles at 0 have no rate: they count as faster than any that matters.
+        """
+        poles = (np.linalg.eigvals(self.A) if len(self.A) else np.zeros(0)).astype(complex)
+        return rates_of(poles, self.dt)
+
+    def at(self, s: complex) -> Complex[np.ndarray, "n_y n_u"]:
+        """Return the transfer function at s, for a discrete system at z = exp(s dt)."""
+        point = np.exp(s * self.dt) if self.dt else s
+        resolvent = point * np.eye(len(self.A)) - self.A
+        return np.asarray(self.C @ np.linalg.solve(resolvent, self.B + 0j) + self.D)
+
+    @property
+    def owned(self) -> Bool[np.ndarray, "n_x n_u"]:
+        """Return which states each input drives, directly or through other states."""
+        linked, reached = self.A != 0, self.B != 0
+        for _ in self.A:
+            reached = reached | (linked.astype(int) @ reached > 0)
+        return np.asarray(reached)
+
+    def separated(self) -> "LinearSystem":
+        """Return the same system with states of its own for each input; states lose their names."""
+        if (self.owned.sum(axis=1) <= 1).all():
+            return self
+        m = self.D.shape[1]
+        B = np.vstack([np.where(np.arange(m) == j, self.B, 0.0) for j in range(m)])
+        A, C = np.kron(np.eye(m), self.A), np.tile(self.C, m)
+        return LinearSystem(A, B, C, self.D, self.dt, self.inputs, self.outputs)
+
+    def part(self, outputs: Sequence[int], inputs: Sequence[int]) -> "LinearSystem":
+        """Return the system from some inputs to some outputs, with all states."""
+        rows, columns = list(outputs), list(inputs)
+        D = self.D[np.ix_(rows, columns)]
+        return LinearSystem(self.A, self.B[:, columns], self.C[rows], D, self.dt)
+
+
+def rates_of(points: Complex[np.ndarray, " n"], dt: float) -> Complex[np.ndarray, " n"]:
+    """Return poles or zeros as rates s per unit of time: z counts as ln(z) / dt if dt is not 0."""
+    if not dt:
+        return points
+    return np.log(np.where(np.abs(points) < _FASTEST, _FASTEST, points)) / dt
+
+
+_FASTEST = 1e-3
+"""Magnitude of discrete poles below which they count as this one."""
+
 
 def system_of(system: Any) -> LinearSystem:
     """Return `system` as matrices.
@@ -78,8 +127,8 @@ def system_of(system: Any) -> LinearSystem:
     Args:
         system: StateSpace or TransferFunction of python-control or scipy.signal (continuous or
             discrete, `lti` and `dlti` included), arrays (A, B, C, D) or (A, B, C, D, dt),
-            polynomials (num, den) with the highest power first, or a gain: a number or an array of
-            shape (n_y, n_u).
+            polynomials (num, den) with the highest power first, a gain: a number or an array of
+            shape (n_y, n_u), or a list of rows of these, each of one input and one output.
 
     Raises:
         PlantError: If `system` is nothing of this, its sample time is not stated, shapes do not
@@ -97,6 +146,8 @@ def system_of(system: Any) -> LinearSystem:
     if hasattr(system, "to_ss"):  # zeros, poles and gain of scipy
         return system_of(system.to_ss())
     if isinstance(system, Sequence) and not isinstance(system, str):
+        if _grid(system):
+            return _of_grid(system)
         if len(system) == 2:
             return _of_fractions([[system[0]]], [[system[1]]], None)
         if len(system) in (4, 5):
@@ -143,25 +194,58 @@ def _fractions(system: Any) -> tuple[list[list[Any]], list[list[Any]]]:
 
 def _of_fractions(num: list[list[Any]], den: list[list[Any]], source: Any) -> LinearSystem:
     """Realize each entry in controllable canonical form, one after the other."""
-    n_y, n_u = len(num), len(num[0])
-    D, blocks = np.zeros((n_y, n_u)), []
-    for i in range(n_y):
-        for j in range(n_u):
-            A, b, c, D[i, j] = _canonical(num[i][j], den[i][j])
-            blocks.append((i, j, A, b, c))
-    n_x = sum(len(block[2]) for block in blocks)
-    A, B, C = np.zeros((n_x, n_x)), np.zeros((n_x, n_u)), np.zeros((n_y, n_x))
-    first = 0
-    for i, j, a, b, c in blocks:
-        rows = slice(first, first + len(a))
-        A[rows, rows], B[rows, j], C[i, rows] = a, b, c
-        first += len(a)
+    rows = zip(num, den, strict=True)
+    grid = [[_canonical(*entry) for entry in zip(*row, strict=True)] for row in rows]
     inputs, outputs, _ = _labels(source)
-    return LinearSystem(A, B, C, D, _sample_time(getattr(source, "dt", None)), inputs, outputs)
+    return _assembled(grid, _sample_time(getattr(source, "dt", None)), inputs, outputs)
 
 
-def _canonical(num: Any, den: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Return A, b, c and d of num/den, polynomials with the highest power first."""
+def _grid(system: Sequence[Any]) -> bool:
+    """Return whether `system` is a list of rows of systems, and not polynomials or matrices."""
+
+    def is_entry(e: Any) -> bool:
+        pair = isinstance(e, list | tuple) and len(e) == 2 and np.ndim(e[0]) == np.ndim(e[1]) == 1
+        return pair or hasattr(e, "num") or hasattr(e, "A") or hasattr(e, "to_ss")
+
+    rows = [row for row in system if isinstance(row, list | tuple) and len(row)]
+    return len(rows) == len(system) > 0 and any(is_entry(e) for row in rows for e in row)
+
+
+def _of_grid(rows: Sequence[Sequence[Any]]) -> LinearSystem:
+    grid = [[system_of(entry) for entry in row] for row in rows]
+    sizes = [[(entry.D.shape, entry.dt) for entry in row] for row in grid]
+    steps = {entry.dt for row in grid for entry in row if len(entry.A)}
+    single = all(entry.D.shape == (1, 1) for row in grid for entry in row)
+    if not single or len({len(row) for row in grid}) > 1 or len(steps) > 1:
+        raise PlantError(
+            "rows of transfer functions must have the same length and sample time, and each entry "
+            f"one input and one output, got (shape, dt) {sizes}"
+        )
+    return _assembled(grid, max(steps, default=0.0))
+
+
+def _assembled(
+    grid: Sequence[Sequence[LinearSystem]],
+    dt: float,
+    inputs: tuple[str, ...] = (),
+    outputs: tuple[str, ...] = (),
+) -> LinearSystem:
+    """Return the matrix of systems of one input and one output, one after the other."""
+    n_x = sum(len(entry.A) for row in grid for entry in row)
+    n_y, n_u = len(grid), len(grid[0])
+    A, B, C = np.zeros((n_x, n_x)), np.zeros((n_x, n_u)), np.zeros((n_y, n_x))
+    D, first = np.zeros((n_y, n_u)), 0
+    for i, row in enumerate(grid):
+        for j, entry in enumerate(row):
+            own = slice(first, first + len(entry.A))
+            A[own, own], B[own, j], C[i, own] = entry.A, entry.B[:, 0], entry.C[0]
+            D[i, j] = entry.D[0, 0]
+            first += len(entry.A)
+    return LinearSystem(A, B, C, D, dt, inputs, outputs)
+
+
+def _canonical(num: Any, den: Any) -> LinearSystem:
+    """Return num/den, polynomials with the highest power first, without its sample time."""
     b, a = (np.trim_zeros(np.atleast_1d(_matrix("a polynomial", p)), "f") for p in (num, den))
     if not len(a):
         raise PlantError("a transfer function needs a denominator that is not 0")
@@ -176,7 +260,7 @@ def _canonical(num: Any, den: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, 
     A = np.eye(n, k=-1)
     if n:
         A[0] = -a[1:]
-    return A, np.eye(n)[:, 0] if n else np.zeros(0), b[1:] - b[0] * a[1:], float(b[0])
+    return LinearSystem(A, np.eye(n, 1), (b[1:] - b[0] * a[1:])[None], b[:1, None])
 
 
 def _sample_time(dt: Any) -> float:

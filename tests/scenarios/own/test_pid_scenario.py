@@ -2,8 +2,9 @@ import json
 
 import numpy as np
 import pytest
+from scipy import signal
 
-from prefcal_env import LQG, LQR, Channel, End, FunctionPlant, Knob
+from prefcal_env import LQG, LQR, Channel, End, FunctionPlant, Knob, Move, PlantEnv, Task, rollout
 from prefcal_env.controllers import as_data
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plants.plant import Plant
@@ -85,6 +86,55 @@ def test_two_outputs_get_two_paired_loops():
     e = scenario.run(scenario.references["robust"])
     assert e.end is End.TIME_UP
     assert {kpi.name for kpi in scenario.kpis} <= set(e.kpis)
+
+
+@pytest.mark.parametrize(
+    ("num", "den"),
+    [
+        ([1], [1, 0]),  # a sample of dead time
+        ([0.5, 0.5], [1, 0]),  # a mean of two samples
+        ([0.5], [1, 0.5]),  # alternates
+        ([0.1], [1, -1, 0]),  # integrates, a sample late
+    ],
+)
+def test_a_discrete_plant_without_a_continuous_equivalent_is_controlled(num, den):
+    scenario = pid_scenario(Plant.of(signal.dlti(num, den, dt=0.5)))
+    kpis = scenario.run(scenario.references["robust"]).kpis
+    assert kpis["M_s"] < 1.7
+    assert np.isfinite([kpis["settling_time"], kpis["recovery"]]).all()
+
+
+def test_poles_at_0_are_tuned_as_the_dead_time_that_they_are():
+    late = Plant.of(signal.dlti([0.1], [1, -0.9, 0, 0, 0], dt=0.5))
+    delayed = Plant.of(signal.dlti([0.1], [1, -0.9], dt=0.5), delay=1.5)
+    found, expected = pid_scenario(late), pid_scenario(delayed)
+    assert found.references.keys() == expected.references.keys() >= {"SIMC", "Ziegler-Nichols"}
+    for name, theta in expected.references.items():
+        assert np.allclose(found.references[name], theta)
+    # A sampled first-order lag is tuned as the lag that it samples.
+    lag = pid_scenario(Plant.of(([1.0], [-0.5 / np.log(0.9), 1]), delay=1.5))
+    assert np.allclose(lag.references["SIMC"][0], expected.references["SIMC"][0], rtol=0.3)
+
+
+def test_a_column_with_a_dead_time_for_each_entry_is_tuned():
+    entries = [
+        [([12.8], [16.7, 1]), ([-18.9], [21.0, 1])],
+        [([6.6], [10.9, 1]), ([-19.4], [14.4, 1])],
+    ]
+    column = Plant.of(entries, delay=[[1.0, 3.0], [7.0, 3.0]])
+    scenario = pid_scenario(column)
+    robust = scenario.run(scenario.references["robust"]).kpis
+    assert np.isfinite(list(robust.values())).all()
+    # The linear model of the KPI M_s is the plant that is simulated.
+    model = scenario.run.kpis.sensitivity.plant
+    T_s = model.T_s
+    states, y = np.zeros(len(model.A)), []
+    for _ in range(30):
+        y.append(model.C @ states)
+        states = model.A @ states + model.B @ np.ones(2)
+    task = Task(x0=column.x0, u0=np.zeros(2), y_ref=np.zeros(2), horizon=29 * T_s, dense_step=T_s)
+    held = type("Held", (), {"T_s": T_s, "move": lambda _, m: Move(np.ones(2))})()
+    assert np.allclose(rollout(PlantEnv(column, task), held, np.ones(1)).y, y)
 
 
 def test_own_knobs_and_horizon_replace_what_is_found():

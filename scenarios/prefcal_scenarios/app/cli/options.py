@@ -58,7 +58,7 @@ class Options:
         Argument(
             metavar="SCENARIO",
             help="A name (see `prefcal scenarios`), or your own: own.py:NAME, tank.toml, loop.fmu, "
-            "or pid with --plant.",
+            "or pid or lqr with --plant.",
         ),
         Kept(label="scenario", always=True, anew=True),
     ]

@@ -1,7 +1,9 @@
 """Make a `Scenario` of its description."""
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -61,8 +63,6 @@ def _of_fmu(d: Description, knobs: list[Knob], where: str) -> Scenario:
 
 
 def _of_controller(d: Description, knobs: list[Knob], where: str) -> Scenario:
-    from prefcal_scenarios.own.pid_scenario import pid_scenario
-
     from .plant import plant_at
 
     assert d.controller is not None
@@ -76,7 +76,8 @@ def _of_controller(d: Description, knobs: list[Knob], where: str) -> Scenario:
             f"the controller {d.controller!r} needs a plant: add --plant model.py:plant, or "
             'plant = "model.py:plant" in a file'
         )
-    made: Scenario = pid_scenario(
+    module = import_module(f"prefcal_scenarios.own.{d.controller}_scenario")
+    made: Scenario = getattr(module, f"{d.controller}_scenario")(
         plant_at(d.plant), knobs=knobs, reference=d.reference or None, horizon=d.stop_time,
         title=d.title, brief=d.brief,
     )  # fmt: skip
@@ -158,11 +159,15 @@ def _dressed(made: Scenario, d: Description, where: str) -> Scenario:
 
 
 def _name(where: str, d: Description) -> str:
-    """Return the scenario's name: that of its file, or "pid-plant"."""
+    """Return the scenario's name: that of its file, or of its controller and plant: "pid-pump".
+
+    A plant that is only called "plant" is named as its file is.
+    """
     if where.endswith((".toml", ".fmu")):
         return Path(where).stem
-    plant = d.plant.rpartition(":")[2] if isinstance(d.plant, str) else ""
-    return f"{where}-{plant}".rstrip("-")
+    file, _, plant = d.plant.rpartition(":") if isinstance(d.plant, str) else ("", "", "")
+    name = re.sub(r"[^\w-]+", "-", Path(file).stem) if plant == "plant" else plant
+    return f"{where}-{name}".rstrip("-")
 
 
 def _kpis(

@@ -68,10 +68,10 @@ def _check_subject(description: Description, where: str) -> None:
     if len(there) != 1:
         got = " and ".join(there) or "none"
         raise ScenarioError(
-            f'{where}: expected one of fmu = "loop.fmu", controller = "pid", [rig] and [opcua], '
-            f"got {got}"
+            f'{where}: expected one of fmu = "loop.fmu", controller = "pid" or "lqr", [rig] and '
+            f"[opcua], got {got}"
         )
     if description.plant is not None and description.controller is None:
         raise ScenarioError(
-            f'{where}: a plant needs controller = "pid" to be calibrated, or leave it out'
+            f'{where}: a plant needs controller = "pid" or "lqr" to be calibrated, or leave it out'
         )

@@ -1,6 +1,6 @@
-"""Choose step, times and ranges of the knobs for the PIDs of a plant."""
+"""Choose operating point, steps, sampling time and duration for a plant to control."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import permutations
 from math import floor, log10
@@ -8,34 +8,45 @@ from math import floor, log10
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.controllers.rules import Candidates, Process, Tuning, robust, simc, ziegler_nichols
-from prefcal_env.controllers.sampled import Sampled, sampled
-from prefcal_env.errors import ScenarioError
+from prefcal_env.controllers.pid_law import Tuning
+from prefcal_env.controllers.rules import Process
+from prefcal_env.envs.dead_time import dead_times
+from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.experiment import Channel
-from prefcal_env.plants.plant import Jacobians, Plant
+from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems import LinearSystem
+from prefcal_env.plants.systems.linear import local_system
 from prefcal_scenarios.own.nearest import did_you_mean
 
 from .operating_point import OperatingPoint, operating_point, settled
 from .process import process_of
-from .response import settling
 
-N = 10.0
-"""Filter of the derivative part: its largest gain relative to K_p."""
 _SHARE = 0.2
 """Share of the input's range that a default step needs at rest."""
-_SAMPLES = 5
+SAMPLES = 5
 """Samples in the effective dead time or the shortest time constant that matters."""
-_FARTHEST = 6.0
-"""Largest ratio of a rule's gain or integral time to those of the robust tuning."""
-_PATIENCE = 2.2
+PATIENCE = 2.2
 """Duration of a phase, in the time that the tuning in the middle takes to settle."""
 _MOST = 1200
 """Largest number of samples in an experiment."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Tuned:
+    """Tunings of one PID.
+
+    Args:
+        center: Tuning in the middle of the ranges.
+        known: Tunings by rules of the field, by name.
+    """
+
+    center: Tuning
+    known: Mapping[str, Tuning]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Single:
-    """One PID loop: which output and input, its process, its target and tunings of it.
+    """One loop: which output and input, its process, its target and its load.
 
     Args:
         output: Index of the output.
@@ -43,9 +54,8 @@ class Single:
         channel: Channel of the input, with finite limits.
         start: Output at the start.
         target: Reference after the step.
+        process: What limits its control.
         load: Load disturbance at the input.
-        center: Tuning in the middle of the ranges.
-        known: Tunings by rules of the field, by name.
         phase: Time that a step or a load takes with the tuning in the middle.
     """
 
@@ -54,21 +64,21 @@ class Single:
     channel: Channel
     start: float
     target: float
-    load: float
-    center: Tuning
-    known: Mapping[str, Tuning]
-    phase: float
+    process: Process
+    load: float = 0.0
+    phase: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Design:
-    """Everything that was chosen for a plant: operating point, sampling time and loops."""
+    """What was chosen for a plant: operating point, sampling time, loops and tunings of PIDs."""
 
     point: OperatingPoint
-    J: Jacobians
+    J: LinearSystem
     delay: Float[np.ndarray, "n_y n_u"]
     T_s: float
     loops: tuple[Single, ...]
+    tunings: tuple[Tuned, ...] = ()
 
     @property
     def phase(self) -> float:
@@ -76,7 +86,9 @@ class Design:
         return max(loop.phase for loop in self.loops)
 
 
-def pairs_of(plant: Plant, J: Jacobians, outputs: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
+def pairs_of(
+    plant: Plant, J: LinearSystem, outputs: tuple[int, ...]
+) -> tuple[tuple[int, int], ...]:
     """Return (output, input) of each loop, paired by the relative gain array near rest.
 
     Of all pairings with positive relative gains, the one whose gains are closest to 1.
@@ -115,17 +127,12 @@ def pairs_of(plant: Plant, J: Jacobians, outputs: tuple[int, ...]) -> tuple[tupl
     return tuple(zip(outputs, best, strict=True))
 
 
-def _near_rest(J: Jacobians) -> np.ndarray:
+def _near_rest(J: LinearSystem) -> np.ndarray:
     """Return G(jω) at a frequency far below all poles that are not integrators."""
-    rates = np.abs(np.linalg.eigvals(J.A)) if len(J.A) else np.zeros(0)
+    rates = np.abs(J.rates)
     moving = rates[rates > 1e-6 * rates.max(initial=0.0)]
     s = 1e-3j * (float(moving.min()) if len(moving) else 1.0)
-    return np.asarray(J.C @ np.linalg.solve(s * np.eye(len(J.A)) - J.A, J.B) + J.D)
-
-
-def part(J: Jacobians, output: int, input_: int) -> Jacobians:
-    """Return the matrices from one input to one output."""
-    return Jacobians(J.A, J.B[:, [input_]], J.C[[output]], J.D[[output]][:, [input_]])
+    return J.at(s)
 
 
 def scale_of(process: Process) -> float:
@@ -148,32 +155,41 @@ def nice(value: float, *, up: bool = False) -> float:
 
 
 def design(
-    plant: Plant, reference: Mapping[str, float] | None = None, horizon: float | None = None
+    plant: Plant,
+    tuned: Callable[[Plant, Design], Design],
+    reference: Mapping[str, float] | None = None,
+    horizon: float | None = None,
 ) -> Design:
     """Return what was chosen for `plant`; `reference` and `horizon` are used as they are.
 
+    Args:
+        plant: Plant.
+        tuned: Function that adds what follows from tuning the controller: loads and phases.
+        reference: Reference by output.
+        horizon: Duration of an experiment.
+
     Raises:
         ScenarioError: If there is no steady state, an output does not exist, a reference equals the
-            start, or no PID stabilizes the plant there.
+            start, or `tuned` finds no controller.
     """
     point = operating_point(plant)
-    J = plant.jacobians(point.x, point.u, point.d)
-    if not all(np.isfinite(m).all() for m in (J.A, J.B, J.C, J.D)):
-        raise ScenarioError(f"plant {plant.name!r} has no derivative at its steady state {point.x}")
-    delay = np.add.outer(
-        np.array(getattr(plant, "output_delay", ()) or (0.0,) * len(plant.outputs)),
-        np.array(getattr(plant, "input_delay", ()) or (0.0,) * len(plant.inputs)),
-    )
+    try:
+        J = local_system(plant, point.x, point.u, point.d)
+    except PlantError as error:
+        raise ScenarioError(
+            f"plant {plant.name!r} has no derivative at its steady state {point.x}: {error}"
+        ) from error
+    delay = dead_times(plant)
     outputs = _chosen(plant, reference)
     pairs = pairs_of(plant, J, outputs)
-    processes = [process_of(part(J, i, j), float(delay[i, j])) for i, j in pairs]
+    processes = [process_of(J.part([i], [j]), float(delay[i, j])) for i, j in pairs]
     T_s = _sampling_time(plant, processes)
     for _ in range(3):
         loops = tuple(
-            _single(plant, point, J, delay, T_s, pair, process, reference or {})
+            _single(plant, point, T_s, pair, process, reference or {})
             for pair, process in zip(pairs, processes, strict=True)
         )
-        found = Design(point, J, delay, T_s, loops)
+        found = tuned(plant, Design(point, J, delay, T_s, loops))
         if horizon is not None:
             share = horizon / (len(loops) + 1)
             return replace(found, loops=tuple(replace(loop, phase=share) for loop in loops))
@@ -205,7 +221,7 @@ def _sampling_time(plant: Plant, processes: list[Process]) -> float:
     scales = [scale for scale in map(scale_of, processes) if scale > 0]
     dt = float(getattr(plant, "sample_time", 0.0))
     # Nothing limits a plant that only integrates: its unit of time is as good as any other.
-    return _allowed(plant, (min(scales) if scales else max(1.0, 10 * dt)) / _SAMPLES)
+    return _allowed(plant, (min(scales) if scales else max(1.0, 10 * dt)) / SAMPLES)
 
 
 def _allowed(plant: Plant, T_s: float) -> float:
@@ -215,59 +231,15 @@ def _allowed(plant: Plant, T_s: float) -> float:
 
 
 def _single(
-    plant: Plant, point: OperatingPoint, J: Jacobians, delay: Float[np.ndarray, "n_y n_u"],
-    T_s: float, pair: tuple[int, int], process: Process, reference: Mapping[str, float],
+    plant: Plant, point: OperatingPoint, T_s: float, pair: tuple[int, int], process: Process,
+    reference: Mapping[str, float],
 ) -> Single:  # fmt: skip
     """Return the loop of one pair of an output and an input."""
     i, j = pair
     start = float(plant.g(point.x, point.u, point.d)[i])
     target = _target(plant, point, pair, process, start, reference)
     channel = _limited(plant.inputs[j], float(point.u[j]), target - start, process, T_s)
-    model = sampled(part(J, i, j), T_s, delay[[i], [j]])
-    omega = np.geomspace(1e-4 * np.pi / T_s, 0.999 * np.pi / T_s, 400)
-    room = channel.high - point.u[j], point.u[j] - channel.low
-    largest = max(room) / abs(target - start)
-    crossover = np.geomspace(2e-3, 0.25, 26) * np.pi / T_s
-    found = robust(model, omega, crossover, largest=largest)
-    if found is None:
-        raise ScenarioError(
-            f"no PID from {channel.name!r} to {plant.outputs[i].name!r} was found that stabilizes "
-            f"plant {plant.name!r} at its steady state {_named(plant.states, point.x)}: choose "
-            "another output by its reference, or another kind of controller"
-        )
-    center = found[0]
-    try:
-        time, peak = settling(model, center, N)
-    except FloatingPointError:
-        time, peak = 200 * T_s, 0.0
-    load = _load(channel, peak, abs(target - start))
-    # Sampling delays by T_s / 2; without any dead time the rules would ask for infinite gains.
-    half = replace(process, delay=max(process.delay + T_s / 2, _SAMPLES / 2 * T_s))
-    sign = float(np.sign(center.K_p))
-    rules = {"SIMC": simc(half), "SIMC without T_d": simc(half, derivative=False)}
-    if not process.unstable:
-        rules["Ziegler-Nichols"] = ziegler_nichols(model, omega, sign)
-    known = {
-        name: t
-        for name, t in rules.items()
-        if t is not None and _near(t, center) and _stable(model, t)
-    }
-    return Single(i, j, channel, start, target, load, center, known, _PATIENCE * time)
-
-
-def _stable(model: Sampled, tuning: Tuning) -> bool:
-    """Return whether the sampled loop is stable, with the derivative's filter."""
-    one = Candidates(np.array([tuning.K_p]), np.array([tuning.T_i]), np.array([tuning.T_d]), N)
-    return bool(one.radius(model)[0] < 1 - 1e-9)
-
-
-def _near(tuning: Tuning, center: Tuning) -> bool:
-    """Return whether a range around `center` can hold `tuning` without becoming useless."""
-    ratios = tuning.K_p / center.K_p, tuning.T_i / center.T_i
-    # T_d starts at 0, so a longer range would move its middle.
-    return tuning.T_d <= 2 * center.T_d and all(
-        1 / _FARTHEST <= ratio <= _FARTHEST for ratio in ratios
-    )
+    return Single(i, j, channel, start, target, process)
 
 
 def _target(
@@ -328,12 +300,7 @@ def _limited(channel: Channel, u0: float, step: float, process: Process, T_s: fl
     return replace(channel, low=float(low), high=float(high))
 
 
-def _load(channel: Channel, peak: float, step: float) -> float:
+def load_of(channel: Channel, peak: float, step: float) -> float:
     """Return a load that moves the output by about a third of the step, within the actuator."""
     span = 0.15 * (channel.high - channel.low)
     return nice(min(span, 0.35 * step / peak) if peak > 0 else span)
-
-
-def _named(channels: tuple[Channel, ...], values: Float[np.ndarray, " n"]) -> str:
-    pairs = zip(channels, values, strict=True)
-    return ", ".join(f"{c.name} = {v:.4g} {c.unit}".rstrip() for c, v in pairs)

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.controllers.rules import Tuning
+from prefcal_env.controllers.pid_law import Tuning
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.own.nearest import did_you_mean
 
-from .design import Design, Single
+from .design import Design, Single, Tuned
 from .kpis import names_of
 
 _ABOUT = {
@@ -35,14 +35,23 @@ def space_of(
         ScenarioError: If an own knob has another name.
     """
     knobs: list[Knob] = []
-    for k, loop in enumerate(design.loops):
-        knobs += _of_loop(loop, names_of(design, k), outputs[loop.output], time_unit)
+    for k, (loop, tuned) in enumerate(zip(design.loops, design.tunings, strict=True)):
+        knobs += _of_loop(loop, tuned, names_of(design, k), outputs[loop.output], time_unit)
+    return replaced(knobs, own, "PID")
+
+
+def replaced(knobs: Sequence[Knob], own: Sequence[Knob], kind: str) -> KnobSpace:
+    """Return the space of `knobs`, where those of the same name in `own` replace them.
+
+    Raises:
+        ScenarioError: If an own knob has another name.
+    """
     names = [knob.name for knob in knobs]
     given = {knob.name: knob for knob in own}
     for name in given:
         if name not in names:
             raise ScenarioError(
-                f"no knob of this PID is called {name!r}.{did_you_mean(name, names)} "
+                f"no knob of this {kind} is called {name!r}.{did_you_mean(name, names)} "
                 f"Expected one of {names}"
             )
     about = {knob.name: knob.about for knob in knobs}
@@ -57,8 +66,8 @@ def theta_of(space: KnobSpace, tunings: Sequence[Tuning]) -> Float[np.ndarray, "
     return np.array([knob.round(min(max(v, knob.low), knob.high)) for knob, v in pairs])
 
 
-def _of_loop(loop: Single, end: str, y: Channel, time_unit: str) -> list[Knob]:
-    center, known = loop.center, list(loop.known.values())
+def _of_loop(loop: Single, tuned: Tuned, end: str, y: Channel, time_unit: str) -> list[Knob]:
+    center, known = tuned.center, list(tuned.known.values())
     where = f"Loop {end[1:]}, {y.name} by {loop.channel.name}. " if end else ""
     unit = f"{loop.channel.unit or '1'}/{y.unit}" if y.unit else loop.channel.unit
     gain = _around(abs(center.K_p), [abs(t.K_p) for t in known])

@@ -32,6 +32,7 @@ class Loaded:
         self.disturbances = (*plant.disturbances, *loads)
         self.input_delay = getattr(plant, "input_delay", ())
         self.output_delay = getattr(plant, "output_delay", ())
+        self.entry_delay = getattr(plant, "entry_delay", ())
         self.sample_time = getattr(plant, "sample_time", 0.0)
         self.has_named_states = getattr(plant, "has_named_states", True)
 
@@ -42,6 +43,11 @@ class Loaded:
     def g(self, x: X, u: U, d: D) -> Float[np.ndarray, " n_y"]:
         """Return the controlled outputs."""
         return self.plant.g(x, *self._acting(u, d))
+
+    def entries(self, x: X, u: U, d: D) -> Float[np.ndarray, "n_y n"]:
+        """Return what each input and its load add to the outputs, if the plant can tell."""
+        found: np.ndarray = self.plant.entries(x, *self._acting(u, d))  # type: ignore[attr-defined]
+        return found
 
     def jacobians(self, x: X, u: U, d: D) -> Jacobians:
         """Return the derivatives with respect to x and u."""

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from prefcal_env.errors import PlantError, ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems.linear import motion
 
 _STEADY = 1e-7
 """Largest movement in the time constant of the plant, relative to the size of the states."""
@@ -47,7 +48,7 @@ def operating_point(plant: Plant) -> OperatingPoint:
             return found
     raise ScenarioError(
         f"no steady state of plant {plant.name!r} was found within the limits of its states and "
-        "inputs: widen the limits, or give the plant an attribute x0 near one"
+        "inputs: widen the limits, or give the plant an x0 near one"
     )
 
 
@@ -61,7 +62,7 @@ def settled(
     rates = _rates(plant, x, u, d)
     if rates is None:
         return None
-    T = 1 / max(float(np.abs(rates).max()), 1e-9)
+    T = 1 / max(float(rates.max(initial=0.0)), 1e-9)
     now = x
     for _ in range(_DOUBLINGS):
         try:
@@ -112,7 +113,7 @@ def _rates(
 ) -> Float[np.ndarray, " n_x"] | None:
     """Return the magnitude of the eigenvalues at a point; None if f is not finite there."""
     try:
-        A = plant.jacobians(x, u, d).A
+        A = motion(plant, x, u, d)[1]
     except (ArithmeticError, ValueError):
         return None
     return np.abs(np.linalg.eigvals(A)) if np.isfinite(A).all() else None
@@ -125,12 +126,13 @@ def _already(
     d: Float[np.ndarray, " n_d"],
 ) -> Float[np.ndarray, " n_x"] | None:
     """Return x if the plant rests there: it hardly moves within its slowest time constant."""
-    f, rates = plant.f(x, u, d), _rates(plant, x, u, d)
+    f, rates = motion(plant, x, u, d)[0], _rates(plant, x, u, d)
     if rates is None or not np.isfinite(f).all():
         return None
-    moving = rates[rates > 1e-9 * max(float(rates.max()), 1e-300)]
+    moving = rates[rates > 1e-9 * max(float(rates.max(initial=0.0)), 1e-300)]
     slowest = float(moving.min()) if len(moving) else 1.0
-    return x if np.abs(f).max() <= _STEADY * slowest * max(1.0, np.abs(x).max()) else None
+    size = np.abs(x).max(initial=1.0)
+    return x if np.abs(f).max(initial=0.0) <= _STEADY * slowest * size else None
 
 
 def _root(
@@ -144,7 +146,7 @@ def _root(
 
     try:
         with np.errstate(all="ignore"):
-            found = root(lambda v: plant.f(v, u, d), x, jac=lambda v: plant.jacobians(v, u, d).A)
+            found = root(lambda v: motion(plant, v, u, d), x, jac=True)
             return _already(plant, np.asarray(found.x, dtype=float), u, d)
     except (ArithmeticError, ValueError):
         return None
@@ -166,7 +168,7 @@ def _joint(
     try:
         with np.errstate(all="ignore"):
             found = least_squares(
-                lambda v: plant.f(v[:n], v[n:], d), start, bounds=(low, high),
+                lambda v: motion(plant, v[:n], v[n:], d)[0], start, bounds=(low, high),
                 xtol=1e-14, ftol=1e-14, gtol=1e-14,
             )  # fmt: skip
     except (ArithmeticError, ValueError):

@@ -5,52 +5,68 @@ from jaxtyping import Complex
 
 from prefcal_env.controllers.rules import Process
 from prefcal_env.controllers.sampled import minimal
-from prefcal_env.plants.plant import Jacobians
+from prefcal_env.plants.systems import LinearSystem
+from prefcal_env.plants.systems.matrices import rates_of
 
 _INTEGRATES = 1e-6
 """A pole this small relative to the largest one integrates."""
 
 
-def process_of(J: Jacobians, delay: float = 0.0) -> Process:
+def process_of(J: LinearSystem, delay: float = 0.0) -> Process:
     """Return the process from one input to one output, by its linearization.
 
+    The rules are for continuous processes: poles and zeros of a discrete one count as those with
+    the same decay, and the samples in which its impulse response is still 0 as dead time.
+
     Args:
-        J: Matrices with one input and one output.
+        J: Linear system with one input and one output.
         delay: Dead time.
     """
     M = minimal(J)
-    poles = np.linalg.eigvals(M.A) if len(M.A) else np.zeros(0)
+    waiting = _waiting(M)
+    poles = M.rates[np.argsort(np.abs(M.rates))][: len(M.A) - waiting]
     largest = float(np.abs(poles).max(initial=0.0))
-    integrators = int(np.count_nonzero(np.abs(poles) <= _INTEGRATES * largest))
-    others = poles[np.abs(poles) > _INTEGRATES * largest]
+    moving = np.abs(poles) > _INTEGRATES * largest
+    integrators, others = int(np.count_nonzero(~moving)), poles[moving]
     swinging = others[np.abs(others.imag) > 1e-6 * np.abs(others)]
     zeros = _zeros(M)
     return Process(
-        gain=_gain(M, integrators, largest),
+        gain=_gain(M, integrators, largest, others),
         integrators=integrators,
         lags=tuple(sorted((1 / np.abs(others)).tolist(), reverse=True)),
         inverse=tuple((1 / np.abs(zeros[zeros.real > 0])).tolist()),
-        delay=delay,
+        delay=delay + waiting * M.dt,
         unstable=bool((others.real > 0).any()),
         damping=float((-swinging.real / np.abs(swinging)).min(initial=1.0)),
     )
 
 
-def _gain(M: Jacobians, integrators: int, largest: float) -> float:
+def _waiting(M: LinearSystem) -> int:
+    """Return the samples of dead time in a discrete system: its pure delays, poles at 0."""
+    if not M.dt or M.D.any():
+        return 0
+    x, size = M.B[:, 0], float(np.abs(M.B).max(initial=0.0) * np.abs(M.C).max(initial=0.0))
+    for samples in range(len(M.A)):
+        if abs(float(M.C[0] @ x)) > 1e-9 * size:
+            return samples
+        x = M.A @ x
+    return 0
+
+
+def _gain(
+    M: LinearSystem, integrators: int, largest: float, others: Complex[np.ndarray, " k"]
+) -> float:
     """Return the limit of s^n G(s) for s to 0, by its value at a very small s."""
     if not len(M.A):
         return float(M.D[0, 0])
     s = 1e-4j * (largest or 1.0) * (1e-2 if not integrators else 1.0)
-    slow = np.linalg.eigvals(M.A)
-    finite = np.abs(slow)[np.abs(slow) > _INTEGRATES * largest]
-    if len(finite):
-        s = 1e-3j * float(finite.min())
-    G = (M.C @ np.linalg.solve(s * np.eye(len(M.A)) - M.A, M.B) + M.D)[0, 0]
-    return float((G * s**integrators).real)
+    if len(others):
+        s = 1e-3j * float(np.abs(others).min())
+    return float((M.at(s)[0, 0] * s**integrators).real)
 
 
-def _zeros(M: Jacobians) -> Complex[np.ndarray, " k"]:
-    """Return the finite zeros: generalized eigenvalues of the system matrix."""
+def _zeros(M: LinearSystem) -> Complex[np.ndarray, " k"]:
+    """Return the finite zeros, as rates: generalized eigenvalues of the system matrix."""
     from scipy.linalg import eigvals
 
     n = len(M.A)
@@ -61,6 +77,9 @@ def _zeros(M: Jacobians) -> Complex[np.ndarray, " k"]:
     mass[:n, :n] = np.eye(n)
     alpha, beta = eigvals(pencil, mass, homogeneous_eigvals=True)
     finite = np.abs(beta) > 1e-9 * (np.abs(alpha) + np.abs(beta))
-    zeros = alpha[finite] / beta[finite]
-    fastest = np.abs(np.linalg.eigvals(M.A)).max()
-    return np.asarray(zeros[np.abs(zeros) < 1e3 * max(fastest, 1e-300)], dtype=complex)
+    zeros = np.asarray(alpha[finite] / beta[finite], dtype=complex)
+    if M.dt:
+        zeros = zeros[zeros.real > 0]  # the others come from sampling
+    rates = rates_of(zeros, M.dt)
+    fastest = float(np.abs(M.rates).max())
+    return np.asarray(rates[np.abs(rates) < 1e3 * max(fastest, 1e-300)])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from prefcal_env import Channel, LTILoop, Move, Plant, PlantEnv, Task, rollout
+from prefcal_env import Channel, FunctionPlant, LTILoop, Move, Plant, PlantEnv, Task, rollout
 from prefcal_env.errors import PlantError, SettingsError
 
 A, B = np.array([[-1.0, 0.5], [0.2, -2.0]]), np.array([[1.0, 0.0], [0.3, 2.0]])
@@ -82,6 +82,71 @@ def test_each_input_has_its_own_dead_time_even_if_it_changes_every_step():
     assert run.x[:, 1] == pytest.approx(-area(run.t - 0.03), abs=1e-9)
 
 
+GAIN, LAG = np.array([[12.8, -18.9], [6.6, -19.4]]), np.array([[16.7, 21.0], [10.9, 14.4]])
+LATE = np.array([[1.0, 3.0], [7.0, 3.0]])  # Wood and Berry's distillation column
+COLUMN = [[([GAIN[i, j]], [LAG[i, j], 1]) for j in range(2)] for i in range(2)]
+
+
+def superposed(t, steps):
+    """Return the outputs by hand, for steps (instant, input, size)."""
+    y = np.zeros((len(t), 2))
+    for at, j, size in steps:
+        for i in range(2):
+            since = np.maximum(t - at - LATE[i, j], 0.0)
+            y[:, i] += size * GAIN[i, j] * (1 - np.exp(-since / LAG[i, j]))
+    return y
+
+
+class Steps:
+    T_s = 0.7
+
+    def move(self, m):
+        return Move(np.array([1.0, 0.5 if m.t > 4 * 0.7 - 1e-9 else 0.0]))
+
+
+def test_each_entry_of_a_matrix_has_its_own_dead_time():
+    run = driven(Plant.of(COLUMN, delay=LATE), Steps(), horizon=40.0)
+    assert run.y == pytest.approx(superposed(run.t, [(0, 0, 1.0), (4 * 0.7, 1, 0.5)]), abs=1e-9)
+
+
+def test_entries_that_share_states_are_delayed_as_those_that_do_not():
+    entries = LATE + np.array([[0.0, 0.3], [0.2, 0.0]])
+    A, B = -np.diag([0.5, 0.2]), np.array([[1.0, 0.4], [0.3, 1.0]])
+    C, D = np.array([[1.0, 0.5], [0.2, 1.0]]), np.array([[0.0, 0.1], [0.0, 0.0]])
+    shared = driven(Plant.of((A, B, C, D), delay=entries), Steps(), horizon=20.0)
+    parts = [
+        [signal.StateSpace(A, B[:, [j]], C[[i]], D[[i]][:, [j]]) for j in range(2)]
+        for i in range(2)
+    ]
+    alone = driven(Plant.of(parts, delay=entries), Steps(), horizon=20.0)
+    assert shared.y == pytest.approx(alone.y, abs=1e-9)
+
+
+def test_a_matrix_of_equal_rows_is_the_dead_time_of_the_inputs():
+    plant = Plant.of(COLUMN, delay=[[1.0, 3.0], [1.0, 3.0]])
+    assert plant.input_delay == (1.0, 3.0)
+    assert plant.entry_delay == ()
+
+
+def test_a_delay_matrix_of_a_discrete_plant_shifts_by_samples():
+    entries = [[signal.dlti([0.1], [1, -0.9], dt=0.5), 0], [0, signal.dlti([0.2], [1, 0], dt=0.5)]]
+    run = driven(Plant.of(entries, delay=[[1.0, 0.0], [0.0, 2.5]]), Held([1.0, 1.0], 0.5))
+    samples = np.floor(run.t / 0.5 + 1e-6)
+    first = 1 - 0.9 ** np.maximum(samples - 2, 0)
+    assert run.y[:, 0] == pytest.approx(first, abs=1e-9)
+    assert run.y[:, 1] == pytest.approx(np.where(samples >= 6, 0.2, 0.0), abs=1e-9)
+
+
+def test_disturbances_and_measurements_keep_their_own_times():
+    row = [*COLUMN[0], ([2.0], [1, 1])]
+    plant = Plant.of([row, [*COLUMN[1], 0]], delay=LATE, output_delay=0.5, disturbances="w")
+    run = driven(plant, Held([1.0, 0.0], 1.0), d=np.ones(1), horizon=20.0)
+    late = np.maximum(run.t - 0.5, 0.0)
+    expected = superposed(late, [(0, 0, 1.0)])
+    expected[:, 0] += 2 * (1 - np.exp(-late))
+    assert run.y == pytest.approx(expected, abs=1e-9)
+
+
 def test_the_measured_output_is_late_and_noisy_and_follows_from_the_seed():
     plant = Plant.of(([1.0], [1.0, 1.0]))
     exact, noisy, again = (Held(1.0, 0.1) for _ in range(3))
@@ -135,6 +200,9 @@ def test_names_come_from_python_control_and_a_plant_survives_pickling():
         ((A, B, C, D), {"inputs": ["a", "a"]}, "different names"),
         ((A, B, C, D), {"delay": -1.0}, "delay must be 0 s or more"),
         ((A, B, C, D), {"delay": [1.0]}, "a finite number or 2"),
+        ((A, B, C, D), {"delay": [[1.0, 2.0]]}, r"a row for each of 2 outputs.*got shape \(1, 2\)"),
+        ((A, B, C, D), {"delay": [[0.0, -1.0], [0.0, 0.0]]}, "delay must be 0 s or more"),
+        ([[([1], [1, 1]), 0], [0]], {}, "rows of transfer functions must have the same length"),
         ((A, B, C, D, 0.1), {"delay": 0.25}, "multiple of its sample time"),
         ((A * np.nan, B, C, D), {}, "A must be finite"),
     ],
@@ -158,6 +226,26 @@ def test_a_continuous_loop_is_exact_and_a_sampled_one_converges_to_it():
         sampled = loop([3.0])
         errors.append(np.abs(sampled.y[:, 0] - exact(sampled.t)).max())
     assert errors[1] < 0.6 * errors[0] < 0.05
+
+
+def test_a_loop_starts_at_the_state_and_input_of_a_function_plant():
+    plant = FunctionPlant(
+        lambda x, u, d: [u[0] - x[0]], states=[Channel("level")], inputs=[Channel("flow")],
+        x0=3.0, u0=[1.5], delay=0.5,
+    )  # fmt: skip
+    run = LTILoop(plant, lambda _: 0.0, horizon=2.0, T_s=0.1)(np.zeros(1))
+    # The last input acts for the dead time, then the controller's 0 does.
+    early = run.t <= 0.5
+    assert run.y[early, 0] == pytest.approx(1.5 + 1.5 * np.exp(-run.t[early]), abs=1e-6)
+    assert run.y[-1, 0] == pytest.approx((1.5 + 1.5 * np.exp(-0.5)) * np.exp(-1.5), abs=1e-6)
+    same = LTILoop(Plant.of(([1.0], [1, 1]), x0=3.0, u0=1.5, delay=0.5), lambda _: 0.0, horizon=2)
+    assert run.y[-1, 0] == pytest.approx(same(np.zeros(1)).y[-1, 0], abs=1e-6)
+
+
+@pytest.mark.parametrize("start", [{"x0": [1.0, 2.0]}, {"u0": [np.nan]}])
+def test_a_start_that_does_not_fit_the_plant_is_refused(start):
+    with pytest.raises(PlantError, match="must be a finite number or 1 of them"):
+        FunctionPlant(lambda x, u, d: -x, states=[Channel("x")], inputs=[Channel("u")], **start)
 
 
 def test_a_discrete_loop_is_that_of_python_control():

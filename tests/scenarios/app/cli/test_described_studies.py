@@ -1,6 +1,7 @@
 """Studies of described scenarios: killed, resumed and reported from another folder, exported."""
 
 import json
+import shlex
 import signal
 
 import pytest
@@ -106,6 +107,26 @@ def test_unattended_a_crashed_run_of_an_fmu_counts_as_failed_and_three_end_the_s
     assert code == 1
     assert (err + out).count("ended the process of the FMU: SIGABRT") == 3
     assert "Traceback" not in err + out
+
+
+@pytest.mark.parametrize("controller", ["pid", "lqr"])
+def test_a_study_by_options_alone_is_reported_by_naming_its_plant(prefcal, plant, controller):
+    words = ["--plant", "plant.py:plant", "--stop-time", "60", *SCORED, "--n-max", "2"]
+    code, _, err = prefcal("calibrate", controller, *words, "--study", "a.prefcal", "--out", "out")
+    assert code == 0, err
+    best = json.loads((plant / "out" / "best.json").read_text())
+    assert as_data(load_controller(plant / "out" / "best.json")) == best["settings"]
+    # A study must not decide which program runs; what is said can be typed as it is.
+    code, _, err = prefcal("report", "a.prefcal", "--scenario", controller, "--out", "again")
+    assert code == 2
+    said = " ".join(err.split()).partition("if you trust it, add ")[2]
+    assert said.startswith("--scenario")
+    trusted = ["report", "a.prefcal", *shlex.split(said), "--cost", "cost.py:cost"]
+    code, _, err = prefcal(*trusted, "--out", "again")
+    assert code == 0, err
+    again = json.loads((plant / "again" / "best.json").read_text())
+    assert again["theta"] == best["theta"]
+    assert again["settings"] == best["settings"]
 
 
 def test_a_killed_study_of_a_pid_is_resumed_from_another_folder(plant):

@@ -3,6 +3,7 @@
 import csv
 import json
 import shlex
+from pathlib import Path
 
 import pytest
 
@@ -64,6 +65,18 @@ def test_a_starter_is_tuned_unattended_by_a_kpi_as_the_refusal_advises(prefcal, 
     assert found["cost"] >= 0
 
 
+@pytest.mark.parametrize("kind", ["function", "pid", "controller", "mpc"])
+def test_a_scenario_and_so_its_studies_are_called_as_the_file_is(prefcal, kind):
+    code, out, err = prefcal("new", kind, "folder/pump 2.py")
+    assert code == 0, err
+    check = next(line for line in out.splitlines() if line.startswith("Check it:"))
+    told = shlex.split(check.partition("prefcal ")[2])
+    if kind == "pid":
+        assert load(f'pid {{"plant": "{told[-1]}"}}').name == "pid-pump-2"
+    else:
+        assert load(told[-1]).name == "pump-2"
+
+
 @pytest.mark.parametrize("kind", OWN)
 def test_a_starter_is_calibrated_and_its_report_has_units(prefcal, tmp_path, kind):
     (tmp_path / "cost.py").write_text(
@@ -97,7 +110,7 @@ def test_the_starter_of_an_fmu_runs_with_the_fmu_that_it_names(prefcal, tmp_path
 
 @pytest.mark.parametrize("kind", [kind for kind, row in KINDS.items() if row.suffix == ".py"])
 def test_a_starter_is_at_most_30_lines(kind):
-    lines = KINDS[kind].text().splitlines()
+    lines = KINDS[kind].text(Path(kind)).splitlines()
     assert len(lines) <= 30
     assert max(map(len, lines)) <= 100
 

@@ -41,7 +41,7 @@ def new(
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w" if force else "x", encoding="utf-8") as target:
-            target.write(found.text())
+            target.write(found.text(path))
     except FileExistsError as error:
         raise SettingsError(
             f"{str(path)!r} exists: give another name, or add --force to replace it"

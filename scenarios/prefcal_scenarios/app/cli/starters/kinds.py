@@ -1,5 +1,6 @@
 """The kinds of starters: what each is for, the file it is written to, and what to do next."""
 
+import re
 import shlex
 from dataclasses import dataclass
 from importlib.resources import files
@@ -28,10 +29,11 @@ class Kind:
         """Return the suffix of the file, .py or .toml."""
         return Path(self.template.removesuffix(".txt")).suffix
 
-    def text(self) -> str:
-        """Return the starter."""
+    def text(self, path: Path) -> str:
+        """Return the starter for the file at `path`, whose scenario is called as the file is."""
         folder = files("prefcal_scenarios.app.cli.starters") / "templates"
-        return (folder / self.template).read_text(encoding="utf-8")
+        name = re.sub(r"[^\w-]+", "-", path.stem)
+        return (folder / self.template).read_text(encoding="utf-8").replace("NAME", name)
 
     def command(self, verb: str, path: Path) -> str:
         """Return the command line that runs `verb` (check or calibrate) on the file at `path`."""

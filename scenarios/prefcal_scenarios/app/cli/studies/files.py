@@ -146,7 +146,7 @@ def trusted_source(name: str, state: State, source: str | None) -> str:
             f"--scenario {shlex.quote(short) if '{' in short else short}"
         )
     if source is not None and is_described(source) and is_described(named):
-        return resumed_source(named, source)
+        return resumed_source(named, source, whole=True)
     return source or named
 
 
