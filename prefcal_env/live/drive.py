@@ -158,6 +158,8 @@ class Drive:
         if not self.plant.connected:
             self.plant.connect()
         values, new = self.writer.read(), {**self.plan.theta, **self.plan.start}
+        # A record that cannot be read must be noticed before anything is written.
+        self.plant.read([tag.node for tag in self.plan.tags.values()])
         for name, written in self.plan.written.items():
             if not within(values[name], (written.low, written.high)):
                 got = "no good value" if isnan(values[name]) else f"{values[name]:g}"

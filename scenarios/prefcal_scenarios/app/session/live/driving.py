@@ -167,7 +167,7 @@ def _finish(flow: Flow, sample: Suggested, result: Driven | Exception) -> None:
         return None
     live.partial = experiment if len(experiment.t) else None
     restored = "The old values are restored" if result.restored else live.problem
-    words = f"{result.why}. {restored}"
+    words = f"{result.why}. {restored}."
     return flow.ran(sample, RunError(words, "stopped" if result.stopped else "raised"))
 
 
