@@ -58,5 +58,5 @@ def test_the_check_of_a_real_server_sees_a_fast_write_and_a_late_restoration(ses
         return moved(self, targets) if not self.plant.connected or len(calls) > 6 else False
 
     monkeypatch.setattr(Drive, "_moved_to", late)
-    with pytest.raises(live_opcua.Broken, match="samples until"):
+    with pytest.raises(live_opcua.Broken, match="idle samples"):
         live_opcua.run(60.0, most=24, first=7)

@@ -214,7 +214,7 @@ class _Conversation:
             return True
         show_changes(self.interview, now, self.console)
         choices = "again (read the plant again), failed, undo, stop"
-        ready = now.live.changes is not None
+        ready = now.live is not None and now.live.changes is not None
         said = self.line(f"write and start? yes, {choices}" if ready else choices)
         if said in STOP:
             return False
