@@ -103,7 +103,7 @@ class Relay:
 
     def __init__(self, port: int) -> None:
         self.port, self._to = 0, port
-        self._cut, self._held = False, ""
+        self._cut, self._held, self._losses = False, "", 0
         self._open: list[Any] = []
         self._loop = asyncio.new_event_loop()
         self._ready, self._losing = threading.Event(), threading.Lock()
@@ -120,7 +120,7 @@ class Relay:
             began = time.monotonic()
             self._held = direction
             time.sleep(held)
-            self._cut = True
+            self._cut, self._losses = True, self._losses + 1
             self._loop.call_soon_threadsafe(self._drop)
             time.sleep(seconds)
             self._held, self._cut = "", False
@@ -149,7 +149,12 @@ class Relay:
         if self._cut:
             writer.transport.abort()
             return
+        before = self._losses
         far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._to)
+        if self._losses != before:  # lost while it was being made
+            writer.transport.abort()
+            far_writer.transport.abort()
+            return
         mine = [writer, far_writer]
         self._open += mine
         await asyncio.gather(

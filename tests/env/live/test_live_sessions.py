@@ -36,6 +36,7 @@ def test_a_real_server_that_loses_its_connection_gets_its_old_values_back(sessio
     found = live_opcua.run(60.0, most=4)
     assert found.ends.total() == 4
     assert found.writes
+    assert found.broken == []
 
 
 def test_the_check_of_a_real_server_sees_a_fast_write_and_a_late_restoration(sessions, monkeypatch):
@@ -47,8 +48,8 @@ def test_the_check_of_a_real_server_sees_a_fast_write_and_a_late_restoration(ses
 
     with monkeypatch.context() as changed:
         changed.setattr(Written, "step", lambda self, elapsed, period: 1e9)
-        with pytest.raises(live_opcua.Broken, match="is faster than"):
-            live_opcua.run(60.0, most=12)
+        found = live_opcua.run(10.0, most=6)
+        assert any("is faster than" in words for words in found.broken)
     moved, calls = Drive._moved_to, []
 
     def late(self, targets):
@@ -58,5 +59,5 @@ def test_the_check_of_a_real_server_sees_a_fast_write_and_a_late_restoration(ses
         return moved(self, targets) if not self.plant.connected or len(calls) > 6 else False
 
     monkeypatch.setattr(Drive, "_moved_to", late)
-    with pytest.raises(live_opcua.Broken, match="idle samples"):
-        live_opcua.run(60.0, most=24, first=7)
+    found = live_opcua.run(10.0, most=12, first=7)
+    assert any("idle samples" in words for words in found.broken)
