@@ -134,15 +134,15 @@ def test_a_run_that_lost_its_connection_cannot_be_stopped_again(browser, plant, 
     page = watched.page
     page.goto(served.link)
     page.wait_for_selector("#write-and-start")
-    confirmed(watched)
-    page.wait_for_selector(".live-curve polyline.output")
-    plant.up = False
+    # Lost by the plant's own clock: on a busy machine the run may be over before the page shows it.
+    plant.at = lambda p: setattr(p, "up", p.values["level"] < 1.5)
+    page.click("#write-and-start")
     titled(page, "has ended: the plant gets its old values back")
     assert "Connection lost" in page.inner_text("#live-stage")
     assert not page.is_visible("#stop-live")
     assert not page.is_visible("#live-stop")
     watched.shot("live-lost")
-    plant.up = True
+    plant.at, plant.up = lambda p: None, True
     watched.phase("failed")
     assert "was not completed" in page.inner_text("#failed-title")
     assert plant.values["kp"] == pytest.approx(1.0)

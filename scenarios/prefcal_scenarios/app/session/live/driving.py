@@ -36,7 +36,7 @@ def due(flow: Flow, rig: LiveRig) -> Attempt | None:
     """Return the next piece of work on the plant; None if there is none."""
     if flow.live.recovery is Recovery.DUE:
         return _recovering(flow, rig)
-    if is_unrestored(flow) and flow.phase is Phase.CONFIRM:
+    if flow.live.recovery is not Recovery.DONE and flow.phase is Phase.CONFIRM:
         return None
     pending = flow.pending
     if flow.phase is Phase.CONFIRM and pending is not None and not flow.live.looked:
@@ -87,14 +87,14 @@ def stop(flow: Flow, index: int) -> None:
 def _recovering(flow: Flow, rig: LiveRig) -> Attempt:
     """Restore what an interrupted run left on the plant."""
     live = flow.live
-    live.recovery = Recovery.FAILED  # until it succeeded, also if it ends by any other error
+    live.recovery = Recovery.RUNNING
 
     def recover() -> Callable[[], None]:
         problem = ""
         try:
             rig.recover(closing=live.closing.is_set, tell=live.tell)
-        except (LiveError, OSError) as error:
-            problem = str(error)
+        except Exception as error:  # whatever it is, the old values may be missing
+            problem = str(error) or type(error).__name__
 
         def done() -> None:
             live.problem = problem

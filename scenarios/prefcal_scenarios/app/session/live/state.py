@@ -13,6 +13,7 @@ class Recovery(Enum):
     """Whether the plant has its old values again, which an interrupted run may have changed."""
 
     DUE = "due"
+    RUNNING = "running"
     FAILED = "failed"
     DONE = "done"
 
