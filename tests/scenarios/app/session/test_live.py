@@ -160,6 +160,15 @@ def test_a_failed_recovery_stays_visible_and_nothing_is_written_until_it_succeed
     assert len(interview.now().state.finished) == 1
 
 
+def test_a_recovery_in_progress_is_not_called_failed(scenario, plant, tmp_path):
+    Journal(tmp_path / "old.json").save({"K_p": 5.0, "T_i": 10.0, "set-point": 1.0})
+    interview, seen = begin(scenario), set()
+    plant.at = lambda p: seen.add(interview.now().live.recovery)
+    waited_for(interview)
+    assert seen == {Recovery.RUNNING}
+    assert plant.values["kp"] == pytest.approx(5.0)
+
+
 def test_a_recovery_that_fails_while_a_question_is_open_can_be_tried_again(
     scenario, plant, tmp_path
 ):
