@@ -24,7 +24,7 @@ AGENTS_MAY_USE = ("errors", "knobs", "preferences", "qp", "plain")
 LAYERS = {
     "prefcal_env": (
         {"errors", "jit"},
-        {"knobs", "experiments", "qp", "plain"},
+        {"knobs", "experiments", "qp", "plain", "described"},
         {"preferences", "plants", "tables"},
         {"mpc", "envs", "rig", "live", "calibrators", "study", "fmu"},
         {"compiling", "controllers"},

@@ -2,29 +2,22 @@
 
 import os
 from collections.abc import Callable, Mapping
-from math import inf
 from pathlib import Path
 from typing import Any
 
+from prefcal_env.described import Table, checked
 from prefcal_env.errors import SettingsError
-from prefcal_env.knobs.knob import Knob
+from prefcal_env.knobs.knob import Knob, Scale
 
 from .journal import Journal
 from .opcua import OPCUAPlant
-from .parts import LiveKnob, LiveStart, Tag
+from .parts import LiveKnob, LiveStart, Role, Tag
 from .plant import LivePlant
 from .rig import LiveRig
+from .tables import Entries, KnobTable, LiveTable, ReferenceTable, StartTable, TagTable
 
-_CONNECTION = ("user", "password_variable", "security", "timeout")
+_CONNECTION = ("user", "security", "timeout")
 _PLAIN = ("duration", "period", "ready_within", "hold", "blind", "after", "instructions")
-_TABLES = {
-    "knobs": ("node", "low", "high", "rate", "unit", "scale", "integer", "step", "about"),
-    "outputs": ("node", "unit", "low", "high", "abort"),
-    "inputs": ("node", "unit", "low", "high", "abort"),
-    "references": ("node", "unit"),
-    "start": ("node", "value", "low", "high", "rate", "unit", "integer"),
-}
-"""Fields of the entries of each table, which are named by their knob or signal."""
 
 
 def live_rig(
@@ -41,96 +34,60 @@ def live_rig(
     Raises:
         SettingsError: If a name is unknown, missing or of the wrong type; the message says where.
         KnobError: If a knob is not valid.
+        LiveError: If the address is none of OPC UA.
         MissingExtraError: If asyncua is not installed.
     """
-    known = ("url", "journal", "ready", "done", *_CONNECTION, *_PLAIN, *_TABLES)
-    _check(description, known, ("url", "duration", "knobs", "outputs"), "the live rig")
-    for name, fields in _TABLES.items():
-        for key, entry in _table(description, name).items():
-            _check(entry, fields, ("node",), f"{name}.{key}")
-    plain = {name: description[name] for name in _PLAIN if name in description}
-    if "journal" in description:
-        plain["journal"] = Journal(Path(description["journal"]).expanduser())
-    for name in ("ready", "done"):
-        limits = _table(description, name)
-        plain[name] = {key: _pair(value, f"{name}.{key}") for key, value in limits.items()}
-    return LiveRig(
-        plant=_connection(description) if plant is None else plant(description["url"]),
-        knobs=tuple(_knob(name, e) for name, e in _table(description, "knobs").items()),
-        tags=tuple(
-            _tag(name, e, role)
-            for role in ("output", "input", "reference")
-            for name, e in _table(description, f"{role}s").items()
-        ),
-        start=tuple(_start(name, e) for name, e in _table(description, "start").items()),
-        **plain,
+    given = checked(description, LiveTable, "", SettingsError)
+    knobs = tuple(_knob(n, t) for n, t in _entries(given.knobs, "knobs", KnobTable))
+    tags = (
+        *(_tag(n, t, "output") for n, t in _entries(given.outputs, "outputs", TagTable)),
+        *(_tag(n, t, "input") for n, t in _entries(given.inputs, "inputs", TagTable)),
+        *(Tag(name, table.node, "reference", table.unit)
+          for name, table in _entries(given.references, "references", ReferenceTable)),
+    )  # fmt: skip
+    starts = tuple(
+        LiveStart(name, t.node, t.value, t.low, t.high, t.rate, t.unit, t.integer)
+        for name, t in _entries(given.start, "start", StartTable)
     )
+    return LiveRig(
+        plant=_connection(given) if plant is None else plant(given.url),
+        knobs=knobs, tags=tags, start=starts, ready=given.ready, done=given.done,
+        journal=None if given.journal is None else _journal(given.journal),
+        **_stated(given, _PLAIN),
+    )  # fmt: skip
 
 
-def _connection(description: Mapping[str, Any]) -> OPCUAPlant:
-    given = {k: description[k] for k in ("user", "security", "timeout") if k in description}
-    variable = description.get("password_variable", "")
+def _entries(entries: Entries, name: str, table: type[Table]) -> list[tuple[str, Table]]:
+    return [
+        (key, checked(entry, table, f"{name}.{key}", SettingsError))
+        for key, entry in entries.items()
+    ]
+
+
+def _stated(given: LiveTable, names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: v for name in names if (v := getattr(given, name)) is not None}
+
+
+def _connection(given: LiveTable) -> OPCUAPlant:
+    stated, variable = _stated(given, _CONNECTION), given.password_variable
     if variable:
         if variable not in os.environ:
             raise SettingsError(f"the environment variable {variable!r} must hold the password")
-        given["password"] = os.environ[variable]
-    return OPCUAPlant(str(description["url"]), **given)
+        stated["password"] = os.environ[variable]
+    return OPCUAPlant(given.url, **stated)
 
 
-def _knob(name: str, entry: Mapping[str, Any]) -> LiveKnob:
-    where = f"knobs.{name}"
-    rest = {k: entry[k] for k in ("unit", "scale", "integer", "step", "about") if k in entry}
-    knob = Knob(name, _real(entry, "low", where), _real(entry, "high", where), **rest)
-    return LiveKnob(knob, str(entry["node"]), _real(entry, "rate", where))
+def _journal(path: str) -> Journal:
+    if Path(path).name in ("", ".."):
+        raise SettingsError(f'journal: expected a file such as "old.json", got {path!r}')
+    return Journal(Path(path).expanduser())
 
 
-def _start(name: str, entry: Mapping[str, Any]) -> LiveStart:
-    value, low, high, rate = (
-        _real(entry, field, f"start.{name}") for field in ("value", "low", "high", "rate")
-    )
-    unit, integer = str(entry.get("unit", "")), bool(entry.get("integer", False))
-    return LiveStart(name, str(entry["node"]), value, low, high, rate, unit, integer)
+def _knob(name: str, t: KnobTable) -> LiveKnob:
+    scale: Scale = "log10" if t.scale == "log" else t.scale
+    knob = Knob(name, t.low, t.high, t.unit, scale, t.integer, t.step, about=t.about)
+    return LiveKnob(knob, t.node, t.rate)
 
 
-def _tag(name: str, entry: Mapping[str, Any], role: Any) -> Tag:
-    where = f"{role}s.{name}"
-    low, high = _real(entry, "low", where, -inf), _real(entry, "high", where, inf)
-    abort = _pair(entry["abort"], f"{where}.abort") if "abort" in entry else (-inf, inf)
-    return Tag(name, str(entry["node"]), role, str(entry.get("unit", "")), low, high, abort)
-
-
-def _check(
-    entry: object, known: tuple[str, ...], required: tuple[str, ...], where: str
-) -> None:  # fmt: skip
-    if not isinstance(entry, Mapping):
-        raise SettingsError(f"{where} must be a table with {', '.join(known)}, got {entry!r}")
-    strangers = sorted(set(entry) - set(known))
-    if strangers:
-        raise SettingsError(f"{where} takes {', '.join(known)}, got {strangers[0]!r}")
-    missing = [name for name in required if name not in entry]
-    if missing:
-        raise SettingsError(f"{where} needs {missing[0]!r}")
-
-
-def _table(description: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    table = description.get(name, {})
-    if not isinstance(table, Mapping):
-        raise SettingsError(f"{name} must be a table by name, got {table!r}")
-    return table
-
-
-def _real(entry: Mapping[str, Any], field: str, where: str, default: float | None = None) -> float:
-    value = entry.get(field, default)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise SettingsError(f"{where} needs a number {field!r}, got {value!r}")
-    return float(value)
-
-
-def _pair(value: object, where: str) -> tuple[float, float]:
-    if (
-        not isinstance(value, list | tuple)
-        or len(value) != 2
-        or any(isinstance(v, bool) or not isinstance(v, int | float) for v in value)
-    ):
-        raise SettingsError(f"{where} must be two numbers [low, high], got {value!r}")
-    return float(value[0]), float(value[1])
+def _tag(name: str, t: TagTable, role: Role) -> Tag:
+    return Tag(name, t.node, role, t.unit, t.low, t.high, t.abort)

@@ -158,6 +158,8 @@ class Drive:
         if not self.plant.connected:
             self.plant.connect()
         values, new = self.writer.read(), {**self.plan.theta, **self.plan.start}
+        # A record that cannot be read must be noticed before anything is written.
+        self.plant.read([tag.node for tag in self.plan.tags.values()])
         for name, written in self.plan.written.items():
             if not within(values[name], (written.low, written.high)):
                 got = "no good value" if isnan(values[name]) else f"{values[name]:g}"
@@ -206,7 +208,9 @@ class Drive:
         if not targets:
             return True  # nothing was written
         if keep:
-            targets = {name: v for name, v in targets.items() if name in self.plan.start}
+            targets = self._without_knobs(targets)
+            if not targets:
+                return True
         self._next, self._period = self.hands.clock(), min(self.plan.period, _RESTORING)
         way, last = Way(self.plan.written, targets, self.plan.period, self.hands.clock()), ""
         while not way.blocked(self.hands.clock(), closing=self.hands.closing()):
@@ -229,6 +233,16 @@ class Drive:
             self._wait()
         self.problem = last or self._refused(targets)
         return False
+
+    def _without_knobs(self, targets: Mapping[str, float]) -> dict[str, float]:
+        """Return the start values to take back, and forget the old knobs on the disk, too.
+
+        Otherwise, the next start would take back a θ that is kept on purpose.
+        """
+        start = {name: v for name, v in targets.items() if name in self.plan.start}
+        with suppress(LiveError, OSError):  # the start values must be taken back all the same
+            self.journal.save(start) if start else self.journal.clear()
+        return start
 
     def _moved_to(self, targets: Mapping[str, float]) -> bool:
         """Connect if necessary, move one step, and return whether the plant shows the targets."""

@@ -4,14 +4,16 @@ import asyncio
 import threading
 from collections.abc import Coroutine, Sequence
 from contextlib import suppress
-from math import nan
+from math import isfinite, nan
 from typing import Any, TypeVar
 
-from prefcal_env.errors import ConnectionLostError, LiveError, MissingExtraError
+from prefcal_env.errors import ConnectionLostError, LiveError, MissingExtraError, SettingsError
 
 T = TypeVar("T")
 _MARGIN = 1.0
 """Seconds beyond the time limit of a request, after which its thread is considered stuck."""
+_LOOK = 0.02
+"""Seconds between two looks whether a connection that is being made was closed."""
 
 
 class OPCUAPlant:
@@ -27,6 +29,7 @@ class OPCUAPlant:
     Raises:
         MissingExtraError: If asyncua is not installed.
         LiveError: If the address is none of OPC UA.
+        SettingsError: If the time limit is not above 0 s and finite.
     """
 
     def __init__(
@@ -43,6 +46,8 @@ class OPCUAPlant:
             raise LiveError(
                 f"the address of an OPC UA server begins with opc.tcp://, got {address!r}"
             )
+        if not (isfinite(timeout) and timeout > 0):
+            raise SettingsError(f"timeout must be above 0 s and finite, got {timeout}")
         self.address, self._timeout = address, timeout
         # Without types: asyncua exports its names implicitly.
         self._asyncua: Any = asyncua
@@ -107,9 +112,16 @@ class OPCUAPlant:
             client.set_password(self._password)
         if self._security:
             await client.set_security_string(self._security)
+        connecting = asyncio.ensure_future(client.connect())
         try:
-            await client.connect()
+            # asyncua waits for the time limit if the connection is closed at once, as a proxy or a
+            # tunnel to a server that is down does: the plant would be restored that much later.
+            while not (await asyncio.wait({connecting}, timeout=_LOOK))[0]:
+                if _is_closed(client):
+                    raise ConnectionError("the connection was closed at once")
+            connecting.result()
         except BaseException:
+            connecting.cancel()
             with suppress(Exception):
                 client.disconnect_socket()
             raise
@@ -224,6 +236,12 @@ class OPCUAPlant:
 
             threading.Thread(target=serve, name="opcua", daemon=True).start()
         return self._loop
+
+
+def _is_closed(client: Any) -> bool:
+    """Return whether the socket of a client was open and is closed; False if that is unknown."""
+    state = getattr(getattr(client.uaclient, "protocol", None), "state", None)
+    return getattr(state, "value", state) == "closed"
 
 
 def _number(value: Any) -> float:

@@ -77,13 +77,14 @@ class LiveRig:
         if not self.knobs or not any(tag.role == "output" for tag in self.tags):
             raise SettingsError("a live rig needs a knob to write and an output to record")
         self._check_names()
-        for name, least in (
-            ("period", 0.0), ("duration", self.period), ("ready_within", 0.0), ("hold", -1.0),
-            ("blind", -1.0),
-        ):  # fmt: skip
+        for name, least in (("period", 0.0), ("duration", self.period), ("ready_within", 0.0)):
             value = getattr(self, name)
             if not (isfinite(value) and value > least):
-                raise SettingsError(f"{name} must be above {max(least, 0):g} s, got {value}")
+                raise SettingsError(f"{name} must be above {least:g} s, got {value}")
+        for name in ("hold", "blind"):
+            value = getattr(self, name)
+            if not (isfinite(value) and value >= 0):
+                raise SettingsError(f"{name} must be 0 s or more, got {value}")
         if self.after not in ("restore", "keep"):
             raise SettingsError(f"after must be restore or keep, got {self.after!r}")
         self._keyed(self.ready), self._keyed(self.done)

@@ -1,101 +1,68 @@
-"""Run random sessions over a real OPC UA server whose connection breaks during the run.
+"""Run random sessions over a real OPC UA server whose connection breaks at random instants.
 
-    python benchmarks/checks/outside/live_opcua.py --seconds 120
+    python benchmarks/checks/outside/live_opcua.py --sessions 1000 --jobs 2
 
-A relay between prefcal and the example server of `docs/` drops every connection at a random
-instant, and refuses new ones for a random time. Checked: the old values are back on the server
-after each run.
+A session is one experiment of a study, from reading the plant to the answer. A relay between
+prefcal and the example server of `docs/` drops the connection once or twice in it, at random
+instants, for a random time; sometimes requests or answers vanish before that. The server itself
+notes every write. Checked after each session:
+
+- no write was outside the limits, or faster than the rate;
+- the old values are back on the server;
+- after a regained connection, each of them is on its way back within two samples, and from then on
+  moves at every sample (how far is what the rates allow; `live_sessions.py` checks that exactly, in
+  simulated time);
+- the study file, closed and opened again, holds every answer and experiment.
 """
 
 import argparse
-import asyncio
+import logging
+import multiprocessing
 import socket
 import sys
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from itertools import pairwise
+from math import ceil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from opcua_relay import WRITTEN, Loss, Relay, Watch, Write, loss_at_random, watched_tank
 
+from prefcal_agents import RandomSearch
 from prefcal_env.live import LiveRig, live_rig
+from prefcal_env.live.parts import Written
+from prefcal_env.study import StudyFile
+from prefcal_scenarios.app.session import Choice, Interview, Now, Phase
+from prefcal_scenarios.app.session.memory import agent_as_dict, knobs_as_dicts
+from prefcal_scenarios.scenario import Scenario
 
-sys.path.insert(0, str(Path(__file__).parents[3] / "docs"))
-from opcua_server import Tank
+_PERIOD = 0.05
+_SPAN = 1.1
+"""Longest time in seconds from the beginning of a session to that of a loss."""
+_LATE = 0.002
+"""Seconds by which the server may see two writes closer together than prefcal sent them."""
 
 
 class Broken(Exception):
-    """The old values are not back."""
-
-
-class Relay:
-    """A relay to `port` whose connections can be cut."""
-
-    def __init__(self, port: int) -> None:
-        self.port, self.cut, self._to = 0, False, port
-        self._open: list[Any] = []
-        self._loop = asyncio.new_event_loop()
-        self._ready = threading.Event()
-
-    async def _serve(self) -> None:
-        server = await asyncio.start_server(self._relay, "127.0.0.1", 0)
-        self.port = server.sockets[0].getsockname()[1]
-        self._ready.set()
-
-    async def _relay(self, reader: Any, writer: Any) -> None:
-        if self.cut:
-            writer.close()
-            return
-        far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._to)
-        self._open += [writer, far_writer]
-        await asyncio.gather(_pump(reader, far_writer), _pump(far_reader, writer))
-
-    def _drop(self) -> None:
-        self.cut = True
-        for each in self._open:
-            each.transport.abort()
-        self._open.clear()
-
-    def lose(self, seconds: float) -> None:
-        """Drop all connections, and refuse new ones for some seconds."""
-        self._loop.call_soon_threadsafe(self._drop)
-        time.sleep(seconds)
-        self.cut = False
-
-    @contextmanager
-    def running(self) -> Iterator["Relay"]:
-        """Relay from a thread inside the block."""
-        self._loop.create_task(self._serve())
-        thread = threading.Thread(target=self._loop.run_forever, daemon=True)
-        thread.start()
-        self._ready.wait(10)
-        try:
-            yield self
-        finally:
-            self._loop.call_soon_threadsafe(self._loop.stop)
-            thread.join(10)
-
-
-async def _pump(reader: Any, writer: Any) -> None:
-    with suppress(OSError):
-        while data := await reader.read(65536):
-            writer.write(data)
-            await writer.drain()
-    writer.close()
+    """A promise is broken."""
 
 
 def rig_at(port: int, folder: Path) -> LiveRig:
     """Return a rig on the example server behind `port`."""
     node, setpoint = "ns=2;s=Tank.", "ns=2;s=Tank.Setpoint"
-    start = {"node": setpoint, "value": 1.3, "low": 0.5, "high": 1.8, "rate": 20}
+    start = {"node": setpoint, "value": 1.3, "low": 0.5, "high": 1.8, "rate": 4}
     return live_rig({
-        "url": f"opc.tcp://127.0.0.1:{port}/tank", "duration": 0.8, "period": 0.05,
+        "url": f"opc.tcp://127.0.0.1:{port}/tank", "duration": 0.3, "period": _PERIOD,
         "timeout": 1.0, "journal": str(folder / "old.json"),
         "knobs": {
-            "K_p": {"node": f"{node}Kp", "low": 0.2, "high": 10, "rate": 40},
+            "K_p": {"node": f"{node}Kp", "low": 0.2, "high": 10, "rate": 60},
             "T_i": {"node": f"{node}Ti", "low": 1, "high": 60, "rate": 400, "unit": "s"},
         },
         "outputs": {"level": {"node": f"{node}Level", "unit": "m"}},
@@ -104,52 +71,279 @@ def rig_at(port: int, folder: Path) -> LiveRig:
     })  # fmt: skip
 
 
-def session(seed: int, tank: Tank, relay: Relay, folder: Path) -> str:
-    """Run once, with one loss of the connection; return how it ended.
+@dataclass
+class Study:
+    """One study of several sessions, as mutable state; `sessions` does all of it.
 
-    Raises:
-        Broken: If the server does not have its old values afterward.
+    Args:
+        seed: Seed of every random choice.
+        watch: What the server notes.
+        relay: Connection to the server.
+        folder: Folder of the study file and of the old values.
+        samples: Number of samples from each regained connection to the old values.
+        idle: Number of these at which a value that was not restored did not move.
+        seconds: Time from each regained connection to the old values, in seconds.
     """
-    rng, rig = np.random.default_rng(seed), rig_at(relay.port, folder)
-    theta = np.array([rng.uniform(0.5, 3.0), rng.uniform(5.0, 40.0)])
-    rig.look(theta)
-    instant, length = rng.uniform(0.0, 1.2), rng.uniform(0.05, 0.6)
 
-    def lose() -> None:
+    seed: int
+    watch: Watch
+    relay: Relay
+    folder: Path
+    samples: list[int] = field(default_factory=list)
+    idle: list[int] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+    answers: int = 0
+    finished: set[int] = field(default_factory=set)
+    losses: list[Loss] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.rng = np.random.default_rng(self.seed)
+        self.rig = rig_at(self.relay.port, self.folder)
+        self.scenario = Scenario("tank", "A tank", self.rig.space, self.rig)
+        self.path = self.folder / "study.prefcal"
+        self.old = dict(self.watch.values)
+        parts = [*(k.written for k in self.rig.knobs), *(s.written for s in self.rig.start)]
+        self.written = dict(zip(WRITTEN, parts, strict=True))
+
+    def sessions(self, count: int) -> Iterator[str]:
+        """Run sessions until the study is over, and yield how each ended."""
+        interview = self._interview(count)
+        while interview.now().phase is not Phase.OVER:
+            self.watch.forget()
+            self.losses.clear()
+            losing = [threading.Thread(target=self._lose, args=loss_at_random(self.rng, _SPAN))
+                      for _ in range(self.rng.integers(1, 3))]  # fmt: skip
+            for each in losing:
+                each.start()
+            how = self._session(interview)
+            for each in losing:
+                each.join()
+            self._check_plant()
+            interview.study.close()
+            interview = Interview(self.scenario, StudyFile.open(self.path, clock=_now), ahead=False)
+            self._check_study(interview.now())
+            yield how
+        interview.study.close()
+        self.rig.plant.close()
+
+    def _interview(self, count: int) -> Interview:
+        agent = RandomSearch(self.scenario.space, n_init=1, n_max=count, seed=self.seed)
+        configuration = {
+            "scenario": "tank", "name": "tank", "title": "A tank",
+            "knobs": knobs_as_dicts(self.scenario.space), "agent": agent_as_dict(agent),
+            "n_max": count, "seed": self.seed, "kpis": [], "options": {"calibrator": "human"},
+            "versions": {},
+        }  # fmt: skip
+        file = StudyFile.create(self.path, configuration, clock=_now)
+        return Interview(self.scenario, file, ahead=False)
+
+    def _lose(self, instant: float, how: dict[str, float]) -> None:
         time.sleep(instant)
-        relay.lose(length)
+        self.losses.append(self.relay.lose(**how))
 
-    loser = threading.Thread(target=lose)
-    loser.start()
-    try:
-        driven = rig.drive(theta, lambda changes: True)
-    finally:
-        loser.join()
-        rig.plant.close()
-    time.sleep(0.1)  # the server reads its nodes every 0.02 s
-    values = [tank.values[name] for name in ("Kp", "Ti", "Setpoint")]
-    if not (driven.restored and np.allclose(values, [1.0, 20.0, 1.0])):
-        raise Broken(f"session {seed}: {values} after {driven.why!r}")
-    return driven.why.split(":")[0] or "completed"
+    def _session(self, interview: Interview) -> str:
+        """Do one experiment, its trials and its answer; return how it ended."""
+        how, ran = "completed", False
+        while True:
+            now = _waited_for(interview)
+            self.finished |= now.state.finished.keys()
+            if now.question is not None:
+                interview.answer(now.question.id, Choice.LEFT)
+                self.answers += 1
+            elif now.phase is Phase.OVER or (now.phase is Phase.CONFIRM and ran):
+                return how
+            elif now.phase is Phase.FAILED and self.rng.random() < 0.5:
+                interview.retry()
+                how = "lost in the run, tried again"
+            elif now.phase is Phase.FAILED:
+                interview.fail(_pending(now), now.problem or "")
+                how, ran = "lost in the run, counted as failed", True
+            elif now.live is not None and now.live.changes is None:
+                interview.retry()
+                how = "lost before the run, read again"
+            else:
+                interview.write_and_start(_pending(now))
+                interview.work()
+                ran = interview.now().phase is not Phase.FAILED
+
+    def _check_plant(self) -> None:
+        for write in self.watch.writes:
+            part = self.written[write.name]
+            if not part.low <= write.new <= part.high:
+                raise Broken(f"{write} is outside [{part.low}, {part.high}]")
+        for name in WRITTEN:
+            writes = [write for write in self.watch.writes if write.name == name]
+            for before, write in zip([None, *writes], writes, strict=False):
+                self._check_rate(write, before)
+            if not self.written[name].same(self.watch.values[name], self.old[name]):
+                raise Broken(f"{name} is {self.watch.values[name]}, it was {self.old[name]}")
+        if self.rig.left is not None:
+            raise Broken("the old values are still on the disk")
+        for loss in self.losses:
+            self._check_restored_soon(loss)
+
+    def _check_rate(self, write: Write, before: Write | None) -> None:
+        part, elapsed = self.written[write.name], _PERIOD
+        if before is not None:
+            elapsed = min(write.at - before.at + _LATE, _PERIOD)
+        if abs(write.new - write.old) > part.rate * elapsed * (1 + 1e-6):
+            raise Broken(f"{write} after {before} is faster than {part.rate} per second")
+
+    def _check_restored_soon(self, loss: Loss) -> None:
+        """Check how many samples the old values took after the connection was regained."""
+        then = dict(self.old)
+        for write in self.watch.writes:
+            if write.at <= loss.regained:
+                then[write.name] = write.new
+        if all(self.written[n].same(then[n], self.old[n]) for n in WRITTEN):
+            return
+        # With another loss or a run in between, this says nothing.
+        back = _back_at(self.watch.writes, then, self.old, self.written, loss.regained)
+        if any(o is not loss and o.regained > loss.began and o.began < back for o in self.losses):
+            return
+        reads = [at for at in self.watch.reads if loss.regained < at < back]
+        idle = max(self._idle(name, then[name], reads, back) for name in WRITTEN)
+        if idle > 1:
+            writes = [(w.at, w.name, w.new) for w in self.watch.writes]
+            raise Broken(f"{idle} idle samples after {loss}: {reads}, writes {writes}, {back}")
+        self.samples.append(len(reads))
+        self.idle.append(idle)
+        self.seconds.append(back - loss.regained)
+
+    def _idle(self, name: str, value: float, reads: list[float], back: float) -> int:
+        """Return the number of samples at which a value was not moved though it was not restored.
+
+        Args:
+            name: Name of the node.
+            value: Its value when the connection was regained.
+            reads: Times of the samples from then on, in seconds.
+            back: Time at which all values were restored, in seconds.
+        """
+        idle = 0
+        for since, until in pairwise([*reads, back]):
+            steps = [w.new for w in self.watch.writes if w.name == name and since < w.at <= until]
+            idle += not steps and not self.written[name].same(value, self.old[name])
+            value = steps[-1] if steps else value
+        return idle
+
+    def _check_study(self, now: Now) -> None:
+        lost = self.finished - now.state.finished.keys()
+        given = sum(answer.question is not None for answer in now.state.answers)
+        if lost or given != self.answers:
+            raise Broken(f"{given} answers of {self.answers}; experiments {sorted(lost)} are lost")
 
 
-def run(seconds: float, most: int = 10**6) -> dict[str, int]:
-    """Return how often sessions ended how, as many as `seconds` and `most` allow."""
+def _back_at(
+    writes: list[Write], then: dict[str, float], old: dict[str, float],
+    written: dict[str, Written], since: float,
+) -> float:  # fmt: skip
+    """Return when all nodes had their old values again, in seconds."""
+    values = dict(then)
+    for write in writes:
+        if write.at > since:
+            values[write.name] = write.new
+            if all(part.same(values[n], old[n]) for n, part in written.items()):
+                return write.at
+    raise Broken(f"{values} were not restored to {old}")
+
+
+def _waited_for(interview: Interview) -> Now:
+    """Work until a person must do something; return what is waited for."""
+    while interview.work():
+        pass
+    return interview.now()
+
+
+def _pending(now: Now) -> int:
+    assert now.pending is not None
+    return now.pending.index
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat()
+
+
+@dataclass
+class Results:
+    """Number of sessions by how they ended; the ways back to the old values as in `Study`."""
+
+    ends: Counter[str] = field(default_factory=Counter)
+    samples: list[int] = field(default_factory=list)
+    idle: list[int] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+    answers: int = 0
+    writes: int = 0
+    broken: list[str] = field(default_factory=list)
+
+
+def run(seconds: float, most: int = 10**6, first: int = 0, study: int = 12) -> Results:
+    """Return the results of as many sessions as `seconds` and `most` allow.
+
+    Args:
+        seconds: Time after which no further study begins, in seconds.
+        most: Largest number of sessions.
+        first: Seed of the first study.
+        study: Number of sessions in a study.
+    """
     with closing(socket.create_server(("127.0.0.1", 0))) as free:
         port = free.getsockname()[1]
-    ends: dict[str, int] = {}
-    until = time.monotonic() + seconds
-    with Tank(port).running() as tank, Relay(port).running() as relay:
-        for seed in range(most):
-            if time.monotonic() > until:
-                break
-            with tempfile.TemporaryDirectory() as folder:
-                end = session(seed, tank, relay, Path(folder))
-            ends[end] = ends.get(end, 0) + 1
-    return ends
+    results, until, seed = Results(), time.monotonic() + seconds, first
+    with ExitStack() as stack:
+        watch = stack.enter_context(watched_tank(port))
+        relay = stack.enter_context(Relay(port).running())
+        while results.ends.total() < most and time.monotonic() < until:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            one = Study(seed, watch, relay, folder)
+            # A study that breaks a promise is over; the next one tells whether it was the only one.
+            try:
+                for how in one.sessions(max(2, min(study, most - results.ends.total()))):
+                    results.ends[how] += 1
+                    results.writes += len(watch.writes)
+            except Broken as error:
+                results.broken.append(f"study {seed}: {error}")
+                one.rig.plant.close()
+            results.samples += one.samples
+            results.idle += one.idle
+            results.seconds += one.seconds
+            results.answers += one.answers
+            seed += 1
+    return results
+
+
+def _job(given: tuple[float, int, int]) -> Results:
+    logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # it tells every loss
+    return run(*given)
+
+
+def main() -> int:
+    """Run the sessions that the command line asks for; return 1 if a promise was broken."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--sessions", type=int, default=1000)
+    parser.add_argument("--seconds", type=float, default=3600.0)
+    parser.add_argument("--jobs", type=int, default=1)
+    given = parser.parse_args()
+    share = ceil(given.sessions / given.jobs)
+    work = [(given.seconds, share, 100_000 * job) for job in range(given.jobs)]
+    with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
+        found = list(pool.imap_unordered(_job, work))
+    ends = sum((each.ends for each in found), Counter())
+    samples, idle, seconds = (
+        [v for each in found for v in getattr(each, n)] for n in ("samples", "idle", "seconds")
+    )
+    print(f"{ends.total()} sessions, {sum(f.writes for f in found)} writes, "
+          f"{sum(f.answers for f in found)} answers")  # fmt: skip
+    broken = [words for each in found for words in each.broken]
+    print(f"{len(broken)} promises broken", *broken, sep="\n  ")
+    for how, count in ends.most_common():
+        print(f"  {count:6d}  {how}")
+    print(
+        f"{len(samples)} times restored after a loss, samples: {sorted(Counter(samples).items())}"
+    )
+    print(f"  of them idle: {sorted(Counter(idle).items())}")
+    quantiles = np.quantile(seconds, [0.5, 0.95, 0.99, 1.0])
+    print("  s from the regained connection:", *(f"{each:.3f}" for each in quantiles))
+    return int(bool(broken))
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--seconds", type=float, default=120.0)
-    print(run(parser.parse_args().seconds))
+    sys.exit(main())

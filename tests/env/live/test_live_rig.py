@@ -188,7 +188,35 @@ def test_a_start_value_that_cannot_be_taken_back_is_told_apart_from_a_kept_theta
     assert driven.why == ""
     assert (driven.restored, driven.kept) == (False, False)
     assert "set-point: the server memory refuses" in driven.problem
-    assert rig.left
+
+
+def test_a_kept_theta_stays_when_the_next_start_takes_back_the_set_point(tmp_path):
+    plant = Memory()
+    plant.at = lambda p: setattr(p, "refuses", "sp" if p.now > 12 else "")
+    rig = memory_rig(plant, tmp_path, after="keep")
+    drive(rig, plant)
+    assert rig.left == {"set-point": 1.0}
+    plant.at, plant.refuses = lambda p: None, ""
+    assert rig.recover(clock=plant.clock, sleep=plant.sleep)
+    assert written(plant) == {"kp": 4.0, "ti": 20.0, "sp": 1.0}
+    assert rig.left is None
+
+
+def test_a_kept_theta_without_start_values_needs_no_connection_at_the_end(tmp_path):
+    plant = Memory()
+    rig = memory_rig(plant, tmp_path, after="keep", start=())
+    last = []
+    plant.at = lambda p: setattr(p, "up", not last)
+    driven = drive(rig, plant, tell=lambda now: last.append(1) if now.elapsed >= 10 else None)
+    assert driven.kept
+    assert rig.left is None
+
+
+def test_an_aborted_run_takes_back_a_theta_that_would_have_been_kept(tmp_path):
+    plant = Memory(at=lambda p: p.values.update(level=5.0) if p.now > 6 else None)
+    driven = drive(memory_rig(plant, tmp_path, after="keep"), plant)
+    assert driven.experiment.end is End.UNSAFE
+    assert written(plant) == OLD
 
 
 def test_a_refused_or_limited_value_ends_the_run(tmp_path):

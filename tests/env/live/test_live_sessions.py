@@ -33,4 +33,31 @@ def test_a_real_server_that_loses_its_connection_gets_its_old_values_back(sessio
     pytest.importorskip("asyncua")
     import live_opcua
 
-    assert sum(live_opcua.run(60.0, most=2).values()) == 2
+    found = live_opcua.run(60.0, most=4)
+    assert found.ends.total() == 4
+    assert found.writes
+    assert found.broken == []
+
+
+def test_the_check_of_a_real_server_sees_a_fast_write_and_a_late_restoration(sessions, monkeypatch):
+    pytest.importorskip("asyncua")
+    import live_opcua
+
+    from prefcal_env.live.drive import Drive
+    from prefcal_env.live.parts import Written
+
+    with monkeypatch.context() as changed:
+        changed.setattr(Written, "step", lambda self, elapsed, period: 1e9)
+        found = live_opcua.run(10.0, most=6)
+        assert any("is faster than" in words for words in found.broken)
+    moved, calls = Drive._moved_to, []
+
+    def late(self, targets):
+        if not self.plant.connected:
+            calls.clear()
+        calls.append(self.writer.read() if self.plant.connected else None)
+        return moved(self, targets) if not self.plant.connected or len(calls) > 6 else False
+
+    monkeypatch.setattr(Drive, "_moved_to", late)
+    found = live_opcua.run(10.0, most=12, first=7)
+    assert any("idle samples" in words for words in found.broken)

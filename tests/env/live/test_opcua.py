@@ -2,13 +2,15 @@
 
 import socket
 import sys
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from prefcal_env import End
-from prefcal_env.errors import ConnectionLostError, LiveError, SettingsError
+from prefcal_env.errors import ConnectionLostError, LiveError
 from prefcal_env.live import OPCUAPlant, live_rig
 
 pytest.importorskip("asyncua")
@@ -105,16 +107,18 @@ def test_a_server_that_is_not_there_is_a_lost_connection():
     plant.close()
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"durration": 3}, "durration"),
-        ({"knobs": {"K": {"node": "n", "low": 1, "high": 2}}}, r"knobs\.K needs a number 'rate'"),
-        ({"outputs": {"y": {"unit": "m"}}}, r"outputs\.y needs 'node'"),
-        ({"ready": {"level": 3}}, r"ready\.level must be two numbers"),
-        ({"knobs": [1]}, "must be a table"),
-    ],
-)
-def test_a_wrong_description_is_refused_with_its_place(tmp_path, change, words):
-    with pytest.raises(SettingsError, match=words):
-        live_rig(description("opc.tcp://127.0.0.1:1", tmp_path) | change)
+def test_a_connection_that_is_closed_at_once_is_lost_at_once():
+    with socket.create_server(("127.0.0.1", 0)) as tunnel:
+        port, stop = tunnel.getsockname()[1], threading.Event()
+
+        def close_all():
+            while not stop.is_set():
+                tunnel.accept()[0].close()
+
+        threading.Thread(target=close_all, daemon=True).start()
+        plant, began = OPCUAPlant(f"opc.tcp://127.0.0.1:{port}", timeout=20.0), time.monotonic()
+        with pytest.raises(ConnectionLostError):
+            plant.connect()
+        stop.set()
+        plant.close()
+    assert time.monotonic() - began < 5

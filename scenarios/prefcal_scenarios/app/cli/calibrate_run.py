@@ -183,14 +183,20 @@ class CalibrateRun:
         default = default_folder(self.opened, self.interview.scenario.name)
         if folder.name != default.name and self.options.out is None:
             self.say(f"{default} holds another study's report: this one goes to {folder}.")
-        run = self.interview.scenario.run
-        left = run.left if isinstance(run, LiveRig) else None
-        if left:
-            values = ", ".join(f"{name} = {value:g}" for name, value in left.items())
-            self.say(f"A run was interrupted: the plant's old values are restored now ({values}).")
+        if self.left:
+            self.say(
+                f"A run was interrupted: the plant's old values are restored now ({self.left})."
+            )
         taken = self.opened.file.state.configuration.get("earlier")
         if taken and not self.opened.resumed:
             self.say(f"From {earlier_text(taken)}.")
+
+    @property
+    def left(self) -> str:
+        """Return the old values that a live plant does not have again, as text; empty if none."""
+        run = self.interview.scenario.run
+        left = run.left if isinstance(run, LiveRig) else None
+        return ", ".join(f"{name} = {value:g}" for name, value in (left or {}).items())
 
     def stopping(self) -> None:
         """Print what the first Ctrl-C does."""
@@ -211,6 +217,11 @@ def _attended(work: CalibrateRun) -> int:
     work.say(f"Stop any time, and resume with: {work.again}")
     ask = _in_terminal if work.options.terminal else _in_window
     ask(work)
+    if work.left:
+        work.say(
+            f"The plant does not have its old values ({work.left}). They are kept on the disk, and "
+            f"restored at the next start: {work.again}"
+        )
     over = work.over
     if not over and work.reporter.reportable:
         work.say(f"Stopped; every answer is saved. Resume: {work.again}")

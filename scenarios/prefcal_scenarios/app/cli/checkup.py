@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.errors import RecordError, ScenarioError
+from prefcal_env.errors import ConnectionLostError, LiveError, RecordError, ScenarioError
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import KINDS
@@ -67,6 +67,11 @@ class Checkup:
         return tuple(f for f in self.findings if f.ok is False)
 
     @property
+    def is_live(self) -> bool:
+        """Return whether prefcal drives the plant itself, so that a check runs nothing."""
+        return isinstance(self.scenario.run, LiveRig)
+
+    @property
     def is_rig(self) -> bool:
         """Return whether only a person can run the scenario; its record is then made up."""
         return isinstance(self.scenario.run, Rig)
@@ -118,7 +123,7 @@ class Checkup:
             yield Finding("run", None, "only you can run this rig: a made-up record is checked")
             return
         if isinstance(self.scenario.run, LiveRig):
-            yield Finding("run", None, "this is a live plant: nothing is written to it by a check")
+            yield from _live(self.scenario.run, self.theta)
             return
         result: object = self.scenario.run(self.theta.copy(), seed=self.seed)
         took = self.clock() - start
@@ -273,6 +278,26 @@ def middle_of(scenario: Scenario) -> Float[np.ndarray, " n"]:
             return space.decode(z)
     names = ", ".join(constraint.name for constraint in space.constraints)
     raise ScenarioError(f"the constraints ({names}) allow none of {_DRAWS} random θ")
+
+
+def _live(rig: LiveRig, theta: Float[np.ndarray, " n"]) -> Iterator[Finding]:
+    """Read a live plant, and yield whether a run could begin; nothing is written."""
+    try:
+        changes, left = rig.look(theta), rig.left
+    except ConnectionLostError as error:
+        yield Finding("plant", False, f"the server is not reachable: {error}")
+        return
+    except LiveError as error:
+        yield Finding("plant", False, str(error))
+        return
+    finally:
+        rig.plant.close()
+    shown = (f"{c.name} = {quantity(c.old, c.unit)}" for c in changes)
+    yield Finding("plant", True, f"it is reachable and has {', '.join(shown)}")
+    if left:
+        values = ", ".join(f"{name} = {value:g}" for name, value in left.items())
+        yield Finding("old values", None, f"the next start restores those of a run: {values}")
+    yield Finding("run", None, "this is a live plant: nothing is written to it by a check")
 
 
 def _channels(channels: Channels) -> Iterator[Finding]:

@@ -222,11 +222,12 @@ def fail(flow: Flow, index: int, reason: str) -> None:
 
 def retry(flow: Flow) -> None:
     """Retry what failed."""
-    if flow.phase is Phase.CONFIRM:
+    on_the_plant = flow.phase is Phase.CONFIRM or driving.is_unrestored(flow)
+    if on_the_plant:
         driving.look_again(flow)
-    elif flow.phase is Phase.FAILED:
+    if flow.phase is Phase.FAILED:
         flow.move(Phase.RUNNING)
-    else:
+    elif not on_the_plant:
         raise StaleError("nothing has failed, so there is nothing to try again")
 
 

@@ -213,10 +213,12 @@ class _Conversation:
         if now.phase is not Phase.CONFIRM or now.pending is None:
             return True
         show_changes(self.interview, now, self.console)
-        said = self.line("write and start? yes, again (read the plant again), failed, undo, stop")
+        choices = "again (read the plant again), failed, undo, stop"
+        ready = now.live is not None and now.live.changes is not None
+        said = self.line(f"write and start? yes, {choices}" if ready else choices)
         if said in STOP:
             return False
-        if said == "yes":
+        if said == "yes" and ready:
             self.interview.write_and_start(now.pending.index)
         elif said == "again":
             self.interview.retry()

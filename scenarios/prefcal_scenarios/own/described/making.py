@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from prefcal_env.errors import KnobError, ScenarioError, SettingsError
+from prefcal_env.errors import KnobError, LiveError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channels
 from prefcal_env.experiments.panels import Panel, plots_of
 from prefcal_env.knobs.knob import Knob
@@ -108,7 +108,7 @@ def _of_live_rig(d: Description, knobs: list[Knob], where: str) -> Scenario:
             raise ScenarioError(f"{where}: a live plant takes no {key}: write {instead}")
     try:
         rig = live_rig(d.opcua)
-    except (KnobError, SettingsError) as error:
+    except (KnobError, LiveError, SettingsError) as error:
         raise ScenarioError(f"{where}, [opcua]: {error}") from error
     measured = dict.fromkeys(tracking_rows(rig.channels), 0.0)  # only the names count
     kpis = tuple(KPI(**row) for row in found_rows(rig.channels, measured))

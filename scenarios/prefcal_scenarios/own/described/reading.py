@@ -60,6 +60,9 @@ def _with_paths(values: dict[str, Any], folder: Path) -> dict[str, Any]:
     for key in ("fmu", "plant"):
         if isinstance(values.get(key), str):
             values[key] = str(folder / values[key])
+    plant = values.get("opcua")
+    if isinstance(plant, dict) and isinstance(plant.get("journal"), str) and plant["journal"]:
+        values["opcua"] = {**plant, "journal": str(folder / Path(plant["journal"]).expanduser())}
     return values
 
 

@@ -1,15 +1,15 @@
 """The tables and keys of a described scenario, and how they are checked."""
 
-import re
 from collections.abc import Mapping
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import msgspec
 
+from prefcal_env import described
+from prefcal_env.described import Table
 from prefcal_env.errors import ScenarioError
 from prefcal_scenarios.own.nearest import did_you_mean
 
-Table = TypeVar("Table", bound=msgspec.Struct)
 Signals = dict[str, dict[str, Any]]
 
 
@@ -107,59 +107,4 @@ def checked(values: Mapping[str, Any], table: type[Table], where: str) -> Table:
     Raises:
         ScenarioError: If a key is unknown or missing, or a value has the wrong type.
     """
-    fields = {field.name: field for field in msgspec.structs.fields(table)}
-    for key in values:
-        if key not in fields:
-            raise ScenarioError(
-                f"{where}: there is no key {key!r}.{did_you_mean(key, fields)} "
-                f"Expected {', '.join(fields)}"
-            )
-    found = {k: _value(v, fields[k].type, f"{where}: {k}") for k, v in values.items()}
-    missing = [name for name, field in fields.items() if field.required and name not in found]
-    if missing:
-        raise ScenarioError(f"{where}: {missing[0]!r} is missing, expected {_example(missing[0])}")
-    return table(**found)
-
-
-def _value(value: Any, type_: Any, where: str) -> Any:
-    try:
-        return msgspec.convert(value, type_)
-    except msgspec.ValidationError as error:
-        problem, _, place = str(error).partition(" - at `$")
-        if place.startswith("[...]") and isinstance(value, dict) and len(value) > 1:
-            for key, entry in value.items():  # msgspec does not tell which entry is wrong
-                _value({key: entry}, type_, where)
-        if place.startswith("[...]") and isinstance(value, dict) and value:
-            key, value = next(iter(value.items()))
-            where = f"{where}, {key}"
-        wanted = re.sub(r"`([^`]*)`", lambda m: _in_words(m[1]), problem.split(", got")[0])
-        wanted = wanted[:1].lower() + wanted[1:]
-        if wanted.startswith("invalid enum value"):
-            options = ", ".join(repr(option) for option in _options(type_))
-            wanted = f"expected one of {options}"
-        raise ScenarioError(f"{where}: {wanted}, got {value!r:.80}") from error
-
-
-_WORDS = {
-    "float": "a number", "int": "a whole number", "str": "a text", "bool": "true or false",
-    "array": "a list", "object": "a table",
-}  # fmt: skip
-
-
-def _in_words(names: str) -> str:
-    words = [_WORDS.get(name, name) for name in names.split(" | ") if name != "null"]
-    return " or ".join(dict.fromkeys(words))
-
-
-def _options(type_: Any) -> list[str]:
-    """Return the texts that a type allows."""
-    options = getattr(type_, "__args__", ())
-    found = [o for o in options if isinstance(o, str)]
-    return found + [word for option in options for word in _options(option)]
-
-
-def _example(key: str) -> str:
-    return {
-        "low": "low = 0.1", "high": "high = 100.0",
-        "outputs": 'a table [rig.outputs] with level = { unit = "m" }',
-    }.get(key, f"{key} = ...")  # fmt: skip
+    return described.checked(values, table, where, ScenarioError, did_you_mean)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from prefcal_env.live import Journal
 from support.browser import CHROMIUM, Watched, chromium, serve
 
 pytest.importorskip("asyncua")
@@ -66,3 +67,16 @@ def test_a_run_that_is_told_to_end_restores_the_plant(tank, tmp_path, number):
     assert values == pytest.approx([1.0, 20.0, 1.0])
     assert "the plant gets its old values back" in printed
     assert not (tmp_path / "old.json").exists()
+
+
+def test_a_command_that_ends_without_its_plant_says_what_is_restored_at_the_next_start(tmp_path):
+    Journal(tmp_path / "old.json").save({"K_p": 1.5, "T_i": 20.0, "set-point": 1.0})
+    text = TANK.format(url="opc.tcp://127.0.0.1:1/tank", journal="old.json")
+    (tmp_path / "tank.toml").write_text(text, encoding="utf-8")
+    served = serve(tmp_path, "tank.toml", "--n-max", "4")
+    served.process.send_signal(signal.SIGINT)
+    told = " ".join("".join(served.process.communicate(timeout=60)).split())
+    assert "A run was interrupted" in told
+    assert "does not have its old values (K_p = 1.5, T_i = 20, set-point = 1)" in told
+    assert "restored at the next start: prefcal calibrate tank.toml" in told
+    assert (tmp_path / "old.json").exists()

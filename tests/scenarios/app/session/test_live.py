@@ -5,8 +5,9 @@ import pytest
 
 from prefcal_env import End
 from prefcal_env.errors import StaleError
-from prefcal_env.live import LiveRig
+from prefcal_env.live import Journal, LiveRig
 from prefcal_scenarios.app.session import Choice, Phase
+from prefcal_scenarios.app.session.live.state import Recovery
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.interviews import begin, reopened
 from support.live import Memory, memory_rig
@@ -128,6 +129,69 @@ def test_an_unreachable_plant_is_a_problem_that_can_be_looked_at_again(scenario,
     plant.up = True
     interview.retry()
     assert waited_for(interview).live.changes
+
+
+def test_a_failed_recovery_stays_visible_and_nothing_is_written_until_it_succeeds(
+    scenario, plant, tmp_path
+):
+    Journal(tmp_path / "old.json").save({"K_p": 1.5, "T_i": 10.0, "set-point": 1.0})
+    plant.refuses = "kp"
+    interview = begin(scenario)
+    now = waited_for(interview)
+    for _ in range(3):
+        assert now.phase is Phase.CONFIRM
+        assert now.live.recovery is Recovery.FAILED
+        assert "K_p: the server memory refuses" in now.live.problem
+        assert now.live.changes is None
+        with pytest.raises(StaleError, match="does not have its old values yet"):
+            interview.write_and_start(now.pending.index)
+        assert not interview.work()
+        interview.retry()
+        now = waited_for(interview)
+    assert "kp" not in {node for _, node, _ in plant.writes}
+    plant.refuses = ""
+    interview.retry()
+    now = waited_for(interview)
+    assert now.live.problem == ""
+    assert now.live.recovery is Recovery.DONE
+    assert now.live.changes[0].old == pytest.approx(1.5)
+    interview.write_and_start(now.pending.index)
+    assert interview.work()
+    assert len(interview.now().state.finished) == 1
+
+
+def test_a_recovery_in_progress_is_not_called_failed(scenario, plant, tmp_path):
+    Journal(tmp_path / "old.json").save({"K_p": 5.0, "T_i": 10.0, "set-point": 1.0})
+    interview, seen = begin(scenario), set()
+    plant.at = lambda p: seen.add(interview.now().live.recovery)
+    waited_for(interview)
+    assert seen == {Recovery.RUNNING}
+    assert plant.values["kp"] == pytest.approx(5.0)
+
+
+def test_a_recovery_that_fails_while_a_question_is_open_can_be_tried_again(
+    scenario, plant, tmp_path
+):
+    rig = memory_rig(plant, tmp_path, after="keep")
+    interview = begin(Scenario("tank", "A tank", rig.space, rig, kpis=scenario.kpis))
+    for _ in range(2):
+        now = waited_for(interview)
+        plant.at = lambda p: setattr(p, "refuses", "sp" if p.values["sp"] == 2.0 else "")
+        plant.at = plant.at if now.pending.index else lambda p: None
+        interview.write_and_start(now.pending.index)
+        assert interview.work()
+    while interview.work():
+        pass
+    now = interview.now()
+    assert now.phase is Phase.QUESTION
+    assert now.live.recovery is Recovery.FAILED
+    assert "set-point" in now.live.problem
+    plant.at, plant.refuses = lambda p: None, ""
+    interview.retry()
+    assert interview.work()
+    assert interview.now().live.recovery is Recovery.DONE
+    assert plant.values["sp"] == pytest.approx(1.0)
+    assert interview.now().phase is Phase.QUESTION
 
 
 class KilledError(BaseException):

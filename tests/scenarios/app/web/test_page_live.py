@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from prefcal_env.live import LiveRig
+from prefcal_env.live import Journal, LiveRig
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.browser import CHROMIUM, Watched, window_on
 from support.live import Memory, memory_rig
@@ -21,7 +21,7 @@ def plant():
 @pytest.fixture
 def served(plant, tmp_path, monkeypatch):
     """A window on a plant whose seconds pass a little faster than those of the browser."""
-    real = LiveRig.drive
+    real, recover = LiveRig.drive, LiveRig.recover
 
     def sleep(seconds):
         time.sleep(seconds / 20)
@@ -30,7 +30,11 @@ def served(plant, tmp_path, monkeypatch):
     def drive(self, theta, confirm, **rest):
         return real(self, theta, confirm, clock=plant.clock, sleep=sleep, **rest)
 
+    def recovered(self, **rest):
+        return recover(self, clock=plant.clock, sleep=sleep, **rest)
+
     monkeypatch.setattr(LiveRig, "drive", drive)
+    monkeypatch.setattr(LiveRig, "recover", recovered)
     rig = memory_rig(plant, tmp_path, instructions="Check that the drain <is open>.", duration=40.0)
     kpi = KPI("overshoot of level", "overshoot", "m", better="lower")
     tank = Scenario("tank", "A tank", rig.space, rig, kpis=(kpi,))
@@ -81,6 +85,67 @@ def test_a_run_is_confirmed_stopped_from_any_page_and_compared(browser, served, 
     page.keyboard.press("ArrowRight")
     watched.phase("confirm")
     assert served.state.history.answered == 2
+    assert watched.errors == []
+
+
+def titled(page, words):
+    """Wait until the title of the plant's page holds these words."""
+    page.wait_for_function(
+        "words => document.getElementById('live-title')?.textContent.includes(words)", arg=words
+    )
+
+
+def test_a_recovery_that_fails_is_on_every_page_until_it_succeeds(
+    browser, plant, tmp_path, request
+):
+    Journal(tmp_path / "old.json").save({"K_p": 1.5, "T_i": 10.0, "set-point": 1.0})
+    plant.up = False
+    served = request.getfixturevalue("served")
+    watched = Watched(browser, viewport={"width": 390, "height": 780}, color_scheme="dark")
+    page = watched.page
+    page.goto(served.link)
+    titled(page, "Restoring the values from before an interrupted run")
+    assert not page.is_visible("#stop-live")
+    assert serious(page) == []
+    watched.shot("live-recovering")
+    plant.refuses, plant.up = "kp", True
+    titled(page, "does not have its old values yet")
+    assert "K_p: the server memory refuses" in page.inner_text("#view-live")
+    assert page.query_selector("#write-and-start") is None
+    assert serious(page) == []
+    page.keyboard.press("h")
+    page.wait_for_selector("#view-history:visible")
+    assert "K_p: the server memory refuses" in page.inner_text("#unrestored")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert serious(page) == []
+    watched.shot("live-unrestored")
+    plant.refuses = ""
+    page.click("#unrestored button")
+    page.wait_for_selector("#unrestored", state="hidden")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#write-and-start")
+    assert "1.5" in page.inner_text("#view-live")
+    assert plant.values["kp"] == pytest.approx(1.5)
+    assert watched.errors == []
+
+
+def test_a_run_that_lost_its_connection_cannot_be_stopped_again(browser, plant, served):
+    watched = Watched(browser)
+    page = watched.page
+    page.goto(served.link)
+    page.wait_for_selector("#write-and-start")
+    # Lost by the plant's own clock: on a busy machine the run may be over before the page shows it.
+    plant.at = lambda p: setattr(p, "up", p.values["level"] < 1.5)
+    page.click("#write-and-start")
+    titled(page, "has ended: the plant gets its old values back")
+    assert "Connection lost" in page.inner_text("#live-stage")
+    assert not page.is_visible("#stop-live")
+    assert not page.is_visible("#live-stop")
+    watched.shot("live-lost")
+    plant.at, plant.up = lambda p: None, True
+    watched.phase("failed")
+    assert "was not completed" in page.inner_text("#failed-title")
+    assert plant.values["kp"] == pytest.approx(1.0)
     assert watched.errors == []
 
 

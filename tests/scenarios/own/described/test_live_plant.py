@@ -43,8 +43,10 @@ def test_a_limit_of_a_kpi_is_stated_as_elsewhere(written):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("rate = 5,", "", r"tank\.toml, \[opcua\]: knobs\.K_p needs a number 'rate'"),
-        ("period", "periods", r"\[opcua\]: .*got 'periods'"),
+        ("rate = 5,", "", r"tank\.toml, \[opcua\]: knobs\.K_p: 'rate' is missing"),
+        ("period = 0.1", 'period = "1"', r"tank\.toml, \[opcua\]: period: expected a number"),
+        ("opc.tcp", "http", r"tank\.toml, \[opcua\]: .* begins with opc\.tcp://"),
+        ("period", "periods", r"\[opcua\]: there is no key 'periods'"),
         ("value = 1.5", "value = 2.5", r"\[opcua\]: start value 'set-point' must be in"),
         ("low = 0.2", "low = 20", r"\[opcua\]: .*K_p"),
         ("[opcua]", '[knobs]\nK = "1:2"\n[opcua]', r"no \[knobs\]: write \[opcua\.knobs\]"),
@@ -55,3 +57,13 @@ def test_a_limit_of_a_kpi_is_stated_as_elsewhere(written):
 def test_a_wrong_table_is_refused_with_its_place(written, old, new, words):
     with pytest.raises(ScenarioError, match=words):
         load(written(TANK.replace(old, new, 1)))
+
+
+def test_a_relative_journal_lies_beside_the_file(written, tmp_path, monkeypatch):
+    path = written(TANK.replace("[opcua]", '[opcua]\njournal = "kept/old.json"', 1))
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert load(path).run.journal.path == tmp_path / "kept" / "old.json"
+    there = str(tmp_path / "far.json")
+    path = written(TANK.replace("[opcua]", f'[opcua]\njournal = "{there}"', 1))
+    assert str(load(path).run.journal.path) == there

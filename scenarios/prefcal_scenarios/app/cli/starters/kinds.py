@@ -52,6 +52,10 @@ KINDS = {
         "Put the path of your FMU and the names of its parameters into it.",
     ),
     "rig": Kind("a plant that only you can run", "rig.toml", ("FILE",)),
+    "opcua": Kind(
+        "a live plant behind OPC UA", "opcua.toml", ("FILE",),
+        "Put the address of your server and its nodes into it.",
+    ),
 }  # fmt: skip
 """Kinds by name, in the order of the help."""
 

@@ -13,6 +13,8 @@ from prefcal_scenarios.app.session.thinking import Attempt
 from prefcal_scenarios.app.session.view import Phase
 from prefcal_scenarios.own.checks import check_experiment
 
+from .state import Recovery
+
 
 def live_of(flow: Flow) -> LiveRig | None:
     """Return the live rig of the scenario; None if it has none."""
@@ -25,10 +27,17 @@ def is_driving(flow: Flow) -> bool:
     return flow.live.confirmed is not None
 
 
+def is_unrestored(flow: Flow) -> bool:
+    """Return whether the plant's old values are missing, and a person must help."""
+    return flow.live.recovery is Recovery.FAILED
+
+
 def due(flow: Flow, rig: LiveRig) -> Attempt | None:
     """Return the next piece of work on the plant; None if there is none."""
-    if not flow.live.recovered:
+    if flow.live.recovery is Recovery.DUE:
         return _recovering(flow, rig)
+    if flow.live.recovery is not Recovery.DONE and flow.phase is Phase.CONFIRM:
+        return None
     pending = flow.pending
     if flow.phase is Phase.CONFIRM and pending is not None and not flow.live.looked:
         return _looking(flow, rig, pending)
@@ -47,6 +56,8 @@ def confirm(flow: Flow, index: int) -> None:
     pending = flow.pending
     if pending is None or pending.index != index or flow.phase is not Phase.CONFIRM:
         raise StaleError(f"experiment {index + 1} is no longer waited for: nothing was written")
+    if is_unrestored(flow):
+        raise StaleError("the plant does not have its old values yet: nothing was written")
     if flow.live.changes is None:
         raise StaleError("the plant's present values are not known yet: nothing was written")
     flow.live.confirmed = index
@@ -55,9 +66,9 @@ def confirm(flow: Flow, index: int) -> None:
 
 
 def look_again(flow: Flow) -> None:
-    """Read the plant's present values again."""
+    """Read the plant's present values again; first restore the old ones if they are missing."""
     flow.live.ask()
-    flow.live.problem, flow.live.recovered = "", False
+    flow.live.problem, flow.live.recovery = "", Recovery.DUE
     flow.version += 1
 
 
@@ -76,17 +87,18 @@ def stop(flow: Flow, index: int) -> None:
 def _recovering(flow: Flow, rig: LiveRig) -> Attempt:
     """Restore what an interrupted run left on the plant."""
     live = flow.live
-    live.recovered = True
+    live.recovery = Recovery.RUNNING
 
     def recover() -> Callable[[], None]:
         problem = ""
         try:
             rig.recover(closing=live.closing.is_set, tell=live.tell)
-        except LiveError as error:
-            problem = str(error)
+        except Exception as error:  # whatever it is, the old values may be missing
+            problem = str(error) or type(error).__name__
 
         def done() -> None:
             live.problem = problem
+            live.recovery = Recovery.FAILED if problem else Recovery.DONE
             live.end()
             flow.version += 1
 
@@ -144,7 +156,7 @@ def _finish(flow: Flow, sample: Suggested, result: Driven | Exception) -> None:
         live.problem = (
             f"the plant does not have its old values yet: {result.problem}. They are restored first"
         )
-        live.recovered = False
+        live.recovery = Recovery.DUE
     experiment = result.experiment
     if not result.why or not _has_failed(experiment):
         try:
@@ -155,7 +167,7 @@ def _finish(flow: Flow, sample: Suggested, result: Driven | Exception) -> None:
         return None
     live.partial = experiment if len(experiment.t) else None
     restored = "The old values are restored" if result.restored else live.problem
-    words = f"{result.why}. {restored}"
+    words = f"{result.why}. {restored}."
     return flow.ran(sample, RunError(words, "stopped" if result.stopped else "raised"))
 
 

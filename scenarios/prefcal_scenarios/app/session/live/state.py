@@ -3,9 +3,20 @@
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from enum import Enum
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.live import Change, Progress, Stage
+
+
+class Recovery(Enum):
+    """Whether the plant has its old values again, which an interrupted run may have changed."""
+
+    DUE = "due"
+    RUNNING = "running"
+    FAILED = "failed"
+    DONE = "done"
+
 
 _DRAWN = 400
 """Largest number of samples that a live curve shows."""
@@ -22,6 +33,8 @@ class LiveNow:
         progress: How far the run is; None if none is in progress.
         curve: Recorded samples so far: time in seconds and values by key.
         stopping: Whether the run was told to stop.
+        recovery: Whether the plant has its old values again. If that failed, `problem` says why,
+            and nothing is written until it succeeds.
     """
 
     changes: tuple[Change, ...] | None
@@ -29,6 +42,7 @@ class LiveNow:
     progress: Progress | None
     curve: tuple[Sample, ...]
     stopping: bool
+    recovery: Recovery = Recovery.DONE
 
 
 @dataclass(slots=True)
@@ -48,8 +62,8 @@ class Live:
     """Sample that the person confirmed; its run is in progress or about to start."""
     partial: Experiment | None = None
     """What a run recorded before it failed."""
-    recovered: bool = False
-    """Whether the values that an interrupted run left were looked for."""
+    recovery: Recovery = Recovery.DUE
+    """Nothing is read or written for a new run before it is done."""
     stop: threading.Event = field(default_factory=threading.Event)
     closing: threading.Event = field(default_factory=threading.Event)
     _progress: Progress | None = None
@@ -87,4 +101,6 @@ class Live:
             thin = max(1, -(-len(self._curve) // _DRAWN))
             curve = tuple(self._curve[::thin])
             progress = self._progress
-        return LiveNow(self.changes, self.problem, progress, curve, self.stop.is_set())
+        return LiveNow(
+            self.changes, self.problem, progress, curve, self.stop.is_set(), self.recovery
+        )

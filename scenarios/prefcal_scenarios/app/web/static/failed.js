@@ -4,7 +4,7 @@ import { $, el, fill, symbol, withUnit } from "./dom.js";
 
 export function showFailed(now, act) {
   const { pending, problem } = now;
-  const title = pending ? `Experiment ${pending.number} did not run` : "That did not work";
+  const title = pending ? `Experiment ${pending.number} ${now.live ? "was not completed" : "did not run"}` : "That did not work";
   const button = (words, run, kind = "") => el("button", { type: "button", class: kind, on: { click: run } }, words);
   fill($("view-failed"), el("h2", { id: "failed-title" }, title),
     el("p", { class: "problem" }, problem),

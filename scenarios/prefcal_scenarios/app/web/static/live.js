@@ -7,11 +7,14 @@ const SVG = "http://www.w3.org/2000/svg";
 const [WIDE, HIGH] = [600, 120]; // of a curve, in its own units
 let drawn = ""; // which page is drawn; its parts are then changed in place, so that the focus stays
 
-// Return whether a run is in progress on the plant.
-export const drives = (now) => Boolean(now?.live?.running);
+// Return whether a run is in progress on the plant, which can be stopped.
+export const drives = (now) => Boolean(now?.live?.running) && !now.live.running.recovers && !now.live.running.restores;
 
 // Return whether the page of the plant is the one to show.
-export const inPlace = (now) => Boolean(now?.live) && (now.phase === "confirm" || (now.phase === "running" && drives(now)));
+export const inPlace = (now) => Boolean(now?.live) && (now.phase === "confirm" || (now.phase === "running" && Boolean(now.live.running)));
+
+// Return whether the plant must get its old values back before anything else.
+export const mustRestore = (now) => Boolean(now?.live?.unrestored || now?.live?.running?.recovers);
 
 export function stopLive() {
   const now = current();
@@ -20,13 +23,26 @@ export function stopLive() {
 }
 
 export function showLive(now) {
-  const kind = JSON.stringify(drives(now) ? ["run", now.pending?.index] : ["confirm", now.pending?.index, now.live.changes, now.live.problem]);
+  const { running: run, changes, problem, unrestored } = now.live;
+  const kind = JSON.stringify(run ? ["run", now.pending?.index, run.recovers, run.restores] : ["confirm", now.pending?.index, changes, problem, unrestored]);
   const fresh = kind !== drawn || !$("view-live").firstChild;
   drawn = kind;
-  if (drives(now)) {
+  if (run) {
     if (fresh) running(now);
     progress(now);
   } else if (fresh) confirming(now);
+}
+
+// Show on every other page that the plant does not have its old values, until it has them.
+export function showUnrestored(now, elsewhere) {
+  const place = $("unrestored");
+  const { unrestored, problem, running: run } = now.live ?? {};
+  const words = unrestored ? `The plant does not have its old values yet: ${problem}.` : run?.recovers ? `${sentence(run.stage)}` : "";
+  place.hidden = !elsewhere || !words;
+  if (place.hidden || place.dataset.words === words) return;
+  place.dataset.words = words; // screen readers read it again whenever it is set
+  fill(place, el("span", {}, words), unrestored
+    ? el("button", { type: "button", on: { click: () => act("retry", { index: now.pending?.index ?? 0 }) } }, "Try to restore again") : null);
 }
 
 function confirming({ live, pending }) {
@@ -35,6 +51,13 @@ function confirming({ live, pending }) {
   const title = el("h2", { id: "live-title" }, `Experiment ${pending.number}: write these values to the plant?`);
   const again = button("read-again", "Read the plant again", () => send("retry"));
   const skip = button("not-run", "Count it as failed", () => send("fail", { reason: "it was not run" }));
+  if (live.unrestored) {
+    again.textContent = "Try to restore again";
+    return fill($("view-live"), el("h2", { id: "live-title" }, "The plant does not have its old values yet"),
+      el("p", { class: "problem", role: "alert" }, live.problem),
+      el("p", {}, `They are kept on the disk, and nothing is written for experiment ${pending.number} until the plant has them. See what keeps it from taking them, or set them there by hand.`),
+      el("p", { class: "actions" }, again, skip));
+  }
   if (!live.changes) {
     return fill($("view-live"), title, live.problem
       ? [el("p", { class: "problem", role: "alert" }, live.problem), el("p", {}, "Nothing was written."), el("p", { class: "actions" }, again, skip)]
@@ -62,13 +85,16 @@ function table(changes) {
 }
 
 function running({ live, pending }) {
-  const title = pending ? `Experiment ${pending.number} runs on the plant` : "Restoring the plant's old values";
+  const { recovers, restores } = live.running;
+  const title = recovers ? "Restoring the values from before an interrupted run"
+    : restores ? `Experiment ${pending.number} has ended: the plant gets its old values back` : `Experiment ${pending.number} runs on the plant`;
   fill($("view-live"), el("h2", { id: "live-title" }, title),
     el("p", { id: "live-stage", role: "status" }),
-    el("p", {}, el("progress", { id: "live-progress", "aria-label": "Recorded time", max: live.duration, value: 0 }), " ",
+    recovers || restores ? el("p", {}, "Nothing else is written until the plant has them. If you end prefcal, they are restored at the next start.") : null,
+    el("p", { hidden: recovers || restores }, el("progress", { id: "live-progress", "aria-label": "Recorded time", max: live.duration, value: 0 }), " ",
       el("span", { id: "live-left" })),
     el("p", { id: "live-problem", class: "problem", role: "alert", hidden: true }),
-    el("p", { class: "actions" }, el("button", { type: "button", id: "live-stop", class: "danger", on: { click: stopLive } },
+    el("p", { class: "actions", hidden: recovers || restores }, el("button", { type: "button", id: "live-stop", class: "danger", on: { click: stopLive } },
       "Stop and restore the old values ", el("kbd", {}, "K"))),
     el("div", { id: "live-curves" }));
 }
@@ -76,7 +102,7 @@ function running({ live, pending }) {
 function progress({ live }) {
   const { running: run, duration } = live;
   const { stage, elapsed, problem, stopping, times, outputs } = run;
-  set("live-stage", stopping ? "Stopping: the plant gets its old values back." : `${stage[0].toUpperCase()}${stage.slice(1)}.`);
+  set("live-stage", stopping ? "Stopping: the plant gets its old values back." : sentence(stage));
   $("live-progress").value = elapsed;
   set("live-left", run.records ? `${seconds(Math.max(duration - elapsed, 0))} left` : "");
   set("live-problem", problem);
@@ -86,12 +112,19 @@ function progress({ live }) {
   fill($("live-curves"), times.length ? outputs.map((output) => curve(output, times, duration)) : []);
 }
 
+const sentence = (words) => `${words[0].toUpperCase()}${words.slice(1)}.`;
+
 // Screen readers read a text again whenever it is set.
 function set(id, words) {
   if ($(id).textContent !== words) $(id).textContent = words;
 }
 
-const seconds = (value) => (value < 120 ? `${Math.ceil(value)} s` : `${Math.ceil(value / 60)} min`);
+function seconds(value) {
+  const whole = Math.ceil(value);
+  if (whole < 120) return `${whole} s`;
+  if (whole >= 7200) return `${Math.ceil(whole / 60)} min`;
+  return [`${Math.floor(whole / 60)} min`, whole % 60 ? `${whole % 60} s` : ""].join(" ").trim();
+}
 
 // Draw an output so far, with its reference, over the time that the run may take.
 function curve({ name, unit, values, reference }, times, duration) {

@@ -5,7 +5,7 @@ import { $, el, say } from "./dom.js";
 import { showFailed } from "./failed.js";
 import { act, answer, finish, open, skip, start, state, toggleBlind, undo } from "./flow.js";
 import { showHistory } from "./history.js";
-import { drives, inPlace, showLive, stopLive } from "./live.js";
+import { drives, inPlace, mustRestore, showLive, showUnrestored, stopLive } from "./live.js";
 import { keyboard, showKeys } from "./keys.js";
 import { showOver } from "./over.js";
 import * as offer from "./offer.js";
@@ -87,8 +87,9 @@ function arrange() {
     section.hidden = section.id !== `view-${shown}`;
   }
   document.body.dataset.view = state.view;
-  $("heading").textContent = shown === "question" && state.now.question.repeat
-    ? "Once more: which is better?" : HEADINGS[phase];
+  $("heading").textContent = shown === "question" && state.now.question.repeat ? "Once more: which is better?"
+    : mustRestore(state.now) && phase === "confirm" ? "Restore the plant first" : HEADINGS[phase];
+  if (state.now) showUnrestored(state.now, shown !== "live");
   $("verdicts").hidden = shown !== "question";
   $("replace").hidden = !here || !state.now?.rig?.recorded.length || !["record", "question"].includes(phase);
   $("stop-live").hidden = !drives(state.now);

@@ -7,7 +7,7 @@ from typing import Any
 from prefcal_env.live import Change, LiveRig, Stage, Tag
 from prefcal_scenarios.app.presentation.wording import quantity
 from prefcal_scenarios.app.session import Given, Interview, Preview, Side
-from prefcal_scenarios.app.session.live.state import LiveNow
+from prefcal_scenarios.app.session.live.state import LiveNow, Recovery
 from prefcal_scenarios.scenario import Scenario, panels_of
 
 from .panels import panel_view
@@ -55,6 +55,7 @@ def live_view(scenario: Scenario, live: LiveNow | None) -> dict[str, Any] | None
     return {
         "changes": None if live.changes is None else [_change(each) for each in live.changes],
         "problem": live.problem,
+        "unrestored": live.recovery is Recovery.FAILED and live.progress is None,
         "instructions": rig.instructions,
         "duration": rig.duration,
         "keeps": rig.after == "keep",
@@ -81,6 +82,8 @@ def _running(rig: LiveRig, live: LiveNow) -> dict[str, Any] | None:
         return None
     return {
         "stage": progress.stage.value,
+        "recovers": live.recovery is not Recovery.DONE,
+        "restores": progress.stage in (Stage.RESTORING, Stage.LOST),
         "records": progress.stage is Stage.RECORDING,
         "elapsed": progress.elapsed,
         "problem": progress.problem,

@@ -1,0 +1,95 @@
+"""Check plain data that people write, such as a TOML file, against the keys of a table."""
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeVar
+
+import msgspec
+
+from .errors import PrefcalError
+
+Table = TypeVar("Table", bound=msgspec.Struct)
+Hint = Callable[[str, Iterable[str]], str]
+
+
+def checked(
+    values: object,
+    table: type[Table],
+    where: str,
+    error: type[PrefcalError],
+    hint: Hint = lambda word, names: "",
+) -> Table:
+    """Return `values` as a `table`.
+
+    Args:
+        values: Plain data by key.
+        table: Keys that are known, and their types.
+        where: Place of the data, for messages; empty if the caller names it.
+        error: Error to raise.
+        hint: Function that suggests one of the known names for an unknown one, as a sentence with
+            a space before it; empty for none.
+
+    Raises:
+        error: If `values` is no table, a key is unknown or missing, or a value has the wrong type.
+            The message names place, key, value and what was expected.
+    """
+    place = f"{where}: " if where else ""
+    fields = {field.name: field for field in msgspec.structs.fields(table)}
+    if not isinstance(values, Mapping):
+        raise error(f"{place}expected a table with {', '.join(fields)}, got {values!r:.80}")
+    for key in values:
+        if key not in fields:
+            raise error(
+                f"{place}there is no key {key!r}.{hint(str(key), fields)} "
+                f"Expected {', '.join(fields)}"
+            )
+    found = {k: _value(v, fields[k].type, f"{place}{k}", error) for k, v in values.items()}
+    missing = [name for name, field in fields.items() if field.required and name not in found]
+    if missing:
+        raise error(f"{place}{missing[0]!r} is missing, expected {_example(missing[0])}")
+    return table(**found)
+
+
+def _value(value: Any, type_: Any, where: str, error: type[PrefcalError]) -> Any:
+    try:
+        return msgspec.convert(value, type_)
+    except msgspec.ValidationError as cause:
+        problem, _, place = str(cause).partition(" - at `$")
+        if place.startswith("[...]") and isinstance(value, dict) and len(value) > 1:
+            for key, entry in value.items():  # msgspec does not tell which entry is wrong
+                _value({key: entry}, type_, where, error)
+        if place.startswith("[...]") and isinstance(value, dict) and value:
+            key, value = next(iter(value.items()))
+            where = f"{where}, {key}"
+        wanted = re.sub(r"`([^`]*)`", lambda m: _in_words(m[1]), problem.split(", got")[0])
+        wanted = wanted[:1].lower() + wanted[1:]
+        if wanted.startswith("invalid enum value"):
+            options = ", ".join(repr(option) for option in _options(type_))
+            wanted = f"expected one of {options}"
+        raise error(f"{where}: {wanted}, got {value!r:.80}") from cause
+
+
+_WORDS = {
+    "float": "a number", "int": "a whole number", "str": "a text", "bool": "true or false",
+    "array": "a list", "object": "a table",
+}  # fmt: skip
+
+
+def _in_words(names: str) -> str:
+    words = [_WORDS.get(name, name) for name in names.split(" | ") if name != "null"]
+    return " or ".join(dict.fromkeys(words))
+
+
+def _options(type_: Any) -> list[str]:
+    """Return the texts that a type allows."""
+    options = getattr(type_, "__args__", ())
+    found = [o for o in options if isinstance(o, str)]
+    return found + [word for option in options for word in _options(option)]
+
+
+def _example(key: str) -> str:
+    return {
+        "low": "low = 0.1", "high": "high = 100.0", "rate": "rate = 1.0, the largest change per "
+        "second", "node": 'node = "ns=2;s=Tank.Level"', "url": 'url = "opc.tcp://127.0.0.1:4840"',
+        "outputs": 'a table [rig.outputs] with level = { unit = "m" }',
+    }.get(key, f"{key} = ...")  # fmt: skip
