@@ -99,6 +99,7 @@ class _Guess:
         used = {time, *(names[n] for n in reading.inputs)}
         used |= {sheet.column(r, "") for r in reference.values() if isinstance(r, str)}
         outputs, left_out = _outputs(sheet, reading, names, used)
+        _check_references(reading, outputs)
         return cls(
             sheet, reading, time, {n: r for n, r in reference.items() if n in outputs}, outputs,
             (*mended, *_bridged(sheet, (*outputs, *reading.inputs), names), *left_out),
@@ -186,6 +187,17 @@ def _references(sheet: Sheet, reading: Reading, names: Mapping[str, int]) -> dic
         except ValueError:
             found[name] = sheet.headings[names[text] if text in names else sheet.column(text, "")]
     return found
+
+
+def _check_references(reading: Reading, outputs: Sequence[str]) -> None:
+    """Refuse the reference of what is no output: it would neither be drawn nor measured."""
+    for name in reading.reference:
+        if name not in outputs:
+            there = "an input" if name in reading.inputs else "not shown"
+            raise RecordError(
+                f"{name!r} has a reference but is {there}: the outputs are {_listed(outputs)}; "
+                f"add it with --outputs, or leave --reference {name}=... out"
+            )
 
 
 def _outputs(

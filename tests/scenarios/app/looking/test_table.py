@@ -110,6 +110,17 @@ def test_a_bad_table_is_refused_with_what_to_do(tmp_path, text, words):
 
 
 @pytest.mark.parametrize("reading", [
+    {"outputs": ("valve",), "reference": {"level": "2"}},
+    {"inputs": ("level",), "reference": {"level": "2"}},
+])  # fmt: skip
+def test_the_reference_of_what_is_no_output_is_refused(tmp_path, reading):
+    with pytest.raises(
+        RecordError, match=r"'level' has a reference but is .*: the outputs are valv"
+    ):
+        read(tmp_path, "t,level,valve\n0,1,5\n1,2,6\n", **reading)
+
+
+@pytest.mark.parametrize("reading", [
     {"time": "nix"}, {"outputs": ("nix",)}, {"inputs": ("nix",)}, {"columns": {"a": "nix"}},
     {"reference": {"nix": "2"}}, {"reference": {"level": "nix"}},
 ])  # fmt: skip
