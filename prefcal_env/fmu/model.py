@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from prefcal_env.errors import MissingExtraError, PlantError
+from prefcal_env.wording import did_you_mean
 
 _NUMBERS = {
     "Real", "Integer", "Boolean", "Enumeration", "Float64", "Float32",
@@ -103,7 +103,7 @@ class Model:
         """
         if name in self.variables:
             return self.variables[name]
-        hint = meant(name, self.variables)
+        hint = did_you_mean(name, self.variables)
         there = hint or f" Its variables are {listed(self.variables)}"
         raise PlantError(f"FMU {self.path.name!r} has no numeric variable {name!r}.{there}")
 
@@ -139,20 +139,6 @@ def read_model(path: Path | str) -> Model:
         tolerance=times[3],
         variable_step=bool(found.coSimulation.canHandleVariableCommunicationStepSize),
     )
-
-
-def meant(name: str, names: Iterable[str]) -> str:
-    """Return " Did you mean 'K_p'?" for the most similar of `names`; empty if none is similar.
-
-    Ignores case, and finds "K_p" as the last part of "controller.K_p".
-    """
-    known = {n.casefold(): n for n in names}
-    parts = {n.casefold().rpartition(".")[2]: n for n in known.values()}
-    for there in (known, parts):
-        found = get_close_matches(name.casefold(), there, 1)
-        if found:
-            return f" Did you mean {there[found[0]]!r}?"
-    return ""
 
 
 def listed(names: Iterable[str]) -> str:

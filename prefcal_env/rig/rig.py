@@ -11,6 +11,7 @@ from prefcal_env.errors import RecordError, ScenarioError, SettingsError
 from prefcal_env.experiments.experiment import Channels, End, Experiment
 from prefcal_env.experiments.rollout import computed
 from prefcal_env.tables.sheet import text_of
+from prefcal_env.tables.steps import MAX_GAP
 
 from .records import Columns
 
@@ -46,7 +47,7 @@ class Rig:
     kpis: Callable[[Experiment], Mapping[str, float]] | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     instructions: str = ""
-    max_gap: float = 3.0
+    max_gap: float = MAX_GAP
     max_rows: int = 200_000
     headings: Mapping[str, str] = field(default_factory=dict)
 
@@ -107,7 +108,7 @@ class Rig:
         return self.columns.template
 
     def read_bytes(self, content: bytes) -> str:
-        """Return a file as CSV. Raises RecordError if it is neither UTF-8 nor Parquet."""
+        """Return a file as CSV. Raises RecordError if it is neither text nor Parquet."""
         return text_of(content)
 
     def read(

@@ -12,16 +12,16 @@ from prefcal_env.errors import RecordError, SettingsError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.recorded import Limits, recorded
+from prefcal_env.wording import and_more
 
-from .cells import parts_of
 from .sheet import Sheet, Table, sheet_of
+from .steps import gap_words, gaps, step_back_words, steps_back
 from .thinning import extreme_rows, grid, period_of
 from .timing import instants, time_column, time_unit_of
+from .units import parts_of
 
 ALLOWED = ("unsorted", "duplicates", "missing", "gaps")
 """Flaws of a table that can be allowed; see `TableColumns`."""
-_GAP = 10.0
-"""Longest step in time that is no gap, in median steps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,28 +152,25 @@ class _Used:
 
     def ordered(self) -> "_Used":
         """Return the rows in the order of time, from zero, without flaws that are not allowed."""
-        allow, unit, used = self.about.allow, self.time_unit, self
+        allow, used = self.about.allow, self
         back = np.flatnonzero(np.diff(self.t) < 0)
         if len(back) and "unsorted" not in allow:
             raise RecordError(self._step(int(back[0]), len(back), "unsorted", "sort the rows"))
         if len(back):
             used = self.taken(np.argsort(self.t, kind="stable"))
-        same = np.flatnonzero(np.diff(used.t) == 0)
+        same = steps_back(used.t)
         if len(same) and "duplicates" not in allow:
             raise RecordError(
                 used._step(int(same[0]), len(same), "duplicates", "keep the last row of each time")
             )
         if len(same):
             used = used.taken(np.append(np.diff(used.t) > 0, True))
-        steps = np.diff(used.t)
-        usual = float(np.median(steps)) if len(steps) else 0.0
-        gaps = np.flatnonzero(steps > _GAP * usual)
-        if len(gaps) and "gaps" not in allow:
-            k = int(gaps[0])
+        long = gaps(used.t)
+        if len(long) and "gaps" not in allow:
+            k = int(long[0])
             raise RecordError(
-                f"{used.place(k + 1)}: a gap of {steps[k]:g} {unit} after {used.t[k]:g} {unit}, "
-                f"where {usual:g} {unit} is usual{_and_more(len(gaps))}: fill it, or give "
-                "allow=('gaps',) to bridge it"
+                f"{used.place(k + 1)}: {gap_words(used.t, k, self.time_unit, len(long))}: fill it, "
+                "or give allow=('gaps',) to bridge it"
             )
         return used.from_zero() if self.about.from_zero and len(used.t) else used
 
@@ -187,12 +184,8 @@ class _Used:
 
     def _step(self, k: int, count: int, word: str, what: str) -> str:
         """Return what is wrong with the step of time after row k."""
-        unit = self.time_unit
-        return (
-            f"{self.place(k + 1)}: time must increase, got {self.t[k + 1]:g} {unit} after "
-            f"{self.t[k]:g} {unit}{_and_more(count)}: if this is one run, give allow=({word!r},) "
-            f"to {what}"
-        )
+        wrong = step_back_words(self.t, k, self.time_unit, count)
+        return f"{self.place(k + 1)}: {wrong}: if this is one run, give allow=({word!r},) to {what}"
 
     def thinned(self) -> "_Used":
         """Return at most `max_rows` rows, unless the table is resampled anyway."""
@@ -240,9 +233,10 @@ class _Used:
         holes = np.flatnonzero(~finite[:last])
         if len(holes) and "missing" not in self.about.allow:
             called = parts_of(self.sheet.headings[self.places[name]])[0]
+            got = "nothing" if np.isnan(values[holes[0]]) else f"{values[holes[0]]:g}"
             raise RecordError(
-                f"{self.place(int(holes[0]))}, column {called!r}: expected a number, got nothing"
-                f"{_and_more(len(holes))}: fill it, or give allow=('missing',) to bridge them"
+                f"{self.place(int(holes[0]))}, column {called!r}: expected a number, got {got}"
+                f"{and_more(len(holes))}: fill it, or give allow=('missing',) to bridge them"
             )
         if len(holes):
             return self._bridged(name, values, finite)
@@ -326,6 +320,9 @@ def _other_columns(sheet: Sheet, about: TableColumns, time: int) -> tuple[str, .
         and name not in about.columns
         and pd.api.types.is_numeric_dtype(sheet.frame[i].dtype)
     ]
+    for i in {*names} - {*taken, *renamed.values()}:
+        if sheet.is_almost_numeric(i):
+            sheet.numbers(i)  # says which cell holds no number
     there = {*renamed, *names.values()}
     found = tuple(
         name
@@ -338,10 +335,6 @@ def _other_columns(sheet: Sheet, about: TableColumns, time: int) -> tuple[str, .
             f"{', '.join(map(repr, names.values()))} as outputs=..."
         )
     return found
-
-
-def _and_more(count: int) -> str:
-    return f" (and {count - 1} more)" if count > 1 else ""
 
 
 def from_frame(

@@ -21,8 +21,8 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.rig import Rig
+from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.own.checks import check_parts
-from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.own.own_file import module_at
 from prefcal_scenarios.own.source import split_source
 from prefcal_scenarios.own.tracking import Tracked, TrackedRecord, found_rows

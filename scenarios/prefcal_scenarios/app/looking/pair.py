@@ -10,7 +10,7 @@ from jaxtyping import Float
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment
 from prefcal_env.experiments.maneuvers import by_maneuver, combined
 from prefcal_env.experiments.panels import Plot, plots_of
-from prefcal_env.tables.timing import SECONDS
+from prefcal_env.tables.units import SECONDS
 from prefcal_scenarios.scenario import KPI
 
 from .units import in_time_unit

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from prefcal_env.errors import RecordError
-from prefcal_env.tables.cells import parts_of
 from prefcal_env.tables.frame import ALLOWED, TableColumns
 from prefcal_env.tables.sheet import Sheet, sheet_of
 from prefcal_env.tables.timing import instants, time_unit_of, usual_time_columns
+from prefcal_env.tables.units import parts_of
 
 from .look import run_of
 from .pair import Run
@@ -213,9 +213,8 @@ def _outputs(
                if pd.api.types.is_numeric_dtype(values.dtype) and values.notna().any()]  # fmt: skip
     text = [n for n in there if n not in numeric]
     for name in text:
-        values = pd.to_numeric(there[name], errors="coerce")
-        if 2 * values.notna().sum() > len(values):
-            sheet.numbers(names[name])  # numbers but for a few cells: the error says which
+        if sheet.is_almost_numeric(names[name]):
+            sheet.numbers(names[name])  # says which cell holds no number
     if not numeric:
         headings = _listed([parts_of(h)[0] for h in sheet.headings])
         raise RecordError(f"there is no column of numbers beside the time, only {headings}")

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.tables.timing import SECONDS
+from prefcal_env.tables.units import SECONDS
 from prefcal_scenarios.scenario import KPI
 
 

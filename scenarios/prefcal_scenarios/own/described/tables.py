@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeVar
 import msgspec
 
 from prefcal_env.errors import ScenarioError
-from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_env.wording import did_you_mean
 
 Table = TypeVar("Table", bound=msgspec.Struct)
 Signals = dict[str, dict[str, Any]]

@@ -13,7 +13,7 @@ from prefcal_env.controllers.sampled import Sampled, sampled
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Jacobians, Plant
-from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_env.wording import did_you_mean
 
 from .operating_point import OperatingPoint, operating_point, settled
 from .process import process_of

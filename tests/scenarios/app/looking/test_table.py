@@ -94,7 +94,7 @@ def test_parquet_is_read_with_its_index(tmp_path):
     ("text", "words"),
     [
         ("", "needs a line of headings and rows of values, got no line"),
-        ("time,level\n", "got one line only"),
+        ("time,level\n", "got headings only"),
         ("0,1\n1,2\n", "got the numbers 0, 1: add a line"),
         ("time,who\n0,anna\n", "no column of numbers beside the time"),
         ("time,level\n0,1\n1,2\n2,x\n", "line 4, column 'level': expected a number, got 'x'"),
