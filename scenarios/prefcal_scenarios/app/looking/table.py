@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from prefcal_env.errors import RecordError
+from prefcal_env.experiments.end import End
 from prefcal_env.tables.frame import ALLOWED, TableColumns
 from prefcal_env.tables.sheet import Sheet, sheet_of
+from prefcal_env.tables.steps import gap_words, gaps
 from prefcal_env.tables.timing import instants, time_unit_of, usual_time_columns
 from prefcal_env.tables.units import parts_of
 
@@ -57,8 +59,8 @@ def run_from(path: Path, reading: Reading | None = None, *, name: str = "") -> R
     reading = Reading() if reading is None else reading
     try:
         guess = _Guess.of(path, reading)
-        # θ is not known, and look computes KPIs of its own.
-        experiment = guess.columns().read(guess.sheet, [0.0], kpis=None)
+        # θ is not known, look computes KPIs of its own, and nobody says that the run was unsafe.
+        experiment = guess.columns().read(guess.sheet, [0.0], kpis=None, end=End.TIME_UP)
     except RecordError as error:
         raise RecordError(f"{path}: {error}") from error
     return run_of(name or path.name, experiment, guess.words())
@@ -156,6 +158,10 @@ def _timed(sheet: Sheet, time: int, time_format: str | None) -> tuple[Sheet, lis
     repeated = len(t) - len(np.unique(t))
     if repeated:
         said.append(f"of rows with the same time only the last one is kept ({repeated} left out)")
+    ordered = np.unique(t)
+    if len(long := gaps(ordered)):
+        words = gap_words(ordered, int(long[0]), time_unit_of(sheet, time, None), len(long))
+        said.append(f"{words}: bridged")
     return sheet, said
 
 
@@ -227,10 +233,14 @@ def _outputs(
 
 
 def _bridged(sheet: Sheet, used: Sequence[str], names: Mapping[str, int]) -> list[str]:
-    """Return which columns have empty cells before their last value."""
-    found = []
+    """Return which columns have empty cells before and after their last value."""
+    filled, shorter = [], []
     for name in used:
-        there = np.flatnonzero(np.isfinite(sheet.numbers(names[name])))
+        values = sheet.numbers(names[name])
+        there = np.flatnonzero(np.isfinite(values))
         if len(there) and len(there) <= there[-1]:
-            found.append(name)
-    return [f"empty cells filled from their neighbors in {_listed(found)}"] if found else []
+            filled.append(name)
+        if len(there) and there[-1] < len(values) - 1:
+            shorter.append(name)
+    said = [f"empty cells filled from their neighbors in {_listed(filled)}"] if filled else []
+    return said + ([f"no values in the last rows of {_listed(shorter)}"] if shorter else [])

@@ -52,6 +52,14 @@ def test_rows_without_a_time_and_empty_cells_are_said(tmp_path):
     assert "empty cells filled from their neighbors in y, v" in run.about
 
 
+def test_a_gap_and_an_early_end_are_said_and_nothing_counts_as_unsafe(tmp_path):
+    rows = "".join(f"{t},{t},{'' if t > 40 else 1}\n" for t in (*range(10), *range(40, 45)))
+    run = read(tmp_path, "t,y,v\n" + rows)
+    assert "a gap of 31 s after 9 s, where 1 s is usual: bridged" in run.about
+    assert "no values in the last rows of v" in run.about
+    assert not run.experiment.end.interrupted
+
+
 def test_the_first_column_is_the_time_if_none_is_called_so(tmp_path):
     run = read(tmp_path, ",y\n5,1\n6,2\n")
     assert run.experiment.t.tolist() == [5, 6]
