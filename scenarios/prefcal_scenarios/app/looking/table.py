@@ -59,8 +59,8 @@ def run_from(path: Path, reading: Reading | None = None, *, name: str = "") -> R
     reading = Reading() if reading is None else reading
     try:
         guess = _Guess.of(path, reading)
-        # θ is not known, look computes KPIs of its own, and nobody says that the run was unsafe.
-        experiment = guess.columns().read(guess.sheet, [0.0], kpis=None, end=End.TIME_UP)
+        # θ is not known.
+        experiment = guess.columns().read(guess.sheet, [0.0])
     except RecordError as error:
         raise RecordError(f"{path}: {error}") from error
     return run_of(name or path.name, experiment, guess.words())
@@ -121,6 +121,9 @@ class _Guess:
             from_zero=False,
             allow=ALLOWED,
             max_rows=None,
+            # look computes KPIs of its own, and nobody says that the run was unsafe.
+            kpis=None,
+            end=End.TIME_UP,
         )
 
     def words(self) -> str:

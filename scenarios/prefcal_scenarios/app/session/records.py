@@ -145,11 +145,11 @@ def _same(flow: Flow, index: int, experiment: Experiment) -> int | None:
     """Return another experiment with the same curves, even if its file was saved again."""
     mine = _curves(experiment)
     for other in sorted(flow.state.finished):
-        known = flow.store.experiment(other)
-        theirs = _curves(known)
-        if other != index and len(known.t) and len(mine) == len(theirs):
-            if all(map(np.array_equal, mine, theirs)):
-                return other
+        theirs = _curves(flow.store.experiment(other))
+        if other == index or not len(theirs[0]) or len(mine) != len(theirs):
+            continue
+        if all(map(np.array_equal, mine, theirs)):
+            return other
     return None
 
 
