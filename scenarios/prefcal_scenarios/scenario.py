@@ -150,7 +150,12 @@ class KPI:
         """Return whether `value` meets the objective; None if there is no objective."""
         if np.isinf(self.at_most) and np.isinf(self.at_least):
             return None
-        return self.at_least <= value <= self.at_most
+        return bool(self.at_least <= value <= self.at_most)
+
+    def met_by(self, experiment: Experiment) -> bool | None:
+        """Return whether an experiment meets the objective; None without one or a value."""
+        value = experiment.kpis.get(self.name)
+        return None if value is None else self.met(value)
 
 
 class _Unstated(tuple[KPI, ...]):

@@ -1,13 +1,17 @@
 """Tables of logged data: what is read, what is mended if allowed, and what is refused in words."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_env import Channel, Channels, End, Rig, TableColumns, from_frame, recorded
+from prefcal_env import Channel, Channels, End, Rig, TableColumns, combined, from_frame, recorded
 from prefcal_env.errors import RecordError, SettingsError
+from prefcal_env.experiments.kpi_units import tracking_units
 
 GOOD = "time [s],level [m],valve [%],note\n0,1,5,a\n1,2.5,6,b\n2,3,7,c\n3,4,8,d\n"
 USE = {"outputs": ["level"], "inputs": ["valve"]}
@@ -284,6 +288,19 @@ def test_an_experiment_shows_itself_in_a_notebook():
     nothing = recorded(1.0, [0.0, 1.0], {"a": [np.nan, np.nan]})
     assert "failed" in nothing._repr_html_()
     assert "img" not in nothing._repr_html_()
+
+
+def test_kpis_in_a_notebook_have_the_units_that_the_channels_tell():
+    e = from_frame(GOOD, 1.0, reference={"level": 2.0}, **USE)
+    cells = dict(re.findall(r"<td>([^<]+)</td><td[^>]*>([^<]+)</td>", e._repr_html_()))
+    units = {name: text.partition(" ")[2] for name, text in cells.items()}
+    assert units == tracking_units(e.channels)
+    assert units["late error of level"] == "m s²"
+    both = combined([replace(e, maneuver="up"), replace(e, maneuver="down")])
+    both = both.with_kpis({**both.kpis, "grade": 1.0})
+    shown = both._repr_html_()
+    assert "<td>overshoot of level (up)</td><td style='text-align:right'>2 m</td>" in shown
+    assert "<td>grade</td><td style='text-align:right'>1</td>" in shown
 
 
 def test_a_rig_reads_frames_files_and_other_headings(tmp_path):

@@ -286,7 +286,7 @@ def _channels(channels: Channels) -> Iterator[Finding]:
 
 def _kpi(kpi: KPI, experiment: Experiment) -> Finding:
     text = with_unit(measured(kpi, experiment), kpi.unit)
-    met = {True: ", met", False: ", not met", None: ""}[kpi.met(experiment.kpis[kpi.name])]
+    met = {True: ", met", False: ", not met", None: ""}[kpi.met_by(experiment)]
     return Finding(f"KPI {kpi.name!r}", True, f"{text}; {_GOALS[kpi.goal]}{met}")
 
 
