@@ -15,6 +15,8 @@ SPACES = r"\s+"
 """The separator of a table that is aligned with spaces, as a regular expression."""
 _SEPARATORS = ",;\t|"
 _LINE_END = re.compile(r"\r\n|\r|\n")
+_DIGITS = re.compile(r"[+-]?[.,]?\d")
+"""How numbers and time stamps begin."""
 _NUMBER = re.compile(r"\s*[+-]?[\d.,]+([eE][+-]?\d+)?\s*")
 
 
@@ -162,12 +164,12 @@ def _check_headings(headings: Sequence[str]) -> None:
 def _units(headings: Sequence[str], cells: Sequence[str]) -> list[str] | None:
     """Return headings with the units in `cells`; None if `cells` are no units.
 
-    They are if one of them is a unit of time, or all are in brackets, and none is a number.
+    They are if one of them is a unit of time, or all are in brackets, and none begins as a number.
     """
     plain = [cell.strip() for cell in cells]
     bare = [cell.strip("[]()").strip() for cell in plain]
     bracketed = all(cell[:1] + cell[-1:] in ("[]", "()") for cell in plain if cell)
-    if any(_NUMBER.fullmatch(cell) for cell in plain) or len(cells) > len(headings):
+    if any(_DIGITS.match(cell) for cell in plain) or len(cells) > len(headings):
         return None
     if not any(bare) or not (bracketed or set(bare) & set(SECONDS)):
         return None

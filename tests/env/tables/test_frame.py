@@ -168,6 +168,11 @@ def test_every_form_of_a_csv_is_read_alike_from_a_table_and_from_a_rig(form, enc
         assert made.u[:, 0].tolist() == [40, 30, 20]
 
 
+def test_a_first_row_of_values_is_no_row_of_units():
+    e = from_frame("time,mode,level\n2026-11-23T09:00:00Z,h,1\n2026-11-23T09:00:01Z,s,2\n", 1.0)
+    assert e.output(0).tolist() == [1, 2]
+
+
 @pytest.mark.parametrize(
     ("times", "seconds"),
     [
