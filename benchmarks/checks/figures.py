@@ -33,6 +33,7 @@ from hole import hole, lowest, rows_of, theta
 from matplotlib.figure import Figure
 from PIL import Image
 from rich.console import Console
+from screens import looking, maneuvers
 
 from prefcal_scenarios import load
 from prefcal_scenarios.app.presentation.style import save, style
@@ -233,6 +234,8 @@ MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
     "environments": (environments, tuple(PICTURED)),
     "index": (reactor_index, ("reactor_index.png",)),
     "window": (window, ("query_window.png",)),
+    "look": (looking, ("look.png",)),
+    "maneuvers": (maneuvers, ("maneuvers.png",)),
     "worth": (worth, tuple(WORTH)),
     "gallery": (lambda folder: gallery(ROOT / "docs" / "gallery", folder), GALLERY),
 }

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +14,10 @@ from .experiment import Channels, Experiment
 
 MEAN = "mean"
 """What the mean over all maneuvers is called: "NAME (mean)". No maneuver can have this name."""
+
+_ARRAYS = (
+    "t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved",
+)  # fmt: skip
 
 
 class Run(Protocol):
@@ -79,6 +83,29 @@ def by_maneuver(experiment: Experiment) -> dict[str, Experiment]:
     if any(run.maneuver for run in experiment.runs):
         return {run.maneuver: run for run in experiment.runs}
     return {"": experiment}
+
+
+def maneuvers_of(*experiments: Experiment) -> dict[str, tuple[Experiment, ...]]:
+    """Return the runs of each maneuver by its name, in the order of the experiments.
+
+    If no experiment has maneuvers, the experiments themselves are called "". One that lacks a
+    maneuver, because it failed or ran before the maneuver was added, has no record there.
+    """
+    parts = [by_maneuver(experiment) for experiment in experiments]
+    names = dict.fromkeys(name for part in parts for name in part if name) or {"": None}
+    return {
+        name: tuple(
+            part[name] if name in part else without_record(experiment)
+            for part, experiment in zip(parts, experiments, strict=True)
+        )
+        for name in names
+    }
+
+
+def without_record(experiment: Experiment) -> Experiment:
+    """Return `experiment` with its θ and channels only: no instants, no KPIs, no runs."""
+    nothing: dict[str, Any] = {name: getattr(experiment, name)[:0] for name in _ARRAYS}
+    return replace(experiment, **nothing, y=None, signals={}, runs=(), kpis={})
 
 
 def named(kpi: str, part: str) -> str:

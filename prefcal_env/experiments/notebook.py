@@ -2,10 +2,13 @@
 
 import base64
 import io
+from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
 
 import numpy as np
+
+from .kpi_units import with_units
 
 Experiment = Any
 """`prefcal_env.Experiment`, which calls these functions."""
@@ -35,16 +38,25 @@ def frame_of(experiment: Experiment) -> Any:
 def html_of(experiment: Experiment) -> str:
     """Return the end, a picture of the curves and a table of the KPIs as HTML."""
     theta = ", ".join(f"{value:.4g}" for value in experiment.theta)
-    rows = "".join(
-        f"<tr><td>{escape(name)}</td><td style='text-align:right'>{value:.4g}</td></tr>"
-        for name, value in experiment.kpis.items()
-    )
-    table = f"<table><tr><th>KPI</th><th>value</th></tr>{rows}</table>" if rows else ""
+    rows = list(with_units(experiment.kpis, experiment.channels))
+    table = table_of(("KPI", "value"), rows) if rows else ""
     words = (
         f"Experiment: θ = ({theta}), {experiment.duration:.4g} "
         f"{escape(experiment.channels.time_unit)}, {escape(experiment.end.value)}"
     )
     return f"<div><p>{words}</p>{_picture(experiment)}{table}</div>"
+
+
+def table_of(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return an HTML table of plain texts; all columns but the first one are numbers."""
+    head = "".join(f"<th>{escape(heading)}</th>" for heading in headings)
+    body = "".join(
+        f"<tr><td>{escape(first)}</td>"
+        + "".join(f"<td style='text-align:right'>{escape(cell)}</td>" for cell in cells)
+        + "</tr>"
+        for first, *cells in rows
+    )
+    return f"<table><tr>{head}</tr>{body}</table>"
 
 
 def _picture(experiment: Experiment) -> str:

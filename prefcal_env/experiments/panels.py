@@ -2,12 +2,12 @@
 
 from collections.abc import Collection, Iterator
 from dataclasses import KW_ONLY, dataclass, replace
-from difflib import get_close_matches
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import ExperimentError, ScenarioError
+from prefcal_env.wording import did_you_mean
 
 from .experiment import Channel, Channels, Experiment
 
@@ -214,13 +214,12 @@ class Panel:
     def _unknown(self, channels: Channels, signals: Collection[str]) -> str:
         there = {kind: [c.name for c in getattr(channels, kind)] for kind in ("x", "u", "y")}
         there["signal"] = list(signals)
-        close = get_close_matches(self.name, [n for names in there.values() for n in names], 1)
+        hint = did_you_mean(self.name, [n for names in there.values() for n in names])
         listed = "; ".join(f"{KINDS[k]} {_quoted(names)}" for k, names in there.items() if names)
         where = f"of kind {self.kind!r} " if self.kind else ""
-        hint = f"did you mean {close[0]!r}? " if close else ""
         return (
             f"panel {self.name!r}: no channel or signal {where}has this name; "
-            f"{hint}There are {listed or 'none'}"
+            f"there are {listed or 'none'}.{hint}"
         )
 
 

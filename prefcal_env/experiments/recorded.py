@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from prefcal_env.errors import ExperimentError
+from prefcal_env.wording import did_you_mean
 
 from .curves import (
     Curve,
@@ -263,10 +263,7 @@ def _check_names(
             )
         for name in given:
             if name not in there:
-                raise ExperimentError(f"{what} names {name!r}; {_nearest(name, there)}")
-
-
-def _nearest(name: str, there: Sequence[str]) -> str:
-    close = get_close_matches(str(name), there, 1)
-    hint = f"did you mean {close[0]!r}? " if close else ""
-    return f"{hint}There are {', '.join(map(repr, there))}"
+                raise ExperimentError(
+                    f"{what} names {name!r}; there are {', '.join(map(repr, there))}."
+                    f"{did_you_mean(str(name), there)}"
+                )

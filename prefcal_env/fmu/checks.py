@@ -9,8 +9,9 @@ from jaxtyping import Float
 
 from prefcal_env.errors import KnobError, PlantError
 from prefcal_env.knobs.knob import Knob, is_number
+from prefcal_env.wording import did_you_mean
 
-from .model import Model, Variable, in_unit, listed, meant
+from .model import Model, Variable, in_unit, listed
 from .units import plain
 
 _POINTS = 500
@@ -80,7 +81,7 @@ def _tuned(model: Model, name: str, knob: Knob) -> Knob:
     variable = model.variables.get(name)
     able = [v.name for v in model.parameters]
     if variable is None:
-        hint = meant(name, able) or f" It can tune {listed(able)}"
+        hint = did_you_mean(name, able) or f" It can tune {listed(able)}"
         raise KnobError(f"FMU {model.path.name!r} has no parameter {name!r}.{hint}")
     if not variable.tunable:
         raise KnobError(
@@ -126,7 +127,7 @@ def referenced(
         if name not in outputs:
             raise PlantError(
                 f"reference {name!r} is not among the outputs {listed(outputs)}."
-                + meant(name, outputs)
+                + did_you_mean(name, outputs)
             )
         if isinstance(value, str):
             variables[name] = _alike(model.variable(value), name, outputs[name])

@@ -3,13 +3,13 @@
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from prefcal_env.errors import MissingExtraError, PlantError
+from prefcal_env.wording import did_you_mean
 
 from .units import AS_IT_IS, Scale, Scales, display_units, plain
 
@@ -140,7 +140,7 @@ class Model:
                 )
             return found
         name = bare
-        hint = meant(name, self.variables)
+        hint = did_you_mean(name, self.variables)
         there = hint or f" Its variables are {listed(self.variables)}"
         raise PlantError(f"FMU {self.path.name!r} has no numeric variable {name!r}.{there}")
 
@@ -183,20 +183,6 @@ def in_unit(name: str) -> tuple[str, str]:
     """Return name and unit of "T [degC]"; the unit is empty if there is none, as in "x[1]"."""
     found = re.fullmatch(r"(.*\S)\s+\[([^\[\]]*)\]", name)
     return (found[1], found[2]) if found else (name, "")
-
-
-def meant(name: str, names: Iterable[str]) -> str:
-    """Return " Did you mean 'K_p'?" for the most similar of `names`; empty if none is similar.
-
-    Ignores case, and finds "K_p" as the last part of "controller.K_p".
-    """
-    known = {n.casefold(): n for n in names}
-    parts = {n.casefold().rpartition(".")[2]: n for n in known.values()}
-    for there in (known, parts):
-        found = get_close_matches(name.casefold(), there, 1)
-        if found:
-            return f" Did you mean {there[found[0]]!r}?"
-    return ""
 
 
 def listed(names: Iterable[str]) -> str:

@@ -10,14 +10,26 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import RecordError
-from prefcal_env.tables.cells import Cells, cells_of, number_of, parts_of, same_unit
+from prefcal_env.tables.cells import advice, number_of
+from prefcal_env.tables.lines import lines_of
 from prefcal_env.tables.sheet import Sheet
+from prefcal_env.tables.steps import gap_words, gaps, step_back_words, steps_back
 from prefcal_env.tables.timing import instants
+from prefcal_env.tables.units import parts_of, same_unit
+from prefcal_env.wording import and_more
 
 _MOST_LISTED = 5
 """Largest number of problems in a message; people fix some of them and try again."""
 _WIDEST = 1e30
 """Largest plausible value in any unit; beyond it plots and sums overflow."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Cells:
+    """The rows of a record: the line of each and its cells, and how numbers are written."""
+
+    rows: tuple[tuple[int, list[str]], ...]
+    decimal_comma: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,32 +69,33 @@ class Columns:
     def read(self, text: str) -> Float[np.ndarray, "K n"]:
         """Return the values of `names` and then `optional`, shape (K, n); NaN for absent columns.
 
-        Separators are commas, semicolons or tabs; with the latter two, numbers may have a decimal
-        comma. Lines that begin with # and unknown columns are ignored. Time stamps count from
-        the earliest one.
+        Separators are commas, semicolons, tabs, bars or spaces; without commas, numbers may have a
+        decimal comma. Lines that begin with # and unknown columns are ignored. Time stamps count
+        from the earliest one.
 
         Raises:
             RecordError: If the record is not valid; the message lists all problems, with line
                 numbers as shown by an editor.
         """
         known = self._known()
-        cells = cells_of(text, {*known, *(_heading(n, u) for n, u in known.items())})
-        if not cells.headings:
+        lines = lines_of(text, {*known, *(_heading(n, u) for n, u in known.items())})
+        if not lines.headings:
             raise RecordError(f"the record is empty: expected {', '.join(self.headings)}")
-        places = self._places(cells.headings)
-        if len(cells.rows) < 2:
-            raise RecordError(f"a record needs 2 rows of values or more, got {len(cells.rows)}")
-        if len(cells.rows) > self.max_rows:
-            raise RecordError(f"a record may have {self.max_rows} rows, got {len(cells.rows)}")
-        values = np.full((len(cells.rows), len(known)), np.nan)
-        lines = [line for line, _ in cells.rows]
-        problems = [*_too_long(cells), *_mixed(cells, places.values())]
+        places, count = self._places(lines.headings), len(lines.rows)
+        if count < 2:
+            raise RecordError(f"a record needs 2 rows of values or more, got {count}")
+        if count > self.max_rows:
+            raise RecordError(f"a record may have {self.max_rows} rows, got {count}")
+        cells = _Cells(tuple(zip(lines.places, lines.cells(), strict=True)), lines.decimal_comma)
+        values = np.full((count, len(known)), np.nan)
+        problems = [*filter(None, [lines.too_long()]), *_mixed(cells, places.values())]
         for i, name in enumerate(known):
             if name == self.names[0] and _stamped(cells, places[name]):
                 values[:, i] = self._elapsed(cells, places[name])
             elif name in places:
                 problems += self._column(cells, name, places[name], values[:, i])
-        problems += [*self._time(values[:, 0], lines), *self._in_range(values, lines)]
+        problems += self._time(values[:, 0], lines.places)
+        problems += self._in_range(values, lines.places)
         _refuse(problems)
         return values
 
@@ -110,22 +123,23 @@ class Columns:
         return places
 
     def _column(
-        self, cells: Cells, name: str, place: int, values: Float[np.ndarray, " K"]
+        self, cells: _Cells, name: str, place: int, values: Float[np.ndarray, " K"]
     ) -> list[str]:
         """Fill `values` with the column `name`; return its problem, if any, as one sentence."""
-        first, count = "", 0
+        first, what, count = "", "", 0
         for k, (line, row) in enumerate(cells.rows):
             cell = row[place] if place < len(row) else ""
             value = number_of(cell, decimal_comma=cells.decimal_comma)
             if value is not None and np.isfinite(value):
                 values[k] = value
                 continue
-            got = repr(cell.strip()[:40]) if cell.strip() else "nothing"
+            got = f"{cell.strip()[:40]!r}" if cell.strip() else "nothing"
             first = first or f"line {line}, column {name!r}: expected a number, got {got}"
+            what = what or (f": {found}" if (found := advice(cell)) else "")
             count += 1
-        return [first + _and_more(count)] if count else []
+        return [first + and_more(count) + what] if count else []
 
-    def _elapsed(self, cells: Cells, place: int) -> Float[np.ndarray, " K"]:
+    def _elapsed(self, cells: _Cells, place: int) -> Float[np.ndarray, " K"]:
         """Return time stamps as the time since the earliest one, in the record's unit, shape (K,).
 
         Raises:
@@ -134,30 +148,23 @@ class Columns:
         import pandas as pd
 
         stamps = [row[place].strip() if place < len(row) else "" for _, row in cells.rows]
-        lines = np.array([line for line, _ in cells.rows])
         frame = pd.DataFrame({0: [stamp or None for stamp in stamps]})
-        sheet = Sheet((cells.headings[place],), frame, lines)
+        sheet = Sheet((self.names[0],), frame, np.array([line for line, _ in cells.rows]))
         return instants(sheet, 0, self.units[0], self.time_format)[0]
 
     def _time(self, t: Float[np.ndarray, " K"], lines: Sequence[int]) -> Iterator[str]:
         if np.any(np.isnan(t)):
             return
-        with np.errstate(over="ignore"):
-            steps = np.diff(t)
         unit = self.units[0]
-        back = np.flatnonzero(steps <= 0)
+        back = steps_back(t)
         if len(back):
             k = int(back[0])
-            yield (
-                f"line {lines[k + 1]}: time must increase, got {t[k + 1]:g} {unit} "
-                f"after {t[k]:g} {unit}{_and_more(len(back))}"
-            )
+            yield f"line {lines[k + 1]}: {step_back_words(t, k, unit, len(back))}"
             return
-        usual = float(np.median(steps))
-        for k in map(int, np.flatnonzero(steps > self.max_gap * usual)):
+        for k in map(int, gaps(t, self.max_gap)):
             yield (
-                f"line {lines[k + 1]}: a gap of {steps[k]:g} {unit} after {t[k]:g} {unit}, where "
-                f"{usual:g} {unit} is usual: fill it, or enter the run as failed"
+                f"line {lines[k + 1]}: {gap_words(t, k, unit, 1)}: fill it, or enter the run as "
+                "failed"
             )
 
     def _in_range(self, values: Float[np.ndarray, "K n"], lines: Sequence[int]) -> Iterator[str]:
@@ -169,11 +176,11 @@ class Columns:
                 k = int(outside[0])
                 yield (
                     f"line {lines[k]}, column {name!r}: {values[k, i]:g} {unit} is outside "
-                    f"[{low:g}, {high:g}] {unit}{_and_more(len(outside))}: is the unit right?"
+                    f"[{low:g}, {high:g}] {unit}{and_more(len(outside))}: is the unit right?"
                 )
 
 
-def _stamped(cells: Cells, place: int) -> bool:
+def _stamped(cells: _Cells, place: int) -> bool:
     """Return whether a column begins with a date, such as 2026-11-23 or 23.11.2026 09:00."""
     first = next((row[place] for _, row in cells.rows if place < len(row)), "")
     return re.match(r"\s*\d{1,4}[-./]\d{1,2}[-./]\d{1,4}(\D|$)", first) is not None
@@ -192,20 +199,7 @@ def _parts(heading: str, known: Mapping[str, str]) -> tuple[str, str | None]:
     return parts_of(plain)
 
 
-def _too_long(cells: Cells) -> list[str]:
-    """Report rows with more cells than headings: a decimal comma would shift all columns."""
-    width = len(cells.headings)
-    long = [(n, len(row)) for n, row in cells.rows if any(c.strip() for c in row[width:])]
-    if not long:
-        return []
-    hint = "" if cells.decimal_comma else ": a decimal comma needs semicolons between the cells"
-    return [
-        f"line {long[0][0]} has {long[0][1]} cells under {width} headings"
-        f"{_and_more(len(long))}{hint}"
-    ]
-
-
-def _mixed(cells: Cells, places: Collection[int]) -> list[str]:
+def _mixed(cells: _Cells, places: Collection[int]) -> list[str]:
     """Report a mix of commas and points in numbers: one of them must separate thousands."""
     if not cells.decimal_comma:
         return []
@@ -219,10 +213,6 @@ def _mixed(cells: Cells, places: Collection[int]) -> list[str]:
     if len(seen) < 2:
         return []
     return [f"line {seen[',']} has a decimal comma, line {seen['.']} a decimal point: use one"]
-
-
-def _and_more(count: int) -> str:
-    return f" (and {count - 1} more)" if count > 1 else ""
 
 
 def _refuse(problems: Sequence[str]) -> None:

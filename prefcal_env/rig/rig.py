@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import RecordError, ScenarioError, SettingsError
-from prefcal_env.experiments.experiment import Channels, End, Experiment
+from prefcal_env.experiments.experiment import Channel, Channels, End, Experiment
 from prefcal_env.experiments.rollout import computed
 from prefcal_env.tables.sheet import text_of
+from prefcal_env.tables.steps import MAX_GAP
 
 from .records import Columns
 
@@ -21,9 +22,10 @@ TIME = "time"
 class Rig:
     """The `run` of a scenario whose experiments are done by a person.
 
-    Records are CSV files with a column `time` and one column for each state and input of
-    `channels`, in the channels' units. If the reference of an output changes, the record may have
-    a column "NAME ref" as well. Front ends show the person θ, the columns and `instructions`.
+    Records are CSV files with a column `time` and one column for each state, each output that is
+    no state, and each input of `channels`, in the channels' units. If the reference of an output
+    changes, the record may have a column "NAME ref" as well. Front ends show the person θ, the
+    columns and `instructions`.
 
     Args:
         channels: Names, units, limits and targets of states, inputs and outputs.
@@ -48,7 +50,7 @@ class Rig:
     kpis: Callable[[Experiment], Mapping[str, float]] | None = None
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     instructions: str = ""
-    max_gap: float = 3.0
+    max_gap: float = MAX_GAP
     max_rows: int = 200_000
     headings: Mapping[str, str] = field(default_factory=dict)
     time_format: str | None = None
@@ -63,7 +65,7 @@ class Rig:
                 f"y_ref must hold a finite reference for each of {len(self.channels.y)} outputs, "
                 f"got {self.y_ref}"
             )
-        signals = [c.name for c in (*self.channels.x, *self.channels.u)]
+        signals = [c.name for c in self.recorded]
         names = (TIME, *signals, *(f"{c.name} ref" for c in self.channels.y))
         unknown = [name for name in self.headings if name not in names]
         if unknown:
@@ -95,7 +97,7 @@ class Rig:
     @property
     def columns(self) -> Columns:
         """Columns of a record."""
-        signals, called = (*self.channels.x, *self.channels.u), self.headings
+        signals, called = self.recorded, self.headings
         return Columns(
             tuple(called.get(n, n) for n in (TIME, *(c.name for c in signals))),
             (self.channels.time_unit, *(c.unit for c in signals)),
@@ -106,12 +108,23 @@ class Rig:
             self.time_format,
         )
 
+    @property
+    def recorded(self) -> tuple[Channel, ...]:
+        """Channels with a column, in the order of the columns."""
+        return (*self.channels.x, *self._measured, *self.channels.u)
+
+    @property
+    def _measured(self) -> tuple[Channel, ...]:
+        """Outputs that are no state."""
+        states = {(c.name, c.unit) for c in self.channels.x}
+        return tuple(c for c in self.channels.y if (c.name, c.unit) not in states)
+
     def template(self) -> str:
         """Return the first line of a record."""
         return self.columns.template
 
     def read_bytes(self, content: bytes) -> str:
-        """Return a file as CSV. Raises RecordError if it is neither UTF-8 nor Parquet."""
+        """Return a file as CSV. Raises RecordError if it is neither text nor Parquet."""
         return text_of(content)
 
     def read(
@@ -153,14 +166,26 @@ class Rig:
         self, values: Float[np.ndarray, "K m"], theta: Float[np.ndarray, " n"], end: End
     ) -> Experiment:
         """Return an experiment without KPIs; `values` come from `Columns.read`."""
-        n_x, n_u, count = len(self.channels.x), len(self.channels.u), len(values)
-        t, x, u, y_ref = np.split(values, np.cumsum([1, n_x, n_u]), axis=1)
+        widths = [1, len(self.channels.x), len(self._measured), len(self.channels.u)]
+        t, x, measured, u, y_ref = np.split(values, np.cumsum(widths), axis=1)
+        count = len(values)
         return Experiment(
             theta=theta, t=t[:, 0], x=x, u=u, t_control=t[:, 0], u_control=u,
             y_ref=np.where(np.isnan(y_ref), np.reshape(self.y_ref, (1, -1)), y_ref),
             iterations=np.zeros(count, dtype=np.int64), solve_time=np.zeros(count),
             solved=np.ones(count, dtype=bool), channels=self.channels, end=end,
+            y=self._outputs(x, measured),
         )  # fmt: skip
+
+    def _outputs(
+        self, x: Float[np.ndarray, "K n_x"], measured: Float[np.ndarray, "K m"]
+    ) -> Float[np.ndarray, "K n_y"] | None:
+        """Return the outputs of a record; None if all of them are states."""
+        if not self._measured:
+            return None
+        names = [(c.name, c.unit) for c in (*self.channels.x, *self._measured)]
+        places = [names.index((c.name, c.unit)) for c in self.channels.y]
+        return np.hstack([x, measured])[:, places]
 
 
 def _computed(

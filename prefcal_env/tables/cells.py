@@ -1,78 +1,12 @@
-"""Split the text of a record into cells: lines, comments, separators, and numbers."""
+"""Read the numbers in cells, and say what to do about cells that hold none."""
 
-import csv
-import io
 import re
-from collections.abc import Collection
-from dataclasses import dataclass
 
-from prefcal_env.errors import RecordError
-
-_LINE_END = re.compile(r"\r\n|\r|\n")
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
-_SEPARATORS = ",;\t"
-
-
-@dataclass(frozen=True, slots=True)
-class Cells:
-    """The cells of a record, as text.
-
-    Args:
-        headings: Headings of the columns.
-        rows: Line number, as shown by an editor, and cells of each row.
-        decimal_comma: Whether numbers may have a decimal comma, which requires another separator.
-    """
-
-    headings: tuple[str, ...]
-    rows: tuple[tuple[int, list[str]], ...]
-    decimal_comma: bool
-
-
-def cells_of(text: str, wanted: Collection[str]) -> Cells:
-    """Return the cells of a CSV that is separated by commas, semicolons or tabs.
-
-    Args:
-        text: Text of the file; empty lines and lines that begin with # are ignored.
-        wanted: Expected names and headings: the separator that finds most of them is used.
-
-    Raises:
-        RecordError: If there are only comments, or quotes are broken.
-    """
-    lines = [
-        (number, line)
-        for number, line in enumerate(_LINE_END.split(text.removeprefix("\ufeff")), start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    if not lines:
-        return Cells((), (), False)
-    separator = separator_of(lines[0][1], wanted)
-    cells = _split("\n".join(line for _, line in lines), separator)
-    if len(cells) != len(lines):
-        raise RecordError("a quoted cell spans several lines")
-    numbers = [number for number, _ in lines]
-    return Cells(tuple(cells[0]), tuple(zip(numbers[1:], cells[1:], strict=True)), separator != ",")
-
-
-def separator_of(line: str, wanted: Collection[str], separators: str = _SEPARATORS) -> str:
-    """Return the separator by which most of the headings in `line` are wanted ones.
-
-    If several find as many, it is the one that finds most headings.
-    """
-    return max(separators, key=lambda s: _found(line, s, wanted))
-
-
-def split_line(line: str, separator: str) -> list[str]:
-    """Return the cells of one line. Raises RecordError if quotes are broken."""
-    return _split(line, separator)[0]
-
-
-def parts_of(heading: str) -> tuple[str, str | None]:
-    """Return name and unit of a heading "name [unit]"; the unit is None if there is none."""
-    plain = heading.strip()
-    if plain.endswith("]") and "[" in plain:
-        name, _, unit = plain[:-1].rpartition("[")
-        return name.strip(), unit.strip()
-    return plain, None
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d+)?")
+_WITH_UNIT = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)? *[^\d\s.,:]{1,8}")
+_STAMP = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}\b.*|\d{1,2}:\d\d(:\d\d.*)?")
 
 
 def number_of(cell: str, *, decimal_comma: bool) -> float | None:
@@ -83,28 +17,25 @@ def number_of(cell: str, *, decimal_comma: bool) -> float | None:
     return float(plain.replace(",", "."))
 
 
-def same_unit(one: str, other: str) -> bool:
-    """Return whether two units are equal up to spaces, micro signs and superscripts."""
-    return _plain(one) == _plain(other)
+def advice(cell: str) -> str:
+    """Return what to do about a cell that is no number; "" if it looks like none at all."""
+    plain = cell.strip()
+    if _THOUSANDS.fullmatch(plain) and not _DECIMAL_COMMA.fullmatch(plain):
+        return "remove the separators of thousands"
+    if _DECIMAL_COMMA.fullmatch(plain):
+        return (
+            "use decimal points in all columns, or decimal commas in all of them with semicolons "
+            "between the cells"
+        )
+    if _STAMP.fullmatch(plain):
+        return "convert time stamps to numbers"
+    if _WITH_UNIT.fullmatch(plain):
+        return "put the unit into the heading, as in 'level [m]'"
+    return ""
 
 
-def _plain(unit: str) -> str:
-    spelled = unit.replace(" ", "").replace("\u00b5", "\u03bc").replace("^", "")
-    return spelled.translate(str.maketrans("\u00b2\u00b3", "23"))
-
-
-def _found(line: str, separator: str, wanted: Collection[str]) -> tuple[int, int]:
-    """Return how many headings are known with this separator, and how many there are."""
-    try:
-        headings = _split(line, separator)[0]
-    except RecordError:
-        return (-1, 0)
-    known = sum(h.strip() in wanted or parts_of(h)[0] in wanted for h in headings)
-    return known, len(headings)
-
-
-def _split(text: str, separator: str) -> list[list[str]]:
-    try:
-        return list(csv.reader(io.StringIO(text), delimiter=separator, strict=True))
-    except csv.Error as error:
-        raise RecordError(f"the record is not valid CSV: {error}") from error
+def almost_a_number(cell: str) -> bool:
+    """Return whether a cell is a number but for its separators or its unit."""
+    plain = cell.strip()
+    patterns = (_NUMBER, _DECIMAL_COMMA, _THOUSANDS, _WITH_UNIT)
+    return any(pattern.fullmatch(plain) for pattern in patterns)

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from inspect import Signature, signature
+from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -12,16 +13,17 @@ from prefcal_env.errors import RecordError, SettingsError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.recorded import Limits, recorded
+from prefcal_env.wording import and_more
 
-from .cells import parts_of
 from .sheet import Sheet, Table, sheet_of
+from .steps import gap_words, gaps, step_back_words, steps_back
 from .thinning import extreme_rows, grid, period_of
 from .timing import instants, time_column, time_unit_of
+from .units import parts_of
 
 ALLOWED = ("unsorted", "duplicates", "missing", "gaps")
 """Flaws of a table that can be allowed; see `TableColumns`."""
-_GAP = 10.0
-"""Longest step in time that is no gap, in median steps."""
+_P = ParamSpec("_P")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +56,8 @@ class TableColumns:
             Values between rows are interpolated (inputs are held), not averaged. None keeps rows.
         max_rows: Largest number of rows: of longer tables, the rows with the extreme values of
             each stretch are kept, and KPIs are those of all rows. None keeps all.
+        kpis: Function that returns the KPIs of an experiment by name; None for no KPIs.
+        end: Why the run ended; None to conclude it from the table.
 
     Raises:
         SettingsError: If a word in `allow` is unknown or `max_rows` is too small.
@@ -74,6 +78,8 @@ class TableColumns:
     allow: Collection[str] = ()
     resample: float | str | None = None
     max_rows: int | None = 100_000
+    kpis: Callable[[Experiment], Mapping[str, float]] | None = tracking_kpis
+    end: End | None = None
 
     def __post_init__(self) -> None:
         for name in ("outputs", "inputs", "signals", "allow"):
@@ -85,22 +91,15 @@ class TableColumns:
         if self.max_rows is not None and self.max_rows < 100:
             raise SettingsError(f"max_rows must be 100 or more, or None, got {self.max_rows}")
 
-    def read(
-        self,
-        table: Table,
-        theta: ArrayLike,
-        *,
-        kpis: Callable[[Experiment], Mapping[str, float]] | None = tracking_kpis,
-        end: End | None = None,
-    ) -> Experiment:
+    def read(self, table: Table, theta: ArrayLike) -> Experiment:
         """Make an experiment of a table; see `from_frame`."""
         wanted = {*self.columns.values(), *self.outputs, *self.inputs, "time"}
         used = _Used.of(sheet_of(table, wanted), self).ordered()
         kept = used.thinned()
-        if kept is used or kpis is None:
-            return kept.recorded(theta, kpis, end)
+        if kept is used or self.kpis is None:
+            return kept.recorded(theta, self.kpis, self.end)
         # The extremes that are kept for plots are no fair sample of the errors and moves.
-        every = used.recorded(theta, kpis, end)
+        every = used.recorded(theta, self.kpis, self.end)
         return kept.recorded(theta, None, every.end).with_kpis(every.kpis)
 
 
@@ -152,28 +151,25 @@ class _Used:
 
     def ordered(self) -> "_Used":
         """Return the rows in the order of time, from zero, without flaws that are not allowed."""
-        allow, unit, used = self.about.allow, self.time_unit, self
+        allow, used = self.about.allow, self
         back = np.flatnonzero(np.diff(self.t) < 0)
         if len(back) and "unsorted" not in allow:
             raise RecordError(self._step(int(back[0]), len(back), "unsorted", "sort the rows"))
         if len(back):
             used = self.taken(np.argsort(self.t, kind="stable"))
-        same = np.flatnonzero(np.diff(used.t) == 0)
+        same = steps_back(used.t)
         if len(same) and "duplicates" not in allow:
             raise RecordError(
                 used._step(int(same[0]), len(same), "duplicates", "keep the last row of each time")
             )
         if len(same):
             used = used.taken(np.append(np.diff(used.t) > 0, True))
-        steps = np.diff(used.t)
-        usual = float(np.median(steps)) if len(steps) else 0.0
-        gaps = np.flatnonzero(steps > _GAP * usual)
-        if len(gaps) and "gaps" not in allow:
-            k = int(gaps[0])
+        long = gaps(used.t)
+        if len(long) and "gaps" not in allow:
+            k = int(long[0])
             raise RecordError(
-                f"{used.place(k + 1)}: a gap of {steps[k]:g} {unit} after {used.t[k]:g} {unit}, "
-                f"where {usual:g} {unit} is usual{_and_more(len(gaps))}: fill it, or give "
-                "allow=('gaps',) to bridge it"
+                f"{used.place(k + 1)}: {gap_words(used.t, k, self.time_unit, len(long))}: fill it, "
+                "or give allow=('gaps',) to bridge it"
             )
         return used.from_zero() if self.about.from_zero and len(used.t) else used
 
@@ -187,12 +183,8 @@ class _Used:
 
     def _step(self, k: int, count: int, word: str, what: str) -> str:
         """Return what is wrong with the step of time after row k."""
-        unit = self.time_unit
-        return (
-            f"{self.place(k + 1)}: time must increase, got {self.t[k + 1]:g} {unit} after "
-            f"{self.t[k]:g} {unit}{_and_more(count)}: if this is one run, give allow=({word!r},) "
-            f"to {what}"
-        )
+        wrong = step_back_words(self.t, k, self.time_unit, count)
+        return f"{self.place(k + 1)}: {wrong}: if this is one run, give allow=({word!r},) to {what}"
 
     def thinned(self) -> "_Used":
         """Return at most `max_rows` rows, unless the table is resampled anyway."""
@@ -240,9 +232,10 @@ class _Used:
         holes = np.flatnonzero(~finite[:last])
         if len(holes) and "missing" not in self.about.allow:
             called = parts_of(self.sheet.headings[self.places[name]])[0]
+            got = "nothing" if np.isnan(values[holes[0]]) else f"{values[holes[0]]:g}"
             raise RecordError(
-                f"{self.place(int(holes[0]))}, column {called!r}: expected a number, got nothing"
-                f"{_and_more(len(holes))}: fill it, or give allow=('missing',) to bridge them"
+                f"{self.place(int(holes[0]))}, column {called!r}: expected a number, got {got}"
+                f"{and_more(len(holes))}: fill it, or give allow=('missing',) to bridge them"
             )
         if len(holes):
             return self._bridged(name, values, finite)
@@ -326,6 +319,9 @@ def _other_columns(sheet: Sheet, about: TableColumns, time: int) -> tuple[str, .
         and name not in about.columns
         and pd.api.types.is_numeric_dtype(sheet.frame[i].dtype)
     ]
+    for i in {*names} - {*taken, *renamed.values()}:
+        if sheet.is_almost_numeric(i):
+            sheet.numbers(i)  # says which cell holds no number
     there = {*renamed, *names.values()}
     found = tuple(
         name
@@ -340,70 +336,39 @@ def _other_columns(sheet: Sheet, about: TableColumns, time: int) -> tuple[str, .
     return found
 
 
-def _and_more(count: int) -> str:
-    return f" (and {count - 1} more)" if count > 1 else ""
+def _easy(
+    columns: Callable[_P, TableColumns],
+) -> Callable[Concatenate[Table, ArrayLike, _P], Experiment]:
+    """Return a function that reads one table, with the arguments of `columns`."""
+
+    def from_frame(
+        table: Table, theta: ArrayLike, /, *args: _P.args, **about: _P.kwargs
+    ) -> Experiment:
+        """Make an experiment of a table of logged data.
+
+        The table is a pandas DataFrame, the path of a CSV or Parquet file, or the text of a CSV.
+        Separators (comma, semicolon, tab, bar, spaces), decimal commas and encodings are found
+        out. Columns that end early count as a run that stopped; see `prefcal_env.recorded`.
+
+        Args:
+            table: The table.
+            theta: Controller parameters of the run, physical, shape (n,).
+            args: None; all other arguments are named.
+            about: The arguments of `TableColumns`, which reads several tables alike.
+
+        Raises:
+            RecordError: If the table cannot be read; the message names column, row and what to do.
+            SettingsError: If an argument is not valid.
+            ExperimentError: If names are used twice or do not exist.
+        """
+        return columns(*args, **about).read(table, theta)
+
+    first = list(signature(from_frame).parameters.values())[:2]
+    others = signature(columns).parameters.values()
+    made: Any = from_frame
+    made.__signature__ = Signature([*first, *others], return_annotation=Experiment)
+    made.__qualname__ = "from_frame"
+    return from_frame
 
 
-def from_frame(
-    table: Table,
-    theta: ArrayLike,
-    *,
-    columns: Mapping[str, str] | None = None,
-    time: str | None = None,
-    outputs: Collection[str] = (),
-    inputs: Collection[str] = (),
-    signals: Collection[str] = (),
-    reference: Mapping[str, Any] | None = None,
-    units: Mapping[str, str] | None = None,
-    limits: Mapping[str, Limits] | None = None,
-    bands: Mapping[str, float] | None = None,
-    time_unit: str | None = None,
-    time_format: str | None = None,
-    from_zero: bool = True,
-    allow: Collection[str] = (),
-    resample: float | str | None = None,
-    max_rows: int | None = 100_000,
-    kpis: Callable[[Experiment], Mapping[str, float]] | None = tracking_kpis,
-    end: End | None = None,
-) -> Experiment:
-    """Make an experiment of a table of logged data.
-
-    The table is a pandas DataFrame, the path of a CSV or Parquet file, or the text of a CSV.
-    Separators (comma, semicolon, tab, bar, spaces), decimal commas and encodings are found out.
-    Columns that end early count as a run that stopped; see `prefcal_env.recorded`.
-
-    All arguments but these are those of `TableColumns`, which reads several tables alike.
-
-    Args:
-        table: The table.
-        theta: Controller parameters of the run, physical, shape (n,).
-        columns: See `TableColumns`, as for all others.
-        time: Heading of the column with the time.
-        outputs: Names of the outputs; if empty, all other columns that hold numbers.
-        inputs: Names of the inputs.
-        signals: Names of additional signals.
-        reference: Maps names of outputs to a number or the heading of a column.
-        units: Maps names to units.
-        limits: Maps names to (low, high) in their unit.
-        bands: Maps names of outputs to their accepted distance from the reference.
-        time_unit: Unit of the experiment's time.
-        time_format: Format of time stamps.
-        from_zero: Whether time counts from the first row.
-        allow: Flaws that are mended: "unsorted", "duplicates", "missing", "gaps".
-        resample: Period of a regular time axis.
-        max_rows: Largest number of rows.
-        kpis: Function that returns the KPIs of the experiment by name; None for no KPIs.
-        end: Why the run ended; None to conclude it from the table.
-
-    Raises:
-        RecordError: If the table cannot be read; the message names column, row and what to do.
-        SettingsError: If an argument is not valid.
-        ExperimentError: If names are used twice or do not exist.
-    """
-    about = TableColumns(
-        columns=columns or {}, time=time, outputs=outputs, inputs=inputs, signals=signals,
-        reference=reference or {}, units=units or {}, limits=limits or {}, bands=bands or {},
-        time_unit=time_unit, time_format=time_format, from_zero=from_zero, allow=allow,
-        resample=resample, max_rows=max_rows,
-    )  # fmt: skip
-    return about.read(table, theta, kpis=kpis, end=end)
+from_frame = _easy(TableColumns)

@@ -4,7 +4,6 @@ import io
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +11,18 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from prefcal_env.errors import RecordError
+from prefcal_env.wording import and_more, did_you_mean
 
-from .cells import parts_of, same_unit, separator_of, split_line
+from .cells import advice, almost_a_number
+from .lines import Lines, decoded, lines_of
+from .units import parts_of, same_unit
 
 Table = Any
 """A DataFrame, the path of a CSV or Parquet file, its content, the text of a CSV, or a `Sheet`."""
-_SEPARATORS = ",;\t|"
-_LINE_END = re.compile(r"\r\n|\r|\n")
+_LINE_END = re.compile(r"[\r\n]")
 _PARQUET = b"PAR1"
+_SAMPLE = 1000
+"""Number of cells that tell whether a column was meant as numbers."""
 _MOST_NAMED = 12
 """Largest number of headings in a message."""
 
@@ -67,13 +70,11 @@ class Sheet:
         if found is not None:
             return found
         names = [parts_of(h)[0] for h in self.headings]
-        close = get_close_matches(heading, names, 1)
-        hint = f"did you mean {close[0]!r}? There are" if close else "there are"
         more = ", ..." if len(names) > _MOST_NAMED else ""
         use = "" if heading != name else f"; name another one with columns={{{name!r}: HEADING}}"
         raise RecordError(
-            f"no column is called {heading!r}; {hint} "
-            f"{', '.join(map(repr, names[:_MOST_NAMED]))}{more}{use}"
+            f"no column is called {heading!r}; there are "
+            f"{', '.join(map(repr, names[:_MOST_NAMED]))}{more}{use}.{did_you_mean(heading, names)}"
         )
 
     def unit(self, column: int, given: str | None) -> str:
@@ -113,22 +114,23 @@ class Sheet:
             return f"column {name!r} holds time stamps, expected numbers: name it as time={name!r}"
         row = int(wrong[0])
         cell = str(self.frame[column].iloc[row]).strip()
-        more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
         return (
-            f"{self.place(row)}, column {name!r}: expected a number, got {cell[:40]!r}{more}; "
-            f"{_advice(cell)}"
+            f"{self.place(row)}, column {name!r}: expected a number, got {cell[:40]!r}"
+            f"{and_more(len(wrong))}; {advice(cell) or 'correct it, or leave the cell empty'}"
         )
 
+    def is_almost_numeric(self, column: int) -> bool:
+        """Return whether a column of text holds numbers but for a few cells, or their notation.
 
-def _advice(cell: str) -> str:
-    """Return what to do about a cell that is no number."""
-    if re.fullmatch(r"[+-]?\d+,\d+([eE][+-]?\d+)?", cell):
-        return "use decimal points in all columns, or decimal commas in all of them"
-    if re.fullmatch(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d+)?", cell):
-        return "remove the separators of thousands"
-    if re.fullmatch(r"[+-]?[\d.,]+([eE][+-]?\d+)? *[^\d\s.,]+", cell):
-        return "put the unit into the heading, as in 'level [m]'"
-    return "correct it, or leave the cell empty"
+        It was meant as numbers, so it is better refused by `numbers` than left out.
+        """
+        import pandas as pd
+
+        values = self.frame[column].dropna()
+        if not len(values) or not pd.api.types.is_string_dtype(values.dtype):
+            return False
+        sample = values.iloc[:: max(len(values) // _SAMPLE, 1)].astype(str)
+        return 2 * sum(map(almost_a_number, sample)) > len(sample)
 
 
 def sheet_of(table: Table, wanted: Collection[str] = ()) -> Sheet:
@@ -178,7 +180,7 @@ def text_of(source: Table) -> str:
     if isinstance(source, Path):
         source = _content(source)
     if isinstance(source, bytes):
-        source = _parquet(source) if source[:4] == _PARQUET else _utf8(source)
+        source = _parquet(source) if source[:4] == _PARQUET else decoded(source)
     if isinstance(source, str):
         return source
     if not hasattr(source, "to_csv"):
@@ -190,34 +192,12 @@ def text_of(source: Table) -> str:
     return str(sheet.frame.set_axis(list(sheet.headings), axis=1).to_csv(index=False))
 
 
-def _utf8(content: bytes) -> str:
-    try:
-        return content.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise RecordError(
-            f"the record is not UTF-8 text (byte {error.start}): save it as CSV in UTF-8"
-        ) from error
-
-
 def _content(path: Path) -> bytes:
     try:
         return path.expanduser().read_bytes()
     except (OSError, ValueError, RuntimeError) as error:  # no such file, NUL, no such user
         why = getattr(error, "strerror", None) or error
         raise RecordError(f"cannot read the table {str(path)[:200]!r}: {why}") from error
-
-
-def decoded(content: bytes) -> str:
-    """Return the text of a file: UTF-8 or UTF-16 with its mark, or else Windows' Western one."""
-    encodings = ["utf-16"] if content[:2] in (b"\xff\xfe", b"\xfe\xff") else ["utf-8-sig", "cp1252"]
-    for encoding in encodings:
-        try:
-            text = content.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-        if "\0" not in text:
-            return text
-    raise RecordError("the file is neither text nor Parquet: save it as CSV in UTF-8")
 
 
 def _parquet(content: bytes) -> Any:
@@ -248,81 +228,41 @@ def _of_frame(frame: Any) -> Sheet:
 
 def _of_text(text: str, wanted: Collection[str]) -> Sheet:
     """Return the sheet of a CSV. Empty lines and lines that begin with # are skipped."""
-    every = _LINE_END.split(text.removeprefix("\ufeff"))
-    if every and re.fullmatch("sep=.", every[0].strip()):
-        every[0] = ""  # a hint for spreadsheets
-    places = [
-        number
-        for number, line in enumerate(every, start=1)
-        if line.strip(" \t") and not line.lstrip().startswith("#")
-    ]
-    if len(places) < 2:
+    lines = lines_of(text, wanted)
+    if not lines.rows:
         raise RecordError(
             "a table needs a line of headings and rows of values, got "
-            f"{'one line only' if places else 'no line'}"
+            f"{'headings only' if lines.headings else 'no line'}"
         )
-    lines = [every[number - 1] for number in places]
-    separator = _separator(lines[0], lines[1], wanted)
-    headings = lines[0].split() if separator == r"\s+" else split_line(lines[0], separator)
-    while len(headings) > 1 and not headings[-1].strip():
-        headings.pop()  # a separator at the end of each line
-    _check_headings(headings)
-    _check_width(lines, places, separator, len(headings))
-    frame = _parsed(lines[1:], separator, len(headings))
-    if len(frame) != len(places) - 1:
+    if problem := lines.too_long():
+        raise RecordError(problem)
+    frame = _parsed(lines)
+    if len(frame) != len(lines.rows):
         raise RecordError("a quoted cell spans several lines: remove the line ends in it")
-    return Sheet(tuple(headings), frame, np.array(places[1:]))
+    return Sheet(lines.headings, frame, np.array(lines.places))
 
 
-def _separator(first: str, second: str, wanted: Collection[str]) -> str:
-    found = separator_of(first, wanted, _SEPARATORS)
-    names, values = first.split(), second.split()
-    if found not in first and 1 < len(names) == len(values):
-        return r"\s+"
-    return found
-
-
-def _check_headings(headings: Sequence[str]) -> None:
-    if all(re.fullmatch(r"\s*[+-]?[\d.,]+([eE][+-]?\d+)?\s*", heading) for heading in headings):
-        raise RecordError(
-            f"the first line must hold headings, got the numbers {', '.join(headings[:5])}: add a "
-            "line such as 'time [s],level [m]'"
-        )
-
-
-def _check_width(lines: Sequence[str], places: Sequence[int], separator: str, width: int) -> None:
-    """Refuse rows with more cells than headings: a decimal comma would shift all columns."""
-    if separator == r"\s+":
-        return
-    for line, place in zip(lines, places, strict=True):
-        if line.count(separator) >= width:
-            cells = split_line(line, separator)
-            if any(cell.strip() for cell in cells[width:]):
-                hint = ": a decimal comma needs semicolons between the cells"
-                raise RecordError(
-                    f"line {place} has {len(cells)} cells under {width} headings"
-                    f"{hint if separator == ',' else ''}"
-                )
-
-
-def _parsed(lines: Sequence[str], separator: str, width: int) -> Any:
+def _parsed(lines: Lines) -> Any:
     """Return the values of a CSV as a DataFrame whose columns are numbered."""
     import pandas as pd
 
-    body = "\n".join(lines)
+    body, width = "\n".join(lines.rows), len(lines.headings)
 
     def parse(decimal: str) -> Any:
         try:
             return pd.read_csv(
-                io.StringIO(body), sep=separator, decimal=decimal, header=None, index_col=False,
+                io.StringIO(body), sep=lines.separator, decimal=decimal, header=None,
+                index_col=False,
                 names=range(width), usecols=range(width), skip_blank_lines=False,
                 skipinitialspace=True, low_memory=False,
             )  # fmt: skip
         except (ValueError, pd.errors.ParserError) as error:
+            if "EOF inside string" in str(error):
+                raise RecordError("a quoted cell does not end: close its quote") from error
             raise RecordError(f"the table is not a valid CSV: {error}") from error
 
     frame = parse(".")
-    if separator == "," or not any(_has_decimal_comma(frame[k]) for k in frame):
+    if not lines.decimal_comma or not any(_has_decimal_comma(frame[k]) for k in frame):
         return frame
     with_comma = parse(",")
     # Time stamps may be text in both: what counts is how many columns turn into numbers.

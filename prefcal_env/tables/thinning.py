@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from prefcal_env.errors import SettingsError
 
-from .timing import SECONDS
+from .units import SECONDS
 
 
 def period_of(resample: Any, unit: str) -> float:

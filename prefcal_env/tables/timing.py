@@ -7,17 +7,15 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import RecordError
+from prefcal_env.wording import and_more
 
-from .cells import parts_of
 from .sheet import Sheet
+from .units import SECONDS, parts_of
 
-SECONDS = {
-    **dict.fromkeys(("ns",), 1e-9), **dict.fromkeys(("us", "µs", "μs"), 1e-6),
-    **dict.fromkeys(("ms", "msec"), 1e-3), **dict.fromkeys(("s", "sec", "seconds"), 1.0),
-    **dict.fromkeys(("min", "minutes"), 60.0), **dict.fromkeys(("h", "hours"), 3600.0),
-    **dict.fromkeys(("d", "days"), 86400.0),
-}  # fmt: skip
-"""Length of each known unit of time in seconds."""
+_CLOCK = re.compile(r"(\d+):([0-5]\d):([0-5]\d(?:[.,]\d*)?)$")
+"""Time of day, or hours, minutes and seconds of a stopwatch."""
+_HALF_DAY = 43200.0
+"""Length of half a day in seconds."""
 _NAMES = ("time", "t", "timestamp", "datetime", "date", "date time", "time stamp", "index")
 """Usual names of the column with the time, in lower case."""
 
@@ -35,8 +33,6 @@ def time_column(sheet: Sheet, given: str | None) -> int:
     if given is not None:
         return sheet.column(given, "")
     found = usual_time_columns(sheet)
-    exact = [i for i in found if parts_of(sheet.headings[i])[0].lower() == "time"]
-    found = exact or found
     if len(found) == 1:
         return found[0]
     there = ", ".join(repr(parts_of(h)[0]) for h in sheet.headings[:12])
@@ -45,9 +41,10 @@ def time_column(sheet: Sheet, given: str | None) -> int:
 
 
 def usual_time_columns(sheet: Sheet) -> list[int]:
-    """Return the numbers of all columns whose names are usual for the time."""
+    """Return the numbers of the columns called time, or else of all with usual names for it."""
     called = [parts_of(heading)[0].lower() for heading in sheet.headings]
-    return [i for i, name in enumerate(called) if name in _NAMES]
+    exact = [i for i, name in enumerate(called) if name == "time"]
+    return exact or [i for i, name in enumerate(called) if name in _NAMES]
 
 
 def time_unit_of(sheet: Sheet, column: int, given: str | None) -> str:
@@ -77,6 +74,8 @@ def instants(
     _check_filled(sheet, column, np.asarray(values.isna()))
     if pd.api.types.is_timedelta64_dtype(values.dtype):
         return values.dt.total_seconds().to_numpy() / _seconds(unit), False
+    if time_format is None and (clock := _clock(values)) is not None:
+        return clock / _seconds(unit), False
     stamps = _stamps(sheet, column, values, time_format)
     if stamps is not None:
         elapsed = (stamps - stamps.min()).dt.total_seconds().to_numpy(dtype=float)
@@ -88,13 +87,31 @@ def instants(
     return found, False
 
 
+def _clock(values: Any) -> Float[np.ndarray, " K"] | None:
+    """Return times such as 09:30:00 in seconds; None if not all values are such times.
+
+    A step back by more than half a day passes midnight.
+    """
+    import pandas as pd
+
+    if not pd.api.types.is_string_dtype(values.dtype):
+        return None
+    parts = values.astype(str).str.strip().str.extract(_CLOCK)
+    if parts[0].isna().any():
+        return None
+    t = sum(scale * parts[i].str.replace(",", ".").astype(float).to_numpy()
+            for i, scale in enumerate((3600.0, 60.0, 1.0)))  # fmt: skip
+    days = np.cumsum(np.append(0, np.diff(t) < -_HALF_DAY))
+    return np.asarray(t + 2 * _HALF_DAY * days)
+
+
 def _check_filled(sheet: Sheet, column: int, empty: np.ndarray) -> None:
     """Refuse rows without a time."""
     if empty.any():
         row = int(np.argmax(empty))
         raise RecordError(
             f"{sheet.place(row)}, column {parts_of(sheet.headings[column])[0]!r}: expected a time, "
-            f"got nothing{_and_more(int(empty.sum()))}: fill it, or remove the row"
+            f"got nothing{and_more(int(empty.sum()))}: fill it, or remove the row"
         )
 
 
@@ -122,7 +139,7 @@ def _stamps(sheet: Sheet, column: int, values: Any, time_format: str | None) -> 
         raise RecordError(
             f"{sheet.place(row)}, column {parts_of(sheet.headings[column])[0]!r}: expected "
             f"{_expected(time_format)}, got {str(values.iloc[row])[:40]!r}"
-            f"{_and_more(int(wrong.sum()))}; give time_format='%d/%m/%Y %H:%M:%S' or the like"
+            f"{and_more(int(wrong.sum()))}; give time_format='%d/%m/%Y %H:%M:%S' or the like"
         )
     return found
 
@@ -139,7 +156,3 @@ def _seconds(unit: str) -> float:
             f"the unit of time {unit!r} cannot be converted: use one of s, ms, us, min, h, d"
         )
     return SECONDS[unit]
-
-
-def _and_more(count: int) -> str:
-    return f" (and {count - 1} more)" if count > 1 else ""

@@ -21,8 +21,8 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.rig import Rig
+from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.own.checks import check_parts
-from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.own.own_file import module_at
 from prefcal_scenarios.own.source import split_source
 from prefcal_scenarios.own.tracking import Tracked, TrackedRecord, found_rows
@@ -150,7 +150,12 @@ class KPI:
         """Return whether `value` meets the objective; None if there is no objective."""
         if np.isinf(self.at_most) and np.isinf(self.at_least):
             return None
-        return self.at_least <= value <= self.at_most
+        return bool(self.at_least <= value <= self.at_most)
+
+    def met_by(self, experiment: Experiment) -> bool | None:
+        """Return whether an experiment meets the objective; None without one or a value."""
+        value = experiment.kpis.get(self.name)
+        return None if value is None else self.met(value)
 
 
 class _Unstated(tuple[KPI, ...]):

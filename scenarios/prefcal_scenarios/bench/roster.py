@@ -18,7 +18,7 @@ from prefcal_agents.screening.simulations import Simulate
 from prefcal_env.errors import MissingExtraError, ScenarioError, SettingsError
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.own.own_file import module_at
 
 Kind = Literal["preference", "value"]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from prefcal_env.errors import SettingsError
-from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_env.wording import did_you_mean
 
 from .cell import Cell
 from .problems import CALIBRATORS, GUIDELINES, PROBLEMS, problem

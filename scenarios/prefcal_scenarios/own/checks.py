@@ -1,7 +1,6 @@
 """Check a scenario: its parts before anything runs, and its results after one experiment."""
 
 from collections.abc import Iterator, Mapping
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from prefcal_env.experiments.panels import Panel
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
+from prefcal_env.wording import did_you_mean
 
 Scenario = Any
 """`prefcal_scenarios.scenario.Scenario`, which calls these checks while it is being made."""
@@ -214,6 +214,4 @@ def kpi_problems(scenario: Scenario, kpis: Mapping[str, float]) -> Iterator[str]
         return
     there = ", ".join(map(repr, kpis))
     for name in missing:
-        close = get_close_matches(name, kpis, 1)
-        hint = f"did you mean {close[0]!r}? " if close else ""
-        yield f"no run returns the KPI {name!r}; {hint}There are {there}"
+        yield f"no run returns the KPI {name!r}; there are {there}.{did_you_mean(name, kpis)}"

@@ -1,6 +1,6 @@
 """Find KPIs for a scenario that states none: the tracking KPIs that its channels allow."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from inspect import signature
@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.experiments.experiment import Channel, Channels, Experiment
+from prefcal_env.experiments.experiment import Channels, Experiment
+from prefcal_env.experiments.kpi_units import tracking_units
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.maneuvers import Maneuvers
 from prefcal_env.knobs.space import KnobSpace
@@ -43,9 +44,14 @@ def tracking_rows(channels: Channels) -> dict[str, Row]:
     Args:
         channels: Channels of the experiments; every output counts as one with a reference.
     """
-    rows = [*_rows(_OF_OUTPUT, channels.y, channels.time_unit)]
-    rows += _rows(_OF_INPUT, channels.u, channels.time_unit)
-    return {row["name"]: row for row in rows}
+    units = tracking_units(channels)
+    kinds = [(kind, about, channels.y) for kind, about in _OF_OUTPUT.items()]
+    kinds += [(kind, about, channels.u) for kind, about in _OF_INPUT.items()]
+    names = {f"{kind} of {c.name}": about for kind, about, of in kinds for c in of}
+    return {
+        name: {"name": name, "title": name, "unit": units[name], "better": "lower", "about": about}
+        for name, about in names.items()
+    }
 
 
 def found_rows(channels: Channels, measured: Mapping[str, float] | None = None) -> list[Row]:
@@ -68,18 +74,6 @@ def found_rows(channels: Channels, measured: Mapping[str, float] | None = None) 
         if len(names) <= _MOST:
             break
     return [rows[name] for name in names]
-
-
-def _rows(kinds: Mapping[str, str], of: tuple[Channel, ...], time_unit: str) -> Iterator[Row]:
-    for kind, about in kinds.items():
-        for channel in of:
-            name, unit = f"{kind} of {channel.name}", channel.unit
-            if kind == "settling time":
-                unit = time_unit
-            elif kind in ("integrated error", "late error"):
-                power = "²" if kind == "late error" else ""
-                unit = f"{unit} {time_unit}{power}".strip()
-            yield {"name": name, "title": name, "unit": unit, "better": "lower", "about": about}
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from prefcal_env.calibrators import Flipping
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Calibrator, Preference
-from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import KPI, Scenario
 
 from .draw import KINDS

@@ -80,8 +80,8 @@ def test_a_panel_states_what_differs_from_its_channel_and_scales_the_rest():
 @pytest.mark.parametrize(
     ("panel", "words"),
     [
-        (Panel("beem"), r"did you mean 'beam'\? There are states 'ball', 'beam'; inputs 'motor'; "
-                        r"outputs 'ball', 'y0'; signals 'gap'"),
+        (Panel("beem"), r"there are states 'ball', 'beam'; inputs 'motor'; outputs 'ball', "
+                        r"'y0'; signals 'gap'\. Did you mean 'beam'\?"),
         (Panel("motor", "x"), "of kind 'x' has this name"),
         (Panel("ball", reference="asked"), r"no signal is called 'asked'.*there are 'gap'"),
         (Panel("motor", low=13.0), "low must be below high"),

@@ -24,6 +24,16 @@ HEAD = "time [min],temperature [°C],flow [m³/h],power [%]"
 GOOD = f"{HEAD}\n0,20,1.5,100\n0.5,21,1.5,100\n1.0,23.5,1.6,90\n"
 
 
+def test_outputs_that_are_no_states_have_columns_of_their_own():
+    level, flow = Channel("level", "m"), Channel("flow", "m³/h")
+    rig = Rig(Channels((level,), (), (flow, level), "s"), (1.0, 2.0))
+    assert rig.template() == "time [s],level [m],flow [m³/h]\n"
+    e = rig.read("time,level,flow\n0,1,5\n1,2,6\n", THETA)
+    assert e.x[:, 0].tolist() == e.output(1).tolist() == [1, 2]
+    assert e.output(0).tolist() == [5, 6]
+    assert rig.failed(THETA).y.shape == (0, 2)
+
+
 def test_a_record_becomes_an_experiment():
     e = RIG.read(GOOD, THETA)
     assert np.array_equal(e.t, [0, 0.5, 1.0])

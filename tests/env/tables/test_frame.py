@@ -1,13 +1,17 @@
 """Tables of logged data: what is read, what is mended if allowed, and what is refused in words."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from prefcal_env import Channel, Channels, End, Rig, TableColumns, from_frame, recorded
+from prefcal_env import Channel, Channels, End, Rig, TableColumns, combined, from_frame, recorded
 from prefcal_env.errors import RecordError, SettingsError
+from prefcal_env.experiments.kpi_units import tracking_units
 
 GOOD = "time [s],level [m],valve [%],note\n0,1,5,a\n1,2.5,6,b\n2,3,7,c\n3,4,8,d\n"
 USE = {"outputs": ["level"], "inputs": ["valve"]}
@@ -110,7 +114,7 @@ def test_a_reference_comes_from_a_column_or_a_number():
         (b"PAR1xxxx", "the Parquet file cannot be read"),
         (3, "a table must be a pandas DataFrame, the path"),
         ("0,1\n1,2\n", "the first line must hold headings, got the numbers 0, 1"),
-        (GOOD.replace("level", "levle"), "no column is called 'level'; did you mean 'levle'"),
+        (GOOD.replace("level", "levle"), "no column is called 'level'; .* mean 'levle'"),
         (GOOD.replace("note", "level [m]"), "column 'level' appears 2 times"),
         (GOOD.replace("time [s]", "x"), "no column is called time: give the right one as time="),
         (GOOD.replace("1,2.5", "1,x"), "line 3, column 'level': expected a number, got 'x'"),
@@ -131,6 +135,76 @@ def test_a_reference_comes_from_a_column_or_a_number():
 def test_what_is_wrong_with_a_table_is_refused_in_words(table, words):
     with pytest.raises(RecordError, match=words):
         from_frame(table, 1.0, time_unit="s", **USE)
+
+
+ROWS = "0,1.0,40\n1,1.6,30\n2,2.1,20\n"
+FORMS = {
+    "semicolons": ("time [s],level [m],valve [%]\n" + ROWS).replace(",", ";"),
+    "decimal commas": ("time [s];level [m];valve [%]\n" + ROWS.replace(",", ";")).replace(".", ","),
+    "tabs": ("time [s],level [m],valve [%]\n" + ROWS).replace(",", "\t"),
+    "bars": ("time [s],level [m],valve [%]\n" + ROWS).replace(",", "|"),
+    "a hint for spreadsheets": "sep=,\ntime [s],level [m],valve [%]\n" + ROWS,
+    "a row of units": "time,level,valve\ns,m,%\n" + ROWS,
+    "a quoted row of units": '"time","level","valve"\n"[s]","[m]","[%]"\n' + ROWS,
+    "a unit of time in parentheses": "time (s),level [m],valve [%]\n" + ROWS,
+    "a byte order mark": "\ufefftime [s],level [m],valve [%]\n" + ROWS,
+    "old line ends": ("time [s],level [m],valve [%]\n" + ROWS).replace("\n", "\r"),
+}
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "cp1252"])
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_of_a_csv_is_read_alike_from_a_table_and_from_a_rig(form, encoding):
+    if form == "a byte order mark" and encoding == "cp1252":
+        pytest.skip("has none")
+    content = FORMS[form].encode(encoding)
+    e = from_frame(content, 1.0, inputs="valve")
+    assert [c.label for c in (*e.channels.y, *e.channels.u)] == ["level [m]", "valve [%]"]
+    level, valve = Channel("level", "m"), Channel("valve", "%")
+    record = Rig(Channels((level,), (valve,), (level,)), (2.0,)).read(content, np.ones(1))
+    for made in (e, record):
+        assert made.t.tolist() == [0, 1, 2]
+        assert made.output(0).tolist() == [1.0, 1.6, 2.1]
+        assert made.u[:, 0].tolist() == [40, 30, 20]
+
+
+def test_a_first_row_of_values_is_no_row_of_units():
+    e = from_frame("time,mode,level\n2026-11-23T09:00:00Z,h,1\n2026-11-23T09:00:01Z,s,2\n", 1.0)
+    assert e.output(0).tolist() == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("times", "seconds"),
+    [
+        (("09:00:00", "09:00:01,5", "09:01:00"), [0, 1.5, 60]),
+        (("23:59:59", "00:00:00", "00:00:01"), [0, 1, 2]),
+        (("2026-10-25T02:59:59+02:00", "2026-10-25T02:00:00+01:00", "2026-10-25T01:00:01Z"),
+         [0, 1, 2]),
+        (("23.11.2026 09:00:00", "23.11.2026 09:00:01", "23.11.2026 09:00:02"), [0, 1, 2]),
+    ],
+)  # fmt: skip
+def test_times_of_day_and_zones_are_understood(times, seconds):
+    text = "time;level\n" + "".join(f"{t};1.5\n" for t in times)
+    assert from_frame(text, 1.0, allow="gaps").t.tolist() == seconds
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('time,level\n0,"1,5"\n1,"2,5"\n', "decimal commas in all of them with semi"),
+        ('time,level,flow\n0,"1,500.5",1\n1,"2,500.5",1\n', "remove the separators of thousands"),
+        ("time,level,flow\n0,1,1\n1,Bad,1\n2,3,1\n", "expected a number, got 'Bad'"),
+        ("time,level,flow\n0,4 %,1\n1,5 %,1\n", "put the unit into the heading"),
+        ("Plant 7\n\ntime,level\n0,1\n", "remove the lines above the headings"),
+        ('time,level\n0,"1\n1,2\n', "a quote does not end"),
+        ('time,"level\nm"\n0,1\n', "line 1: a quoted heading does not end"),
+        ("time,level\n0,1\n1,inf\n2,1\n", "line 3, column 'level': expected a number, got inf"),
+        (b"PK\x03\x04 workbook", "is a workbook or an archive"),
+    ],
+)
+def test_what_looks_like_a_number_is_refused_and_never_left_out(text, words):
+    with pytest.raises(RecordError, match=words):
+        from_frame(text, 1.0)
 
 
 def test_rows_of_a_frame_are_counted_from_zero_when_refused():
@@ -219,6 +293,19 @@ def test_an_experiment_shows_itself_in_a_notebook():
     nothing = recorded(1.0, [0.0, 1.0], {"a": [np.nan, np.nan]})
     assert "failed" in nothing._repr_html_()
     assert "img" not in nothing._repr_html_()
+
+
+def test_kpis_in_a_notebook_have_the_units_that_the_channels_tell():
+    e = from_frame(GOOD, 1.0, reference={"level": 2.0}, **USE)
+    cells = dict(re.findall(r"<td>([^<]+)</td><td[^>]*>([^<]+)</td>", e._repr_html_()))
+    units = {name: text.partition(" ")[2] for name, text in cells.items()}
+    assert units == tracking_units(e.channels)
+    assert units["late error of level"] == "m s²"
+    both = combined([replace(e, maneuver="up"), replace(e, maneuver="down")])
+    both = both.with_kpis({**both.kpis, "grade": 1.0})
+    shown = both._repr_html_()
+    assert "<td>overshoot of level (up)</td><td style='text-align:right'>2 m</td>" in shown
+    assert "<td>grade</td><td style='text-align:right'>1</td>" in shown
 
 
 def test_a_rig_reads_frames_files_and_other_headings(tmp_path):

@@ -311,14 +311,14 @@ def _channels(channels: Channels) -> Iterator[Finding]:
 
 def _kpi(kpi: KPI, experiment: Experiment) -> Finding:
     text = with_unit(measured(kpi, experiment), kpi.unit)
-    met = {True: ", met", False: ", not met", None: ""}[kpi.met(experiment.kpis[kpi.name])]
+    met = {True: ", met", False: ", not met", None: ""}[kpi.met_by(experiment)]
     return Finding(f"KPI {kpi.name!r}", True, f"{text}; {_GOALS[kpi.goal]}{met}")
 
 
 def _made_up(rig: Rig, theta: Float[np.ndarray, " n"]) -> Experiment:
     """Return an experiment of a rig made from an invented record with constant channels."""
     columns = rig.columns
-    values = [_plausible(rig, c.name, c.low, c.high) for c in (*rig.channels.x, *rig.channels.u)]
+    values = [_plausible(rig, c.name, c.low, c.high) for c in rig.recorded]
     rows = [[f"{t:g}", *(f"{v!r}" for v in values)] for t in range(60)]
     text = columns.template + "\n".join(",".join(row) for row in rows) + "\n"
     try:

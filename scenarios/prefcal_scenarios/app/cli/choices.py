@@ -15,7 +15,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.rig import Rig
-from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 
 from .options import SCORE, SIMULATING, SYNTHETIC, Options

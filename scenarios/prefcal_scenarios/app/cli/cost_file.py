@@ -9,8 +9,8 @@ from typing import Any
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.kpis import outcome
-from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.own.own_file import module_at
 from prefcal_scenarios.scenario import Scenario, finds_kpis
 

@@ -298,7 +298,5 @@ def _table(record: Record, best: Experiment) -> Table:
 
 
 def _judged(kpi: KPI, experiment: Experiment) -> Text:
-    value = experiment.kpis.get(kpi.name)
-    met = None if value is None else kpi.met(value)
-    mark = {None: ("  ", ""), True: (" ✓", "green"), False: (" ✗", "red")}[met]
-    return Text.assemble(measured(kpi, experiment), mark)
+    marks = {None: ("  ", ""), True: (" ✓", "green"), False: (" ✗", "red")}
+    return Text.assemble(measured(kpi, experiment), marks[kpi.met_by(experiment)])

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channel, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
+from prefcal_env.experiments.maneuvers import MEAN, combined, named
 from prefcal_scenarios.own.tracking import tracking_rows
 from prefcal_scenarios.scenario import KPI
 
@@ -22,7 +23,21 @@ def measured_run(experiment: Experiment) -> tuple[Experiment, tuple[KPI, ...]]:
 
     Outputs with a reference and inputs have those of `tracking_kpis`. An output without a
     reference has its mean, its standard deviation and its range, none of which is better or worse.
+    Several maneuvers have them each, and the worst and the mean of those that can be worse.
     """
+    if not any(run.maneuver for run in experiment.runs):
+        return _measured(experiment)
+    each = [_measured(run) for run in experiment.runs]
+    known = {kpi.name: kpi for _, kpis in each for kpi in kpis}
+    whole = combined([run for run, _ in each])
+    neither = [name for name, kpi in known.items() if kpi.goal is None]
+    left_out = {*neither, *(named(name, MEAN) for name in neither)}
+    values = {name: value for name, value in whole.kpis.items() if name not in left_out}
+    return whole.with_kpis(values), tuple(known.values())
+
+
+def _measured(experiment: Experiment) -> tuple[Experiment, tuple[KPI, ...]]:
+    """Return a single run with its KPIs, and what they mean."""
     values = tracking_kpis(experiment)
     kpis = _tracking(experiment, values)
     for channel, y in _untracked(experiment, values):

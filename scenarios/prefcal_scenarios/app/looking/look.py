@@ -117,19 +117,23 @@ class Look:
         """Return picture and KPIs for a notebook, self-contained."""
         from base64 import b64encode
 
+        from prefcal_env.experiments.maneuvers import named
+        from prefcal_env.experiments.notebook import table_of
         from prefcal_scenarios.app.presentation.wording import with_unit
 
-        left, right = escape(self.pair.left.name), escape(self.pair.right.name)
-        rows = "".join(
-            f"<tr><th>{escape(row['title'])}</th>"
-            + "".join(f"<td>{escape(with_unit(row[s]['text'], row['unit']))}</td>"
-                      for s in ("left", "right"))
-            + f"<td>{escape(row['difference'] or '–')}</td></tr>"
+        left, right = self.pair.left.name, self.pair.right.name
+        rows = [
+            (
+                # Without maneuvers there are no groups.
+                named(row["title"], row["group"]) if row["group"] else row["title"],
+                *(with_unit(row[side]["text"], row["unit"]) for side in ("left", "right")),
+                row["difference"] or "–",
+            )
             for row in self.kpis()
-        )  # fmt: skip
+        ]
         picture = b64encode(self.png()).decode()
         return (
-            f'<img alt="{left} and {right}" src="data:image/png;base64,{picture}">'
-            f"<table><tr><th>KPI</th><th>{left}</th><th>{right}</th><th>difference</th></tr>"
-            f"{rows}</table>"
+            f'<img alt="{escape(left)} and {escape(right)}" '
+            f'src="data:image/png;base64,{picture}">'
+            f"{table_of(('KPI', left, right, 'difference'), rows)}"
         )

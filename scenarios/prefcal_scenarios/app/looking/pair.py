@@ -2,14 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channel, Channels, Experiment
+from prefcal_env.experiments.maneuvers import by_maneuver, combined
 from prefcal_env.experiments.panels import Plot, plots_of
-from prefcal_env.tables.timing import SECONDS
+from prefcal_env.tables.units import SECONDS
 from prefcal_scenarios.scenario import KPI
+
+from .units import in_time_unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +64,7 @@ def paired(left: Run, right: Run, *, align: bool | None = None) -> Pair:
         align: Whether both start at 0; None to do so only if their times do not overlap.
     """
     right, notes = _in_unit_of(left, right)
+    left, right = _with_maneuvers_of(left, right), _with_maneuvers_of(right, left)
     starts = [run.experiment.t[0] if len(run.experiment.t) else 0.0 for run in (left, right)]
     if align or (align is None and _apart(left.experiment, right.experiment)):
         left, right = (
@@ -85,24 +90,19 @@ def _in_unit_of(left: Run, right: Run) -> tuple[Run, tuple[str, ...]]:
     if wanted not in SECONDS or given not in SECONDS:
         words = f"The times of {left.name} are in {wanted}, those of {right.name} in {given}."
         return right, (words,)
-    converted = in_time_unit(right.experiment, wanted)
-    words = f"The times of {right.name} are converted from {given} to {wanted}; its KPIs are not."
-    return replace(right, experiment=converted), (words,)
+    experiment, kpis = in_time_unit(right.experiment, right.kpis, wanted)
+    words = f"The times of {right.name} are converted from {given} to {wanted}."
+    return replace(right, experiment=experiment, kpis=kpis), (words,)
 
 
-def in_time_unit(experiment: Experiment, unit: str) -> Experiment:
-    """Return `experiment` with its times converted to `unit`; unchanged if that is impossible."""
-    given = experiment.channels.time_unit
-    if given == unit or given not in SECONDS or unit not in SECONDS:
-        return experiment
-    factor = SECONDS[given] / SECONDS[unit]
-    return replace(
-        experiment,
-        t=factor * experiment.t,
-        t_control=factor * experiment.t_control,
-        channels=replace(experiment.channels, time_unit=unit),
-        runs=tuple(in_time_unit(run, unit) for run in experiment.runs),
-    )
+def _with_maneuvers_of(run: Run, other: Run) -> Run:
+    """Return `run` as one that does the same in each maneuver of the other one, if it has none."""
+    names = [name for name in by_maneuver(other.experiment) if name]
+    if not names or "" not in by_maneuver(run.experiment):
+        return run
+    alone = replace(run.experiment, runs=())
+    parts = [replace(alone, maneuver=name) for name in names]
+    return replace(run, experiment=combined(parts))
 
 
 def _shifted(experiment: Experiment, by: float) -> Experiment:
@@ -153,17 +153,19 @@ class _Layout:
     @classmethod
     def of(cls, left: Experiment, right: Experiment) -> "_Layout":
         """Return the panels of two runs: those of the left one first, and inputs last."""
-        curves = [_curves(left), _curves(right)]
+        # Limits and targets may differ between the maneuvers of a run, too.
+        every = [run for e in (left, right) for run in (e, *e.runs)]
+        curves = [_curves(run) for run in every]
         held = {
             key: all(side[key].held for side in curves if key in side)
-            for key in {**curves[0], **curves[1]}
+            for key in dict.fromkeys(key for side in curves for key in side)
         }
         keys = sorted(held, key=lambda key: held[key])
-        fixed = _with_fixed_targets(left, right)
+        fixed = _with_fixed_targets(every)
         panels = []
         for key in keys:
             looks = [side[key].channel for side in curves if key in side]
-            look = _look(looks[0], looks[-1], keeps_target=key[0] in fixed)
+            look = _look(looks, keeps_target=key[0] in fixed)
             label = _label(key, keys)
             reference = "" if look.target is not None else _reference(label)
             panels.append(Plot(look, "u" if held[key] else "y", label, reference=reference))
@@ -224,19 +226,21 @@ def _table(columns: Sequence[Float[np.ndarray, " K"]], n: int) -> Float[np.ndarr
     return np.stack(columns, axis=1) if columns else np.zeros((n, 0))
 
 
-def _look(left: Channel, right: Channel, *, keeps_target: bool) -> Channel:
-    """Return what both runs agree on of a channel."""
-    agreed = replace(
-        left,
-        low=left.low if left.low == right.low else -np.inf,
-        high=left.high if left.high == right.high else np.inf,
-        band=left.band if left.band == right.band else None,
-    )
-    same = left.target == right.target and keeps_target
-    return agreed if same else replace(agreed, target=None, band=None)
+def _look(looks: Sequence[Channel], *, keeps_target: bool) -> Channel:
+    """Return what all runs agree on of a channel."""
+
+    def agreed(name: str, otherwise: float | None) -> Any:
+        found = {getattr(channel, name) for channel in looks}
+        return found.pop() if len(found) == 1 else otherwise
+
+    target = agreed("target", None) if keeps_target else None
+    return replace(
+        looks[0], low=agreed("low", -np.inf), high=agreed("high", np.inf), target=target,
+        band=None if target is None else agreed("band", None),
+    )  # fmt: skip
 
 
-def _with_fixed_targets(*experiments: Experiment) -> frozenset[str]:
+def _with_fixed_targets(experiments: Sequence[Experiment]) -> frozenset[str]:
     """Return the names of the curves whose reference, if any, is their target all the time."""
     targets = [{c.name: c.target for c in e.channels.y} for e in experiments]
     moving = {

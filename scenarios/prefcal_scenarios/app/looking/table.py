@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from prefcal_env.errors import RecordError
-from prefcal_env.tables.cells import parts_of
+from prefcal_env.experiments.end import End
 from prefcal_env.tables.frame import ALLOWED, TableColumns
 from prefcal_env.tables.sheet import Sheet, sheet_of
+from prefcal_env.tables.steps import gap_words, gaps
 from prefcal_env.tables.timing import instants, time_unit_of, usual_time_columns
+from prefcal_env.tables.units import parts_of
 
 from .look import run_of
 from .pair import Run
@@ -57,8 +59,8 @@ def run_from(path: Path, reading: Reading | None = None, *, name: str = "") -> R
     reading = Reading() if reading is None else reading
     try:
         guess = _Guess.of(path, reading)
-        # θ is not known, and look computes KPIs of its own.
-        experiment = guess.columns().read(guess.sheet, [0.0], kpis=None)
+        # θ is not known.
+        experiment = guess.columns().read(guess.sheet, [0.0])
     except RecordError as error:
         raise RecordError(f"{path}: {error}") from error
     return run_of(name or path.name, experiment, guess.words())
@@ -99,6 +101,7 @@ class _Guess:
         used = {time, *(names[n] for n in reading.inputs)}
         used |= {sheet.column(r, "") for r in reference.values() if isinstance(r, str)}
         outputs, left_out = _outputs(sheet, reading, names, used)
+        _check_references(reading, outputs)
         return cls(
             sheet, reading, time, {n: r for n, r in reference.items() if n in outputs}, outputs,
             (*mended, *_bridged(sheet, (*outputs, *reading.inputs), names), *left_out),
@@ -118,6 +121,9 @@ class _Guess:
             from_zero=False,
             allow=ALLOWED,
             max_rows=None,
+            # look computes KPIs of its own, and nobody says that the run was unsafe.
+            kpis=None,
+            end=End.TIME_UP,
         )
 
     def words(self) -> str:
@@ -155,6 +161,10 @@ def _timed(sheet: Sheet, time: int, time_format: str | None) -> tuple[Sheet, lis
     repeated = len(t) - len(np.unique(t))
     if repeated:
         said.append(f"of rows with the same time only the last one is kept ({repeated} left out)")
+    ordered = np.unique(t)
+    if len(long := gaps(ordered)):
+        words = gap_words(ordered, int(long[0]), time_unit_of(sheet, time, None), len(long))
+        said.append(f"{words}: bridged")
     return sheet, said
 
 
@@ -188,6 +198,17 @@ def _references(sheet: Sheet, reading: Reading, names: Mapping[str, int]) -> dic
     return found
 
 
+def _check_references(reading: Reading, outputs: Sequence[str]) -> None:
+    """Refuse the reference of what is no output: it would neither be drawn nor measured."""
+    for name in reading.reference:
+        if name not in outputs:
+            there = "an input" if name in reading.inputs else "not shown"
+            raise RecordError(
+                f"{name!r} has a reference but is {there}: the outputs are {_listed(outputs)}; "
+                f"add it with --outputs, or leave --reference {name}=... out"
+            )
+
+
 def _outputs(
     sheet: Sheet, reading: Reading, names: Mapping[str, int], used: set[int]
 ) -> tuple[tuple[str, ...], list[str]]:
@@ -201,9 +222,8 @@ def _outputs(
                if pd.api.types.is_numeric_dtype(values.dtype) and values.notna().any()]  # fmt: skip
     text = [n for n in there if n not in numeric]
     for name in text:
-        values = pd.to_numeric(there[name], errors="coerce")
-        if 2 * values.notna().sum() > len(values):
-            sheet.numbers(names[name])  # numbers but for a few cells: the error says which
+        if sheet.is_almost_numeric(names[name]):
+            sheet.numbers(names[name])  # says which cell holds no number
     if not numeric:
         headings = _listed([parts_of(h)[0] for h in sheet.headings])
         raise RecordError(f"there is no column of numbers beside the time, only {headings}")
@@ -216,10 +236,14 @@ def _outputs(
 
 
 def _bridged(sheet: Sheet, used: Sequence[str], names: Mapping[str, int]) -> list[str]:
-    """Return which columns have empty cells before their last value."""
-    found = []
+    """Return which columns have empty cells before and after their last value."""
+    filled, shorter = [], []
     for name in used:
-        there = np.flatnonzero(np.isfinite(sheet.numbers(names[name])))
+        values = sheet.numbers(names[name])
+        there = np.flatnonzero(np.isfinite(values))
         if len(there) and len(there) <= there[-1]:
-            found.append(name)
-    return [f"empty cells filled from their neighbors in {_listed(found)}"] if found else []
+            filled.append(name)
+        if len(there) and there[-1] < len(values) - 1:
+            shorter.append(name)
+    said = [f"empty cells filled from their neighbors in {_listed(filled)}"] if filled else []
+    return said + ([f"no values in the last rows of {_listed(shorter)}"] if shorter else [])

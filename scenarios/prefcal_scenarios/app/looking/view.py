@@ -1,10 +1,9 @@
 """Turn two runs into plain data for the page, in the form of a question of a study."""
 
-from dataclasses import replace
 from typing import Any
 
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.experiments.maneuvers import by_maneuver
+from prefcal_env.experiments.maneuvers import maneuvers_of
 from prefcal_scenarios.app.web.view.compare import compared
 from prefcal_scenarios.app.web.view.drawn import curves_view
 from prefcal_scenarios.app.web.view.maneuvers import largest_difference
@@ -38,52 +37,25 @@ def comparison(pair: Pair) -> list[dict[str, Any]]:
 
 def _maneuvers(pair: Pair) -> list[dict[str, Any]]:
     """Return the curves of every maneuver; those of the runs themselves if they have none."""
-    parts = [by_maneuver(run.experiment) for run in (pair.left, pair.right)]
-    names = [name for name in {**parts[0], **parts[1]} if name] or [""]
-    # A run without maneuvers stands beside every maneuver of the other one.
-    sides = [[part.get(name, part.get("")) for part in parts] for name in names]
-    return [_drawn(pair, n, *both) for n, both in zip(names, sides, strict=True)]
+    parts = maneuvers_of(pair.left.experiment, pair.right.experiment)
+    return [_drawn(pair, name, *runs) for name, runs in parts.items()]
 
 
-def _drawn(
-    pair: Pair, maneuver: str, left: Experiment | None, right: Experiment | None
-) -> dict[str, Any]:
-    known = [run for run in (left, right) if run is not None]
-    nothing = _without_record(known[0])
-    both = tuple(nothing if run is None else run for run in (left, right))
-    axes = Seen().frame(pair.panels, *both)
-    a, b = both
+def _drawn(pair: Pair, maneuver: str, left: Experiment, right: Experiment) -> dict[str, Any]:
+    axes = Seen().frame(pair.panels, left, right)
     return {
         "maneuver": maneuver,
         "panels": [panel_view(panel) for panel in pair.panels],
         "axes": axes,
-        "differ": largest_difference(pair.panels, axes["y"], a, b),
-        "left": _curves(a, pair),
-        "right": _curves(b, pair),
+        "differ": largest_difference(pair.panels, axes["y"], left, right),
+        "left": _curves(left, pair),
+        "right": _curves(right, pair),
     }
 
 
 def _curves(run: Experiment, pair: Pair) -> dict[str, Any]:
     part = numbers_of(run, pair.kpis) if run.maneuver else None
     return {**curves_view(run, pair.panels), "scene": None, "part": part, "empty": not len(run.t)}
-
-
-def _without_record(run: Experiment) -> Experiment:
-    none = {
-        name: getattr(run, name)[:0]
-        for name in (
-            "t",
-            "x",
-            "u",
-            "t_control",
-            "u_control",
-            "y_ref",
-            "iterations",
-            "solve_time",
-            "solved",
-        )
-    }
-    return replace(run, **none, y=None, signals={}, runs=(), kpis={})
 
 
 def _side(run: Run, pair: Pair) -> dict[str, Any]:

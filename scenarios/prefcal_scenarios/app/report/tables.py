@@ -148,6 +148,4 @@ def _values(record: Record, experiment: Experiment) -> tuple[Value, ...]:
 
 
 def _judged(kpi: KPI, experiment: Experiment) -> Value:
-    value = experiment.kpis.get(kpi.name)
-    met = None if value is None else kpi.met(value)
-    return Value(measured(kpi, experiment), None if met is None else bool(met))
+    return Value(measured(kpi, experiment), kpi.met_by(experiment))

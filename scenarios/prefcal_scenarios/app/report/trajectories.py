@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from prefcal_env.experiments.experiment import Channel, Experiment
-from prefcal_env.experiments.maneuvers import by_maneuver
+from prefcal_env.experiments.maneuvers import maneuvers_of
 from prefcal_env.experiments.panels import Plot
 from prefcal_scenarios.app.presentation.style import (
     BEST,
@@ -60,14 +61,14 @@ def curves_of(record: Record) -> list[Curve]:
         color, dashes = OTHERS[i % len(OTHERS)], _DASHES[i % len(_DASHES)]
         curves.append(Curve(experiment, name, color, 1.5, dashes))
     curves.append(Curve(best.experiment, f"best (experiment {best.number})", BEST, 2.0))
-    return [curve for curve in curves if len(curve.experiment.t)]
+    return [curve for curve in curves if _has_record(curve.experiment)]
 
 
 def best_against(record: Record) -> Figure:
     """Draw the best trajectory with the first one and the references, a panel per signal."""
     curves = curves_of(record)
-    if len(_parts(curves)) > 1:
-        return _multiples(record.scenario, curves)
+    if _has_maneuvers(curves):
+        return _multiples(partial(panels_of, record.scenario), curves)
     panels = panels_of(record.scenario, *(c.experiment for c in curves))
     rows = list(_rows(panels, curves))
     heights = [1.25 if row.zoomed else 1.9 for row in rows]
@@ -94,13 +95,14 @@ def before_and_after(record: Record, *, panels: int, height: float) -> Figure | 
             (record.trials[0].number, record.trials[0].experiment, "before", FIRST, 1.4),
             (record.best.number, record.best.experiment, "after", BEST, 2.0),
         )
-        if len(experiment.t)
+        if _has_record(experiment)
     }
     curves = list(runs.values())
     if not curves:
         return None
-    if len(_parts(curves)) > 1:
-        return _multiples(record.scenario, curves, panels=panels, height=height)
+    if _has_maneuvers(curves):
+        draws = partial(panels_of, record.scenario)
+        return _multiples(draws, curves, most=panels, height=height)
     rows = [_Row(panel) for panel in panels_of(record.scenario, *(c.experiment for c in curves))]
     rows = rows[:panels]
     figure = canvas(0.8 + (height - 0.8) * len(rows) / panels)
@@ -114,12 +116,11 @@ def side_by_side(record: Record, other: str) -> Figure:
     """Draw the best trajectory on the left and the reference `other` on the right."""
     assert record.best is not None
     best, rival = record.best.experiment, record.references[other]
-    rows = [_Row(panel) for panel in panels_of(record.scenario, best, rival)]
     pair = (
         Curve(best, "preference-based (this study)", BEST, 1.9),
         Curve(rival, other, OTHERS[0], 1.9),
     )
-    return _pair(record.scenario, rows, pair)
+    return _pair(record.scenario, pair)
 
 
 def figure(
@@ -133,10 +134,9 @@ def figure(
         right: Right experiment.
         labels: Labels of the left and the right experiment.
     """
-    rows = [_Row(panel) for panel in panels_of(scenario, left, right)]
     pair = (Curve(left, labels[0], BEST, 1.9), Curve(right, labels[1], OTHERS[0], 1.9))
     with style():
-        return _pair(scenario, rows, pair)
+        return _pair(scenario, pair)
 
 
 def alone(scenario: Scenario, experiment: Experiment) -> Figure:
@@ -148,8 +148,8 @@ def alone(scenario: Scenario, experiment: Experiment) -> Figure:
     """
     with style():
         curve = Curve(experiment, "this run", BEST, 1.9)
-        if len(_parts([curve])) > 1:
-            return _multiples(scenario, [curve])
+        if _has_maneuvers([curve]):
+            return _multiples(partial(panels_of, scenario), [curve])
         rows = list(_rows(panels_of(scenario, experiment), [curve]))
         figure = canvas(0.6 + 1.75 * len(rows))
         grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)
@@ -163,10 +163,14 @@ def alone(scenario: Scenario, experiment: Experiment) -> Figure:
 def overlaid(panels: Sequence[Plot], curves: Sequence[Curve]) -> Figure:
     """Draw experiments over each other, a panel per signal, with the references that change.
 
+    Several maneuvers are drawn next to each other.
+
     Args:
         panels: Panels from top to bottom, the same for all experiments.
         curves: Experiments with their labels and colors.
     """
+    if _has_maneuvers(curves):
+        return _multiples(lambda *_: tuple(panels), curves)
     rows = [_Row(panel) for panel in panels]
     figure = canvas(0.7 + 1.75 * len(rows))
     grid = figure.subplots(len(rows), 1, sharex=True, squeeze=False)
@@ -175,38 +179,44 @@ def overlaid(panels: Sequence[Plot], curves: Sequence[Curve]) -> Figure:
     return figure
 
 
-def _parts(curves: Sequence[Curve]) -> list[str]:
-    """Return the names of the maneuvers of all runs, in order; one "" if there are none."""
-    names = dict.fromkeys(name for c in curves for name in by_maneuver(c.experiment))
-    return [name for name in names if name] or [""]
+def _has_record(experiment: Experiment) -> bool:
+    """Return whether an experiment, or any of its maneuvers, left a record."""
+    return any(len(run.t) for run in experiment.runs or (experiment,))
 
 
-def _of(part: str, curves: Sequence[Curve]) -> list[Curve]:
-    """Return the curves of one maneuver; a run that lacks it is left out."""
-    found = [(curve, by_maneuver(curve.experiment).get(part)) for curve in curves]
-    return [replace(c, experiment=run) for c, run in found if run is not None and len(run.t)]
+def _has_maneuvers(curves: Sequence[Curve]) -> bool:
+    return len(maneuvers_of(*(curve.experiment for curve in curves))) > 1
+
+
+def _by_maneuver(curves: Sequence[Curve]) -> dict[str, list[Curve]]:
+    """Return the curves of each maneuver, without the runs that left no record."""
+    return {
+        part: [
+            replace(curve, experiment=run)
+            for curve, run in zip(curves, runs, strict=True)
+            if len(run.t)
+        ]
+        for part, runs in maneuvers_of(*(curve.experiment for curve in curves)).items()
+    }
 
 
 def _multiples(
-    scenario: Scenario,
+    panels: Callable[..., Sequence[Plot]],
     curves: Sequence[Curve],
     *,
-    panels: int | None = None,
+    most: int | None = None,
     height: float | None = None,
 ) -> Figure:
     """Draw a small plot for each panel and maneuver: a row of maneuvers below each panel's title.
 
     Args:
-        scenario: Scenario of the runs.
-        curves: Runs with their labels and colors.
-        panels: Largest number of panels, most important first; None for all.
+        panels: Function that returns the panels of the runs of one maneuver.
+        curves: Runs with their labels and colors; one or more left a record.
+        most: Largest number of panels, most important first; None for all.
         height: Height of a figure with that many panels, in inches; None for the usual one.
     """
-    drawn = {part: found for part in _parts(curves) if (found := _of(part, curves))}
-    plots = {
-        part: panels_of(scenario, *(c.experiment for c in found))[:panels]
-        for part, found in drawn.items()
-    }
+    drawn = {part: found for part, found in _by_maneuver(curves).items() if found}
+    plots = {part: panels(*(c.experiment for c in found))[:most] for part, found in drawn.items()}
     count = max(len(found) for found in plots.values())
     across = min(len(drawn), _ACROSS)
     down = -(-len(drawn) // across) * count
@@ -222,8 +232,8 @@ def _multiples(
             place.set_visible(True)
         _fill(list(places), [_Row(panel) for panel in plots[part]], found, _short)
         _above(places[0], part, 21, fontweight="bold")
-    most = max(drawn, key=lambda part: len(drawn[part]))
-    i = list(drawn).index(most)
+    fullest = max(drawn, key=lambda part: len(drawn[part]))
+    i = list(drawn).index(fullest)
     legend(figure, grid[i // across * count, i % across], len(curves))
     return figure
 
@@ -233,17 +243,39 @@ def _short(channel: Channel, *, zoomed: bool = False) -> str:
     return panel_title(replace(channel, target=None, band=None, low=-np.inf, high=np.inf))
 
 
-def _pair(scenario: Scenario, rows: Sequence[_Row], pair: Sequence[Curve]) -> Figure:
-    figure = canvas(0.8 + 1.75 * len(rows))
-    grid = figure.subplots(len(rows), 2, sharex=True, sharey="row", squeeze=False)
-    names = scenario.space.names
+def _pair(scenario: Scenario, pair: Sequence[Curve]) -> Figure:
+    """Draw two runs side by side, a row for each panel; the maneuvers below each other."""
+    parts = maneuvers_of(*(curve.experiment for curve in pair))
+    rows = {
+        part: [_Row(panel) for panel in panels_of(scenario, *runs)] for part, runs in parts.items()
+    }
+    count = sum(map(len, rows.values()))
+    figure = canvas(0.8 + 1.75 * count)
+    grid = figure.subplots(count, 2, sharey="row", squeeze=False)
+    top = 0
+    for part, runs in parts.items():
+        places = grid[top : top + len(rows[part])]
+        _share_time(places)
+        for column, (curve, run) in enumerate(zip(pair, runs, strict=True)):
+            _fill(list(places[:, column]), rows[part], [replace(curve, experiment=run)])
+        if part:
+            _above(places[0, 0], part, 21, fontweight="bold")
+        top += len(rows[part])
+    up = 15 if any(parts) else 0  # above the name of the first maneuver
     for column, curve in enumerate(pair):
-        _fill(list(grid[:, column]), rows, [curve])
-        values = zip(names, curve.experiment.theta, strict=True)
+        values = zip(scenario.space.names, curve.experiment.theta, strict=True)
         theta = ",  ".join(f"{mathtext(n)} = {number(v)}" for n, v in values)
-        _above(grid[0, column], theta, 21, color=FAINT, fontsize=8.5)
-        _above(grid[0, column], curve.label, 36, color=curve.color, fontweight="bold")
+        _above(grid[0, column], theta, 21 + up, color=FAINT, fontsize=8.5)
+        _above(grid[0, column], curve.label, 36 + up, color=curve.color, fontweight="bold")
     return figure
+
+
+def _share_time(places: "np.ndarray[Any, Any]") -> None:
+    """Give these plots, row by row, one axis of time, with numbers below the last row only."""
+    for place in places.flat[1:]:
+        place.sharex(places[0, 0])
+    for place in places[:-1].flat:
+        place.tick_params(labelbottom=False)
 
 
 def _above(axes: Axes, text: str, points: float, **look: Any) -> None:

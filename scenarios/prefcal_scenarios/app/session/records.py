@@ -143,16 +143,20 @@ def _new(
 
 def _same(flow: Flow, index: int, experiment: Experiment) -> int | None:
     """Return another experiment with the same curves, even if its file was saved again."""
+    mine = _curves(experiment)
     for other in sorted(flow.state.finished):
-        known = flow.store.experiment(other)
-        if other != index and len(known.t) and all(
-            np.array_equal(mine, theirs)
-            for mine, theirs in (
-                (experiment.t, known.t), (experiment.x, known.x), (experiment.u, known.u)
-            )
-        ):  # fmt: skip
+        theirs = _curves(flow.store.experiment(other))
+        if other == index or not len(theirs[0]) or len(mine) != len(theirs):
+            continue
+        if all(map(np.array_equal, mine, theirs)):
             return other
     return None
+
+
+def _curves(experiment: Experiment) -> list[np.ndarray]:
+    """Return everything that a record holds; outputs only if they are no states."""
+    arrays = [experiment.t, experiment.x, experiment.u]
+    return arrays if experiment.y is None else [*arrays, experiment.y]
 
 
 def _about(flow: Flow, index: int) -> list[int]:

@@ -19,12 +19,13 @@ from prefcal_scenarios.app.presentation.wording import theta_text
 from prefcal_scenarios.app.session import Choice, Given, Interview, Now, Phase
 from prefcal_scenarios.app.session.live.state import LiveNow
 from prefcal_scenarios.app.session.view import GOOD_ENOUGH, UNSAFE
-from prefcal_scenarios.app.web.view import Seen, preview_view
+from prefcal_scenarios.app.web.view import Seen, comparison_view, preview_view
 
 from .briefing import show_brief
 from .keys import END, ESCAPE, ask_line, pressed
 from .looking import show_history, show_status
-from .showing import show_changes, show_comparison, show_keys, show_next, show_question
+from .pairs import show_rows
+from .showing import show_changes, show_keys, show_next, show_question
 
 # Keys that the page has too mean the same there.
 CHOICES = {
@@ -155,7 +156,8 @@ class _Conversation:
         elif key == "j":
             self.maneuver, self.shown = self.maneuver + 1, None
         elif key == "t" and now.question is not None:
-            show_comparison(self.interview, now.question, self.console, self.seen)
+            seen = self.seen.look(self.interview)
+            show_rows(comparison_view(now.question, self.interview.scenario, seen), self.console)
         elif key == "p":
             self.interview.repeat()
         elif key == "f":

@@ -1,5 +1,6 @@
 """Show a question in a terminal: two experiments as text and curves."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
 from prefcal_scenarios.app.presentation.wording import INTERRUPTED, printable, with_unit
 from prefcal_scenarios.app.session import Interview, Now, Question, Side
-from prefcal_scenarios.app.web.view import Seen, comparison_view
+from prefcal_scenarios.app.web.view import Seen
 from prefcal_scenarios.app.web.view.maneuvers import Pair, pairs_of
 from prefcal_scenarios.app.web.view.sides import numbers_view, theta_view
 from prefcal_scenarios.app.web.view.simulated import screening_view
@@ -70,20 +71,25 @@ def show_question(
         _name_maneuver(console, f"Maneuver {at} of {len(pairs)}: {printable(pair.name)}")
         above += 1
     sides = _sides(question, interview.scenario, console, seen, pair, blind=blind, above=above)
-    if wide:
-        grid = Table.grid(expand=True)
-        grid.add_column(ratio=1)
-        grid.add_column(ratio=1)
-        grid.add_row(*sides)
-        console.print(grid)
-    else:
-        for side in sides:
-            console.print(side)
+    show_boxes(sides, console)
     much = "[L] [R] much better  " if wide else ""  # 80 columns hold no more
     console.print(
         f"[←] left  [→] right  {much}[↓] same  [s] can't tell  [z] undo  [?] all keys  [x] stop",
         markup=False, highlight=False,
     )  # fmt: skip
+
+
+def show_boxes(sides: Sequence[RenderableType], console: Console) -> None:
+    """Print both sides, next to each other if there is room."""
+    if console.width < WIDE:
+        for side in sides:
+            console.print(side)
+        return
+    grid = Table.grid(expand=True)
+    grid.add_column(ratio=1)
+    grid.add_column(ratio=1)
+    grid.add_row(*sides)
+    console.print(grid)
 
 
 def _name_maneuver(console: Console, words: str) -> None:
@@ -175,22 +181,6 @@ def _title(name: str, side: Side, *, blind: bool) -> str:
     elif side.experiment.end.interrupted:
         title += f" · {side.experiment.end.value}"
     return title
-
-
-def show_comparison(interview: Interview, question: Question, console: Console, seen: Seen) -> None:
-    """Print all KPIs of both sides, most different first, with the better value in bold."""
-    table = Table(title_justify="left", expand=False)
-    for heading, style in (("KPI", ""), ("LEFT", STYLES["left"]), ("RIGHT", STYLES["right"])):
-        table.add_column(heading, header_style=style, justify="right" if style else "left")
-    table.add_column("right − left", justify="right")
-    for row in comparison_view(question, interview.scenario, seen.look(interview)):
-        values = []
-        for name in ("left", "right"):
-            sign = {True: " ✓", False: " ✗", None: ""}[row[name]["met"]]
-            text = with_unit(row[name]["text"], row["unit"]) + sign
-            values.append(Text(text, style="bold" if row["better"] == name else ""))
-        table.add_row(Text(row["title"]), *values, row["difference"] or "–")
-    console.print(table)
 
 
 def _kpis(kpis: list[dict[str, Any]]) -> RenderableType:

@@ -7,8 +7,8 @@ from pathlib import Path
 import pandas as pd
 
 from prefcal_env.errors import SettingsError
+from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.bench.suite import Suite
-from prefcal_scenarios.own.nearest import did_you_mean
 
 from .curves import COLUMNS, curves_of
 from .raw import VERSIONS, agent_version, problem_version, read, read_curves

@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from prefcal_env.errors import ScenarioError
-from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.tastes import calibrators_of
 

@@ -15,7 +15,7 @@ from prefcal_env.experiments.panels import Panel, plots_of
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.live import live_rig
-from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.own.tracking import found_rows, tracking_rows
 from prefcal_scenarios.scenario import CONTROLLERS, KPI, Scenario
 

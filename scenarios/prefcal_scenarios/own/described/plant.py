@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from prefcal_env.errors import PlantError, ScenarioError
-from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.own.own_file import module_at
 
 _PARTS = ("f", "g", "hold", "jacobians", "states", "inputs", "outputs")

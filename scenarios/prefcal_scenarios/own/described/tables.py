@@ -8,7 +8,7 @@ import msgspec
 from prefcal_env import described
 from prefcal_env.described import Table
 from prefcal_env.errors import ScenarioError
-from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_env.wording import did_you_mean
 
 Signals = dict[str, dict[str, Any]]
 

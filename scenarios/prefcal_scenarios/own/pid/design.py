@@ -16,7 +16,7 @@ from prefcal_env.experiments.experiment import Channel
 from prefcal_env.plants.plant import Plant
 from prefcal_env.plants.systems import LinearSystem
 from prefcal_env.plants.systems.linear import local_system
-from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_env.wording import did_you_mean
 
 from .operating_point import OperatingPoint, operating_point, settled
 from .process import process_of

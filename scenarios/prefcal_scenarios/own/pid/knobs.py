@@ -11,7 +11,7 @@ from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import Channel
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_env.wording import did_you_mean
 
 from .design import Design, Single, Tuned
 from .kpis import names_of

@@ -60,7 +60,7 @@ def test_theta_and_the_picture_can_be_chosen(check, tmp_path):
     ("text", "what", "words"),
     [
         ("own = replace(t.toy, panels=(Panel('levl <h>'),))", "panel 'levl <h>'",
-         "did you mean 'level <h>'?"),
+         "Did you mean 'level <h>'?"),
         ("own = replace(t.toy, kpis=(KPI('tf', 't'),))", "KPIs", "no run returns the KPI 'tf'"),
         ("own = replace(t.toy, cost=lambda e: np.nan)", "cost", "nan"),
         ("own = replace(t.toy, cost=lambda e: e.kpis['no'])", "cost", "in own.py:10: own ="),

@@ -48,6 +48,33 @@ def test_a_picture_is_written_and_one_run_is_refused(tmp_path):
     assert "name two runs or more" in errors
 
 
+def test_json_and_a_picture_come_together(tmp_path):
+    tables(tmp_path)
+    code, out, _ = done(tmp_path, "a.csv", "b.csv", "--json", "--out", "pair.png")
+    assert (code, json.loads(out)["picture"]) == (0, "pair.png")
+    assert (tmp_path / "pair.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_experiments_of_a_study_are_runs_too(tmp_path):
+    tables(tmp_path)
+    process = start(tmp_path, "calibrate", "cstr", "--calibrator", "synthetic", "--n-max", "3",
+                    "--study", "mine.prefcal", "--out", "report")  # fmt: skip
+    assert process.wait(120) == 0
+    code, out, _ = done(tmp_path, "mine.prefcal:2", "mine.prefcal:best", "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert found["runs"][0]["name"] == "mine.prefcal:2"
+    assert found["runs"][0]["read"] == "experiment 2 of study mine.prefcal"
+    assert "time to steady state t_f" in [row["title"] for row in found["comparison"]]
+    code, _, errors = done(tmp_path, "mine.prefcal:9", "a.csv")
+    assert code == 2
+    assert "has no experiment 9; there are 1, 2, 3" in errors
+    code, _, errors = done(tmp_path, "mine.prefcal", "a.csv")
+    assert "is a study: say which experiment of it, as mine.prefcal:3" in errors
+    code, out, _ = done(tmp_path, "mine.prefcal:3", "a.csv", "--terminal")
+    assert code == 0
+
+
 def test_the_terminal_shows_curves_and_differences(tmp_path):
     tables(tmp_path)
     code, out, _ = done(tmp_path, "a.csv", "b.csv", "--terminal")

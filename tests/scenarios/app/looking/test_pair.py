@@ -1,12 +1,16 @@
 """Two runs from anywhere on the same panels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from prefcal_env import recorded
+from prefcal_env import combined, recorded
 from prefcal_env.errors import ExperimentError
-from prefcal_scenarios import look
+from prefcal_scenarios import KPI, look
+from prefcal_scenarios.app.looking.units import in_time_unit
 from prefcal_scenarios.app.looking.view import pair_view
+from prefcal_scenarios.app.report.trajectories import Curve, overlaid
 
 
 def run(speed=0.2, n=101, unit="m", start=0.0, time_unit="s", **more):
@@ -89,3 +93,62 @@ def test_a_notebook_gets_a_picture_without_markup_from_names():
     html = look(run(), run(0.1), names=("<b>", "a$b$"))._repr_html_()
     assert "data:image/png;base64," in html
     assert "<b>" not in html
+
+
+def test_runs_in_minutes_and_seconds_share_the_rows_of_their_kpis():
+    found = look(run(), run(0.2 * 60, time_unit="min"))
+    rows = [r for r in found.kpis() if r["title"] == "late error of level"]
+    assert [(r["unit"], "–" in (r["left"]["text"], r["right"]["text"])) for r in rows] == [
+        ("m s²", False)
+    ]
+    settled = found.pair.right.experiment.kpis["settling time of level"]
+    assert found.pair.right.experiment.t[-1] == 3000
+    assert settled == pytest.approx(60 * run(12.0).kpis["settling time of level"])
+
+
+def test_limits_of_kpis_are_converted_with_the_time():
+    limited = KPI("rise", "rise", "min", at_most=2.0)
+    made = run(time_unit="min").with_kpis({"rise": 1.5, "rise (load)": 1.0})
+    experiment, (kpi,) = in_time_unit(made, [limited], "s")
+    assert (kpi.unit, kpi.at_most) == ("s", 120)
+    assert dict(experiment.kpis) == {"rise": 90, "rise (load)": 60}
+
+
+def maneuvers(speed):
+    step = replace(run(speed), maneuver="step")
+    t = np.linspace(0, 50, 101)
+    load = recorded([0.0], t, {"level": 3 - np.exp(-speed * t)}, {"valve": np.exp(-speed * t)},
+                    reference={"level": 3.0}, units={"level": "m"})  # fmt: skip
+    return combined([step, replace(load, maneuver="load")])
+
+
+def test_every_maneuver_has_kpis_and_references_of_its_own():
+    found = look(maneuvers(0.2), maneuvers(0.1))
+    groups = dict.fromkeys(row["group"] for row in found.kpis())
+    assert list(groups) == ["worst", "mean", "step", "load"]
+    view = pair_view(found.pair)
+    assert [part["maneuver"] for part in (view, *view["others"])] == ["step", "load"]
+    # The target of the first maneuver must not be drawn in the second one.
+    assert view["panels"][0]["target"] is None
+    assert [part["left"]["references"][0]["y"][0] for part in (view, *view["others"])] == [2, 3]
+
+
+def test_a_run_without_maneuvers_stands_beside_each_of_the_other():
+    view = pair_view(look(run(0.3), maneuvers(0.1)).pair)
+    parts = (view, *view["others"])
+    assert [part["maneuver"] for part in parts] == ["step", "load"]
+    assert all(not part["left"]["empty"] for part in parts)
+
+
+def test_what_has_no_direction_has_no_worst_maneuver():
+    parts = [replace(recorded([0.0], np.arange(3.0), {"flow": y}), maneuver=name)
+             for name, y in (("a", [1.0, 2, 3]), ("b", [4.0, 5, 6]))]  # fmt: skip
+    found = look(combined(parts), combined(parts))
+    assert dict.fromkeys(row["group"] for row in found.kpis()).keys() == {"a", "b"}
+
+
+def test_the_picture_draws_every_maneuver():
+    pair = look(maneuvers(0.2), maneuvers(0.1)).pair
+    drawn = overlaid(pair.panels, [Curve(pair.left.experiment, "a", "k")])
+    places = [axes for axes in drawn.axes if axes.get_visible()]
+    assert len(places) == 2 * len(pair.panels)

@@ -52,6 +52,14 @@ def test_rows_without_a_time_and_empty_cells_are_said(tmp_path):
     assert "empty cells filled from their neighbors in y, v" in run.about
 
 
+def test_a_gap_and_an_early_end_are_said_and_nothing_counts_as_unsafe(tmp_path):
+    rows = "".join(f"{t},{t},{'' if t > 40 else 1}\n" for t in (*range(10), *range(40, 45)))
+    run = read(tmp_path, "t,y,v\n" + rows)
+    assert "a gap of 31 s after 9 s, where 1 s is usual: bridged" in run.about
+    assert "no values in the last rows of v" in run.about
+    assert not run.experiment.end.interrupted
+
+
 def test_the_first_column_is_the_time_if_none_is_called_so(tmp_path):
     run = read(tmp_path, ",y\n5,1\n6,2\n")
     assert run.experiment.t.tolist() == [5, 6]
@@ -94,7 +102,7 @@ def test_parquet_is_read_with_its_index(tmp_path):
     ("text", "words"),
     [
         ("", "needs a line of headings and rows of values, got no line"),
-        ("time,level\n", "got one line only"),
+        ("time,level\n", "got headings only"),
         ("0,1\n1,2\n", "got the numbers 0, 1: add a line"),
         ("time,who\n0,anna\n", "no column of numbers beside the time"),
         ("time,level\n0,1\n1,2\n2,x\n", "line 4, column 'level': expected a number, got 'x'"),
@@ -107,6 +115,17 @@ def test_parquet_is_read_with_its_index(tmp_path):
 def test_a_bad_table_is_refused_with_what_to_do(tmp_path, text, words):
     with pytest.raises(RecordError, match=words):
         read(tmp_path, text)
+
+
+@pytest.mark.parametrize("reading", [
+    {"outputs": ("valve",), "reference": {"level": "2"}},
+    {"inputs": ("level",), "reference": {"level": "2"}},
+])  # fmt: skip
+def test_the_reference_of_what_is_no_output_is_refused(tmp_path, reading):
+    with pytest.raises(
+        RecordError, match=r"'level' has a reference but is .*: the outputs are valv"
+    ):
+        read(tmp_path, "t,level,valve\n0,1,5\n1,2,6\n", **reading)
 
 
 @pytest.mark.parametrize("reading", [

@@ -12,11 +12,12 @@ from rich.console import Console
 
 from prefcal_env.errors import ScenarioError
 from prefcal_env.study import export_csv
-from prefcal_scenarios import KPI
+from prefcal_scenarios import KPI, figure, look
 from prefcal_scenarios.app.cli.checkup import Checkup
 from prefcal_scenarios.app.report.trajectories import alone
 from prefcal_scenarios.app.session import Background
 from prefcal_scenarios.app.terminal import converse
+from prefcal_scenarios.app.terminal.pairs import show_runs
 from prefcal_scenarios.app.web.view.maneuvers import largest_difference, pairs_of
 from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.own.own_file import module_at
@@ -68,6 +69,29 @@ def test_check_and_report_draw_every_maneuver(tank, pair):
     temperatures = [axes for axes in drawn if "emperature" in axes.get_title("left")]
     starts = {line.get_ydata()[0] for axes in temperatures for line in axes.lines}
     assert starts >= {30.0, 70.0}  # where the step and the warm maneuver start
+
+
+def test_two_runs_side_by_side_have_rows_for_every_maneuver(tank, pair):
+    drawn = figure(tank, *pair).axes
+    assert len(drawn) == 2 * 3 * len(tank.panels)
+    for axes in drawn[::4], drawn[1::4]:  # the temperature of one side
+        assert [
+            round(max(a.lines, key=lambda line: len(line.get_ydata())).get_ydata()[0]) for a in axes
+        ] == [30, 40, 70]
+
+
+def test_two_runs_in_a_terminal_show_every_maneuver(tank, pair):
+    console = Console(file=io.StringIO(), width=140, record=True, force_terminal=False)
+    shown = look(*pair)
+    sides = {"left": ("a", shown.pair.left.experiment), "right": ("b", shown.pair.right.experiment)}
+    show_runs(sides, shown.pair.panels, shown.kpis(), console)
+    lines = console.export_text().splitlines()
+    names = [line for line in lines if line.startswith("Maneuver ")]
+    assert names == ["Maneuver step", "Maneuver load", "Maneuver warm"]
+    groups = [line.split("│")[1].strip() for line in lines if line.startswith("│ ")]
+    assert [g for g in groups if g in ("worst", "mean", "step", "load", "warm")] == [
+        "worst", "mean", "step", "load", "warm",
+    ]  # fmt: skip
 
 
 def test_one_side_that_left_no_record_has_no_curves_in_any_maneuver(tank, pair):

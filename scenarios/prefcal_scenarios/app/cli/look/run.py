@@ -22,6 +22,7 @@ from prefcal_scenarios.scenario import KPI
 
 from .options import LookOptions
 
+_SQLITE = b"SQLite format 3\0"
 _STUDY = re.compile(r"(.+):(\d+|best)")
 
 
@@ -38,15 +39,17 @@ def run(options: LookOptions) -> int:
     reading = _reading(options)
     runs = _named([_run(words, reading) for words in options.runs])
     look = Look(paired(runs[0], runs[1], align=options.align or None))
+    picture = None if options.out is None else look.save(options.out)
     if options.json:
-        print(json.dumps(_as_dict(runs, look)), flush=True)
+        written = {} if picture is None else {"picture": str(picture)}
+        print(json.dumps(_as_dict(runs, look) | written), flush=True)
         return 0
     for each in runs:
         print(printable(f"{each.name}: {each.about}"), flush=True)
     for note in look.pair.notes:
         print(printable(note), flush=True)
-    if options.out is not None:
-        print(f"Picture: {look.save(options.out)}", flush=True)
+    if picture is not None:
+        print(f"Picture: {picture}", flush=True)
     elif options.terminal:
         from prefcal_scenarios.app.terminal.pairs import show_runs
 
@@ -91,10 +94,17 @@ def _run(words: str, reading: Reading) -> Run:
             "such as mine:best"
         )
     if path.is_file() or study is None:
-        if not path.is_file() and study_path(words).is_file():
+        if _is_study(path if path.is_file() else study_path(words)):
             raise SettingsError(f"{words} is a study: say which experiment of it, as {words}:3")
         return run_from(path, reading)
     return _of_study(study[1], study[2])
+
+
+def _is_study(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(_SQLITE)) == _SQLITE
 
 
 def _of_study(name: str, which: str) -> Run:

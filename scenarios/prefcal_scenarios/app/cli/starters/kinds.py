@@ -64,7 +64,7 @@ def kind_of(name: str) -> Kind:
     """Return the kind called `name`. Raises SettingsError if there is none."""
     # Imported here to keep --help fast.
     from prefcal_env.errors import SettingsError
-    from prefcal_scenarios.own.nearest import did_you_mean
+    from prefcal_env.wording import did_you_mean
 
     if name not in KINDS:
         raise SettingsError(

@@ -19,6 +19,7 @@ from prefcal_env.errors import PrefcalError, StudyError
 from prefcal_env.preferences.answer import Mark
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.study import State, StudyFile, data_folder, studies_in_data_folder, study_path
+from prefcal_env.wording import did_you_mean
 from prefcal_scenarios.app.cli.options import Options
 from prefcal_scenarios.app.cli.parameters import kept_by
 from prefcal_scenarios.app.presentation.wording import (
@@ -33,7 +34,6 @@ from prefcal_scenarios.app.report.record import verdict_text
 from prefcal_scenarios.app.summary.counts import Counts
 from prefcal_scenarios.own.described.options import words_to_resume
 from prefcal_scenarios.own.described.resuming import resumed_source
-from prefcal_scenarios.own.nearest import did_you_mean
 from prefcal_scenarios.scenario import is_built_in, is_described
 
 

@@ -86,10 +86,8 @@ def _knobs(record: Record, before: Experiment, after: Experiment) -> Any:
 
 def _kpis(record: Record, before: Experiment, after: Experiment) -> Any:
     for kpi in record.kpis:
-        value = after.kpis.get(kpi.name)
-        met = None if value is None else kpi.met(value)
         texts = measured(kpi, before), measured(kpi, after)
-        yield Line(kpi.title, kpi.unit, objective(kpi), *texts, None if met is None else bool(met))
+        yield Line(kpi.title, kpi.unit, objective(kpi), *texts, kpi.met_by(after))
 
 
 def _curves(record: Record, lines: int) -> str:

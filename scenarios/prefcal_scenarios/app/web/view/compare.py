@@ -57,9 +57,7 @@ def _row(kpi: KPI, left: Experiment, right: Experiment, size: float) -> dict[str
 
 
 def _value(kpi: KPI, experiment: Experiment) -> dict[str, Any]:
-    value = experiment.kpis.get(kpi.name)
-    met = None if value is None else kpi.met(value)
-    return {"text": measured(kpi, experiment), "met": None if met is None else bool(met)}
+    return {"text": measured(kpi, experiment), "met": kpi.met_by(experiment)}
 
 
 def _pair(kpi: KPI, left: Experiment, right: Experiment) -> tuple[float, float]:

@@ -1,20 +1,16 @@
 """Pair the maneuvers of two experiments, and find where their curves differ most."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Experiment
-from prefcal_env.experiments.maneuvers import by_maneuver
+from prefcal_env.experiments.maneuvers import maneuvers_of
 from prefcal_env.experiments.panels import Plot
 from prefcal_scenarios.scenario import Scenario, panels_of
-
-_ARRAYS = (
-    "t", "x", "u", "t_control", "u_control", "y_ref", "iterations", "solve_time", "solved",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,21 +36,10 @@ def pairs_of(scenario: Scenario, left: Experiment, right: Experiment) -> list[Pa
     A run that failed without a record, or that ran before a maneuver was added, has no curves in
     the maneuvers that it lacks.
     """
-    parts = [by_maneuver(experiment) for experiment in (left, right)]
-    names = [name for name in {**parts[0], **parts[1]} if name] or [""]
-    pairs = []
-    for name in names:
-        a, b = (
-            part[name] if name in part else _unrecorded(experiment)
-            for part, experiment in zip(parts, (left, right), strict=True)
-        )
-        pairs.append(Pair(name, a, b, panels_of(scenario, a, b)))
-    return pairs
-
-
-def _unrecorded(experiment: Experiment) -> Experiment:
-    nothing: dict[str, Any] = {name: getattr(experiment, name)[:0] for name in _ARRAYS}
-    return replace(experiment, **nothing, y=None, signals={}, runs=(), kpis={})
+    return [
+        Pair(name, a, b, panels_of(scenario, a, b))
+        for name, (a, b) in maneuvers_of(left, right).items()
+    ]
 
 
 def largest_difference(

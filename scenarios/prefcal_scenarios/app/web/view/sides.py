@@ -108,13 +108,13 @@ def numbers_of(experiment: Experiment, kpis: Iterable[KPI]) -> dict[str, Any]:
 
 
 def _kpi_view(kpi: KPI, experiment: Experiment) -> dict[str, Any]:
-    met, words = kpi.met(experiment.kpis[kpi.name]), objective(kpi)
+    words = objective(kpi)
     return {
         "title": kpi.title,
         "about": kpi.about,
         "unit": kpi.unit,
         "text": measured(kpi, experiment),
-        "met": None if met is None else bool(met),
+        "met": kpi.met_by(experiment),
         "objective": f"{words} {kpi.unit}".strip() if words else "",
     }
 

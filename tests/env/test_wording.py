@@ -2,7 +2,7 @@
 
 import pytest
 
-from prefcal_scenarios.own.nearest import did_you_mean
+from prefcal_env.wording import did_you_mean
 
 SCENARIOS = ("cstr", "overtake", "overtake-robust")
 
