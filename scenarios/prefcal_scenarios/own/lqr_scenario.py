@@ -61,11 +61,15 @@ def lqr_scenario(
         brief: Description of the task for the person who compares.
 
     Raises:
-        ScenarioError: If there is no steady state, a name does not exist, or no LQR stabilizes the
-            plant.
+        ScenarioError: If the plant has no states or no steady state, a name does not exist, or no
+            LQR stabilizes the plant.
         PlantError: If `plant` is neither a plant nor a linear system.
     """
     plant = plant_of(plant, horizon)
+    if not plant.states:
+        raise ScenarioError(
+            f"plant {plant.name!r} has no states that an LQR could feed back: tune a PID for it"
+        )
     centers: list[np.ndarray] = []
 
     def tuned(plant: Plant, found: Design) -> Design:

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy import signal
 
 from prefcal_env import Channel, End, FunctionPlant, Knob
 from prefcal_env.controllers import as_data, from_data
@@ -38,6 +39,22 @@ def test_the_middle_settles_and_random_weights_are_often_stable(name):
     kpis = [scenario.run(scenario.space.decode(z)).kpis for z in drawn]
     assert np.mean([np.isfinite(k["M_s"]) for k in kpis]) >= 0.7
     assert np.mean([np.isfinite(list(k.values())).all() for k in kpis]) >= 0.3
+
+
+@pytest.mark.parametrize("form", ["state space", "transfer function"])
+def test_a_sampled_double_integrator_is_controlled(form):
+    A, B = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
+    exact = signal.cont2discrete((A, B, np.array([[1.0, 0.0]]), np.zeros((1, 1))), 0.1)
+    system = exact if form == "state space" else signal.dlti([0.005, 0.005], [1, -2, 1], dt=0.1)
+    scenario = lqr_scenario(Plant.of(system))
+    found = scenario.run(scenario.references["robust"])
+    assert found.kpis["M_s"] <= 2
+    assert np.isfinite(list(found.kpis.values())).all()
+
+
+def test_a_plant_without_states_is_refused_with_a_way_out():
+    with pytest.raises(ScenarioError, match=r"has no states.*tune a PID"):
+        lqr_scenario(Plant.of(2.0, inputs=[Channel("u", "%", 0, 100)]))
 
 
 def test_a_larger_weight_of_the_integrated_error_recovers_sooner():

@@ -8,7 +8,9 @@ from prefcal_env import LQG, LQR, Channel, End, FunctionPlant, Knob, Move, Plant
 from prefcal_env.controllers import as_data
 from prefcal_env.errors import ScenarioError
 from prefcal_env.plants.plant import Plant
+from prefcal_env.plants.systems import system_of
 from prefcal_scenarios import load_controller
+from prefcal_scenarios.own.pid.process import process_of
 from prefcal_scenarios.own.pid_scenario import pid_scenario
 
 VALVE = Channel("valve", "%", 0, 100)
@@ -95,6 +97,7 @@ def test_two_outputs_get_two_paired_loops():
         ([0.5, 0.5], [1, 0]),  # a mean of two samples
         ([0.5], [1, 0.5]),  # alternates
         ([0.1], [1, -1, 0]),  # integrates, a sample late
+        ([0.005, 0.005], [1, -2, 1]),  # a double integrator
     ],
 )
 def test_a_discrete_plant_without_a_continuous_equivalent_is_controlled(num, den):
@@ -102,6 +105,44 @@ def test_a_discrete_plant_without_a_continuous_equivalent_is_controlled(num, den
     kpis = scenario.run(scenario.references["robust"]).kpis
     assert kpis["M_s"] < 1.7
     assert np.isfinite([kpis["settling_time"], kpis["recovery"]]).all()
+
+
+def test_a_sampled_double_integrator_is_tuned_as_the_continuous_one():
+    A, B = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
+    C, D = np.array([[1.0, 0.0]]), np.zeros((1, 1))
+    exact = signal.cont2discrete((A, B, C, D), 0.1)
+    for system in ((*exact[:4], 0.1), signal.dlti([0.005, 0.005], [1, -2, 1], dt=0.1)):
+        found = process_of(system_of(system))
+        assert (found.integrators, found.lags) == (2, ())
+        assert found.gain == pytest.approx(1.0, rel=0.01)
+        scenario = pid_scenario(Plant.of(system))
+        K_p = scenario.space.knobs[0]
+        assert 0.01 < K_p.low < K_p.high < 100
+        assert scenario.references["robust"][0] == pytest.approx(
+            np.sqrt(K_p.low * K_p.high), rel=1.0
+        )
+        assert scenario.controller(scenario.references["robust"]).T_s < 1.0
+
+
+def test_a_sampled_triple_integrator_integrates_three_times():
+    found = process_of(system_of(signal.dlti([1e-3], [1, -3, 3, -1], dt=0.1)))
+    assert (found.integrators, found.lags) == (3, ())
+
+
+@pytest.mark.parametrize("lags", [(5.0, 2.0), (5.0, 3.0, 2.0)])
+def test_a_forward_euler_model_keeps_its_lags(lags):
+    dt, poles = 0.1, [1 - 0.1 / lag for lag in lags]
+    model = signal.dlti([np.prod([dt / lag for lag in lags])], np.poly(poles), dt=dt)
+    found = process_of(system_of(model))
+    assert found.lags == pytest.approx([-dt / np.log(p) for p in poles])
+    assert found.delay == 0.0
+    assert found.gain == pytest.approx(1.0, rel=1e-3)
+
+
+def test_only_poles_at_0_are_dead_time():
+    found = process_of(system_of(signal.dlti([0.002], np.poly([0.98, 0.95, 0, 0]), dt=0.1)))
+    assert found.lags == pytest.approx([-0.1 / np.log(0.98), -0.1 / np.log(0.95)])
+    assert found.delay == pytest.approx(0.2)
 
 
 def test_poles_at_0_are_tuned_as_the_dead_time_that_they_are():
@@ -135,6 +176,15 @@ def test_a_column_with_a_dead_time_for_each_entry_is_tuned():
     task = Task(x0=column.x0, u0=np.zeros(2), y_ref=np.zeros(2), horizon=29 * T_s, dense_step=T_s)
     held = type("Held", (), {"T_s": T_s, "move": lambda _, m: Move(np.ones(2))})()
     assert np.allclose(rollout(PlantEnv(column, task), held, np.ones(1)).y, y)
+
+
+@pytest.mark.parametrize("delay", [0.0, 1.0])
+def test_a_pure_gain_with_limits_is_controlled(delay):
+    scenario = pid_scenario(Plant.of(2.0, inputs=[VALVE], delay=delay))
+    kpis = scenario.run(scenario.references["robust"]).kpis
+    assert kpis["M_s"] < 1.7
+    assert np.isfinite([kpis["settling_time"], kpis["recovery"]]).all()
+    assert scenario.references["robust"][0] > 0
 
 
 def test_own_knobs_and_horizon_replace_what_is_found():

@@ -19,7 +19,7 @@ from prefcal_env.plants.systems.linear import local_system
 from prefcal_env.wording import did_you_mean
 
 from .operating_point import OperatingPoint, operating_point, settled
-from .process import process_of
+from .process import integrators_of, process_of
 
 _SHARE = 0.2
 """Share of the input's range that a default step needs at rest."""
@@ -129,10 +129,9 @@ def pairs_of(
 
 def _near_rest(J: LinearSystem) -> np.ndarray:
     """Return G(jω) at a frequency far below all poles that are not integrators."""
-    rates = np.abs(J.rates)
-    moving = rates[rates > 1e-6 * rates.max(initial=0.0)]
-    s = 1e-3j * (float(moving.min()) if len(moving) else 1.0)
-    return J.at(s)
+    rates = J.rates[np.argsort(np.abs(J.rates))]
+    moving = np.abs(rates[integrators_of(rates, J.dt) :])
+    return J.at(1e-3j * (float(moving[0]) if len(moving) else 1 / (J.dt or 1.0)))
 
 
 def scale_of(process: Process) -> float:

@@ -69,7 +69,7 @@ def settled(
             now = plant.hold(now, u, d, np.array([T]))[-1]
         except (ArithmeticError, ValueError, PlantError):
             return None
-        if not np.isfinite(now).all() or np.abs(now).max() > 1e9 * (1 + np.abs(x).max()):
+        if not np.isfinite(now).all() or _size(now) > 1e9 * (1 + _size(x)):
             return None
         if _already(plant, now, u, d) is not None:
             better = _root(plant, now, u, d)
@@ -77,6 +77,11 @@ def settled(
             return better if near else now
         T *= 1.5
     return None
+
+
+def _size(x: Float[np.ndarray, " n_x"]) -> float:
+    """Return the largest magnitude in x, shape (n_x,); 0 for a plant without states."""
+    return float(np.abs(x).max(initial=0.0))
 
 
 def _middles(channels: tuple[Channel, ...]) -> Float[np.ndarray, " n"]:
