@@ -13,7 +13,7 @@ from prefcal_env import End, Preference
 from prefcal_env.errors import ScenarioError, StudyError
 from prefcal_env.study import StudyFile, export_csv, export_json, import_json
 from prefcal_scenarios import KPI, load, outcome, screened, simulate_many, simulator
-from prefcal_scenarios.app.cli.cost_file import with_cost
+from prefcal_scenarios.app.cli.cost_file import KPICost, with_cost
 from prefcal_scenarios.app.cli.studies.changes import module
 from prefcal_scenarios.app.report.kpi_importance import KpiImportance
 from prefcal_scenarios.kpis import INTERRUPTED, seen, titles
@@ -243,6 +243,18 @@ def test_a_kpi_can_be_the_cost_and_a_stopped_run_is_the_worst():
     assert scenario.cost(UNSAFE) == np.inf
     with pytest.raises(ScenarioError, match="Did you mean"):
         with_cost(TOY, name[:-1])
+
+
+@pytest.mark.parametrize("end", [End.UNSAFE, End.FAILED])
+@pytest.mark.parametrize("kpis", [(), TOY.kpis])
+def test_an_interrupted_run_without_the_kpi_that_is_the_cost_is_the_worst(end, kpis):
+    name = next(kpi.name for kpi in TOY.kpis if kpi.goal is not None)
+    cost = with_cost(TOY, name).cost
+    found = KPICost(name, replace(TOY, kpis=kpis))
+    interrupted = replace(UNSAFE, end=end, kpis={})
+    assert cost(interrupted) == found(interrupted) == np.inf
+    with pytest.raises(ScenarioError, match="a KPI of the scenario"):
+        found(replace(FINE, kpis={}))
 
 
 @pytest.mark.parametrize(

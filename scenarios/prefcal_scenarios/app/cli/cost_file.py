@@ -1,6 +1,6 @@
 """Use a cost of the user's choice in place of a scenario's score: a function, or a KPI."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import inf
 from numbers import Real
@@ -52,13 +52,32 @@ class KPICost:
     scenario: Scenario
 
     def __call__(self, experiment: Experiment) -> float:
-        """Return the cost of `experiment`. Raises ScenarioError if it has no such KPI."""
-        if not len(experiment.t):
-            return inf
+        """Return the cost of `experiment`.
+
+        Raises:
+            ScenarioError: If it ran to its end and has no such KPI.
+        """
+        if not len(experiment.t) or experiment.end.interrupted:
+            return inf  # it may have stopped before the KPI could be measured
         found = outcome(self.scenario, experiment)
         if self.name not in found:
             raise ScenarioError(_no_cost(self.name, found))
         return found[self.name]
+
+
+def is_program(source: str) -> bool:
+    """Return whether a cost is a function of a file, and not the name of a KPI."""
+    path, _, name = source.rpartition(":")
+    return path.endswith(".py") and bool(name)
+
+
+def kept_cost(stored: Mapping[str, Any]) -> str | None:
+    """Return the cost to use again from the options that a study keeps; None for a program.
+
+    A study from another person must not decide which program runs here; a KPI's name is none.
+    """
+    cost = stored.get("cost")
+    return None if cost is None or is_program(str(cost)) else str(cost)
 
 
 def with_cost(scenario: Scenario, source: str | None) -> Scenario:
@@ -75,7 +94,7 @@ def with_cost(scenario: Scenario, source: str | None) -> Scenario:
     if source is None:
         return scenario
     path, _, name = source.rpartition(":")
-    if not path.endswith(".py") or not name:
+    if not is_program(source):
         names = [kpi.name for kpi in scenario.kpis if kpi.goal is not None]
         if source not in names and not finds_kpis(scenario):
             raise ScenarioError(_no_cost(source, names))
