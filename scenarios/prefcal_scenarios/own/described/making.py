@@ -38,6 +38,10 @@ def scenario_of(name: str, config: Mapping[str, Any] | None = None) -> Scenario:
     """
     description = description_of(name, {} if config is None else config)
     if description.timeout is not None and description.fmu is None:
+        if description.opcua is not None:
+            raise ScenarioError(
+                f"{name}: timeout above all tables is for an FMU: write it below [opcua]"
+            )
         raise ScenarioError(f"{name}: timeout is for an FMU; --run-timeout limits other runs")
     knobs = [_knob(key, value, name) for key, value in description.knobs.items()]
     made = _maker(description)(description, knobs, name)

@@ -51,6 +51,7 @@ def test_a_limit_of_a_kpi_is_stated_as_elsewhere(written):
         ("low = 0.2", "low = 20", r"\[opcua\]: .*K_p"),
         ("[opcua]", '[knobs]\nK = "1:2"\n[opcua]', r"no \[knobs\]: write \[opcua\.knobs\]"),
         ("[opcua]", "[reference]\nlevel = 1\n[opcua]", r"write \[opcua\.references\]"),
+        ("[opcua]", "timeout = 3\n[opcua]", r"write it below \[opcua\]"),
         ("[opcua]", "stop_time = 3\n[opcua]", "write duration in"),
     ],
 )
