@@ -58,7 +58,8 @@ class _PlantType(_ProtocolType):
                 the plant is discrete, multiples of its sample time. A matrix gives each input
                 states of its own.
             output_delay: Dead time between plant and output, likewise.
-            x0: State at the start of experiments, shape (n_x,) or one number; by default 0.
+            x0: State at the start of experiments, shape (n_x,) or one number; by default 0. Where a
+                matrix of dead times copies states, one for each copy.
             u0: Input before the start of experiments, shape (n_u,) or one number; by default 0.
             name: Name of the plant, as shown to people.
             time_unit: Unit of time of `system`.

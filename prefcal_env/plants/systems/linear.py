@@ -59,6 +59,7 @@ class LinearPlant:
         if n_all <= n_d or n_y == 0:
             raise PlantError(f"a plant needs an input and an output, got D of shape {(n_y, n_all)}")
         shared, entries = _shared(delay, n_y, n_all - n_d)
+        before = len(system.A)
         system = system.separated() if entries.any() else system
         n_x, names = len(system.A), system.inputs or None
         self.system, self.name, self.time_unit = system, name, time_unit
@@ -68,7 +69,7 @@ class LinearPlant:
         self.inputs = _channels("inputs", inputs, split[0], n_all - n_d, "u")
         self.outputs = _channels("outputs", outputs, system.outputs or None, n_y, "y")
         self.disturbances = _channels("disturbances", disturbances, split[1], n_d, "d")
-        self.x0 = numbers("x0", 0.0 if x0 is None else x0, n_x)
+        self.x0 = _start(0.0 if x0 is None else x0, before, n_x)
         self.u0 = numbers("u0", 0.0 if u0 is None else u0, n_all - n_d)
         self.input_delay = self._delays("delay", shared, len(self.inputs))
         self.output_delay = self._delays("output_delay", output_delay, n_y)
@@ -260,6 +261,20 @@ def _channels(
     if twice:
         raise PlantError(f"{what} must have different names, got {sorted(twice)} more than once")
     return tuple(replace(c) for c in channels)
+
+
+def _start(x0: Numbers, before: int, n: int) -> X:
+    """Return the start, shape (n,), of a system that had `before` states until it was copied.
+
+    Raises:
+        PlantError: If a number would start each copy, which together would start elsewhere.
+    """
+    if n > before and np.ndim(x0) == 0 and x0 != 0:
+        raise PlantError(
+            f"x0 must be 0 or {n} numbers, got {x0!r:.80}: the matrix of dead times gives each "
+            f"input its own copy of the {before} states"
+        )
+    return numbers("x0", x0, n)
 
 
 def numbers(what: str, value: Any, n: int) -> Float[np.ndarray, " n"]:

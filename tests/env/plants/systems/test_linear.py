@@ -128,6 +128,18 @@ def test_a_matrix_of_equal_rows_is_the_dead_time_of_the_inputs():
     assert plant.entry_delay == ()
 
 
+def test_a_number_as_the_start_is_refused_where_the_delay_matrix_copies_states():
+    how = {"delay": [[1.0, 2.0], [3.0, 0.0]]}
+    with pytest.raises(PlantError, match=r"x0 .*4 .*got 1\.0"):
+        Plant.of((A, B, C, D), x0=1.0, **how)
+    assert Plant.of((A, B, C, D), x0=0.0, **how).x0 == pytest.approx(np.zeros(4))
+    given = [1.0, 0.0, 0.0, 2.0]
+    assert Plant.of((A, B, C, D), x0=given, **how).x0 == pytest.approx(given)
+    # Nothing is copied where each state has one input already, or all entries are equally late.
+    assert Plant.of(COLUMN, x0=1.0, **how).x0 == pytest.approx(np.ones(4))
+    assert Plant.of((A, B, C, D), x0=1.0, delay=[1.0, 2.0]).x0 == pytest.approx(np.ones(2))
+
+
 def test_a_delay_matrix_of_a_discrete_plant_shifts_by_samples():
     entries = [[signal.dlti([0.1], [1, -0.9], dt=0.5), 0], [0, signal.dlti([0.2], [1, 0], dt=0.5)]]
     run = driven(Plant.of(entries, delay=[[1.0, 0.0], [0.0, 2.5]]), Held([1.0, 1.0], 0.5))
