@@ -87,7 +87,7 @@ def ziegler_nichols(plant: Sampled, omega: Float[np.ndarray, " m"], sign: float)
     return Tuning(sign * 0.6 / size, T_u / 2, T_u / 8)
 
 
-_ROBUST = (1.6, 2.0, 2.5, 3.5, np.inf)
+ROBUST = (1.6, 2.0, 2.5, 3.5, np.inf)
 """Largest sensitivities, from the recommended range to what difficult plants allow."""
 
 _INTEGRAL_TIMES = (0.18, 0.35, 0.7, 1.4, 2.8, 5.6, 11.0, 22.0)
@@ -131,7 +131,7 @@ def robust(
     w, T_i, T_d = (np.tile(v, 2) for v in (w, T_i, T_d))
     peak = LinearPIDs(K[:, None], T_i[:, None], T_d[:, None], N).sensitivity(plant, omega)
     drive, within = np.abs(K) / T_i, np.abs(K) <= largest
-    for bound, allowed in [(b, within) for b in _ROBUST] + [(np.inf, np.ones_like(within))]:
+    for bound, allowed in [(b, within) for b in ROBUST] + [(np.inf, np.ones_like(within))]:
         fine = np.isfinite(peak) & (peak <= bound) & allowed
         if fine.any():
             # Among unbounded ones the most robust, else the strongest integral action.

@@ -1,34 +1,72 @@
-"""Units of the generic KPIs of tracking, by their names."""
+"""Kinds of the generic KPIs of tracking: their names, meanings and units."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 
-def tracking_units(channels: Any) -> dict[str, str]:
-    """Return the unit of each KPI of `tracking_kpis` by name, as if all outputs had references.
+@dataclass(frozen=True, slots=True)
+class TrackingKind:
+    """One kind of KPI that each output with a reference, or each input, has.
 
     Args:
-        channels: `Channels` of the experiments, which can show these units themselves.
+        name: Name of the kind; the KPI of a channel is called "NAME of CHANNEL".
+        about: Meaning, as shown to people.
+        unit: Unit, where {unit} is that of the channel and {time} that of time.
     """
-    units: dict[str, str] = {}
-    time = channels.time_unit
-    for channel in channels.y:
-        units |= {
-            f"integrated error of {channel.name}": f"{channel.unit} {time}".strip(),
-            f"late error of {channel.name}": f"{channel.unit} {time}²".strip(),
-            f"settling time of {channel.name}": time,
-            f"overshoot of {channel.name}": channel.unit,
-            f"final error of {channel.name}": channel.unit,
-        }
-    for channel in channels.u:
-        kinds = ("total move", "largest move", "RMS move")
-        units |= {f"{kind} of {channel.name}": channel.unit for kind in kinds}
-    return units
+
+    name: str
+    about: str
+    unit: str = "{unit}"
+
+    def of(self, channel: Any) -> str:
+        """Return the name of the KPI of a channel."""
+        return f"{self.name} of {channel.name}"
+
+    def unit_of(self, channel: Any, time_unit: str) -> str:
+        """Return the unit of the KPI of a channel."""
+        return self.unit.format(unit=channel.unit, time=time_unit).strip()
+
+
+OF_OUTPUT = (
+    TrackingKind("integrated error", "Area between the curve and its reference.", "{unit} {time}"),
+    TrackingKind(
+        "late error",
+        "Area between the curve and its reference, weighted with time.",
+        "{unit} {time}²",
+    ),
+    TrackingKind(
+        "settling time", "Time of the last entry into the band around the reference.", "{time}"
+    ),
+    TrackingKind(
+        "overshoot", "Largest distance beyond the reference, on the other side than the start."
+    ),
+    TrackingKind("final error", "Distance from the reference at the end."),
+)
+"""Kinds of each output with a reference, in the order in which `tracking_kpis` computes them."""
+OF_INPUT = (
+    TrackingKind("total move", "Sum of all changes of the input: how much the actuator works."),
+    TrackingKind("largest move", "Largest change of the input from one instant to the next."),
+    TrackingKind("RMS move", "Root mean square of the changes of the input."),
+)
+"""Kinds of each input, likewise."""
+
+
+def kinds_of(channels: Any) -> Iterable[tuple[TrackingKind, Any]]:
+    """Yield each kind with each channel that has it, as if all outputs had references.
+
+    Args:
+        channels: `Channels` of the experiments.
+    """
+    for kinds, group in ((OF_OUTPUT, channels.y), (OF_INPUT, channels.u)):
+        for channel in group:
+            yield from ((kind, channel) for kind in kinds)
 
 
 def with_units(kpis: Mapping[str, float], channels: Any) -> Iterable[tuple[str, str]]:
     """Yield the name of each KPI, and its value with its unit if the channels tell that."""
-    units = tracking_units(channels)
+    time = channels.time_unit
+    units = {kind.of(channel): kind.unit_of(channel, time) for kind, channel in kinds_of(channels)}
     for name, value in kpis.items():
         # A KPI of one maneuver is called "NAME (MANEUVER)".
         unit = units.get(name, units.get(name.rpartition(" (")[0], ""))

@@ -3,12 +3,13 @@
 An agent learns which of them matter to a person (`Answer.outcomes`); none is a cost by itself.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from .experiment import Experiment
+from .experiment import Channel, Experiment
+from .kpi_units import OF_INPUT, OF_OUTPUT, TrackingKind
 
 _BAND = 0.03  # share of the largest error, for channels without a band
 _NOTHING = 1e-3  # share of the largest error below which an error is invisible
@@ -26,21 +27,25 @@ def tracking_kpis(experiment: Experiment) -> dict[str, float]:
     if len(experiment.t) < 2:
         return {}
     found: dict[str, float] = {}
-    for name, band, error in _errors(experiment):
-        found |= _of_error(name, band, experiment.t - experiment.t[0], error)
+    for channel, error in _errors(experiment):
+        found |= _of_error(channel, experiment.t - experiment.t[0], error)
     for j, channel in enumerate(experiment.channels.u):
         moves = np.abs(np.diff(experiment.u_control[:, j]))
         if len(moves):
-            found |= {
-                f"total move of {channel.name}": float(moves.sum()),
-                f"largest move of {channel.name}": float(moves.max()),
-                f"RMS move of {channel.name}": float(np.sqrt(np.mean(moves**2))),
-            }
+            sizes = moves.sum(), moves.max(), np.sqrt(np.mean(moves**2))
+            found |= _named(OF_INPUT, channel, sizes)
     return found
 
 
-def _errors(experiment: Experiment) -> Iterator[tuple[str, float | None, Float[np.ndarray, " K"]]]:
-    """Yield name, band and error of each output with a reference, on the dense grid."""
+def _named(
+    kinds: Sequence[TrackingKind], channel: Channel, values: Iterable[float]
+) -> dict[str, float]:
+    """Return the values of a channel's kinds, in their order, by name."""
+    return {kind.of(channel): float(value) for kind, value in zip(kinds, values, strict=True)}
+
+
+def _errors(experiment: Experiment) -> Iterator[tuple[Channel, Float[np.ndarray, " K"]]]:
+    """Yield channel and error of each output with a reference, on the dense grid."""
     if not len(experiment.t_control):
         return
     held = np.searchsorted(experiment.t_control, experiment.t, side="right") - 1
@@ -48,22 +53,23 @@ def _errors(experiment: Experiment) -> Iterator[tuple[str, float | None, Float[n
         reference = experiment.y_ref[np.maximum(held, 0), j]
         curve = experiment.output(j)
         if curve is not None and np.isfinite(reference).all() and np.isfinite(curve).all():
-            yield channel.name, channel.band, np.asarray(curve - reference)
+            yield channel, np.asarray(curve - reference)
 
 
 def _of_error(
-    name: str, band: float | None, t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"]
+    channel: Channel, t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"]
 ) -> dict[str, float]:
-    dt, size = np.diff(t), np.abs(error)
+    dt, size, band = np.diff(t), np.abs(error), channel.band
     largest = float(size.max())
     outside = np.flatnonzero(size > (_BAND * largest if band is None else band))
     last = int(outside[-1]) if len(outside) else -1
     # An overshoot lies on the other side of the reference than the start.
     beyond = -np.sign(error[0]) * error if error[0] else size
-    return {
-        f"integrated error of {name}": float(size[:-1] @ dt),
-        f"late error of {name}": float((size * t)[:-1] @ dt),
-        f"settling time of {name}": float(t[last + 1]) if last + 1 < len(t) else np.inf,
-        f"overshoot of {name}": float(max(beyond.max(), 0.0)),
-        f"final error of {name}": float(max(size[-1] - _NOTHING * largest, 0.0)),
-    }
+    values = (
+        size[:-1] @ dt,
+        (size * t)[:-1] @ dt,
+        t[last + 1] if last + 1 < len(t) else np.inf,
+        max(beyond.max(), 0.0),
+        max(size[-1] - _NOTHING * largest, 0.0),
+    )
+    return _named(OF_OUTPUT, channel, values)

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from prefcal_env.controllers.linearized import Linearized, linearized
 from prefcal_env.controllers.lqr import LQR
+from prefcal_env.controllers.rules import ROBUST
 from prefcal_env.controllers.sampled import Sampled, sampled
 from prefcal_env.envs.dead_time import delays_of
 from prefcal_env.errors import PlantError, ScenarioError, SettingsError
@@ -24,8 +25,6 @@ from .pid.kpis import names_of
 from .pid.response import settling
 from .pid.steps import plant_of, scenario_of_steps
 
-_ROBUST = (1.6, 2.0, 2.5, 3.5, np.inf)
-"""Largest sensitivities, from the recommended range to what difficult plants allow."""
 _TIMES = (5, 10, 20, 50, 100, 200)
 """Ratios of the weights of error and integrated error to try, as times, in samples."""
 _REACH = 30.0
@@ -216,7 +215,7 @@ def _candidates(loop: LinearLQR, n_u: int) -> list[Float[np.ndarray, " n"]]:
         except SettingsError:
             continue
         if np.isfinite(peak):
-            bound = next(b for b in _ROBUST if peak <= b)
+            bound = next(b for b in ROBUST if peak <= b)
             rated.append((bound, loop.radius(theta), theta))
     least = min((bound for bound, _, _ in rated), default=0.0)
     kept = [(radius, theta) for bound, radius, theta in rated if bound == least]

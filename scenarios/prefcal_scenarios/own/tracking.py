@@ -10,25 +10,13 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.experiments.experiment import Channels, Experiment
-from prefcal_env.experiments.kpi_units import tracking_units
+from prefcal_env.experiments.kpi_units import OF_OUTPUT, kinds_of
 from prefcal_env.experiments.kpis import tracking_kpis
 from prefcal_env.experiments.maneuvers import Maneuvers
 from prefcal_env.knobs.space import KnobSpace
 
 _MOST = 10
 """Number of found KPIs that people still read."""
-_OF_OUTPUT = {
-    "settling time": "Time of the last entry into the band around the reference.",
-    "overshoot": "Largest distance beyond the reference, on the other side than the start.",
-    "integrated error": "Area between the curve and its reference.",
-    "late error": "Area between the curve and its reference, weighted with time.",
-    "final error": "Distance from the reference at the end.",
-}
-_OF_INPUT = {
-    "total move": "Sum of all changes of the input: how much the actuator works.",
-    "largest move": "Largest change of the input from one instant to the next.",
-    "RMS move": "Root mean square of the changes of the input.",
-}
 _SHOWN = ("settling time", "overshoot", "integrated error", "total move")
 """Kinds of KPIs that are found, in the order in which they are shown."""
 _DROPPED = ("integrated error", "overshoot", "total move")
@@ -44,13 +32,16 @@ def tracking_rows(channels: Channels) -> dict[str, Row]:
     Args:
         channels: Channels of the experiments; every output counts as one with a reference.
     """
-    units = tracking_units(channels)
-    kinds = [(kind, about, channels.y) for kind, about in _OF_OUTPUT.items()]
-    kinds += [(kind, about, channels.u) for kind, about in _OF_INPUT.items()]
-    names = {f"{kind} of {c.name}": about for kind, about, of in kinds for c in of}
+    time = channels.time_unit
     return {
-        name: {"name": name, "title": name, "unit": units[name], "better": "lower", "about": about}
-        for name, about in names.items()
+        kind.of(channel): {
+            "name": kind.of(channel),
+            "title": kind.of(channel),
+            "unit": kind.unit_of(channel, time),
+            "better": "lower",
+            "about": kind.about,
+        }
+        for kind, channel in kinds_of(channels)
     }
 
 
@@ -65,7 +56,7 @@ def found_rows(channels: Channels, measured: Mapping[str, float] | None = None) 
     aimed = tuple(c for c in channels.y if c.target is not None or measured is not None)
     rows = tracking_rows(Channels((), channels.u, aimed, channels.time_unit))
     there = [n for n in rows if measured is None or n in measured]
-    if not any(name.startswith(tuple(_OF_OUTPUT)) for name in there):
+    if not any(name.startswith(tuple(kind.name for kind in OF_OUTPUT)) for name in there):
         return []  # nothing is tracked: moves alone would ask for a controller that does nothing
     kinds = list(_SHOWN)
     for kind in ("", *_DROPPED):
