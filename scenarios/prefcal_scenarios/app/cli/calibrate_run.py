@@ -43,7 +43,7 @@ from prefcal_scenarios.scenario import Scenario, load
 
 from .choices import make_calibrator, on_target
 from .cost_file import with_cost
-from .describing.source import source_of
+from .describing.source import cost_of, source_of
 from .interrupt import INTERRUPTED, Interruption, interruption
 from .opening import Opened, claim_folder, default_folder, kept_if_worth_it, open_study
 from .options import Options
@@ -67,7 +67,7 @@ def run(given: Mapping[str, Any]) -> int:
     Raises:
         PrefcalError: If the options do not fit the scenario, the study or the machine.
     """
-    given = {**given, "scenario": source_of(given)}
+    given = {**given, "scenario": source_of(given), "cost": cost_of(given)}
     source = given["scenario"]
     with interruption(others=True) as ctrl_c:
         messages = Console(stderr=True, emoji=False)

@@ -389,8 +389,9 @@ def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
     from prefcal_scenarios.own.source import split_source
     from prefcal_scenarios.scenario import is_described
 
-    if kept.get("cost") is not None and given.get("cost") is None:
-        # A study from another person must not decide which program runs here.
+    from .cost_file import kept_cost
+
+    if given.get("cost") is None and kept.get("cost") != kept_cost(kept):
         raise SettingsError(
             f"the study goes by a cost that was given to it: if you trust it, add "
             f"--cost {shlex.quote(str(kept['cost']))}"

@@ -28,7 +28,7 @@ from prefcal_scenarios.app.session.view import GOOD_ENOUGH
 from prefcal_scenarios.scenario import KPI, Scenario, load
 
 from .choices import follows_cost, on_target, target_settings
-from .cost_file import with_cost
+from .cost_file import kept_cost, with_cost
 from .opening import Opened, by_now, claim_folder, worth_keeping
 from .options import Options
 
@@ -137,16 +137,17 @@ def report_of(
     Args:
         name: Name of the study.
         source: Scenario program that the user trusts; None if not given.
-        cost: Cost program that the user trusts; None if not given.
+        cost: Cost that the user gives, perhaps a program that they trust; None if not given.
         out: Folder of the report; None for the default.
         json: Whether to print the result as JSON.
 
     Raises:
         StudyError: If there is no such study, or its scenario must be given.
-        SettingsError: If its cost must be given.
+        SettingsError: If its cost is a program and must be given.
     """
     with open_described(existing(name)) as file, ExitStack() as stack:
         stored = by_now(file.state)
+        cost = kept_cost(stored) if cost is None else cost
         source = trusted_source(name, file.state, source)
         isolated = stack.enter_context(isolation(source, early=False))
         scenario = isolated(with_cost(load(source), cost))

@@ -166,6 +166,24 @@ def test_a_study_never_chooses_which_cost_is_run(prefcal, tmp_path):
     assert prefcal("report", "mine", "--scenario", TOY, "--cost", "moved.py:cost")[0] == 0
 
 
+def test_a_study_keeps_a_kpi_as_its_cost(prefcal):
+    words = ["--agent", "glis", "--cost", "t_f", "--n-max", "4", "--study", "mine"]
+    code, out, err = prefcal("calibrate", TOY, *words, "--json")
+    assert code == 0, err
+    cost = json.loads(out)["cost"]
+    assert cost is not None
+    code, out, err = prefcal("report", "mine", "--scenario", TOY, "--json")
+    assert code == 0, err
+    assert json.loads(out)["cost"] == cost  # the KPI, not the scenario's own score
+    code, out, err = prefcal("calibrate", TOY, "--study", "mine", "--n-max", "5", "--json")
+    assert code == 0, err
+    assert json.loads(out)["experiments"] == 5
+    assert json.loads(out)["cost"] <= cost
+    code, _, err = prefcal("calibrate", TOY, "--study", "mine", "--cost", "final", "--n-max", "6")
+    assert code == 2
+    assert "t_f" in err
+
+
 def test_an_index_overwrites_nobody_s_program(prefcal, answered, tmp_path):
     (tmp_path / "own.py").write_text("mine = 1\n")
     code, _, err = prefcal("studies", "index", answered, "--scenario", TOY, "--out", "own.py")

@@ -5,6 +5,7 @@ from typing import Any
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.study import study_path
+from prefcal_scenarios.app.cli.cost_file import kept_cost
 from prefcal_scenarios.app.cli.studies.files import open_described
 from prefcal_scenarios.own.described.options import FLAGS
 from prefcal_scenarios.own.described.resuming import resumed_source
@@ -34,9 +35,21 @@ def source_of(given: Mapping[str, Any]) -> str:
     name, config = split_source(source)
     wanted = {**(config or {}), **words}
     source = joined_source(name, wanted) if wanted else name
-    kept = _kept(given.get("study"))
+    configuration = _kept(given.get("study"))
+    kept = "" if configuration is None else str(configuration["scenario"])
     # Another scenario is refused when the study is opened.
-    return source if kept is None or not is_described(kept) else resumed_source(kept, source)
+    return resumed_source(kept, source) if is_described(kept) else source
+
+
+def cost_of(given: Mapping[str, Any]) -> str | None:
+    """Return the cost that the options name, or else the KPI that a resumed study keeps.
+
+    Args:
+        given: Values of the fields of `Options`, None for options that were not typed.
+    """
+    cost: str | None = given.get("cost")
+    configuration = _kept(given.get("study")) if cost is None else None
+    return cost if configuration is None else kept_cost(configuration["options"])
 
 
 def _typed(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -69,9 +82,9 @@ def _refuse(source: str, words: Mapping[str, Any]) -> None:
     )
 
 
-def _kept(study: str | None) -> str | None:
-    """Return the source that an existing study keeps; None if there is none to resume."""
+def _kept(study: str | None) -> Mapping[str, Any] | None:
+    """Return what an existing study was started with; None if there is none to resume."""
     if study is None or not study_path(study).is_file():
         return None
     with open_described(study_path(study)) as file:
-        return str(file.state.configuration["scenario"])
+        return file.state.configuration
