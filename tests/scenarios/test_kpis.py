@@ -245,6 +245,14 @@ def test_a_kpi_can_be_the_cost_and_a_stopped_run_is_the_worst():
         with_cost(TOY, name[:-1])
 
 
+@pytest.mark.parametrize("end", [End.UNSAFE, End.FAILED])
+def test_an_interrupted_run_without_the_kpi_is_the_worst_and_ends_no_study(end):
+    name = next(kpi.name for kpi in TOY.kpis if kpi.goal is not None)
+    assert with_cost(TOY, name).cost(replace(UNSAFE, kpis={}, end=end)) == np.inf
+    with pytest.raises(ScenarioError, match="a KPI of the scenario"):
+        with_cost(TOY, name).cost(replace(FINE, kpis={}))
+
+
 @pytest.mark.parametrize(
     ("source", "message"),
     [

@@ -52,8 +52,8 @@ class KPICost:
     scenario: Scenario
 
     def __call__(self, experiment: Experiment) -> float:
-        """Return the cost of `experiment`. Raises ScenarioError if it has no such KPI."""
-        if not len(experiment.t):
+        """Return the cost of `experiment`. Raises ScenarioError if a completed run lacks it."""
+        if not len(experiment.t) or experiment.end.interrupted:
             return inf
         found = outcome(self.scenario, experiment)
         if self.name not in found:
