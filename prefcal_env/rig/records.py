@@ -2,7 +2,6 @@
 
 import csv
 import io
-import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_env.errors import RecordError
-from prefcal_env.tables.cells import advice, number_of
+from prefcal_env.tables.cells import advice, almost_a_number, number_of
 from prefcal_env.tables.lines import lines_of
 from prefcal_env.tables.sheet import Sheet
 from prefcal_env.tables.steps import gap_words, gaps, step_back_words, steps_back
@@ -88,10 +87,10 @@ class Columns:
             raise RecordError(f"a record may have {self.max_rows} rows, got {count}")
         cells = _Cells(tuple(zip(lines.places, lines.cells(), strict=True)), lines.decimal_comma)
         values = np.full((count, len(known)), np.nan)
-        problems = [*filter(None, [lines.too_long()]), *_mixed(cells, places.values())]
+        problems = [*filter(None, [lines.uneven()]), *_mixed(cells, places.values())]
         for i, name in enumerate(known):
-            if name == self.names[0] and _stamped(cells, places[name]):
-                values[:, i] = self._elapsed(cells, places[name])
+            if name == self.names[0] and self._is_stamped(cells, places[name]):
+                problems += self._elapsed(cells, places[name], values[:, i])
             elif name in places:
                 problems += self._column(cells, name, places[name], values[:, i])
         problems += self._time(values[:, 0], lines.places)
@@ -139,18 +138,28 @@ class Columns:
             count += 1
         return [first + and_more(count) + what] if count else []
 
-    def _elapsed(self, cells: _Cells, place: int) -> Float[np.ndarray, " K"]:
-        """Return time stamps as the time since the earliest one, in the record's unit, shape (K,).
+    def _is_stamped(self, cells: _Cells, place: int) -> bool:
+        """Return whether the time is not written as numbers, judged by its first filled cell."""
+        column = (row[place].strip() for _, row in cells.rows if place < len(row))
+        first = next(filter(None, column), "")
+        return bool(first) and (self.time_format is not None or not almost_a_number(first))
 
-        Raises:
-            RecordError: If a cell is no time stamp, or the unit of time is unknown.
+    def _elapsed(self, cells: _Cells, place: int, values: Float[np.ndarray, " K"]) -> list[str]:
+        """Fill `values` with the time since the earliest time stamp, in the record's unit.
+
+        Return what is wrong with the time stamps or the unit of time, if anything.
         """
         import pandas as pd
 
         stamps = [row[place].strip() if place < len(row) else "" for _, row in cells.rows]
         frame = pd.DataFrame({0: [stamp or None for stamp in stamps]})
         sheet = Sheet((self.names[0],), frame, np.array([line for line, _ in cells.rows]))
-        return instants(sheet, 0, self.units[0], self.time_format)[0]
+        try:
+            found, _ = instants(sheet, 0, self.units[0], self.time_format)
+            values[:] = found - found.min()  # times of day count from midnight
+        except RecordError as error:
+            return [str(error)]
+        return []
 
     def _time(self, t: Float[np.ndarray, " K"], lines: Sequence[int]) -> Iterator[str]:
         if np.any(np.isnan(t)):
@@ -178,12 +187,6 @@ class Columns:
                     f"line {lines[k]}, column {name!r}: {values[k, i]:g} {unit} is outside "
                     f"[{low:g}, {high:g}] {unit}{and_more(len(outside))}: is the unit right?"
                 )
-
-
-def _stamped(cells: _Cells, place: int) -> bool:
-    """Return whether a column begins with a date, such as 2026-11-23 or 23.11.2026 09:00."""
-    first = next((row[place] for _, row in cells.rows if place < len(row)), "")
-    return re.match(r"\s*\d{1,4}[-./]\d{1,2}[-./]\d{1,4}(\D|$)", first) is not None
 
 
 def _heading(name: str, unit: str) -> str:

@@ -6,6 +6,10 @@ _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d+)?")
 _WITH_UNIT = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)? *[^\d\s.,:]{1,8}")
+_SURELY_WITH_UNIT = re.compile(
+    r"[+-]?(\d*[.,]\d+([eE][+-]?\d+)?|\d+([eE][+-]?\d+)?(?=[ %°])) *[^\d\s.,:]{1,8}"
+)
+"""Unlike `_WITH_UNIT`, no identifier such as 12A."""
 _STAMP = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}\b.*|\d{1,2}:\d\d(:\d\d.*)?")
 
 
@@ -37,5 +41,5 @@ def advice(cell: str) -> str:
 def almost_a_number(cell: str) -> bool:
     """Return whether a cell is a number but for its separators or its unit."""
     plain = cell.strip()
-    patterns = (_NUMBER, _DECIMAL_COMMA, _THOUSANDS, _WITH_UNIT)
+    patterns = (_NUMBER, _DECIMAL_COMMA, _THOUSANDS, _SURELY_WITH_UNIT)
     return any(pattern.fullmatch(plain) for pattern in patterns)

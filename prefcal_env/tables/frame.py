@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from inspect import Signature, signature
-from typing import Any, Concatenate, ParamSpec
+from typing import Any, ParamSpec, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -82,9 +82,13 @@ class TableColumns:
     end: End | None = None
 
     def __post_init__(self) -> None:
+        for name in ("columns", "reference", "units", "limits", "bands"):
+            if getattr(self, name) is None:  # as a caller passes on what they were not given
+                object.__setattr__(self, name, {})
         for name in ("outputs", "inputs", "signals", "allow"):
             value = getattr(self, name)
-            object.__setattr__(self, name, (value,) if isinstance(value, str) else tuple(value))
+            several = (value,) if isinstance(value, str) else () if value is None else tuple(value)
+            object.__setattr__(self, name, several)
         unknown = sorted(set(self.allow) - set(ALLOWED))
         if unknown:
             raise SettingsError(f"allow must hold some of {ALLOWED}, got {unknown[0]!r}")
@@ -336,13 +340,19 @@ def _other_columns(sheet: Sheet, about: TableColumns, time: int) -> tuple[str, .
     return found
 
 
-def _easy(
-    columns: Callable[_P, TableColumns],
-) -> Callable[Concatenate[Table, ArrayLike, _P], Experiment]:
+class _FromFrame(Protocol[_P]):
+    """Type of `from_frame`: unlike one with `Concatenate`, its first arguments may be named."""
+
+    def __call__(
+        self, table: Table, theta: ArrayLike, *args: _P.args, **about: _P.kwargs
+    ) -> Experiment: ...
+
+
+def _easy(columns: Callable[_P, TableColumns]) -> _FromFrame[_P]:
     """Return a function that reads one table, with the arguments of `columns`."""
 
     def from_frame(
-        table: Table, theta: ArrayLike, /, *args: _P.args, **about: _P.kwargs
+        table: Table, theta: ArrayLike, *args: _P.args, **about: _P.kwargs
     ) -> Experiment:
         """Make an experiment of a table of logged data.
 

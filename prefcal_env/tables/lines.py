@@ -17,6 +17,8 @@ _SEPARATORS = ",;\t|"
 _LINE_END = re.compile(r"\r\n|\r|\n")
 _DIGITS = re.compile(r"[+-]?[.,]?\d")
 """How numbers and time stamps begin."""
+_SPACED = re.compile(r'"([^"]*)"|(\S+)')
+"""A cell of a table that is aligned with spaces."""
 _NUMBER = re.compile(r"\s*[+-]?[\d.,]+([eE][+-]?\d+)?\s*")
 
 
@@ -45,33 +47,42 @@ class Lines:
     def cells(self) -> list[list[str]]:
         """Return the cells of each row. Raises RecordError if quotes are broken."""
         if self.separator == SPACES:
-            return [row.split() for row in self.rows]
+            return [_spaced(row) for row in self.rows]
         found = _split("\n".join(self.rows), self.separator)
         if len(found) != len(self.rows):
             raise RecordError("a quoted cell spans several lines: remove the line ends in it")
         return found
 
-    def too_long(self) -> str:
-        """Return what is wrong with rows of more cells than headings; "" if there are none."""
+    def uneven(self) -> str:
+        """Return what is wrong with rows of more cells than headings; "" if there are none.
+
+        Between spaces, no cell can be empty: rows of fewer cells are wrong, too.
+        """
         width = len(self.headings)
-        long = list(self._too_long(width))
-        if not long:
+        wrong = list(self._uneven(width))
+        if not wrong:
             return ""
-        place, count = long[0]
+        place, count = wrong[0]
         if width == 1:
             return (
                 f"line {place} has {count} cells, but the first line only one: remove the lines "
                 "above the headings, or let them begin with #"
             )
         hint = "" if self.decimal_comma else ": a decimal comma needs semicolons between the cells"
-        return f"line {place} has {count} cells under {width} headings{and_more(len(long))}{hint}"
-
-    def _too_long(self, width: int) -> Iterator[tuple[int, int]]:
-        """Yield the place of each row that is too long, and how many cells it has."""
         if self.separator == SPACES:
-            return
+            hint = (
+                ": of a table that is separated by spaces, every row needs as many cells as there "
+                "are headings; write it with commas or tabs if cells are empty"
+            )
+        return f"line {place} has {count} cells under {width} headings{and_more(len(wrong))}{hint}"
+
+    def _uneven(self, width: int) -> Iterator[tuple[int, int]]:
+        """Yield the place of each row with a wrong number of cells, and that number."""
         for row, place in zip(self.rows, self.places, strict=True):
-            if row.count(self.separator) >= width:
+            if self.separator == SPACES:
+                if (count := len(_spaced(row))) != width:
+                    yield place, count
+            elif row.count(self.separator) >= width:
                 cells = _split(row, self.separator)[0]
                 if any(cell.strip() for cell in cells[width:]):
                     yield place, len(cells)
@@ -137,7 +148,7 @@ def decoded(content: bytes) -> str:
 def _separator(first: str, second: str, wanted: Collection[str]) -> str:
     """Return what separates most wanted headings of the first line, or else most headings."""
     found = max(_SEPARATORS, key=lambda s: _found(first, s, wanted))
-    names, values = first.split(), second.split()
+    names, values = _spaced(first), _spaced(second)
     if found not in first and 1 < len(names) == len(values):
         return SPACES
     return found
@@ -181,7 +192,11 @@ def _units(headings: Sequence[str], cells: Sequence[str]) -> list[str] | None:
 
 
 def _cells_of_one(line: str, separator: str) -> list[str]:
-    return line.split() if separator == SPACES else _split(line, separator)[0]
+    return _spaced(line) if separator == SPACES else _split(line, separator)[0]
+
+
+def _spaced(line: str) -> list[str]:
+    return [quoted or plain for quoted, plain in _SPACED.findall(line)]
 
 
 def _split(text: str, separator: str) -> list[list[str]]:

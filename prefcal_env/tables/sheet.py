@@ -234,7 +234,7 @@ def _of_text(text: str, wanted: Collection[str]) -> Sheet:
             "a table needs a line of headings and rows of values, got "
             f"{'headings only' if lines.headings else 'no line'}"
         )
-    if problem := lines.too_long():
+    if problem := lines.uneven():
         raise RecordError(problem)
     frame = _parsed(lines)
     if len(frame) != len(lines.rows):

@@ -9,11 +9,12 @@ from jaxtyping import Float
 from prefcal_env.errors import RecordError
 from prefcal_env.wording import and_more
 
+from .cells import almost_a_number
 from .sheet import Sheet
 from .units import SECONDS, parts_of
 
-_CLOCK = re.compile(r"(\d+):([0-5]\d):([0-5]\d(?:[.,]\d*)?)$")
-"""Time of day, or hours, minutes and seconds of a stopwatch."""
+_CLOCK = re.compile(r"^(\d+):([0-5]\d)(?::([0-5]\d(?:[.,]\d*)?))?$")
+"""Time of day, with seconds or without, or hours, minutes and seconds of a stopwatch."""
 _HALF_DAY = 43200.0
 """Length of half a day in seconds."""
 _NAMES = ("time", "t", "timestamp", "datetime", "date", "date time", "time stamp", "index")
@@ -99,6 +100,7 @@ def _clock(values: Any) -> Float[np.ndarray, " K"] | None:
     parts = values.astype(str).str.strip().str.extract(_CLOCK)
     if parts[0].isna().any():
         return None
+    parts[2] = parts[2].fillna("0")
     t = sum(scale * parts[i].str.replace(",", ".").astype(float).to_numpy()
             for i, scale in enumerate((3600.0, 60.0, 1.0)))  # fmt: skip
     days = np.cumsum(np.append(0, np.diff(t) < -_HALF_DAY))
@@ -124,7 +126,7 @@ def _stamps(sheet: Sheet, column: int, values: Any, time_format: str | None) -> 
     if pd.api.types.is_numeric_dtype(values.dtype):
         return None
     text = values.astype(str).str.strip()
-    if time_format is None and re.fullmatch(r"[+-]?[\d.,]+([eE][+-]?\d+)?", text.iloc[0]):
+    if time_format is None and almost_a_number(text.iloc[0]):
         return None
     german = r"\d{1,2}\.\d{1,2}\.\d{4}.*"  # dots come with the day first
     dotted = time_format is None and re.fullmatch(german, text.iloc[0]) is not None
@@ -135,6 +137,8 @@ def _stamps(sheet: Sheet, column: int, values: Any, time_format: str | None) -> 
         found = pd.to_datetime(text, format=time_format or "ISO8601", errors="coerce", utc=True)
     wrong = np.asarray(found.isna())
     if wrong.any():
+        other = wrong & ~np.asarray(text.str.match(_CLOCK), dtype=bool)
+        wrong = other if other.any() else wrong  # the odd one among times of day
         row = int(np.argmax(wrong))
         raise RecordError(
             f"{sheet.place(row)}, column {parts_of(sheet.headings[column])[0]!r}: expected "

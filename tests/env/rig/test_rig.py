@@ -86,8 +86,39 @@ def test_a_historian_s_export_is_a_record_by_its_own_headings_and_time_stamps(te
 
 
 @pytest.mark.parametrize(
+    ("times", "time_format"),
+    [
+        (("23 Nov 2026 09:00:00", "23 Nov 2026 09:00:30", "23 Nov 2026 09:01:00"),
+         "%d %b %Y %H:%M:%S"),
+        (("20261123 090000", "20261123 090030", "20261123 090100"), "%Y%m%d %H%M%S"),
+        (("20261123090000", "20261123090030", "20261123090100"), "%Y%m%d%H%M%S"),
+        (("09:00:00", "09:00:30", "09:01:00"), None),
+        (("23:59:30", "00:00:00", "00:00:30"), None),
+    ],
+)  # fmt: skip
+def test_time_stamps_of_a_record_need_not_begin_with_a_date(times, time_format):
+    text = HISTORIAN
+    for second, time in zip(("09:00:00", "09:00:30", "09:01:00"), times, strict=True):
+        text = text.replace(f"23.11.2026 {second}", time)
+    rig = replace(RIG, headings=TAGS, time_format=time_format)
+    assert rig.read(text, THETA) == RIG.read(GOOD, THETA)
+
+
+def test_the_days_of_a_record_count_in_its_unit_of_time():
+    rig = replace(RIG, time_format="%d-%b-%y")
+    e = rig.read(f"{HEAD}\n23-Nov-26,20,1.5,100\n24-Nov-26,21,1.5,100\n", THETA)
+    assert e.t.tolist() == [0, 1440]
+
+
+def test_a_bad_time_stamp_is_reported_beside_the_other_problems_of_the_record():
+    with pytest.raises(RecordError, match=r"line 3, column 'time': .*'later'.*; line 2, column 'f"):
+        RIG.read(f"{HEAD}\n09:00,20,x,100\nlater,21,1.5,100\n", THETA)
+
+
+@pytest.mark.parametrize(
     ("old", "new", "words"),
     [
+        ("23.11.2026 09:00:00", "", "line 2, column 'Timestamp': expected a time, got nothing"),
         ("23.11.2026 09:00:30", "later", "line 3, column 'Timestamp': expected a number or a time"),
         ("23.11.2026 09:00:30", "", "line 3, column 'Timestamp': expected a time, got nothing"),
         ("23.11.2026", "11/23/2026", "give time_format='%d/%m/%Y %H:%M:%S' or the like"),

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from inspect import signature
 
 import numpy as np
 import pandas as pd
@@ -147,6 +148,9 @@ FORMS = {
     "a quoted row of units": '"time","level","valve"\n"[s]","[m]","[%]"\n' + ROWS,
     "a unit of time in parentheses": "time (s),level [m],valve [%]\n" + ROWS,
     "a byte order mark": "\ufefftime [s],level [m],valve [%]\n" + ROWS,
+    "spaces": "time [s],level [m],valve [%]\n".replace(" [", "[").replace(",", "  ")
+    + ROWS.replace(",", "   "),
+    "spaces and quotes": '"time [s]" "level [m]" "valve [%]"\n' + ROWS.replace(",", " "),
     "old line ends": ("time [s],level [m],valve [%]\n" + ROWS).replace("\n", "\r"),
 }
 
@@ -180,6 +184,9 @@ def test_a_first_row_of_values_is_no_row_of_units():
         (("2026-10-25T02:59:59+02:00", "2026-10-25T02:00:00+01:00", "2026-10-25T01:00:01Z"),
          [0, 1, 2]),
         (("23.11.2026 09:00:00", "23.11.2026 09:00:01", "23.11.2026 09:00:02"), [0, 1, 2]),
+        (("23.11.2026 09:00:00", "25.11.2026 09:00:00"), [0, 172800]),
+        (("23.11.2026", "24.11.2026", "25.11.2026"), [0, 86400, 172800]),
+        (("9:30", "9:31", "9:31:30"), [0, 60, 90]),
     ],
 )  # fmt: skip
 def test_times_of_day_and_zones_are_understood(times, seconds):
@@ -194,6 +201,11 @@ def test_times_of_day_and_zones_are_understood(times, seconds):
         ('time,level,flow\n0,"1,500.5",1\n1,"2,500.5",1\n', "remove the separators of thousands"),
         ("time,level,flow\n0,1,1\n1,Bad,1\n2,3,1\n", "expected a number, got 'Bad'"),
         ("time,level,flow\n0,4 %,1\n1,5 %,1\n", "put the unit into the heading"),
+        ("time,level,flow\n0,20°C,1\n1,21°C,1\n", "put the unit into the heading"),
+        ("time,level,flow\n0,0.5m,1\n1,0.6m,1\n", "put the unit into the heading"),
+        ("time,level\n1.234.567,1\n1.234.568,1\n", "remove the separators of thousands"),
+        ("time level flow\n0 1 2\n1 2 3 4\n", "line 3 has 4 cells under 3 headings: of a table"),
+        ("time level flow\n0 1 2\n1 2\n2 3 4\n", "line 3 has 2 cells under 3 headings: of a"),
         ("Plant 7\n\ntime,level\n0,1\n", "remove the lines above the headings"),
         ('time,level\n0,"1\n1,2\n', "a quote does not end"),
         ('time,"level\nm"\n0,1\n', "line 1: a quoted heading does not end"),
@@ -204,6 +216,21 @@ def test_times_of_day_and_zones_are_understood(times, seconds):
 def test_what_looks_like_a_number_is_refused_and_never_left_out(text, words):
     with pytest.raises(RecordError, match=words):
         from_frame(text, 1.0)
+
+
+def test_a_column_of_identifiers_is_left_out():
+    e = from_frame("time,level,batch\n0,1,12A\n1,2,12A\n2,3,13B\n", 1.0)
+    assert [channel.name for channel in e.channels.y] == ["level"]
+
+
+def test_arguments_may_be_named_and_none_means_that_nothing_is_said():
+    named = from_frame(table=GOOD, theta=[1.0], **USE)
+    assert named == from_frame(GOOD, theta=[1.0], **USE)
+    assert list(signature(from_frame).parameters)[:3] == ["table", "theta", "columns"]
+    nothing = dict.fromkeys(
+        ("columns", "signals", "reference", "units", "limits", "bands", "allow"), None
+    )
+    assert from_frame(GOOD, [1.0], **nothing, **USE) == named
 
 
 def test_rows_of_a_frame_are_counted_from_zero_when_refused():

@@ -17,7 +17,7 @@ from prefcal_env.study import Suggested
 from prefcal_scenarios.app.isolated import in_time
 from prefcal_scenarios.app.presentation.wording import theta_text
 from prefcal_scenarios.app.session import Choice, Given, Interview, Now, Phase
-from prefcal_scenarios.app.session.live.state import LiveNow
+from prefcal_scenarios.app.session.live.state import LiveNow, Recovery
 from prefcal_scenarios.app.session.view import GOOD_ENOUGH, UNSAFE
 from prefcal_scenarios.app.web.view import Seen, comparison_view, preview_view
 
@@ -41,6 +41,7 @@ MARKS = {
 }  # fmt: skip
 STOP = ("x", "stop")
 STOP_RUN = "k"
+RESTORE = ("g", "again")
 _LOOK = 0.2
 """Interval, in seconds, at which a waiting conversation reads the keyboard."""
 _EXPLAINED = 2.0
@@ -63,6 +64,8 @@ class _Conversation:
     maneuver: int = 0
     compiles: bool = False
     dialed: tuple[float, ...] | None = None
+    missing: object = None
+    """Where it was last said that the plant lacks its old values."""
     pressed: Callable[[], AbstractContextManager[Callable[[], str]]] = pressed
 
     def run(self) -> None:
@@ -120,6 +123,7 @@ class _Conversation:
             show_question(self.interview, now, self.console, blind=self.blind, seen=self.seen,
                           maneuver=self.maneuver)  # fmt: skip
             self.shown = now.question
+        self._unrestored(now)
         key = self.keys()
         if key in STOP:
             return False
@@ -132,6 +136,8 @@ class _Conversation:
             on = mark not in getattr(now.question, side).marks
             self.interview.mark(now.question.id, side, mark, on)
             self._say(f"{side.capitalize()}: {mark}" + ("." if on else ", no longer."))
+        elif key in RESTORE and now.live is not None:
+            self._restore()
         else:
             self._other(key, now)
         return True
@@ -230,6 +236,27 @@ class _Conversation:
             self.interview.undo(now.version)
         return True
 
+    def _unrestored(self, now: Now) -> None:
+        """Say once beside each question or failed run that the plant lacks its old values."""
+        if now.live is None or not _lacks_old_values(now.live):
+            return
+        here = (now.phase, now.question, now.live.problem)
+        if self.missing != here:
+            self._say(f"The plant does not have its old values yet: {now.live.problem}.")
+            self._say("[g] or again tries to restore them.")
+            self.missing = here
+
+    def _restore(self) -> None:
+        """Try to restore the plant's old values; any key ends the wait, not the attempt."""
+        self.interview.retry()
+        self.missing, now = None, self.interview.now()
+        words = "restoring the old values on the plant; any key goes on meanwhile"
+        with self.console.status(words), self.pressed() as pressed:
+            while _is_restoring(now.live) and not pressed():
+                now = self.interview.wait(now.version, _LOOK)
+        if now.live is not None and now.live.recovery is Recovery.DONE:
+            self._say("The old values are restored.")
+
     def _file(self, said: str, pending: Suggested) -> None:
         """Save a record of the pending experiment, or of an earlier one with "replace N"."""
         index, theta = pending.index, self.dialed
@@ -270,11 +297,14 @@ class _Conversation:
 
     def _failed(self, now: Now) -> bool:
         self._say(f"That did not work: {now.problem}")
+        self._unrestored(now)
         self._say("[t] try again   [f] count it as failed   [z] undo   [x] stop")
         key = self.keys()
         if key in STOP:
             return False
-        if key == "t":
+        if key in RESTORE and _lacks_old_values(now.live):
+            self._restore()
+        elif key == "t":
             self.interview.retry()
         elif key == "f" and now.pending is not None:
             self.interview.fail(now.pending.index, now.problem or "")
@@ -300,6 +330,14 @@ def _waiting(now: Now) -> str:
         return words
     limit = f"at most {in_time(now.run_limit)}; " if isfinite(now.run_limit) else ""
     return f"{words} ({limit}k stops it)"
+
+
+def _lacks_old_values(live: LiveNow | None) -> bool:
+    return live is not None and live.recovery is Recovery.FAILED
+
+
+def _is_restoring(live: LiveNow | None) -> bool:
+    return live is not None and live.recovery in (Recovery.DUE, Recovery.RUNNING)
 
 
 def _live_words(live: LiveNow) -> str:

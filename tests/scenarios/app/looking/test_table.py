@@ -23,6 +23,12 @@ def test_a_plain_table_is_understood_and_this_is_said(tmp_path):
     assert "left out: note" in run.about
 
 
+def test_a_column_of_identifiers_is_left_out_and_this_is_said(tmp_path):
+    run = read(tmp_path, "time,level,batch\n0,1,12A\n1,2,12A\n")
+    assert [channel.name for channel in run.experiment.channels.y] == ["level"]
+    assert "left out: batch" in run.about
+
+
 def test_semicolons_decimal_commas_gaps_and_repeated_times(tmp_path):
     run = read(tmp_path, "t;level\n3;4,5\n0;1,5\n1;\n2;2,5\n2;3,5\n")
     assert run.experiment.t.tolist() == [0, 1, 2, 3]

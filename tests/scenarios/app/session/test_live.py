@@ -194,6 +194,30 @@ def test_a_recovery_that_fails_while_a_question_is_open_can_be_tried_again(
     assert interview.now().phase is Phase.QUESTION
 
 
+def test_a_run_that_raised_has_its_old_values_restored_before_anything_else(
+    scenario, plant, monkeypatch
+):
+    real = LiveRig.drive
+
+    def broken(self, *args, **rest):
+        real(self, *args, **rest)
+        plant.values["kp"] = 5.0
+        self.journal.save({"K_p": 1.0, "T_i": 10.0, "set-point": 1.0})
+        raise OSError("no space left on the device")
+
+    interview = begin(scenario)
+    now = waited_for(interview)
+    assert now.live.recovery is Recovery.DONE
+    monkeypatch.setattr(LiveRig, "drive", broken)
+    interview.write_and_start(now.pending.index)
+    assert interview.work()
+    assert interview.now().phase is Phase.FAILED
+    assert interview.now().live.recovery is Recovery.DUE
+    assert interview.work()
+    assert interview.now().live.recovery is Recovery.DONE
+    assert plant.values["kp"] == pytest.approx(1.0)
+
+
 class KilledError(BaseException):
     """The process ends at once; nothing after it runs."""
 

@@ -151,6 +151,7 @@ def _finish(flow: Flow, sample: Suggested, result: Driven | Exception) -> None:
     live.end()
     live.ask()
     if isinstance(result, Exception):
+        live.recovery = Recovery.DUE  # nobody knows how far it came; the journal does
         return flow.ran(sample, result)
     if not (result.restored or result.kept):
         live.problem = (
