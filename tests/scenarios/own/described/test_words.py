@@ -46,5 +46,5 @@ def test_references_are_read():
 
 @pytest.mark.parametrize("text", ["level", "level=", "=2", "level=high", "level=nan"])
 def test_a_reference_that_is_misspelled_is_refused_with_an_example(text):
-    with pytest.raises(ScenarioError, match="--reference level=2, got"):
+    with pytest.raises(ScenarioError, match="--reference level=2, or, for an FMU"):
         named_numbers([text], "--reference")
