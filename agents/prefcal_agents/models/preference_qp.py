@@ -139,17 +139,11 @@ def fits_without(
     slices: Bool[np.ndarray, "K M"],
     learning: Learning,
     backend: Backend,
-    columns: Float[np.ndarray, "N p"] | None = None,
-) -> list[list[Float[np.ndarray, " P"]]]:
-    """Return β of many fits: for each of E bases, K fits without the comparisons of one slice.
-
-    `columns` are KPIs of the samples that may explain the answers too, shape (N, p).
-    """
+) -> list[list[Float[np.ndarray, " N"]]]:
+    """Return β of many fits: for each of E bases, K fits without the comparisons of one slice."""
     margin, systems = margins(preferences, learning.margin_power), []
     for phi in bases:
         constraints = Constraints.of(preferences, phi, margin)
-        if columns is not None:
-            constraints = constraints.with_outcomes(preferences, columns)
         systems += [constraints.without(left_out) for left_out in slices]
     betas = _fits(systems, learning, backend)
     return [betas[k : k + len(slices)] for k in range(0, len(betas), len(slices))]
