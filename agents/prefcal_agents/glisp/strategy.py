@@ -15,7 +15,6 @@ from prefcal_agents.models.rbf import Surrogate
 from prefcal_agents.optimize.search import Objective, Tried, new_minimum
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_agents.space.feasible import random_points
-from prefcal_agents.utility.explained import is_stalled
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import Backend
@@ -68,7 +67,7 @@ class Rule:
 
 
 def _kpis_explain(setup: Setup, fit: Fit) -> bool:
-    return fit.kpis is not None and not is_stalled(fit.data.history)
+    return fit.kpis is not None
 
 
 def _every_second_time(setup: Setup, fit: Fit) -> bool:
