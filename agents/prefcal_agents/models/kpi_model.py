@@ -1,4 +1,4 @@
-"""Model the KPIs of all samples, and predict them at other θ."""
+"""The KPIs of all samples, each from 0 for the best to 1 for the worst."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,32 +9,27 @@ from jaxtyping import Float, Int
 from prefcal_agents.history.lessons import cube_of, kpis_of
 from prefcal_env.preferences.history import History
 
-from .interpolant import Interpolant, best_interpolants, normalized
+from .interpolant import best_interpolants, normalized
 
 CEILING = 2.0  # see `normalized`: an interrupted run must not flatten the other differences
 _EPSILONS = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2)
 _RBF = "inverse_quadratic"
 _FEWEST = 3  # minimum number of values of a KPI to predict it
-_PREDICTABLE = 0.9  # maximum error of a model, relative to that of predicting the mean
 
 
 @dataclass(frozen=True, slots=True)
 class Outcomes:
-    """The p KPIs of N samples, each with a model over θ.
+    """The p KPIs of N samples.
 
     Args:
         columns: KPIs, lower is better: 0 for the best sample and 1 for the worst, shape (N, p).
-        models: Interpolant of each column over the cube scaled to [-1, 1].
         names: Names of the p KPIs.
         ranges: Values of each KPI that count as 0 and as 1, in its unit.
-        errors: Leave-one-out error of each KPI's model, relative to that of predicting the mean.
     """
 
     columns: Float[np.ndarray, "N p"]
-    models: tuple[Interpolant, ...]
     names: tuple[str, ...]
     ranges: tuple[tuple[float, float], ...]
-    errors: tuple[float, ...]
 
     @classmethod
     def of(cls, history: History) -> "Outcomes":
@@ -52,28 +47,23 @@ class Outcomes:
             kpi = _KPI.of(known, name)
             if len(kpi.there) >= _FEWEST and np.ptp(kpi.shares) > 0:
                 alike.setdefault(tuple(kpi.there), []).append(kpi)
-        columns, models, kpis, errors = [], [], [], []
+        columns, kpis = [], []
         for group in alike.values():
             there, shares = group[0].there, np.array([kpi.shares for kpi in group]).T
-            alone = np.std(shares, axis=0) * len(there) / (len(there) - 1)
             best = best_interpolants(x[there], shares, _EPSILONS, _RBF)
-            for k, (model, error) in enumerate(best):
+            for k, (model, _) in enumerate(best):
                 column = np.clip(model(x), 0.0, 1.0) if len(there) < len(x) else np.zeros(len(x))
                 column[there] = shares[:, k]
                 columns.append(column)
-                models.append(model)
                 kpis.append(group[k])
-                errors.append(error / float(alone[k]))
         return cls(
             columns=np.array(columns).reshape(len(columns), len(x)).T,
-            models=tuple(models),
             names=tuple(kpi.name for kpi in kpis),
             ranges=tuple(kpi.range for kpi in kpis),
-            errors=tuple(errors),
         )
 
     def __len__(self) -> int:
-        return len(self.models)
+        return len(self.names)
 
 
 @dataclass(frozen=True, slots=True)
