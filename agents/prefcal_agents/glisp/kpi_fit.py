@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from prefcal_agents.acquisition.expected_improvement import ExpectedImprovement
-from prefcal_agents.history.lessons import cube_of, kpis_of
+from prefcal_agents.history.lessons import Memory, cube_of, kpis_of
 from prefcal_agents.history.stages import Stages
 from prefcal_agents.utility.bank import Bank
 from prefcal_agents.utility.explained import explains
@@ -27,6 +27,8 @@ _FEWEST = 3
 """Smallest number of experiments with a KPI to learn from it."""
 _STREAM = 3
 """Stream of random numbers."""
+_MOST = 100
+"""Number of answers after which ten are learned from at once, so that a long study opens soon."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -35,22 +37,28 @@ class KPIFit:
 
     Args:
         bank: KPIs of all experiments, a row for each θ.
+        kept: Rows of the experiments that costs are modeled through, see `Memory`, shape (K,).
         scale: How KPIs are measured; without names if there is no KPI to learn from.
         utilities: Draws of what the person wants.
-        explains: Whether KPIs predict the answers about as well as θ does.
     """
 
     bank: Bank
+    kept: Int[np.ndarray, " K"]
     scale: Scale
     utilities: Utilities
-    explains: bool
 
     @property
     def improvement(self) -> ExpectedImprovement:
         """Return the expected improvement of the cost, over some of the draws."""
         rows = np.arange(0, len(self.utilities), len(self.utilities) // _JUDGES)
-        costs = self.utilities.take(rows).costs(self.scale(self.bank))
-        return ExpectedImprovement.of(self.bank.z, costs)
+        costs = self.utilities.take(rows).costs(self.scale(self.bank, self.kept.tolist()))
+        return ExpectedImprovement.of(self.bank.z[self.kept], costs)
+
+    def explains(self, history: History) -> bool:
+        """Return whether KPIs predict the answers about as well as θ does; False if none teach."""
+        if not self.scale.names or not history.lessons():
+            return False
+        return explains(Memory.of(history).history, self.bank, self.scale, self.utilities)
 
     def doubted(self, history: History) -> tuple[int, int] | None:
         """Return the best sample and one that is probably better; None if there is none.
@@ -84,26 +92,27 @@ class KPIFit:
 
 def kpi_fits(seed: int) -> Stages[KPIFit]:
     """Return the fits of a study, by its record; `seed` is that of all randomness."""
-    return Stages(partial(_first, seed), partial(_following, seed))
+    return Stages(partial(_first, seed), partial(_following, seed), _MOST)
 
 
 def _first(seed: int) -> KPIFit:
     bank = Bank.of(np.zeros((0, 0)), np.zeros((0, 0)), [])
     scale = Scale.of(bank, np.arange(0))
-    return KPIFit(bank, scale, Utilities.drawn(scale, _DRAWS, _rng(seed, History())), False)
+    drawn = Utilities.drawn(scale, _DRAWS, _rng(seed, History()))
+    return KPIFit(bank, np.arange(0), scale, drawn)
 
 
 def _following(seed: int, past: History, before: History, fit: KPIFit) -> KPIFit:
     """Return the fit after `past`, given that after `before`, a step earlier."""
     bank, rng, utilities = _experiments(past), _rng(seed, past), fit.utilities
-    scale = Scale.of(bank, np.arange(len(bank)))
+    scale, part = Scale.of(bank, np.arange(len(bank))), Memory.of(past).history
     if scale.names != fit.scale.names:  # a KPI was always the same before: begin again
         before, utilities = History(), Utilities.drawn(scale, _DRAWS, rng)
     if scale.names and (past.lessons() or past.unsafe()):
-        old, new = (Lessons.of(bank, scale, record) for record in (before, past))
+        old, new = (Lessons.of(bank, scale, each) for each in (Memory.of(before).history, part))
         utilities = updated(utilities, old, new, scale, rng)
-    known = bool(scale.names and past.lessons())
-    return KPIFit(bank, scale, utilities, known and explains(past, bank, scale, utilities))
+    kept = np.unique([bank.find(sample.theta) for sample in part.samples])
+    return KPIFit(bank, kept, scale, utilities)
 
 
 def _experiments(history: History) -> Bank:
@@ -122,11 +131,13 @@ def _filled(
 ) -> Float[np.ndarray, " N"] | None:
     """Return one KPI of all experiments, shape (N,); None if too few have it."""
     values = np.array([kpis.get(name, np.nan) for kpis in known], dtype=float)
-    there = np.flatnonzero(~np.isnan(values))
+    missing = np.isnan(values)
+    there = np.flatnonzero(~missing)
     if len(there) < _FEWEST:
         return None
-    apart = np.sum((z[:, None] - z[there]) ** 2, axis=2)
-    return np.asarray(np.where(np.isnan(values), values[there[np.argmin(apart, axis=1)]], values))
+    apart = np.sum((z[missing][:, None] - z[there]) ** 2, axis=2)
+    values[missing] = values[there[np.argmin(apart, axis=1)]]
+    return values
 
 
 def _rng(seed: int, past: History) -> np.random.Generator:

@@ -120,6 +120,7 @@ class ModelSelection:
         self._noise_shapes = [Shape(1.0, (1.0,) * n, settings.rbf)]
         self._evidence: dict[int, float] = {}
         self._kpi_fits = kpi_fits(seed) if settings.kpis else None
+        self._explained: dict[int, bool] = {}
         self._made: dict[int, Selection] = {}
         self._data: Dataset | None = None
 
@@ -129,7 +130,7 @@ class ModelSelection:
         twin._settings, twin._backend = settings, backend
         twin._shapes, twin._noise_shapes = self._shapes.copy(), self._noise_shapes.copy()
         twin._evidence = self._evidence.copy()
-        twin._made = self._made.copy()
+        twin._explained, twin._made = self._explained.copy(), self._made.copy()
         return twin
 
     def dataset(self, history: History) -> Dataset:
@@ -144,8 +145,13 @@ class ModelSelection:
 
     def kpi_fit(self, history: History) -> KPIFit | None:
         """Return what KPIs teach after `history`; None if they do not explain the answers."""
-        fit = None if self._kpi_fits is None else self._kpi_fits.after(history)
-        return fit if fit is not None and fit.explains else None
+        if self._kpi_fits is None:
+            return None
+        self._follow(history)
+        fit, count = self._kpi_fits.after(history), history.answered
+        if count not in self._explained:
+            self._explained[count] = fit.explains(history)
+        return fit if self._explained[count] else None
 
     def after(self, history: History) -> Selection:
         """Return what is selected after `history`."""
@@ -163,6 +169,7 @@ class ModelSelection:
         count = shared(self._history, history)
         del self._shapes[count + 1 :], self._noise_shapes[count + 1 :]
         self._evidence = {k: made for k, made in self._evidence.items() if k <= count}
+        self._explained = {k: made for k, made in self._explained.items() if k <= count}
         self._made = {k: made for k, made in self._made.items() if k <= count}
         self._history = history
 

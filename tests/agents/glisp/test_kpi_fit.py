@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from prefcal_agents import AgentState, GLISp, GLISpSettings, restore
-from prefcal_agents.glisp.kpi_fit import _first, _following, kpi_fits
+from prefcal_agents.glisp.kpi_fit import kpi_fits
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
@@ -66,10 +66,11 @@ def learned(record, seed=0):
 
 
 def test_the_draws_learn_which_kpi_counts():
-    fit = learned(record_of(*columns()))
+    record = record_of(*columns())
+    fit = learned(record)
     weights = dict(zip(fit.scale.names, fit.utilities.weights.mean(axis=0), strict=True))
     assert weights["b"] > 0.6
-    assert fit.explains
+    assert fit.explains(record)
 
 
 def test_the_expected_rank_orders_the_samples_as_the_person_does():
@@ -84,10 +85,10 @@ def test_the_expected_rank_orders_the_samples_as_the_person_does():
 def test_nothing_is_known_before_three_experiments_with_kpis_that_differ():
     kpis, wanted = columns(12)
     for known in ([None] * 12, [{}] * 12, [{"a": 1.0}] * 12, [*kpis[:2], *[None] * 10]):
-        fit = learned(record_of(known, wanted))
-        assert fit.scale.names == ()
-        assert not fit.explains
-    assert learned(record_of(kpis[:1], wanted)).explains is False  # no answer yet
+        record = record_of(known, wanted)
+        assert learned(record).scale.names == ()
+        assert not learned(record).explains(record)
+    assert not learned(record_of(kpis, wanted).until(1)).explains(record_of(kpis[:1], wanted))
     assert learned(record_of([*kpis[:3], *[None] * 9], wanted)).scale.names == ("a", "b", "c")
 
 
@@ -305,6 +306,8 @@ def test_three_hundred_answers_are_learned_from():
     points = rng.random((301, 2)) * [4.0, 2.0] - [2.0, 1.0]
     kpis = [{**terms(p), "noise": float(x)} for p, x in zip(points, rng.random(301), strict=True)]
     record = record_of(kpis, [cost(p) for p in points])
-    fit = _following(0, record, History(), _first(0))  # all at once: a minute less
-    assert fit.explains
+    fit = learned(record)
+    assert fit.explains(record)
+    assert len(fit.kept) < len(fit.bank) == 301
+    assert len(fit.values(record)) == 301
     assert np.isfinite(fit.improvement(rng.random((3, 2)))).all()

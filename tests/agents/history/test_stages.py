@@ -22,9 +22,9 @@ def line(count):
 class Counting:
     """Stages whose knowledge is the list of all steps, and the steps that were worked out."""
 
-    def __init__(self):
+    def __init__(self, most=None):
         self.steps, self.begun = [], 0
-        self.stages = Stages(self.first, self.following)
+        self.stages = Stages(self.first, self.following, most)
 
     def first(self):
         self.begun += 1
@@ -95,6 +95,16 @@ def test_a_long_study_takes_one_step_for_each_answer_though_early_ones_are_forgo
     assert known == ((1, 0), (2, 0))
     assert len(counting.steps) == 62
     assert len(counting.stages._known) <= 40
+
+
+def test_of_a_long_study_ten_answers_at_once_are_a_step_and_the_rest():
+    counting, record = Counting(20), line(47).with_follow_up(Answer(1), 46, 0)
+    counting.stages.after(record)
+    ends = [*range(1, 21), 30, 40, 47]
+    assert counting.steps == [*[(k, 0) for k in ends], (47, 1)]
+    longer = record.with_pending(in_cube([0.9])).with_answer(Answer(1), 46)
+    assert counting.stages.after(longer) == Counting(20).stages.after(longer)
+    assert counting.stages.after(longer)[-3:] == ((40, 0), (48, 0), (48, 1))
 
 
 def test_several_threads_get_what_one_gets():
