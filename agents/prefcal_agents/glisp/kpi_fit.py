@@ -54,10 +54,13 @@ class KPIFit:
         costs = self.utilities.take(rows).costs(self.scale(self.bank, self.kept.tolist()))
         return ExpectedImprovement.of(self.bank.z[self.kept], costs)
 
+    @property
+    def teaches(self) -> bool:
+        """Return whether there is a KPI to learn from."""
+        return bool(self.scale.names)
+
     def explains(self, history: History) -> bool:
-        """Return whether KPIs predict the answers about as well as θ does; False if none teach."""
-        if not self.scale.names or not history.lessons():
-            return False
+        """Return whether KPIs predict the answers of `history` about as well as θ does."""
         return explains(Memory.of(history).history, self.bank, self.scale, self.utilities)
 
     def doubted(self, history: History) -> tuple[int, int] | None:

@@ -28,6 +28,8 @@ from .settings import EPSILONS, EVERY_STEP, GLISpSettings
 
 FEW = 20
 """Number of experiments before the process takes turns."""
+_TESTED = 5
+"""Number of experiments between two tests of whether KPIs explain the answers."""
 SELDOM = 10
 """Number of experiments between two validations, or two noise tests, from then on."""
 _SHAPE_AT = 5  # of ten; noise tests are at 0, so no proposal waits for both
@@ -148,10 +150,14 @@ class ModelSelection:
         if self._kpi_fits is None:
             return None
         self._follow(history)
-        fit, count = self._kpi_fits.after(history), history.answered
-        if count not in self._explained:
-            self._explained[count] = fit.explains(history)
-        return fit if self._explained[count] else None
+        fit = self._kpi_fits.after(history)
+        if not fit.teaches or not history.lessons():
+            return None
+        tested = history.answered - history.answered % _TESTED
+        if tested not in self._explained:
+            then = history.until(tested)
+            self._explained[tested] = self._kpi_fits.after(then).explains(then)
+        return fit if self._explained[tested] else None
 
     def after(self, history: History) -> Selection:
         """Return what is selected after `history`."""

@@ -87,8 +87,8 @@ def test_nothing_is_known_before_three_experiments_with_kpis_that_differ():
     for known in ([None] * 12, [{}] * 12, [{"a": 1.0}] * 12, [*kpis[:2], *[None] * 10]):
         record = record_of(known, wanted)
         assert learned(record).scale.names == ()
-        assert not learned(record).explains(record)
-    assert not learned(record_of(kpis, wanted).until(1)).explains(record_of(kpis[:1], wanted))
+        assert not learned(record).teaches
+    assert not learned(record_of(kpis, wanted).until(1)).teaches
     assert learned(record_of([*kpis[:3], *[None] * 9], wanted)).scale.names == ("a", "b", "c")
 
 
