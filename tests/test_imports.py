@@ -33,7 +33,7 @@ LAYERS = {
         {"support"},
         {"history"},
         {"models", "advice"},
-        {"space"},
+        {"space", "utility"},
         {"optimize"},
         {"acquisition", "protocol"},
         {"glisp", "baselines", "peers", "rl", "screening"},

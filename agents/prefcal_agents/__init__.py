@@ -35,14 +35,14 @@ if _TYPE_CHECKING:
     from .rl import PPOBandit as PPOBandit
     from .rl import SACBandit as SACBandit
     from .screening.agent import Screening as Screening
-    from .screening.bank import Bank as Bank
     from .screening.simulations import Simulate as Simulate
     from .screening.simulations import SimulateMany as SimulateMany
+    from .utility.bank import Bank as Bank
 
 _HOMES = {
     "Advice": "advice.stopping",
     "AgentState": "history.agent_state",
-    "Bank": "screening.bank",
+    "Bank": "utility.bank",
     "Earlier": "advice.transfer",
     "GLISSettings": "baselines.glis_settings",
     "GLISpSettings": "glisp.settings",

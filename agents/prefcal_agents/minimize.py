@@ -11,10 +11,10 @@ from jaxtyping import Float
 
 from prefcal_agents.glisp.agent import GLISp
 from prefcal_agents.screening.agent import Screening
-from prefcal_agents.screening.bank import Bank
 from prefcal_agents.screening.simulations import Simulate
 from prefcal_agents.space.start import Start
 from prefcal_agents.support.checks import integer
+from prefcal_agents.utility.bank import Bank
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Agent, Answer, Preference

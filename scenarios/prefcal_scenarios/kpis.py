@@ -39,11 +39,23 @@ class Result(Protocol):
 def outcome(scenario: Scenario, experiment: Experiment) -> Outcome:
     """Return the KPIs of `experiment` by name, lower is better; infinite is the worst value.
 
-    They are the scenario's KPIs with a known direction of improvement, and generic KPIs of any
-    trajectory with a reference. All are infinite for a run that was stopped: a short run would
-    otherwise look good, since it accumulates little error.
+    They are the scenario's KPIs with a known direction of improvement. Only if no KPI has a
+    direction, generic ones of the trajectory take their place. All are infinite for a run that was
+    stopped: a short run would otherwise look good, since it accumulates little error.
     """
-    return _outcome({**_generic(experiment), **_directed(scenario, experiment)}, experiment)
+    stopped = experiment.end.interrupted
+    if not has_goals(scenario):
+        known: Mapping[str, float] = _at_worst(_generic(experiment), experiment)
+    elif stopped:
+        known = dict.fromkeys(_names(scenario), np.inf)
+    else:
+        known = _directed(scenario, experiment)
+    return Outcome({**known, INTERRUPTED: float(stopped)})
+
+
+def has_goals(scenario: Scenario) -> bool:
+    """Return whether some KPI of the scenario has a direction of improvement."""
+    return any(kpi.goal is not None for kpi in scenario.kpis)
 
 
 def screened(scenario: Scenario, experiment: Result) -> Outcome:
@@ -62,7 +74,7 @@ def screened(scenario: Scenario, experiment: Result) -> Outcome:
     """
     if experiment.end is End.FAILED and not experiment.kpis:
         return Outcome({})
-    if any(kpi.goal is not None for kpi in scenario.kpis):
+    if has_goals(scenario):
         if experiment.end.interrupted:
             return Outcome(dict.fromkeys(_names(scenario), np.inf))
         return Outcome(_directed(scenario, experiment))
@@ -113,11 +125,6 @@ def _directed(scenario: Scenario, experiment: Result) -> dict[str, float]:
         for kpi, value in values
         if value is not None and kpi.goal is not None
     }
-
-
-def _outcome(known: Mapping[str, float], experiment: Result) -> Outcome:
-    stopped = float(experiment.end.interrupted)
-    return Outcome({**_at_worst(known, experiment), INTERRUPTED: stopped})
 
 
 def _at_worst(known: Mapping[str, float], experiment: Result) -> Mapping[str, float]:

@@ -25,11 +25,12 @@ TOY = toy_scenario()
 FINE, UNSAFE = TOY.run(np.array([0.4, 20, 1.0])), TOY.run(np.array([0.4, 20, 80.0]))
 
 
-def test_the_scenario_s_kpis_come_with_the_generic_ones_lower_is_better():
+def test_agents_are_told_the_scenario_s_kpis_with_a_direction_lower_is_better():
     known = outcome(TOY, FINE)
     assert known["t_f"] == FINE.kpis["t_f"]
     assert known["final"] == pytest.approx(abs(FINE.kpis["final"] - 2.0))  # from the middle
-    assert known["total move of valve"] > 0
+    assert "total move of valve" not in known  # a generic one
+    assert outcome(replace(TOY, kpis=()), FINE)["total move of valve"] > 0
     assert known[INTERRUPTED] == 0.0
     assert "largest" not in known  # no objective: nobody knows which way is better
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from prefcal_agents.screening.bank import Bank
+from prefcal_agents.utility.bank import Bank
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer

@@ -7,8 +7,6 @@ from jaxtyping import Float
 
 from prefcal_agents.models.gaussian_process import GaussianProcess
 from prefcal_agents.models.interpolant import normalized
-from prefcal_agents.models.kpi_model import Composite
-from prefcal_agents.models.rbf import Surrogate
 
 _CEILING = 2.0  # see `normalized`: values far worse than most must not flatten the rest
 _FAR = -1e3  # standard deviations; below, the difference of two numbers near 1 is lost
@@ -16,28 +14,31 @@ _FAR = -1e3  # standard deviations; below, the difference of two numbers near 1 
 
 @dataclass(frozen=True, slots=True)
 class ExpectedImprovement:
-    """The objective -log(expected improvement), to minimize.
+    """The objective -log(expected improvement), to minimize, over S functions equally likely.
 
     Source: D. R. Jones, M. Schonlau, W. J. Welch, "Efficient global optimization of expensive
     black-box functions", Journal of Global Optimization 13 (1998), equation 15; in logarithms,
     since far from the best the gain itself is 0 in floating point.
 
     Args:
-        process: Gaussian process of Ĵ, in shares of its range over the samples.
+        process: Gaussian processes of the functions, in shares of their range over the samples.
     """
 
     process: GaussianProcess
 
     @classmethod
-    def of(cls, surrogate: Surrogate | Composite) -> "ExpectedImprovement":
-        """Create it from the values of `surrogate` at its centers."""
-        values = normalized(surrogate(surrogate.centers), _CEILING)
-        return cls(GaussianProcess.through(surrogate.centers, values))
+    def of(
+        cls, samples: Float[np.ndarray, "N n"], costs: Float[np.ndarray, "S N"]
+    ) -> "ExpectedImprovement":
+        """Create it from S costs of N samples, points of the unit cube; lower is better."""
+        shares = np.array([normalized(cost, _CEILING) for cost in costs])
+        return cls(GaussianProcess.through(samples, shares))
 
     def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return -log EI at the rows of `z`, shape (m,)."""
         mean, deviation = self.process(z)
-        return np.asarray(-np.log(deviation) - _log_gain(-mean / deviation)[0])
+        logs = np.log(deviation) + _log_gain(-mean / deviation)[0]
+        return np.asarray(-_log_mean(logs.T))
 
     def value_and_gradient(
         self, z: Float[np.ndarray, " n"]
@@ -45,15 +46,24 @@ class ExpectedImprovement:
         """Return -log EI and its gradient at one point, shape (n,)."""
         mean, deviation, of_mean, of_deviation = self.process.slopes(z)
         u = -mean / deviation  # the best sample has 0
-        of_u = -(of_mean + u * of_deviation) / deviation
-        gain, of_gain = (each[0] for each in _log_gain(np.array([u])))
-        value = -np.log(deviation) - gain
-        return float(value), np.asarray(-of_deviation / deviation - of_gain * of_u)
+        of_u = -(of_mean + u[:, None] * of_deviation) / deviation[:, None]
+        gain, of_gain = _log_gain(u)
+        logs = np.log(deviation) + gain
+        of_logs = of_deviation / deviation[:, None] + of_gain[:, None] * of_u
+        value = float(_log_mean(logs[:, None])[0])
+        shares = np.exp(logs - np.log(len(logs)) - value)
+        return -value, np.asarray(-shares @ of_logs)
+
+
+def _log_mean(logs: Float[np.ndarray, "S m"]) -> Float[np.ndarray, " m"]:
+    """Return the logarithm of the mean of exp(logs) over the S rows."""
+    largest = logs.max(axis=0)
+    return np.asarray(largest + np.log(np.mean(np.exp(logs - largest), axis=0)))
 
 
 def _log_gain(
-    u: Float[np.ndarray, " m"],
-) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    u: Float[np.ndarray, "*shape"],
+) -> tuple[Float[np.ndarray, "*shape"], Float[np.ndarray, "*shape"]]:
     """Return log(φ(u) + u Φ(u)) and its slope, with φ and Φ of the normal distribution."""
     from scipy.special import erfcx, ndtr
 

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.models.gaussian_process import PreferenceGP
-from prefcal_agents.models.kpi_model import Composite
 from prefcal_agents.models.rbf import Surrogate, squared_distances
 
 _NEAREST = 1e-75  # squares to 1e-150: the sum of inverses stays finite on a sample
@@ -43,7 +42,7 @@ def exploration_and_gradient(
     return float(np.arctan(nearest**2 / s)), np.asarray(slope)
 
 
-Learned = Surrogate | Composite | PreferenceGP
+Learned = Surrogate | PreferenceGP
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,10 +7,10 @@ from jaxtyping import Float, Int
 
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.optimize.search import Tried
-from prefcal_agents.screening.bank import Bank, runnable
 from prefcal_agents.screening.simulating import Simulating
 from prefcal_agents.screening.simulations import Simulations
 from prefcal_agents.space.design import latin_hypercube
+from prefcal_agents.utility.bank import Bank, runnable
 from prefcal_env.preferences.history import History
 
 

@@ -43,15 +43,15 @@ class GLISp(PreferenceBased):
         settings: All other settings.
         start: Physical θ to start from, such as the current tuning, shape (n,), or several. They
             replace the first of the `n_init` samples.
-        delta: δ of eq. acquisition instead of the one in `settings`; turns expected improvement
-            off, so that eq. acquisition is minimized.
+        delta: δ of eq. acquisition instead of the one in `settings`; turns KPIs off, so that eq.
+            acquisition is minimized.
 
     Raises:
         SettingsError: If a value is not valid.
         KnobError: If a θ of `start` is outside the space.
     """
 
-    version: ClassVar[int] = 9
+    version: ClassVar[int] = 10
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class GLISp(PreferenceBased):
         if not isinstance(settings, GLISpSettings):
             raise SettingsError(f"settings must be GLISpSettings, got {settings!r}")
         if delta is not None:
-            settings = replace(settings, delta=delta, expected_improvement=False)
+            settings = replace(settings, delta=delta, kpis=False)
         super().__init__(space, n_init=n_init, n_max=n_max, seed=seed, start=start)
         self._options = settings
         # Each agent has its own QP solver, since twins may compute at the same time.
@@ -152,10 +152,10 @@ class GLISp(PreferenceBased):
             return LearnedCost.of(self.history, self._seed, self._setup.backend)
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """Return Ĵ/ΔĴ at physical `thetas`, shape (m, n), minus its smallest value on the samples.
+        """Return how good physical `thetas` are expected to be, shape (m, n), for plotting.
 
-        The best sample has 0 and the worst 1: shape (m,), without unit, for plotting. The values
-        are all 0 while nothing is known.
+        The best sample has 0 and the worst 1: shape (m,), without unit. It is Ĵ/ΔĴ or, if KPIs
+        explain the answers, the expected cost. The values are all 0 while nothing is known.
 
         Raises:
             KnobError: If `thetas` has another shape or leaves the box.
@@ -165,7 +165,11 @@ class GLISp(PreferenceBased):
             return np.zeros(len(z))
         with one_thread():
             fit = self._models.fit(self.history)
-            learned = train(fit.data, fit.selection, self._options, self._setup.backend)
-        on_samples = learned(learned.centers)
+            if fit.kpis is None:
+                learned = train(fit.data, fit.selection, self._options, self._setup.backend)
+                values, on_samples = learned(z), learned(learned.centers)
+            else:
+                process = fit.kpis.improvement.process
+                values, on_samples = (process(x)[0].mean(axis=1) for x in (z, fit.kpis.bank.z))
         spread = float(np.ptp(on_samples))
-        return np.asarray((learned(z) - on_samples.min()) / (spread if spread > 0 else 1.0))
+        return np.asarray((values - on_samples.min()) / (spread if spread > 0 else 1.0))

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.cross_validation import nearest
@@ -48,17 +47,15 @@ class NoiseTest:
 def evidence_of_mistakes(
     preferences: Preferences,
     shape: Shape,
-    columns: Float[np.ndarray, "N p"] | None,
     error_rate: float,
 ) -> float:
     """Return the log likelihood ratio (nats) of a fallible person to one who is never wrong.
 
-    Each answer is predicted from all others. `columns` are KPIs that may explain the answers, too,
-    shape (N, p).
+    Each answer is predicted from all others.
     """
     if not np.any(preferences.b):
         return 0.0
-    constraints = rows_of(preferences, shape, columns)
+    constraints = rows_of(preferences, shape)
     fallible = ExpectationPropagation.of(constraints, error_rate)
     sure = ExpectationPropagation.of(constraints, ALMOST_SURE, fallible.sites)
     return fallible.predicted - sure.predicted
@@ -88,13 +85,10 @@ def suited_shape(
     return _rescaled(replace(shape, epsilon=epsilon), best, score, answered)
 
 
-def rows_of(
-    preferences: Preferences, shape: Shape, columns: Float[np.ndarray, "N p"] | None = None
-) -> Constraints:
-    """Return comparisons as signs of rows · β, with p KPIs (columns) that may explain them."""
+def rows_of(preferences: Preferences, shape: Shape) -> Constraints:
+    """Return comparisons as signs of rows · β."""
     features = shape.basis(preferences.samples, preferences.samples)
-    constraints = Constraints.of(preferences, features, np.ones(len(preferences.b)))
-    return constraints if columns is None else constraints.with_outcomes(preferences, columns)
+    return Constraints.of(preferences, features, np.ones(len(preferences.b)))
 
 
 def _rescaled(shape: Shape, best: float, score: Callable[[Shape], float], turn: int) -> Shape:

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from prefcal_agents.history.lessons import Marks, Preferences, cube_of
+from prefcal_agents.models.rbf import Surrogate
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.best import contradictory, reigns
 from prefcal_env.preferences.history import History
@@ -11,7 +12,7 @@ from prefcal_env.qp import Backend
 
 from .selection import ModelSelection, Selection
 from .settings import GLISpSettings
-from .training import assembled, train, trust
+from .training import train, trust
 
 _APART = 10
 """Number of experiments between two questions that are only based on a suspicion."""
@@ -40,19 +41,29 @@ def follow_up(
     lately = any((c.after or 0) > history.answered - _APART for c in history.follow_ups)
     if asked >= most and lately and not contradictory(history.verdicts()):
         return None
-    before = models.after(history.until(history.answered - 1))
-    suspects = before.noise is not None and before.noise.suspects
-    if not suspects and asked >= most:
-        return None
-    selection = models.before(history)
-    pair = None
-    if suspects:
-        sure = 0.0 if asked >= most else _SURE
-        pair = confirm_best(models, history, selection, settings.error_rate, sure)
+    kpis = models.kpi_fit(history)
+    if kpis is not None:
+        pair = kpis.doubted(history)
+    else:
+        pair = _suspected(history, models, settings, sure=0.0 if asked >= most else _SURE)
     if pair is not None or asked >= most:
         return pair
+    if kpis is not None:
+        return insertion_question(history, kpis.values(history))
+    # As selected one experiment earlier, so a question does not wait for a model selection.
+    selection = models.after(history.until(history.answered - 1))
     surrogate = train(models.dataset(history), selection, settings, backend)
     return insertion_question(history, surrogate(cube_of(history)))
+
+
+def _suspected(
+    history: History, models: ModelSelection, settings: GLISpSettings, *, sure: float
+) -> tuple[int, int] | None:
+    """Return two samples to compare since mistakes are suspected; see `confirm_best`."""
+    selection = models.after(history.until(history.answered - 1))
+    if selection.noise is None or not selection.noise.suspects:
+        return None
+    return confirm_best(models, history, selection, settings.error_rate, sure)
 
 
 def confirm_best(
@@ -86,13 +97,10 @@ def confirm_best(
     posterior = trust(data, selection, error_rate)
     samples = data.preferences.samples
     known = shape.basis(samples, samples)
-    columns = data.columns(selection.kpi_scale)
-    if columns is not None:
-        known = np.hstack([known, columns])
     features = np.zeros((history.answered, known.shape[1]))
     values = np.full(history.answered, np.inf)
     features[data.kept] = known
-    values[data.kept] = assembled(data, selection, shape, posterior.mean)(samples)
+    values[data.kept] = Surrogate(samples, posterior.mean, shape)(samples)
     candidates = candidates[np.isfinite(values[candidates])]
     rest = [int(k) for k in candidates[np.argsort(values[candidates], kind="stable")] if k != best]
     rivals = [k for k in rest[:_RIVALS] if not history.asked(best, k)]

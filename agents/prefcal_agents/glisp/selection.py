@@ -1,14 +1,14 @@
-"""Select the models of GLISp after each experiment: shapes of φ, weight of KPIs, noise test."""
+"""Select the models of GLISp after each experiment: shapes of φ, noise test."""
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
-from prefcal_agents.history.lessons import MOST, Memory, Preferences, kpis_of
+from prefcal_agents.history.lessons import MOST, Memory, Preferences
 from prefcal_agents.models.cross_validation import (
     FOLDS,
     Validation,
@@ -16,21 +16,23 @@ from prefcal_agents.models.cross_validation import (
     nearest,
     rescale_knob,
 )
-from prefcal_agents.models.kpi_model import Outcomes
 from prefcal_agents.models.preference_qp import Learning
 from prefcal_agents.models.rbf import Shape
 from prefcal_env.preferences.best import contradictory
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import Backend
 
+from .kpi_fit import KPIFit, kpi_fits
 from .noise_test import MANY, WINDOW, NoiseTest, evidence_of_mistakes, suited_shape
 from .settings import EPSILONS, EVERY_STEP, GLISpSettings
 
 FEW = 20
 """Number of experiments before the process takes turns."""
+_TESTED = 5
+"""Number of experiments between two tests of whether KPIs explain the answers."""
 SELDOM = 10
 """Number of experiments between two validations, or two noise tests, from then on."""
-_SHAPE_AT, _SCALE_AT = 5, 7  # of ten; noise tests are at 0, so no proposal waits for all three
+_SHAPE_AT = 5  # of ten; noise tests are at 0, so no proposal waits for both
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,26 +44,17 @@ class Dataset:
         kept: Numbers of the samples that models are trained on, increasing, shape (K,); see
             `Memory`.
         preferences: Comparisons of these samples.
-        kpis: KPIs of these samples, as far as θ predicts them; None if there are none.
     """
 
     history: History
     kept: Int[np.ndarray, " K"]
     preferences: Preferences
-    kpis: Outcomes | None
 
     @classmethod
-    def of(cls, history: History, *, with_kpis: bool) -> "Dataset":
+    def of(cls, history: History) -> "Dataset":
         """Extract what `history` teaches."""
         memory = Memory.of(history)
-        kpis = None
-        if with_kpis and any(kpis_of(memory.history)):
-            kpis = Outcomes.of(memory.history).predictable() or None
-        return cls(history, memory.kept, Preferences.of(memory.history), kpis)
-
-    def columns(self, scale: float) -> Float[np.ndarray, "K p"] | None:
-        """Return the KPIs that may explain answers, times `scale`; None if KPIs do not count."""
-        return scale * self.kpis.columns if self.kpis is not None and scale else None
+        return cls(history, memory.kept, Preferences.of(memory.history))
 
     @property
     def is_strict(self) -> bool:
@@ -75,7 +68,6 @@ class Selection:
 
     Args:
         shape: Shape of φ, chosen by cross-validation.
-        kpi_scale: How much KPIs count in Ĵ beside θ, 0 or more, chosen by cross-validation.
         noise: Result of the noise test; None while there are too few answers.
         is_noisy: Whether answers are treated as possibly wrong. This takes two things: some
             contradict each other, and the noise test suspects mistakes. A suspicion alone only
@@ -83,7 +75,6 @@ class Selection:
     """
 
     shape: Shape
-    kpi_scale: float
     noise: NoiseTest | None
     is_noisy: bool
 
@@ -95,10 +86,13 @@ class Fit:
     Args:
         data: Training data in the history.
         selection: Selected settings of the models.
+        kpis: What is known about a person who judges by KPIs; None if they do not explain the
+            answers, or are not used.
     """
 
     data: Dataset
     selection: Selection
+    kpis: KPIFit | None
 
 
 @final
@@ -127,7 +121,8 @@ class ModelSelection:
         self._shapes = [settings.shape(n)]
         self._noise_shapes = [Shape(1.0, (1.0,) * n, settings.rbf)]
         self._evidence: dict[int, float] = {}
-        self._scales: dict[tuple[int, Shape], float] = {}
+        self._kpi_fits = kpi_fits(seed) if settings.kpis else None
+        self._explained: dict[int, bool] = {}
         self._made: dict[int, Selection] = {}
         self._data: Dataset | None = None
 
@@ -136,19 +131,33 @@ class ModelSelection:
         twin = copy(self)
         twin._settings, twin._backend = settings, backend
         twin._shapes, twin._noise_shapes = self._shapes.copy(), self._noise_shapes.copy()
-        twin._evidence, twin._scales = self._evidence.copy(), self._scales.copy()
-        twin._made = self._made.copy()
+        twin._evidence = self._evidence.copy()
+        twin._explained, twin._made = self._explained.copy(), self._made.copy()
         return twin
 
     def dataset(self, history: History) -> Dataset:
         """Return the training data in `history`."""
         if self._data is None or self._data.history != history:
-            self._data = Dataset.of(history, with_kpis=any(self._settings.outcome_scales))
+            self._data = Dataset.of(history)
         return self._data
 
     def fit(self, history: History) -> Fit:
         """Return what is learned from `history`."""
-        return Fit(self.dataset(history), self.after(history))
+        return Fit(self.dataset(history), self.after(history), self.kpi_fit(history))
+
+    def kpi_fit(self, history: History) -> KPIFit | None:
+        """Return what KPIs teach after `history`; None if they do not explain the answers."""
+        if self._kpi_fits is None:
+            return None
+        self._follow(history)
+        fit = self._kpi_fits.after(history)
+        if not fit.teaches or not history.lessons():
+            return None
+        tested = history.answered - history.answered % _TESTED
+        if tested not in self._explained:
+            then = history.until(tested)
+            self._explained[tested] = self._kpi_fits.after(then).explains(then)
+        return fit if self._explained[tested] else None
 
     def after(self, history: History) -> Selection:
         """Return what is selected after `history`."""
@@ -158,35 +167,23 @@ class ModelSelection:
             noise = self._noise_test(count)
             noisy = noise is not None and noise.suspects and contradictory(history.verdicts())
             shape = self._shape(count)
-            started = count >= self._n_init
-            scale = self._kpi_scale(self.dataset(history), shape) if started else 0.0
-            self._made[count] = Selection(shape, scale, noise, noisy)
+            self._made[count] = Selection(shape, noise, noisy)
         return self._made[count]
-
-    def before(self, history: History) -> Selection:
-        """Return what was selected one experiment earlier, with KPIs weighted for `history`.
-
-        So a follow-up question does not wait for a model selection of its own.
-        """
-        selected = self.after(history.until(history.answered - 1))
-        self._follow(history)
-        return replace(selected, kpi_scale=self._kpi_scale(self.dataset(history), selected.shape))
 
     def _follow(self, history: History) -> None:
         """Forget what was selected from the first number on at which `history` has changed."""
         count = shared(self._history, history)
         del self._shapes[count + 1 :], self._noise_shapes[count + 1 :]
         self._evidence = {k: made for k, made in self._evidence.items() if k <= count}
-        self._scales = {k: made for k, made in self._scales.items() if k[0] <= count}
+        self._explained = {k: made for k, made in self._explained.items() if k <= count}
         self._made = {k: made for k, made in self._made.items() if k <= count}
         self._history = history
 
-    def _prefix(self, count: int, *, with_kpis: bool = False) -> Dataset:
+    def _prefix(self, count: int) -> Dataset:
         """Return the data set after `count` experiments."""
         if count == self._history.answered:
             return self.dataset(self._history)
-        kpis = with_kpis and any(self._settings.outcome_scales)
-        return Dataset.of(self._history.until(count), with_kpis=kpis)
+        return Dataset.of(self._history.until(count))
 
     def _shape(self, count: int) -> Shape:
         while len(self._shapes) <= count:
@@ -209,12 +206,7 @@ class ModelSelection:
             return False
         if count > MANY:
             return count <= MOST and count % SELDOM == _SHAPE_AT
-        return not (self._process_takes_turns(count) and is_process_turn(count, self._n_init))
-
-    def _process_takes_turns(self, count: int) -> bool:
-        """Return whether the process makes every second proposal, as known after `count`."""
-        with_kpis = any(self._settings.outcome_scales) and any(kpis_of(self._history.until(count)))
-        return self._settings.process and not with_kpis
+        return not (self._settings.process and is_process_turn(count, self._n_init))
 
     def _validated(self, data: Dataset, shape: Shape) -> Shape:
         """Return the better shape that cross-validation finds next to `shape`."""
@@ -235,34 +227,12 @@ class ModelSelection:
         """Return about how many validations there have been: none at the process's turns."""
         if count > MANY:
             return count // SELDOM
-        turns = process_turns(count, self._n_init) if self._process_takes_turns(count) else 0
+        turns = process_turns(count, self._n_init) if self._settings.process else 0
         return count - turns
 
     def _validation(self, data: Dataset) -> Validation:
         rng = np.random.default_rng([self._seed, data.history.answered, 1])
         return Validation.deal(data.preferences, self._learning, self._backend, rng)
-
-    def _kpi_scale(self, data: Dataset, shape: Shape) -> float:
-        """Return how much KPIs count beside θ, so that left-out answers are predicted best."""
-        if data.kpis is None or len(data.preferences) < FOLDS:
-            return 0.0
-        answered = count = data.history.answered
-        if answered > MANY + SELDOM:
-            count -= (count - _SCALE_AT) % SELDOM
-            shape = self._shape(count)
-        if (count, shape) not in self._scales:
-            then = data if count == answered else self._prefix(count, with_kpis=True)
-            self._scales[count, shape] = self._best_scale(then, shape)
-        return self._scales[count, shape]
-
-    def _best_scale(self, data: Dataset, shape: Shape) -> float:
-        scales, validation = self._settings.outcome_scales, self._validation(data)
-        scores = [
-            validation.reproduced(shape, (shape.epsilon,), data.columns(scale))[0]
-            for scale in scales
-        ]
-        winners = [s for s, score in zip(scales, scores, strict=True) if score == max(scores)]
-        return winners[len(winners) // 2]
 
     def _noise_test(self, count: int) -> NoiseTest | None:
         """Return the result of the noise test; in long studies, it runs every ten experiments."""
@@ -280,14 +250,9 @@ class ModelSelection:
 
     def _evidence_after(self, count: int) -> float:
         if count not in self._evidence:
-            data = self._prefix(count, with_kpis=True)
-            scale = self._kpi_scale(data, self._shape(count))
-            self._evidence[count] = evidence_of_mistakes(
-                data.preferences,
-                self._noise_shape(count),
-                data.columns(scale),
-                self._settings.error_rate,
-            )
+            preferences, shape = self._prefix(count).preferences, self._noise_shape(count)
+            rate = self._settings.error_rate
+            self._evidence[count] = evidence_of_mistakes(preferences, shape, rate)
         return self._evidence[count]
 
     def _noise_shape(self, count: int) -> Shape:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from itertools import pairwise
 from typing import Any, Literal
 
 from prefcal_agents.models.rbf import RADIAL_FUNCTIONS, Shape
@@ -25,9 +24,9 @@ class GLISpSettings:
     these off. Gaps with and without them: docs/benchmarks.md, rows GLISp and GLISp.paper.
 
     Args:
-        expected_improvement: Whether expected improvement replaces eq. acquisition if KPIs
-            count. Its Gaussian process goes through the values of Ĵ at the samples.
-            Measured in docs/research/improvement.md.
+        kpis: Whether to learn what the person wants from the KPIs that come with answers, and to
+            propose by them as long as they explain the answers; see `KPIFit`. Measured in
+            docs/research/kpis.md.
         delta: δ of eq. acquisition, 0 or more; 0 trusts the surrogate, well above 1 explores.
         rbf: φ of eq. rbf, a key of `RADIAL_FUNCTIONS`.
         error_rate: Probability that an answer is wrong, below 0.5. It applies once answers
@@ -44,8 +43,6 @@ class GLISpSettings:
         process: Whether every second proposal, from 20 experiments on, minimizes the mean of a
             Gaussian process that follows the answers instead of eq. acquisition; see
             `PreferenceGP`. Measured in docs/research/process.md.
-        outcome_scales: Weights of the KPIs relative to θ that cross-validation chooses from, 0 or
-            more, increasing; (0,) leaves KPIs out.
         unsafe_weight: Penalty for a place that is certainly unsafe by the marks so far, in units
             of ΔĴ, 0 or more; 0 ignores the mark.
         least_safe: Minimum probability of being safe for no penalty, above 0 and below 1; it
@@ -58,7 +55,7 @@ class GLISpSettings:
         SettingsError: If a value is not valid.
     """
 
-    expected_improvement: bool = True
+    kpis: bool = True
     delta: float = 0.3
     rbf: str = "inverse_quadratic"
     error_rate: float = 0.1
@@ -67,13 +64,12 @@ class GLISpSettings:
     rescale: bool = True
     margin_power: float = 1.0
     process: bool = True
-    outcome_scales: tuple[float, ...] = (0.0, 0.3, 1.0, 3.0, 10.0)
     unsafe_weight: float = 30.0
     least_safe: float = 0.9
     questions_per_experiment: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("expected_improvement", "rescale", "process"):
+        for name in ("kpis", "rescale", "process"):
             _flag(name, getattr(self, name))
         for name in ("delta", "error_rate", "margin_power", "unsafe_weight"):
             number(name, getattr(self, name))
@@ -84,7 +80,6 @@ class GLISpSettings:
                 raise SettingsError(f"{name} must be below {limit}, got {getattr(self, name)!r}")
         choice("rbf", self.rbf, RADIAL_FUNCTIONS)
         integer("questions_per_experiment", self.questions_per_experiment, low=1)
-        _increasing("outcome_scales", self.outcome_scales)
         if self.validate_at != EVERY_STEP:
             _counts("validate_at", self.validate_at)
 
@@ -97,13 +92,12 @@ class GLISpSettings:
         that changes. `Memory` applies too, in studies far longer than those of the paper.
         """
         return cls(
-            expected_improvement=False,
+            kpis=False,
             validate_at=(10, 20, 30, 40),
             rescale=False,
             margin_power=0.0,
             error_rate=0.0,
             process=False,
-            outcome_scales=(0.0,),
             unsafe_weight=0.0,
         )
 
@@ -131,15 +125,6 @@ class GLISpSettings:
 def _flag(name: str, value: Any) -> None:
     if not isinstance(value, bool):
         raise SettingsError(f"{name} must be True or False, got {value!r}")
-
-
-def _increasing(name: str, values: Any) -> None:
-    if not isinstance(values, tuple) or not values:
-        raise SettingsError(f"{name} must be a tuple of one or more numbers, got {values!r}")
-    for value in values:
-        number(f"each of {name}", value)
-    if any(a >= b for a, b in pairwise(values)):
-        raise SettingsError(f"{name} must increase, got {values!r}")
 
 
 def _counts(name: str, values: Any) -> None:

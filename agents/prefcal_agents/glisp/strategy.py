@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.acquisition.expected_improvement import ExpectedImprovement
 from prefcal_agents.acquisition.exploration import Acquisition
 from prefcal_agents.acquisition.penalty import POOL, penalized, replaced, unsafe_penalty
 from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.gaussian_process import PreferenceGP
-from prefcal_agents.models.kpi_model import Composite
 from prefcal_agents.models.rbf import Surrogate
 from prefcal_agents.optimize.search import Objective, Tried, new_minimum
 from prefcal_agents.space.design import latin_hypercube
@@ -21,12 +19,13 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import Backend
 
+from .kpi_fit import KPIFit
 from .noise_test import ALMOST_SURE
 from .selection import Fit, is_process_turn
 from .settings import GLISpSettings
 from .training import train
 
-Model = Surrogate | Composite | PreferenceGP
+Model = KPIFit | Surrogate | PreferenceGP
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,23 +66,25 @@ class Rule:
         return self.acquisition(setup, fit, self.model(setup, fit))
 
 
-def _kpis_explain_trusted_answers(setup: Setup, fit: Fit) -> bool:
-    wanted, selection = setup.settings.expected_improvement, fit.selection
-    return wanted and selection.kpi_scale > 0 and fit.data.is_strict and not selection.is_noisy
+def _kpis_explain(setup: Setup, fit: Fit) -> bool:
+    return fit.kpis is not None
 
 
-def _every_second_time_without_kpis(setup: Setup, fit: Fit) -> bool:
-    # The process ignores KPIs, so it gets no turns if they count.
-    takes_turns = setup.settings.process and not fit.selection.kpi_scale
+def _every_second_time(setup: Setup, fit: Fit) -> bool:
     turn = is_process_turn(fit.data.history.answered, setup.n_init)
-    return takes_turns and fit.data.is_strict and turn
+    return setup.settings.process and fit.data.is_strict and turn
 
 
 def _always(setup: Setup, fit: Fit) -> bool:
     return True
 
 
-def _surrogate(setup: Setup, fit: Fit) -> Surrogate | Composite:
+def _kpi_fit(setup: Setup, fit: Fit) -> KPIFit:
+    assert fit.kpis is not None
+    return fit.kpis
+
+
+def _surrogate(setup: Setup, fit: Fit) -> Surrogate:
     """Return Ĵ."""
     return train(fit.data, fit.selection, setup.settings, setup.backend)
 
@@ -96,27 +97,23 @@ def _preference_gp(setup: Setup, fit: Fit) -> PreferenceGP:
     return PreferenceGP.of(fit.data.preferences, error_rate)
 
 
-def _improvement(setup: Setup, fit: Fit, model: Surrogate | Composite) -> Objective:
-    """Return -log of the expected improvement on a process through the values of Ĵ.
-
-    Its Gaussian process has a length scale for each knob and knows its own uncertainty. Without
-    KPIs it is no better than eq. acquisition (docs/research/improvement.md).
-    """
-    return ExpectedImprovement.of(model)
+def _improvement(setup: Setup, fit: Fit, model: KPIFit) -> Objective:
+    """Return -log of the expected improvement of the cost, over draws of what the person wants."""
+    return model.improvement
 
 
 def _mean(setup: Setup, fit: Fit, model: PreferenceGP) -> Objective:
     return Acquisition.of(model, 0.0)
 
 
-def _exploration(setup: Setup, fit: Fit, model: Surrogate | Composite) -> Objective:
+def _exploration(setup: Setup, fit: Fit, model: Surrogate) -> Objective:
     """Return eq. acquisition on Ĵ."""
     return Acquisition.of(model, setup.settings.delta, cube_of(fit.data.history))
 
 
 STRATEGY = (
-    Rule(_kpis_explain_trusted_answers, _surrogate, _improvement),
-    Rule(_every_second_time_without_kpis, _preference_gp, _mean),
+    Rule(_kpis_explain, _kpi_fit, _improvement),
+    Rule(_every_second_time, _preference_gp, _mean),
     Rule(_always, _surrogate, _exploration),
 )
 """Model and acquisition of the next sample: the first row that holds.

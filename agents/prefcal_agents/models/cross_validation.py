@@ -48,29 +48,17 @@ class Validation:
         share = rng.permutation(len(preferences)) % FOLDS
         return cls(preferences, learning, backend, share == np.arange(FOLDS)[:, None])
 
-    def reproduced(
-        self,
-        shape: Shape,
-        epsilons: Sequence[float],
-        columns: Float[np.ndarray, "N p"] | None = None,
-    ) -> list[int]:
-        """Return how many left-out preferences `shape` predicts right with each ε (eq. RBF-pref).
-
-        `columns` are KPIs of the samples that may explain them too, shape (N, p).
-        """
+    def reproduced(self, shape: Shape, epsilons: Sequence[float]) -> list[int]:
+        """Return how many left-out preferences `shape` predicts right with each ε."""
         known = self.preferences
         bases = shape.bases(known.samples, known.samples, epsilons)
-        betas = fits_without(known, bases, self.slices, self.learning, self.backend, columns)
-        return [self._right(phi, each, columns) for phi, each in zip(bases, betas, strict=True)]
+        betas = fits_without(known, bases, self.slices, self.learning, self.backend)
+        return [self._right(phi, each) for phi, each in zip(bases, betas, strict=True)]
 
     def _right(
-        self,
-        phi: Float[np.ndarray, "N N"],
-        betas: Sequence[Float[np.ndarray, " P"]],
-        columns: Float[np.ndarray, "N p"] | None,
+        self, phi: Float[np.ndarray, "N N"], betas: Sequence[Float[np.ndarray, " N"]]
     ) -> int:
         known, right = self.preferences, 0
-        phi = phi if columns is None else np.hstack([phi, columns])
         for left_out, beta in zip(self.slices, betas, strict=True):
             values = phi @ beta
             gap = values[known.first[left_out]] - values[known.second[left_out]]

@@ -1,4 +1,4 @@
-"""Model the KPIs of all samples, and predict them at other θ."""
+"""The KPIs of all samples, each from 0 for the best to 1 for the worst."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,33 +9,27 @@ from jaxtyping import Float, Int
 from prefcal_agents.history.lessons import cube_of, kpis_of
 from prefcal_env.preferences.history import History
 
-from .interpolant import Interpolant, best_interpolants, normalized
-from .rbf import Surrogate
+from .interpolant import best_interpolants, normalized
 
 CEILING = 2.0  # see `normalized`: an interrupted run must not flatten the other differences
 _EPSILONS = (0.1, 0.18, 0.32, 0.56, 1.0, 1.8, 3.2)
 _RBF = "inverse_quadratic"
 _FEWEST = 3  # minimum number of values of a KPI to predict it
-_PREDICTABLE = 0.9  # maximum error of a model, relative to that of predicting the mean
 
 
 @dataclass(frozen=True, slots=True)
 class Outcomes:
-    """The p KPIs of N samples, each with a model over θ.
+    """The p KPIs of N samples.
 
     Args:
         columns: KPIs, lower is better: 0 for the best sample and 1 for the worst, shape (N, p).
-        models: Interpolant of each column over the cube scaled to [-1, 1].
         names: Names of the p KPIs.
         ranges: Values of each KPI that count as 0 and as 1, in its unit.
-        errors: Leave-one-out error of each KPI's model, relative to that of predicting the mean.
     """
 
     columns: Float[np.ndarray, "N p"]
-    models: tuple[Interpolant, ...]
     names: tuple[str, ...]
     ranges: tuple[tuple[float, float], ...]
-    errors: tuple[float, ...]
 
     @classmethod
     def of(cls, history: History) -> "Outcomes":
@@ -53,39 +47,23 @@ class Outcomes:
             kpi = _KPI.of(known, name)
             if len(kpi.there) >= _FEWEST and np.ptp(kpi.shares) > 0:
                 alike.setdefault(tuple(kpi.there), []).append(kpi)
-        columns, models, kpis, errors = [], [], [], []
+        columns, kpis = [], []
         for group in alike.values():
             there, shares = group[0].there, np.array([kpi.shares for kpi in group]).T
-            alone = np.std(shares, axis=0) * len(there) / (len(there) - 1)
             best = best_interpolants(x[there], shares, _EPSILONS, _RBF)
-            for k, (model, error) in enumerate(best):
+            for k, (model, _) in enumerate(best):
                 column = np.clip(model(x), 0.0, 1.0) if len(there) < len(x) else np.zeros(len(x))
                 column[there] = shares[:, k]
                 columns.append(column)
-                models.append(model)
                 kpis.append(group[k])
-                errors.append(error / float(alone[k]))
         return cls(
             columns=np.array(columns).reshape(len(columns), len(x)).T,
-            models=tuple(models),
             names=tuple(kpi.name for kpi in kpis),
             ranges=tuple(kpi.range for kpi in kpis),
-            errors=tuple(errors),
-        )
-
-    def predictable(self) -> "Outcomes":
-        """Return the KPIs that θ predicts; the others would mislead the search."""
-        kept = [k for k, error in enumerate(self.errors) if error < _PREDICTABLE]
-        return Outcomes(
-            self.columns[:, kept],
-            tuple(self.models[k] for k in kept),
-            tuple(self.names[k] for k in kept),
-            tuple(self.ranges[k] for k in kept),
-            tuple(self.errors[k] for k in kept),
         )
 
     def __len__(self) -> int:
-        return len(self.models)
+        return len(self.names)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,70 +93,3 @@ class _KPI:
         share, value = float(shares[finite][inner]), float(values[finite][inner])
         worst = best + (value - best) / share if share > 0 else float(values[finite].max())
         return cls(name, there, shares, (best, worst))
-
-
-@dataclass(frozen=True, slots=True)
-class KPIModel:
-    """The part of the surrogate from KPIs: the sum of w_k times KPI k, predicted at any θ.
-
-    Args:
-        outcomes: KPIs with their models.
-        weights: Weights w, 0 or more, shape (p,).
-    """
-
-    outcomes: Outcomes
-    weights: Float[np.ndarray, " p"]
-
-    def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """Return the values at the rows of `z`, unit cube, shape (m,)."""
-        total = np.zeros(len(z))
-        for weight, model in self._terms():
-            total += weight * model(2 * z - 1)
-        return total
-
-    def gradient(self, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the gradient at one point of the cube, shape (n,)."""
-        total = np.zeros(len(z))
-        for weight, model in self._terms():
-            total += 2 * weight * model.gradient(2 * z - 1)
-        return total
-
-    def _terms(self) -> list[tuple[float, Interpolant]]:
-        """Return weight and model of the KPIs that count."""
-        most = float(np.max(self.weights, initial=0.0))
-        pairs = zip(self.weights, self.outcomes.models, strict=True)
-        return [(float(w), model) for w, model in pairs if w > 1e-6 * most]
-
-
-@dataclass(frozen=True, slots=True)
-class Composite:
-    """The surrogate Ĵ of eq. rbf plus a part from KPIs.
-
-    Source: none.
-    Deviation: what a person prefers depends on what happened, not on θ.
-    """
-
-    over_theta: Surrogate
-    over_kpis: KPIModel
-
-    @property
-    def centers(self) -> Float[np.ndarray, "N n"]:
-        """Return the samples in the unit cube, shape (N, n)."""
-        return self.over_theta.centers
-
-    def __call__(self, z: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-        """Return Ĵ at the rows of `z`, shape (m, n), unit cube, as shape (m,)."""
-        return np.asarray(self.over_theta(z) + self.over_kpis(z))
-
-    def value_and_gradient(
-        self, z: Float[np.ndarray, " n"]
-    ) -> tuple[float, Float[np.ndarray, " n"]]:
-        """Return Ĵ and its gradient at one point of the cube, shape (n,)."""
-        value, slope = self.over_theta.value_and_gradient(z)
-        more = self.over_kpis(z[None])[0]
-        return float(value + more), np.asarray(slope + self.over_kpis.gradient(z))
-
-    @property
-    def spread(self) -> float:
-        """Return ΔĴ, the range of Ĵ over the samples."""
-        return float(np.ptp(self(self.centers)))

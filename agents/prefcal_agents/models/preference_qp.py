@@ -65,7 +65,7 @@ class Constraints:
     ) -> "Constraints":
         """Make the rows of M comparisons, each with its margin in units of σ.
 
-        `phi` holds what Ĵ is made of, at all samples: N functions φ, or p KPIs.
+        `phi` holds what is weighted, at all samples: N functions φ, or p KPIs.
         """
         difference = phi[preferences.first] - phi[preferences.second]
         strict, tie = np.flatnonzero(preferences.b), np.flatnonzero(preferences.b == 0)
@@ -78,23 +78,14 @@ class Constraints:
             owner=owner,
         )
 
-    def with_outcomes(
-        self, preferences: Preferences, columns: Float[np.ndarray, "N p"]
-    ) -> "Constraints":
-        """Add p KPIs, with weights of 0 or more, to the N functions that Ĵ is made of.
-
-        Source: none; β of eq. RBF-pref gets p more entries, for `columns`, shape (N, p).
-        """
-        of_kpis = Constraints.of(preferences, columns, np.ones(len(preferences)))
-        (count, n), p = self.rows.shape, columns.shape[1]
-        rows = np.zeros((count + p, n + p))
-        rows[:count, :n], rows[:count, n:] = self.rows, of_kpis.rows
-        rows[count:, n:] = np.eye(p)
+    def nonnegative(self) -> "Constraints":
+        """Add a row for each of the P weights that keeps it at 0 or more, whatever is answered."""
+        count = self.rows.shape[1]
         return Constraints(
-            rows=rows,
-            margins=np.append(self.margins, np.zeros(p)),
-            weights=np.append(self.weights, np.ones(p)),
-            owner=np.append(self.owner, np.full(p, _NOBODY)),
+            rows=np.vstack([self.rows, np.eye(count)]),
+            margins=np.append(self.margins, np.zeros(count)),
+            weights=np.append(self.weights, np.ones(count)),
+            owner=np.append(self.owner, np.full(count, _NOBODY)),
         )
 
     def without(self, left_out: Bool[np.ndarray, " M"]) -> "Constraints":
@@ -139,17 +130,11 @@ def fits_without(
     slices: Bool[np.ndarray, "K M"],
     learning: Learning,
     backend: Backend,
-    columns: Float[np.ndarray, "N p"] | None = None,
-) -> list[list[Float[np.ndarray, " P"]]]:
-    """Return β of many fits: for each of E bases, K fits without the comparisons of one slice.
-
-    `columns` are KPIs of the samples that may explain the answers too, shape (N, p).
-    """
+) -> list[list[Float[np.ndarray, " N"]]]:
+    """Return β of many fits: for each of E bases, K fits without the comparisons of one slice."""
     margin, systems = margins(preferences, learning.margin_power), []
     for phi in bases:
         constraints = Constraints.of(preferences, phi, margin)
-        if columns is not None:
-            constraints = constraints.with_outcomes(preferences, columns)
         systems += [constraints.without(left_out) for left_out in slices]
     betas = _fits(systems, learning, backend)
     return [betas[k : k + len(slices)] for k in range(0, len(betas), len(slices))]

@@ -8,9 +8,9 @@ from jaxtyping import Bool, Float
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Pair, one_thread
+from prefcal_agents.utility.bank import Bank
 from prefcal_env.preferences.history import History
 
-from .bank import Bank
 from .beyond_kpis import BeyondKPIs
 from .choice import expected_best
 from .growth import Growth, Stage

@@ -1,22 +1,20 @@
 """How the bank of a screening agent grows from answer to answer."""
 
-from collections import OrderedDict
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from prefcal_agents.history.stages import Stages
 from prefcal_agents.space.design import latin_hypercube
+from prefcal_agents.utility.bank import Bank, runnable
+from prefcal_agents.utility.posterior import DRAWS, Lessons, noticeable, typical, updated
+from prefcal_agents.utility.utilities import Scale, Utilities
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
-from .bank import Bank, runnable
-from .posterior import DRAWS, Lessons, noticeable, typical, updated
 from .refine import near_leaders
 from .simulations import Simulations
-from .utility import Scale, Utilities
 
 _FIRST, _SECOND, _LATER = (0.2, 0.08), (0.2, 0.12), (0.0, 0.04)
 """Shares of the simulations, over the whole space and near the leaders: before the first question,
@@ -25,8 +23,6 @@ _ANSWERS = 10
 """Number of later answers that are followed by simulations; then all are used up."""
 _ROUND = 50
 """Number of θ near the leaders after which leaders are chosen again."""
-_REMEMBERED = 40
-"""Number of stages in memory, about a megabyte each."""
 _THINNED = 8
 """Every 8th draw judges the whole bank, which takes the most time."""
 _LEARN = 0
@@ -80,45 +76,15 @@ class Growth:
         self._space, self._seed = space, seed
         self._plan = _plan(n_simulated)
         self._design = latin_hypercube(space, sum(wide for wide, _ in self._plan), seed)
-        self._stages: OrderedDict[History, Stage] = OrderedDict()
+        self._stages = Stages(self._first, self._following)
 
     def stage(self, history: History) -> Stage:
         """Return what is known after `history`, simulating what was not simulated yet."""
-        past = history.until(history.answered).bare()
-        before, stage = self._latest(past)
-        for count in range(before.answered + 1, past.answered + 1):
-            here = past.until(count)
-            alone = replace(here, follow_ups=before.follow_ups)
-            stage = self._kept(alone, partial(self._grown, alone, before, stage))
-            if here != alone:
-                stage = self._kept(here, partial(self._followed, here, alone, stage))
-            before = here
-        return stage
-
-    def _latest(self, past: History) -> tuple[History, Stage]:
-        """Return the latest part of `past` whose stage is in memory, and that stage.
-
-        Earlier ones may be forgotten: to work them out again would take seconds per answer.
-        """
-        for count in range(past.answered, 0, -1):
-            here = past.until(count)
-            stage = self._stages.get(here)
-            if stage is not None:
-                return here, stage
-        return History(), self._kept(History(), self._first)
+        return self._stages.after(history)
 
     def works(self, z: Float[np.ndarray, " n"]) -> bool:
         """Simulate the θ of a point of the cube, shape (n,); return whether it has a finite KPI."""
         return not self._simulated(*runnable(self._space, z[None])).hopeless[0]
-
-    def _kept(self, past: History, make: Callable[[], Stage]) -> Stage:
-        """Return the stage after `past`, made only if it is not in memory."""
-        stage = self._stages.get(past)  # another thread may drop it at any time
-        if stage is None:
-            stage = self._stages[past] = make()
-            while len(self._stages) > _REMEMBERED:
-                self._stages.popitem(last=False)
-        return stage
 
     def _first(self) -> Stage:
         """Return the stage before the first answer: leaders by what anybody may want."""
@@ -131,6 +97,12 @@ class Growth:
 
     def _drawn(self, scale: Scale) -> Utilities:
         return Utilities.drawn(scale, DRAWS, self._rng(History(), _LEARN))
+
+    def _following(self, past: History, before: History, stage: Stage) -> Stage:
+        """Return the stage after `past`, given the one after `before`, a step earlier."""
+        if past.answered == before.answered:
+            return self._followed(past, before, stage)
+        return self._grown(past, before, stage)
 
     def _grown(self, past: History, before: History, stage: Stage) -> Stage:
         """Return the stage after `past`, given the one after `before`, an answer earlier."""

@@ -213,7 +213,7 @@ def package_version(name: str) -> str:
 
 
 VARIANTS = (
-    _glisp("GLISp.no-outcomes", outcome_scales=(0.0,)),
+    _glisp("GLISp.no-outcomes", kpis=False),
     _glisp("GLISp.3-questions", questions_per_experiment=3),
     _glisp("GLISp.12-questions", questions_per_experiment=12),
 )

@@ -15,9 +15,10 @@ from prefcal_env.preferences.answer import Answer
 RNG = np.random.default_rng(0)
 SAMPLES = RNG.random((15, 2))
 BOWL = np.sum((SAMPLES - 0.5) ** 2, axis=1)
-OBJECTIVE = ExpectedImprovement(GaussianProcess.through(SAMPLES, BOWL - BOWL.min()))
+OBJECTIVE = ExpectedImprovement(GaussianProcess.through(SAMPLES, (BOWL - BOWL.min())[None]))
 WAVES = np.sin(9 * SAMPLES[:, 0]) + np.cos(7 * SAMPLES[:, 1])
-WAVY = ExpectedImprovement(GaussianProcess.through(SAMPLES, WAVES - WAVES.min()))
+BOTH = np.array([WAVES - WAVES.min(), BOWL - BOWL.min(), 3 * (WAVES.max() - WAVES)])
+WAVY = ExpectedImprovement(GaussianProcess.through(SAMPLES, BOTH))
 coordinate = st.floats(0, 1)
 
 
@@ -49,11 +50,22 @@ def test_its_gradient_agrees_with_differences(point):
 
 
 def test_by_hand():
-    process = GaussianProcess.through(SAMPLES, np.abs(SAMPLES[:, 0] - 0.4))
-    mean, deviation = process(np.array([[0.41, 0.5]]))
+    process = GaussianProcess.through(SAMPLES, BOTH)
+    z = np.array([[0.41, 0.5], [0.9, 0.1]])
+    mean, deviation = process(z)
     u = -mean / deviation
     gain = deviation * (norm.pdf(u) + u * norm.cdf(u))
-    assert ExpectedImprovement(process)(np.array([[0.41, 0.5]])) == pytest.approx(-np.log(gain))
+    expected = -np.log(gain.mean(axis=1))  # over three functions that are equally likely
+    assert ExpectedImprovement(process)(z) == pytest.approx(expected)
+
+
+def test_units_of_the_costs_do_not_matter_and_one_that_is_flat_breaks_nothing():
+    one, many = (ExpectedImprovement.of(SAMPLES, x) for x in (BOWL[None], 7 * BOWL[None] + 3))
+    z = RNG.random((9, 2))
+    assert one(z) == pytest.approx(many(z), abs=1e-6)
+    flat = ExpectedImprovement.of(SAMPLES, np.array([BOWL, np.ones(15)]))
+    assert np.all(np.isfinite(flat(z)))
+    assert np.all(np.isfinite(flat.value_and_gradient(z[0])[1]))
 
 
 def test_what_is_known_gains_less_than_what_is_not():
@@ -88,5 +100,5 @@ def test_studies_with_kpis_come_to_the_optimum_with_it():
 
 
 def test_a_delta_asks_for_the_acquisition_that_has_one():
-    assert not GLISp(SPACE, delta=0.5).settings.expected_improvement
-    assert not GLISp.paper(SPACE).settings.expected_improvement
+    assert not GLISp(SPACE, delta=0.5).settings.kpis
+    assert not GLISp.paper(SPACE).settings.kpis

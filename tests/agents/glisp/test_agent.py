@@ -38,6 +38,7 @@ def study(count=14, **options):
         {"margin_power": -1.0},
         {"rescale": 1},
         {"process": 1},
+        {"kpis": 0},
         {"delta": "0.3"},
         {"delta": True},
         {"error_rate": -0.1},
@@ -53,7 +54,7 @@ def test_impossible_settings_are_refused_by_name(options):
 
 def test_delta_may_be_given_alone_and_is_checked_too():
     # With the acquisition that it is part of.
-    assert GLISp(SQUARE, delta=1.5).settings == GLISpSettings(delta=1.5, expected_improvement=False)
+    assert GLISp(SQUARE, delta=1.5).settings == GLISpSettings(delta=1.5, kpis=False)
     with pytest.raises(SettingsError, match="delta"):
         GLISp(SQUARE, delta=-1.0)
     with pytest.raises(SettingsError, match="settings"):
@@ -73,7 +74,7 @@ def test_the_paper_s_settings_are_those_of_section_iv():
     assert paper.validate_at == (10, 20, 30, 40)
     assert paper.rbf == "inverse_quadratic"
     assert (paper.margin_power, paper.rescale) == (0, False)
-    assert (paper.process, paper.outcome_scales) == (False, (0.0,))
+    assert (paper.process, paper.kpis) == (False, False)
 
 
 def test_epsilon_is_one_until_the_first_cross_validation():

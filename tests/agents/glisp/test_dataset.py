@@ -9,35 +9,27 @@ from prefcal_env.preferences.history import History
 from support.histories import in_cube
 
 
-def history_of(answers, kpis=None):
-    """Return samples on a line, each compared with the first; `kpis` gives the KPIs of a point."""
+def history_of(answers):
+    """Return samples on a line, each compared with the first."""
     history = History()
     for k, answer in enumerate(answers):
         z = np.array([k / len(answers), 0.5])
-        pair = (kpis(z), None) if kpis else None
-        history = history.with_pending(in_cube(z))
-        history = history.with_answer(Answer(answer, outcomes=pair), 0 if k else None)
+        history = history.with_pending(in_cube(z)).with_answer(Answer(answer), 0 if k else None)
     return history
 
 
 def test_a_data_set_is_strict_once_an_answer_says_which_is_better():
     vague = history_of([None, 0, None, 0])
-    assert not Dataset.of(vague, with_kpis=False).is_strict
+    assert not Dataset.of(vague).is_strict
     clear = vague.with_follow_up(Answer(1), 3, 0)
-    assert Dataset.of(clear, with_kpis=False).is_strict
-    assert not Dataset.of(clear.retracted(0, follow_up=True), with_kpis=False).is_strict
-
-
-def test_kpis_are_left_out_unless_wanted_and_if_theta_does_not_predict_them():
-    history = history_of([None] + [1] * 11, lambda z: {"off": z[0], "jumps": round(12 * z[0]) % 2})
-    assert Dataset.of(history, with_kpis=False).kpis is None
-    assert Dataset.of(history, with_kpis=True).kpis.names == ("off",)
+    assert Dataset.of(clear).is_strict
+    assert not Dataset.of(clear.retracted(0, follow_up=True)).is_strict
 
 
 def test_of_a_long_history_a_part_is_kept_and_numbered_anew():
-    history = history_of([None] + [1] * (MOST + 100), lambda z: {"off": z[0]})
-    data = Dataset.of(history, with_kpis=True)
+    history = history_of([None] + [1] * (MOST + 100))
+    data = Dataset.of(history)
     assert data.history is history
     assert len(data.preferences) == MOST
-    assert len(data.kept) == len(data.preferences.samples) == len(data.kpis.columns) < MOST + 101
+    assert len(data.kept) == len(data.preferences.samples) < MOST + 101
     assert np.array_equal(data.preferences.samples, cube_of(history)[data.kept])

@@ -31,7 +31,7 @@ def compared(flipped=(), *, seed=0, count=30, cost=lambda z: np.sum((z - 0.4) **
 def noise_of(preferences):
     """Return the noise test of these comparisons, the first of a study."""
     shape = suited_shape(preferences, ROUND, RATE, answered=30, first=True)
-    return NoiseTest(shape, evidence_of_mistakes(preferences, shape, None, RATE))
+    return NoiseTest(shape, evidence_of_mistakes(preferences, shape, RATE))
 
 
 def only_ties():
@@ -52,18 +52,8 @@ def test_a_suspicion_takes_more_than_one_nat(evidence, suspects):
 
 
 def test_ties_are_no_evidence_and_leave_the_shape():
-    assert evidence_of_mistakes(only_ties(), ROUND, None, RATE) == 0
+    assert evidence_of_mistakes(only_ties(), ROUND, RATE) == 0
     assert suited_shape(only_ties(), ROUND, RATE, answered=30, first=True) == ROUND
-
-
-def test_kpis_that_explain_the_answers_are_evidence_against_mistakes():
-    def jumps(z):  # nothing over θ explains this cost
-        return np.random.default_rng(3).permutation(len(z)).astype(float)
-
-    known = compared(cost=jumps)
-    columns = 3 * jumps(known.samples)[:, None] / len(known.samples)
-    alone = evidence_of_mistakes(known, ROUND, None, RATE)
-    assert evidence_of_mistakes(known, ROUND, columns, RATE) < alone
 
 
 def test_only_the_first_test_may_choose_any_epsilon():
@@ -88,7 +78,7 @@ def test_beyond_many_comparisons_the_shape_stays():
     assert suited_shape(known, far, RATE, answered=MANY + 2, first=False) == far
 
 
-def test_each_comparison_is_one_row_and_kpis_add_columns_of_weights_that_are_0_or_more():
+def test_each_comparison_is_one_row():
     known = compared(count=5)
     features = ROUND.basis(known.samples, known.samples)
     rows = rows_of(known, ROUND)
@@ -99,5 +89,3 @@ def test_each_comparison_is_one_row_and_kpis_add_columns_of_weights_that_are_0_o
     assert parallel == pytest.approx(
         np.linalg.norm(rows.rows, axis=1) * np.linalg.norm(gaps, axis=1)
     )
-    wider = rows_of(known, ROUND, np.ones((5, 2)))
-    assert wider.rows.shape == (4 + 2, 5 + 2)

@@ -47,7 +47,7 @@ def line(answers, marks=()):
 def confirmed(history, sure=2.0):
     """Return the question about the best sample, if 1 of 10 answers is wrong."""
     models = ModelSelection(1, 2, GLISpSettings(), 0, BACKEND)
-    selection = Selection(SHAPE, 0.0, NoiseTest(SHAPE, 5.0), is_noisy=True)
+    selection = Selection(SHAPE, NoiseTest(SHAPE, 5.0), is_noisy=True)
     return confirm_best(models, history, selection, RATE, sure)
 
 
@@ -193,7 +193,7 @@ def test_answers_about_other_samples_do_not_change_the_bisection():
 
 def asked_after(history, **settings):
     """Return the follow-up question after `history`."""
-    options = GLISpSettings(validate_at=(), outcome_scales=(0.0,), **settings)
+    options = GLISpSettings(validate_at=(), kpis=False, **settings)
     models = ModelSelection(1, 2, options, 0, BACKEND)
     return follow_up(history, models, options, BACKEND)
 

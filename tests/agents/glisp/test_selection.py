@@ -17,8 +17,7 @@ from support.histories import in_cube
 
 BACKEND = make_backend("piqp")
 START = 4
-QUICK = GLISpSettings(outcome_scales=(0.0, 1.0))
-ONLY_SCALES = GLISpSettings(validate_at=(), error_rate=0.0)
+QUICK = GLISpSettings()
 
 
 def cost(z):
@@ -73,8 +72,15 @@ def changed(history, change, index):
 
 
 CHANGES = st.sampled_from(["undo", "retract", "tell", "further", "until"])
-LOOKS = st.sampled_from(["after", "before", "copy", "nothing"])
+LOOKS = st.sampled_from(["after", "KPIs", "copy", "nothing"])
 STEPS = st.lists(st.tuples(CHANGES, st.integers(0, 11), LOOKS), min_size=1, max_size=6)
+
+
+def same(one, other):
+    """Return whether two fits know the same."""
+    if one is None or other is None:
+        return one is other
+    return np.array_equal(one.utilities.normals, other.utilities.normals)
 
 
 @settings(max_examples=12)
@@ -88,21 +94,11 @@ def test_selections_are_those_of_a_fresh_one_in_any_order_of_calls(steps):
         if look == "copy":
             models, old = models.copy(QUICK, BACKEND), models
             old.after(history.until(1))  # the twin is independent
-        elif look == "before" and history.answered > 1:
-            assert models.before(history) == selecting().before(history)
+        elif look == "KPIs":
+            assert same(models.kpi_fit(history), selecting().kpi_fit(history))
         elif look != "nothing":
             assert models.after(history) == selecting().after(history)
     assert models.after(history) == selecting().after(history)
-
-
-def test_the_weight_of_kpis_of_a_long_study_does_not_depend_on_earlier_calls():
-    """It is chosen after every tenth experiment, here after one at which no KPI was known."""
-    chosen, now = MANY + 7, MANY + 16
-    history = history_of(now, kpis_from=chosen, n=1)
-    models = selecting(ONLY_SCALES, n=1)
-    assert models.after(history.until(chosen)).kpi_scale == 0
-    assert len(models.dataset(history).kpis) == 1
-    assert models.after(history) == selecting(ONLY_SCALES, n=1).after(history)
 
 
 def test_nothing_is_selected_during_the_start():
@@ -110,12 +106,12 @@ def test_nothing_is_selected_during_the_start():
     for count in range(1, START):
         selection = models.after(HISTORY.until(count))
         assert selection.shape == QUICK.shape(2)
-        assert (selection.kpi_scale, selection.noise, selection.is_noisy) == (0.0, None, False)
+        assert (selection.noise, selection.is_noisy) == (None, False)
 
 
-def validated(options=QUICK, *, kpis=False):
+def validated(options=QUICK):
     """Return the numbers of experiments, up to 27, after which another shape was chosen."""
-    history, models = history_of(27, kpis_from=0 if kpis else None), selecting(options)
+    history, models = history_of(27), selecting(options)
     shapes = [models.after(history.until(k)).shape for k in range(28)]
     return {k for k in range(1, 28) if shapes[k] != shapes[k - 1]}
 
@@ -127,9 +123,8 @@ def test_the_shape_is_validated_if_the_surrogate_makes_the_next_proposal():
     assert {k % 2 for k in found if k >= FEW} == {0}
 
 
-@pytest.mark.parametrize("alone", [True, False], ids=["no process", "KPIs"])
-def test_without_the_process_or_with_kpis_the_shape_is_validated_after_every_experiment(alone):
-    found = validated(replace(QUICK, process=not alone), kpis=not alone)
+def test_without_the_process_the_shape_is_validated_after_every_experiment():
+    found = validated(replace(QUICK, process=False))
     assert {k % 2 for k in found if k >= FEW} == {0, 1}
 
 
@@ -164,26 +159,19 @@ def test_only_answers_that_contradict_each_other_are_called_noisy():
     agreeing = replace(contradicting, follow_ups=())
     assert contradictory(contradicting.verdicts())
     assert not contradictory(agreeing.verdicts())
-    without_kpis = replace(QUICK, outcome_scales=(0.0,), validate_at=())
-    noisy, calm = (selecting(without_kpis).after(h) for h in (contradicting, agreeing))
+    calmly = replace(QUICK, validate_at=())
+    noisy, calm = (selecting(calmly).after(h) for h in (contradicting, agreeing))
     assert noisy.noise.suspects
     assert noisy.is_noisy
     assert not calm.is_noisy
-    sure = selecting(replace(without_kpis, error_rate=0.0)).after(contradicting)
+    sure = selecting(replace(calmly, error_rate=0.0)).after(contradicting)
     assert (sure.noise, sure.is_noisy) == (None, False)
 
 
-def test_a_kpi_that_explains_the_answers_counts_and_may_be_left_out():
-    assert selecting(replace(QUICK, outcome_scales=(1.0,))).after(HISTORY).kpi_scale == 1.0
-    assert selecting(replace(QUICK, outcome_scales=(0.0,))).after(HISTORY).kpi_scale == 0.0
-    assert selecting().after(history_of(11)).kpi_scale == 0.0
-
-
-def test_before_is_one_experiment_late_except_for_the_weight_of_kpis():
-    models = selecting(replace(QUICK, outcome_scales=(1.0,)))
-    early, late = models.after(HISTORY.until(10)), models.before(HISTORY)
-    assert replace(late, kpi_scale=early.kpi_scale) == early
-    assert late.kpi_scale == models.after(HISTORY).kpi_scale
+def test_kpis_that_explain_the_answers_are_used_and_may_be_left_out():
+    assert selecting().kpi_fit(HISTORY) is not None
+    assert selecting(replace(QUICK, kpis=False)).kpi_fit(HISTORY) is None
+    assert selecting().kpi_fit(history_of(11)) is None  # none are known
 
 
 def test_histories_share_what_comes_before_their_first_difference():

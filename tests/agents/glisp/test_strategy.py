@@ -8,12 +8,12 @@ import pytest
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.acquisition.expected_improvement import ExpectedImprovement
 from prefcal_agents.acquisition.exploration import Acquisition
+from prefcal_agents.glisp.kpi_fit import kpi_fits
 from prefcal_agents.glisp.noise_test import NoiseTest
 from prefcal_agents.glisp.selection import FEW, Dataset, Fit, Selection
 from prefcal_agents.glisp.strategy import STRATEGY, Setup, propose, propose_start
 from prefcal_agents.history.lessons import cube_of
 from prefcal_agents.models.gaussian_process import PreferenceGP
-from prefcal_agents.models.kpi_model import Composite
 from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_agents.space.design import latin_hypercube
 from prefcal_env.knobs.knob import Knob
@@ -57,10 +57,10 @@ def setup_of(**settings):
 
 
 def fit_of(history, setup, *, kpis=False, noisy=False):
-    """Learn from `history`; KPIs count if `kpis`, and answers may be wrong if `noisy`."""
-    noise = NoiseTest(SHAPE, 5.0 if noisy else -5.0)
-    selection = Selection(SHAPE, 1.0 if kpis else 0.0, noise, noisy)
-    return Fit(Dataset.of(history, with_kpis=kpis), selection)
+    """Learn from `history`; KPIs explain it if `kpis`, and answers may be wrong if `noisy`."""
+    selection = Selection(SHAPE, NoiseTest(SHAPE, 5.0 if noisy else -5.0), noisy)
+    known = kpi_fits(setup.seed).after(history) if kpis else None
+    return Fit(Dataset.of(history), selection, known)
 
 
 def objective_of(setup, fit):
@@ -78,11 +78,10 @@ def kind(objective):
 @pytest.mark.parametrize(
     ("count", "settings", "given", "expected"),
     [
-        # KPIs that explain trusted answers come first.
+        # KPIs that explain the answers come first.
         (9, {}, {"kpis": True}, IMPROVEMENT),
+        (9, {}, {"kpis": True, "noisy": True}, IMPROVEMENT),
         (ODD, {}, {"kpis": True}, IMPROVEMENT),
-        (9, {"expected_improvement": False}, {"kpis": True}, ACQUISITION),
-        (9, {}, {"kpis": True, "noisy": True}, ACQUISITION),
         # Without KPIs the process takes turns with the surrogate, later on.
         (9, {}, {}, ACQUISITION),
         (FEW - 1, {}, {}, ACQUISITION),
@@ -91,9 +90,6 @@ def kind(objective):
         (EVEN, {}, {}, ACQUISITION),
         (ODD, {}, {"noisy": True}, PROCESS),
         (ODD, {"process": False}, {}, ACQUISITION),
-        # The process knows no KPIs.
-        (ODD, {"expected_improvement": False}, {"kpis": True}, ACQUISITION),
-        (ODD, {}, {"kpis": True, "noisy": True}, ACQUISITION),
     ],
 )
 def test_the_first_row_that_holds_says_what_is_minimized(count, settings, given, expected):
@@ -101,10 +97,9 @@ def test_the_first_row_that_holds_says_what_is_minimized(count, settings, given,
     assert kind(objective_of(setup, fit_of(history_of(count), setup, **given))) == expected
 
 
-@pytest.mark.parametrize("kpis", [True, False])
-def test_if_all_are_ties_nothing_can_be_improved_on_and_no_process_is_trained(kpis):
+def test_if_all_are_ties_no_process_is_trained():
     setup = setup_of()
-    fit = fit_of(history_of(ODD, ties=True), setup, kpis=kpis)
+    fit = fit_of(history_of(ODD, ties=True), setup)
     assert kind(objective_of(setup, fit)) == ACQUISITION
 
 
@@ -114,12 +109,6 @@ def test_the_paper_minimizes_its_acquisition_at_every_step():
         objective = objective_of(setup, fit_of(history_of(count), setup))
         assert kind(objective) == ACQUISITION
         assert isinstance(objective.surrogate, Surrogate)
-
-
-def test_the_acquisition_is_that_of_the_whole_surrogate():
-    setup = setup_of(expected_improvement=False)
-    fit = fit_of(history_of(9), setup, kpis=True)
-    assert isinstance(objective_of(setup, fit).surrogate, Composite)
 
 
 @pytest.mark.parametrize(
@@ -157,10 +146,15 @@ def test_the_start_is_a_latin_hypercube():
         )
 
 
-def test_marks_keep_samples_away_from_where_it_is_unsafe():
+@pytest.mark.parametrize("kpis", [True, False])
+def test_marks_keep_samples_away_from_where_it_is_unsafe(kpis):
     setup = setup_of()
-    z = propose(setup, fit_of(history_of(12, unsafe=True), setup))
+    z = propose(setup, fit_of(history_of(12, unsafe=True), setup, kpis=kpis))
     assert z[0] < 0.6
+
+
+def test_marks_keep_the_start_away_too():
+    setup = setup_of()
     early, unsafe = replace(setup, n_init=30), 0
     for count in range(8, 14):
         plain = propose_start(early, history_of(count))

@@ -3,22 +3,20 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from prefcal_agents import GLISpSettings
 from prefcal_agents.glisp.noise_test import NoiseTest
 from prefcal_agents.glisp.selection import Dataset, Selection
 from prefcal_agents.glisp.training import train, trust
-from prefcal_agents.models.kpi_model import Composite
-from prefcal_agents.models.rbf import Shape, Surrogate
+from prefcal_agents.models.rbf import Shape
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend
 from support.histories import in_cube
 
 SHAPE, WIDE = Shape(1.0, (1.0, 1.0)), Shape(0.5, (1.0, 1.0))
-TRUSTED = Selection(SHAPE, 0.0, None, is_noisy=False)
-NOISY = Selection(SHAPE, 0.0, NoiseTest(WIDE, 5.0), is_noisy=True)
+TRUSTED = Selection(SHAPE, None, is_noisy=False)
+NOISY = Selection(SHAPE, NoiseTest(WIDE, 5.0), is_noisy=True)
 SETTINGS = GLISpSettings()
 
 
@@ -27,20 +25,17 @@ def cost(z):
 
 
 def data_of(count=16, wrong=()):
-    """Return random samples, each compared with the latest two; KPI "off" explains the answers."""
+    """Return random samples, each compared with the latest two."""
     history, costs = History(), []
     for k, z in enumerate(np.random.default_rng(2).random((count, 2))):
         costs.append(cost(z))
-        kpis = {"off": costs[k], "other": float(z[0])}
         answers = [int(np.sign(costs[k] - costs[j])) for j in range(max(k - 2, 0), k)] or [None]
         answers[-1] = -answers[-1] if k in wrong else answers[-1]
         history = history.with_pending(in_cube(z))
-        history = history.with_answer(
-            Answer(answers[-1], outcomes=(kpis, None)), k - 1 if k else None
-        )
+        history = history.with_answer(Answer(answers[-1]), k - 1 if k else None)
         if len(answers) > 1:
             history = history.with_follow_up(Answer(answers[0]), k, k - 2)
-    return Dataset.of(history, with_kpis=True)
+    return Dataset.of(history)
 
 
 def trained(data, selection, **settings):
@@ -56,7 +51,6 @@ def agrees(surrogate, preferences):
 def test_answers_that_are_trusted_are_all_kept():
     data = data_of()
     surrogate = trained(data, TRUSTED)
-    assert isinstance(surrogate, Surrogate)
     assert surrogate.shape == SHAPE
     assert np.all(agrees(surrogate, data.preferences))
 
@@ -80,20 +74,7 @@ def test_the_error_rate_counts_only_if_answers_may_be_wrong():
     assert not changes(TRUSTED)
 
 
-@pytest.mark.parametrize("selection", [TRUSTED, NOISY], ids=["trusted", "noisy"])
-def test_kpis_that_count_are_part_of_the_surrogate(selection):
-    data = data_of()
-    surrogate = trained(data, replace(selection, kpi_scale=3.0))
-    assert isinstance(surrogate, Composite)
-    weights = dict(zip(data.kpis.names, surrogate.over_kpis.weights, strict=True))
-    assert weights["off"] > weights["other"] >= 0
-    costs = [cost(z) for z in data.preferences.samples]
-    assert np.argmin(surrogate(data.preferences.samples)) == np.argmin(costs)
-    assert isinstance(trained(data, selection), Surrogate)
-
-
-def test_the_posterior_has_one_coefficient_for_each_sample_and_each_kpi_that_counts():
+def test_the_posterior_has_one_coefficient_for_each_sample():
     data = data_of(wrong=(7,))
     assert trust(data, NOISY, 0.1).mean.shape == (16,)
-    assert trust(data, replace(NOISY, kpi_scale=1.0), 0.1).mean.shape == (16 + 2,)
     assert trust(data, NOISY, 0.1).wrong.max() > 0.1 > trust(data, NOISY, 0.001).wrong.min()

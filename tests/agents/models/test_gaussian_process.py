@@ -18,20 +18,22 @@ from prefcal_agents.models.rbf import Shape
 RNG = np.random.default_rng(0)
 SAMPLES = RNG.random((20, 3))
 VALUES = np.sin(5 * SAMPLES[:, 0]) + SAMPLES[:, 1] ** 2
-PROCESS = GaussianProcess.through(SAMPLES, VALUES)
+PROCESS = GaussianProcess.through(SAMPLES, VALUES[None])
+"""Process of a single function."""
+THREE = np.array([VALUES, -2 * VALUES, np.cos(4 * SAMPLES[:, 2])])
 coordinate = st.floats(0, 1)
 
 
 def test_it_goes_through_the_values_and_is_sure_there():
     mean, deviation = PROCESS(SAMPLES)
-    assert mean == pytest.approx(VALUES, abs=1e-3)
+    assert mean[:, 0] == pytest.approx(VALUES, abs=1e-3)
     assert np.all(deviation < 2e-3 * np.sqrt(PROCESS.variance))
 
 
 def test_it_predicts_what_lies_between_better_than_the_mean_and_knows_how_well():
     others = RNG.random((300, 3))
     true = np.sin(5 * others[:, 0]) + others[:, 1] ** 2
-    mean, deviation = PROCESS(others)
+    mean, deviation = (each[:, 0] for each in PROCESS(others))
     assert np.std(mean - true) < 0.1 * np.std(true)
     assert np.mean(np.abs(mean - true) < 3 * deviation) > 0.9
 
@@ -53,38 +55,61 @@ def test_it_agrees_with_the_formula_written_out():
     z = RNG.random((5, 3))
     k = kernel(z, SAMPLES)
     left = variance * (1 + 1e-8 - np.sum((k @ inverse) * k, axis=1))
-    found, deviation = PROCESS(z)
+    found, deviation = (each[:, 0] for each in PROCESS(z))
     assert found == pytest.approx(mean + k @ inverse @ (VALUES - mean), abs=1e-6)
     assert deviation == pytest.approx(np.sqrt(left), rel=1e-4)
+
+
+def test_several_functions_are_each_fitted_as_alone_with_the_same_lengths():
+    together, z = GaussianProcess.through(SAMPLES, THREE), RNG.random((6, 3))
+    mean, deviation = together(z)
+    of_one_point = together.slopes(z[0])
+    for k, values in enumerate(THREE):
+        alone = GaussianProcess._with(SAMPLES, values[None], together.lengths)
+        for found, expected in zip((mean, deviation), alone(z), strict=True):
+            assert found[:, [k]] == pytest.approx(expected)
+        for found, expected in zip(of_one_point, alone.slopes(z[0]), strict=True):
+            assert found[k] == pytest.approx(expected[0])
+
+
+def test_lengths_suit_all_functions():
+    long = GaussianProcess.through(SAMPLES, THREE[2:]).lengths
+    both = GaussianProcess.through(SAMPLES, THREE).lengths
+    assert PROCESS.lengths[2] > both[2]  # the third knob matters to one of the functions
+    assert long[0] > both[0]
+
+
+SEVERAL = GaussianProcess.through(SAMPLES, THREE)
 
 
 @given(st.tuples(coordinate, coordinate, coordinate))
 def test_slopes_agree_with_differences(point):
     point, steps = np.array(point), 1e-6 * np.eye(3)
-    mean, deviation, of_mean, of_deviation = PROCESS.slopes(point)
-    (one,), (two,) = PROCESS(point[None])
-    assert (mean, deviation) == (pytest.approx(one), pytest.approx(two, rel=1e-6, abs=1e-9))
+    mean, deviation, of_mean, of_deviation = SEVERAL.slopes(point)
+    (one,), (two,) = SEVERAL(point[None])
+    assert mean == pytest.approx(one)
+    assert deviation == pytest.approx(two, rel=1e-6, abs=1e-9)
     if np.min(np.linalg.norm(SAMPLES - point, axis=1)) < 1e-3:
         return  # the deviation has a kink at a sample, but for the noise
-    above, below = PROCESS(point + steps), PROCESS(point - steps)
-    assert of_mean == pytest.approx((above[0] - below[0]) / 2e-6, rel=1e-3, abs=1e-5)
-    assert of_deviation == pytest.approx((above[1] - below[1]) / 2e-6, rel=1e-3, abs=1e-5)
+    above, below = SEVERAL(point + steps), SEVERAL(point - steps)
+    assert pytest.approx((above[0] - below[0]) / 2e-6, rel=1e-3, abs=1e-4) == of_mean.T
+    assert pytest.approx((above[1] - below[1]) / 2e-6, rel=1e-3, abs=1e-4) == of_deviation.T
 
 
 @pytest.mark.parametrize("count", [1, 2, 400])
 def test_few_and_many_samples(count):
     samples = np.random.default_rng(1).random((count, 2))
-    process = GaussianProcess.through(samples, samples[:, 0])
+    process = GaussianProcess.through(samples, samples.T)
     mean, deviation = process(samples)
-    assert mean == pytest.approx(samples[:, 0], abs=0.01)
+    assert mean == pytest.approx(samples, abs=0.01)
     assert np.all(np.isfinite(deviation))
     assert np.all(deviation >= 0)
 
 
 def test_samples_that_coincide_and_values_that_are_equal():
-    process = GaussianProcess.through(np.full((5, 2), 0.3), np.zeros(5))
+    process = GaussianProcess.through(np.full((5, 2), 0.3), np.zeros((2, 5)))
     mean, deviation = process(np.array([[0.3, 0.3], [0.9, 0.9]]))
-    assert mean == pytest.approx([0, 0])
+    assert mean == pytest.approx(0)
     assert np.all(np.isfinite(deviation))
 
 
@@ -133,16 +158,6 @@ def test_ties_teach_nothing_and_without_a_strict_preference_the_prior_stays():
     posterior = ExpectationPropagation.of(rows_of(ties, SHAPE), 0.1)
     assert not posterior.mean.any()
     assert posterior.predicted == 0
-
-
-def test_kpis_that_explain_the_answers_get_weights_of_0_or_more():
-    preferences, cost = compared({3, 17})
-    columns = np.column_stack([cost / cost.max(), np.random.default_rng(1).random(30)])
-    posterior = ExpectationPropagation.of(rows_of(preferences, SHAPE, 3.0 * columns), 0.1)
-    weights = posterior.mean[30:]
-    assert np.all(weights > -0.05)
-    assert weights[0] > weights[1]
-    assert len(posterior.wrong) == len(preferences)  # only answers, not the rows of the weights
 
 
 CHANCE = np.random.default_rng(0)

@@ -210,8 +210,7 @@ class Options:
             label="learns from KPIs",
             agents=("glisp",),
             refusal="only the agent glisp learns from KPIs: leave --no-outcomes out for {agent!r}",
-            feeds="settings.outcome_scales",
-            convert=lambda learns: (0.0,),
+            feeds="settings.kpis",
         ),
     ] = True
     cost: Annotated[

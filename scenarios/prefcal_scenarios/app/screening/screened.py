@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_agents.screening.bank import Bank
 from prefcal_agents.screening.reason import Reason
+from prefcal_agents.utility.bank import Bank
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.app.simulating import Basis
 

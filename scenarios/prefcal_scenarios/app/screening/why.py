@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from prefcal_agents.screening.bank import Bank
 from prefcal_agents.screening.reason import Reason
+from prefcal_agents.utility.bank import Bank
 from prefcal_scenarios.scenario import Scenario
 
 from .prospect import percent

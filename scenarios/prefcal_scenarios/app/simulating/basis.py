@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from prefcal_agents.protocol.agent import Agent
 from prefcal_agents.registry import CLASSES
 from prefcal_agents.screening.agent import Screening
-from prefcal_agents.screening.bank import Bank
 from prefcal_agents.screening.reason import Reason
+from prefcal_agents.utility.bank import Bank
 from prefcal_env.preferences.history import History, Sample
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_scenarios.app.isolated import IsolatedRun
-from prefcal_scenarios.kpis import screened
+from prefcal_scenarios.kpis import has_goals, screened
 from prefcal_scenarios.many.pool import Pool
 from prefcal_scenarios.many.results import FailedRun, Result
 from prefcal_scenarios.many.task import Task
@@ -63,7 +63,7 @@ class Simulator:
         own = isinstance(scenario.run, IsolatedRun)
         run = OwnRun.of(scenario.run) if isinstance(scenario.run, IsolatedRun) else scenario.run
         self._scenario = scenario
-        directed = any(kpi.goal is not None for kpi in scenario.kpis)
+        directed = has_goals(scenario)
         self._task = Task(run, seed, trajectories=not directed)
         workers = min(max(usable_cores() - 1, 1), _MOST) if jobs is None else jobs
         self._pool = Pool(self._task, workers, longest) if workers else None

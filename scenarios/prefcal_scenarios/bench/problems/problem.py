@@ -11,6 +11,7 @@ from prefcal_env.calibrators import Flipping
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Preference
+from prefcal_scenarios.kpis import has_goals
 from prefcal_scenarios.scenario import Scenario
 from prefcal_scenarios.tastes import TASTES, USUAL, WRONG, Runs, has_cost, is_cached, sample, taste
 
@@ -69,7 +70,7 @@ class Problem:
     @property
     def answering(self) -> tuple[str, ...]:
         """Return the names of everyone who can answer: calibrators, and tastes."""
-        tastes = TASTES if self.scenario is not None and _judged(self.scenario) else ()
+        tastes = TASTES if self.scenario is not None and has_goals(self.scenario) else ()
         return (*self.calibrators, *tastes)
 
     @property
@@ -141,11 +142,6 @@ class Problem:
         if self.best_known is None or outcome.cost is None:
             raise SettingsError(f"problem {self.name!r} has no cost, and so no gap")
         return outcome.cost - self.best_known
-
-
-def _judged(scenario: Scenario) -> bool:
-    """Return whether tastes find a KPI with a direction."""
-    return any(kpi.goal is not None for kpi in scenario.kpis)
 
 
 def prefer(judge: Judge, challenger: Outcome, incumbent: Outcome) -> Preference:

@@ -38,7 +38,7 @@ def test_without_outcomes_the_agent_learns_from_theta_alone(prefcal, tmp_path):
     assert on[:4] == off[:4]
     configuration = state_of(tmp_path / "off.prefcal").configuration
     assert configuration["options"]["outcomes"] is False
-    assert configuration["agent"]["settings"]["outcome_scales"] == [0.0]
+    assert configuration["agent"]["settings"]["kpis"] is False
     assert state_of(tmp_path / "on.prefcal").configuration["options"]["outcomes"] is True
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.screening.bank import Bank
 from prefcal_agents.screening.reason import Reason
+from prefcal_agents.utility.bank import Bank
 from prefcal_scenarios.app.screening import good_on_average, why
 from support.looks import toy
 

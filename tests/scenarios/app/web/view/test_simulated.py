@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from prefcal_agents.screening.agent import Screening
-from prefcal_agents.screening.bank import Bank
 from prefcal_agents.screening.reason import Reason
+from prefcal_agents.utility.bank import Bank
 from prefcal_env.preferences.history import History
 from prefcal_scenarios.app.screening import Screened
 from prefcal_scenarios.app.session import Choice

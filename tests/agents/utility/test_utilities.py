@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from prefcal_agents.screening.utility import ERRORS, Scale, Utilities
+from prefcal_agents.utility.utilities import ERRORS, Scale, Utilities
 from support.simulated import bank_of, random_bank
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from prefcal_agents.screening.posterior import DRAWS, NOTICED, Lessons, noticeable, typical, updated
-from prefcal_agents.screening.utility import Scale, Utilities
+from prefcal_agents.utility.posterior import DRAWS, NOTICED, Lessons, noticeable, typical, updated
+from prefcal_agents.utility.utilities import Scale, Utilities
 from prefcal_env.preferences.answer import Answer, Mark, Strength
 from prefcal_env.preferences.history import History
 from support.simulated import bank_of, of_pairs, random_bank

@@ -1,4 +1,4 @@
-"""The simulated θ that a screening agent chooses from."""
+"""θ whose KPIs are known: simulated ones that Screening chooses from, or experiments."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from prefcal_env.preferences.kpis import Outcome
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Bank:
-    """Simulated θ and their KPIs, in the order simulated.
+    """θ and their KPIs, in the order simulated or run.
 
     Args:
         z: Points of the unit cube, shape (m, n).

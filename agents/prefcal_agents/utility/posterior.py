@@ -10,7 +10,7 @@ from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
 
 from .bank import Bank
-from .utility import Scale, Utilities
+from .utilities import Scale, Utilities
 
 DRAWS = 1024
 """Number of draws that stand for what is known."""

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contracts.agents import HALF, MIXED, RARE, RING, SMALL, STAIRS, TINY
-from prefcal_agents.screening.bank import Bank, runnable
 from prefcal_agents.space.design import latin_hypercube
+from prefcal_agents.utility.bank import Bank, runnable
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.kpis import Outcome

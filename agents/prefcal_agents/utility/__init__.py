@@ -1,0 +1,1 @@
+"""What a person may want from the KPIs of experiments, and what answers teach about it."""

@@ -1,0 +1,115 @@
+"""What is known after each answer follows from the record, and is remembered."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from prefcal_agents.history.stages import Stages
+from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.history import History
+from support.histories import in_cube
+
+
+def line(count):
+    """A record of `count` samples on a line, each compared with the one before."""
+    history = History()
+    for k in range(count):
+        answer = Answer(-1 if k else None)
+        history = history.with_pending(in_cube([k / 100])).with_answer(answer, k - 1 if k else None)
+    return history
+
+
+class Counting:
+    """Stages whose knowledge is the list of all steps, and the steps that were worked out."""
+
+    def __init__(self, most=None):
+        self.steps, self.begun = [], 0
+        self.stages = Stages(self.first, self.following, most)
+
+    def first(self):
+        self.begun += 1
+        return ()
+
+    def following(self, past, before, known):
+        assert known == ((before.answered, len(before.follow_ups)),) * bool(before.answered) or (
+            known[-1] == (before.answered, len(before.follow_ups))
+        )
+        self.steps.append((past.answered, len(past.follow_ups)))
+        return (*known, self.steps[-1])
+
+
+def test_a_step_is_an_experiment_with_its_answer_or_all_follow_ups_after_it():
+    record = line(3).with_follow_up(Answer(1), 2, 0).with_follow_up(Answer(1), 1, 0)
+    longer = record.with_pending(in_cube([0.9])).with_answer(Answer(1), 2)
+    assert Counting().stages.after(longer) == ((1, 0), (2, 0), (3, 0), (3, 2), (4, 2))
+
+
+def test_nothing_answered_is_what_is_known_at_first():
+    counting = Counting()
+    assert counting.stages.after(History()) == ()
+    assert counting.stages.after(History().with_pending(in_cube([0.5]))) == ()
+    assert counting.begun == 1
+
+
+def test_what_is_known_is_not_worked_out_twice():
+    counting, record = Counting(), line(5)
+    counting.stages.after(record.until(3))
+    counting.stages.after(record)
+    counting.stages.after(record.with_pending(in_cube([0.7])))
+    counting.stages.after(record.until(4))
+    assert counting.steps == [(k, 0) for k in range(1, 6)]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda record: record.undone(),
+        lambda record: record.retracted(2),
+        lambda record: record.undone().with_pending(in_cube([0.8])).with_answer(Answer(1), 3),
+        lambda record: record.with_follow_up(Answer(1), 4, 0),
+        lambda record: record.with_follow_up(Answer(1), 4, 0).with_follow_up(Answer(0), 4, 1),
+    ],
+    ids=["undo", "retraction", "another answer", "a follow-up", "two follow-ups"],
+)
+def test_it_depends_on_the_record_alone_not_on_what_was_asked_before(change):
+    used, record = Counting(), line(5)
+    used.stages.after(record)
+    used.stages.after(record.with_follow_up(Answer(-1), 3, 0))
+    assert used.stages.after(change(record)) == Counting().stages.after(change(record))
+
+
+def test_only_what_follows_a_retracted_answer_is_worked_out_again():
+    counting, record = Counting(), line(6)
+    counting.stages.after(record)
+    counting.steps.clear()
+    counting.stages.after(record.retracted(3))
+    assert counting.steps == [(4, 0), (5, 0), (6, 0)]
+
+
+def test_a_long_study_takes_one_step_for_each_answer_though_early_ones_are_forgotten():
+    counting, record = Counting(), line(60)
+    for count in range(61):
+        counting.stages.after(record.until(count))
+    assert counting.steps == [(k, 0) for k in range(1, 61)]
+    known = counting.stages.after(record.until(2))  # forgotten, and worked out again
+    assert known == ((1, 0), (2, 0))
+    assert len(counting.steps) == 62
+    assert len(counting.stages._known) <= 40
+
+
+def test_of_a_long_study_ten_answers_at_once_are_a_step_and_the_rest():
+    counting, record = Counting(20), line(47).with_follow_up(Answer(1), 46, 0)
+    counting.stages.after(record)
+    ends = [*range(1, 21), 30, 40, 47]
+    assert counting.steps == [*[(k, 0) for k in ends], (47, 1)]
+    longer = record.with_pending(in_cube([0.9])).with_answer(Answer(1), 46)
+    assert counting.stages.after(longer) == Counting(20).stages.after(longer)
+    assert counting.stages.after(longer)[-3:] == ((40, 0), (48, 0), (48, 1))
+
+
+def test_several_threads_get_what_one_gets():
+    counting, record = Counting(), line(30)
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda k: counting.stages.after(record.until(k)), [30, 20, 30, 10]))
+    alone = Counting().stages.after(record)
+    assert [found[k] == alone[:n] for k, n in enumerate((30, 20, 30, 10))] == [True] * 4
