@@ -34,9 +34,9 @@ class Agent(Stored):
     have run already. Only the incumbent that it is compared with may then change. `undo` reopens
     the last closed query and drops the sample proposed after it.
 
-    Several experiments can be pending, see `ask`. Each is proposed as if the ones before it had
-    lost against the best one, which keeps them apart. They can be answered in any order, which is
-    the order of their numbers in the record.
+    Several experiments can be pending, see `ask`. Each is proposed as if nobody could tell how good
+    the ones before it are; that they were tried keeps them apart. They can be answered in any
+    order, which is the order of their numbers in the record.
 
     Args:
         space: Knobs to tune.
@@ -290,20 +290,15 @@ class Agent(Stored):
             return self.space.snap(self._propose(self._supposed()))
 
     def _supposed(self) -> History:
-        """Return the record as if all pending experiments had lost; it is the record if none is.
+        """Return the record as if nobody could tell how good pending experiments are.
 
-        Source: the constant liar of Ginsbourger, Le Riche and Carraro (2010), section 4.2.2.
-        Deviation: preferences instead of values. A score is supposed to be the worst one so far.
+        It is the record itself if none is pending. Other suppositions, such as the constant liar of
+        Ginsbourger, Le Riche and Carraro (2010), are worse: docs/research/at_once.md.
         """
         history, best = self.history, self._rival
-        scores = [c.value for c in history.comparisons if c.value is not None]
-        score = Answer(None, value=max(scores, default=None))
         while history.pending is not None:
-            lost = Answer(Preference.INCUMBENT if history.answered else None)
-            rival = 0 if best is None and history.answered else best
-            history = history.with_answer(
-                score if self.by_value else lost, None if self.by_value else rival
-            )
+            first = self.by_value or not history.answered
+            history = history.with_answer(Answer(None), None if first else best or 0)
         return history
 
     def _suggestion(self, index: int) -> Suggestion:
