@@ -19,9 +19,10 @@ from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Agent, Answer, Preference
 from prefcal_env.preferences.loop import ask_and_tell
+from prefcal_env.preferences.runs import Executor
 
 Theta = Float[np.ndarray, " n"]
-Prefer = Callable[[Theta, Theta], Answer | Preference | int | None]
+Prefer = Callable[[Any, Any], Answer | Preference | int | None]
 
 _SHOWN, _SHOWN_SCREENED = 50, 11
 """Default number of experiments to compare: without and with `simulate`."""
@@ -81,6 +82,9 @@ def minimize_by_preference(
     prefer: Prefer,
     space: KnobSpace,
     *,
+    run: Callable[[Theta], Any] | None = None,
+    at_once: int = 1,
+    executor: Executor | None = None,
     simulate: Simulate | None = None,
     n_simulated: int = 1000,
     agent: AgentFactory | None = None,
@@ -99,6 +103,11 @@ def minimize_by_preference(
         prefer: Function `prefer(a, b)` of two θ, physical, shape (n,), that returns -1 if a is
             better, 1 if b is, 0 if they are equally good, None if it cannot tell, or an `Answer`.
         space: Space to search.
+        run: Function that runs the experiment of a θ, once each; `prefer` then compares what it
+            returns. None if `prefer` compares the θ themselves.
+        at_once: Number of experiments that `run` runs at the same time, 1 or more: for simulators
+            that take minutes.
+        executor: Executor that runs them, see `ask_and_tell`; threads if None.
         simulate: Function of one θ that returns KPIs by name, lower is better; None, an exception,
             or only NaN for a simulation that failed. An attribute `many` runs several at once; see
             `prefcal_agents.screening.simulations`.
@@ -115,6 +124,7 @@ def minimize_by_preference(
         SimulationError: If `simulate` works for no θ, or returns something else than KPIs.
         KnobError: If a θ of `start` is outside the space.
         PreferenceError: If `prefer` returned something else.
+        RunError: If the worker of an experiment died twice.
     """
     if not callable(prefer):
         raise SettingsError(f"prefer must be a function of two θ, got {prefer!r}")
@@ -128,8 +138,12 @@ def minimize_by_preference(
         options |= {"simulate": simulate, "n_simulated": n_simulated}
     make = _maker(agent, simulates=simulate is not None)
     study = make(space, n_init=n_init, n_max=n_max, seed=seed, **options)
-    steps = list(ask_and_tell(study, lambda theta: theta, partial(_answer, prefer)))
-    samples = [step.challenger for step in steps if not step.query.further]
+    if run is None and (at_once != 1 or executor is not None):
+        raise SettingsError("nothing runs at once without run, the function of an experiment")
+    answer = partial(_answer, prefer)
+    loop = ask_and_tell(study, run or np.copy, answer, at_once=at_once, executor=executor)
+    steps = list(loop)
+    samples = [step.query.challenger.theta for step in steps if not step.query.further]
     answers = tuple(step.answer for step in steps if step.answer is not None)
     bank = getattr(study, "bank", None)
     simulated = bank if isinstance(bank, Bank) else None
@@ -152,6 +166,9 @@ def _maker(agent: AgentFactory | None, *, simulates: bool) -> AgentFactory:
     return agent
 
 
-def _answer(prefer: Prefer, new: Theta, old: Theta | None) -> Answer | None:
-    """Ask `prefer`. It gets copies, since it may write into them."""
-    return None if old is None else Answer.of(prefer(new.copy(), old.copy()))
+def _answer(prefer: Prefer, new: Any, old: Any) -> Answer | None:
+    """Ask `prefer`. It gets copies of θ, since it may write into them."""
+    if old is None:
+        return None
+    copies = (np.copy(side) if isinstance(side, np.ndarray) else side for side in (new, old))
+    return Answer.of(prefer(*copies))

@@ -4,7 +4,7 @@ The agent, the study file, the report and the benchmark hold the same `History`.
 every change returns a new one.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,10 +34,12 @@ class Sample:
     Args:
         z: Point of the unit cube, which models are trained on.
         theta: θ that runs, physical.
+        after: Number of closed queries when it was proposed; None for the present number.
     """
 
     z: Point
     theta: Point
+    after: int | None = None
 
     @classmethod
     def of(cls, space: KnobSpace, z: Float[np.ndarray, " n"]) -> "Sample":
@@ -55,7 +57,7 @@ class Sample:
         if old.knobs == new.knobs:
             return self
         theta = carried(np.array(self.theta), old, new, added)
-        return Sample(tuple(map(float, new.encode(theta))), tuple(map(float, theta)))
+        return Sample(tuple(map(float, new.encode(theta))), tuple(map(float, theta)), self.after)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,8 +168,14 @@ class History:
 
     @property
     def pending(self) -> Sample | None:
-        """Return the sample of the open query; None if it is not proposed yet."""
+        """Return the sample that takes the next number; None if none is proposed yet."""
         return self.samples[self.answered] if len(self.samples) > self.answered else None
+
+    @property
+    def waits(self) -> bool:
+        """Return whether a sample was proposed since the last query was closed."""
+        waiting = self.samples[self.answered :]
+        return any(s.after is None or s.after >= self.answered for s in waiting)
 
     @property
     def counting(self) -> tuple[Comparison, ...]:
@@ -256,8 +264,40 @@ class History:
     # Changed copies.
 
     def with_pending(self, sample: Sample) -> "History":
-        """Store `sample` as the one of the open query."""
-        return replace(self, samples=(*self.samples[: self.answered], sample))
+        """Store `sample` as the next one, in place of the one that has this number, if any."""
+        stored, due = replace(sample, after=self.answered), self.answered
+        return replace(self, samples=(*self.samples[:due], stored, *self.samples[due + 1 :]))
+
+    def with_another(self, sample: Sample) -> "History":
+        """Store `sample` behind all others that are pending."""
+        return replace(self, samples=(*self.samples, replace(sample, after=self.answered)))
+
+    def taken(self, index: int) -> tuple[int, ...]:
+        """Return the present indices of all samples after pending sample `index` came next.
+
+        Samples are numbered in the order of their answers, however many are pending, so that the
+        first `answered` ones are those that are compared. Pending ones keep their order.
+
+        Raises:
+            ProtocolError: If it is not pending.
+        """
+        due, count = self.answered, len(self.samples)
+        if not due <= index < count:
+            raise ProtocolError(f"sample {index} is not pending: {count - due} are, from {due}")
+        return (*range(due), index, *(i for i in range(due, count) if i != index))
+
+    def undoing(self) -> tuple[int, ...]:
+        """Return the present indices of the samples that stay if the last answer is taken back.
+
+        Samples proposed after it go. Others that are pending stay, since they may be running.
+        """
+        due, waiting = self.answered, self.samples[self.answered :]
+        asked = ((i, s.after) for i, s in enumerate(waiting, due))
+        return (*range(due), *(i for i, after in asked if after is not None and after < due))
+
+    def arranged(self, order: Sequence[int]) -> "History":
+        """Return the record with the samples of these present indices, the answered ones first."""
+        return replace(self, samples=tuple(self.samples[i] for i in order))
 
     def recorded(self, answer: Comparison) -> "History":
         """Add an answer to the repeated questions, the follow-ups, or as that of the open query."""
@@ -277,14 +317,14 @@ class History:
         return self.recorded(Comparison(challenger, incumbent, answer))
 
     def undone(self) -> "History":
-        """Take the last answer back: its query is open again, and a later sample is dropped.
+        """Take the last answer back: its query is open again. See `undoing` for later samples.
 
         Raises:
             ProtocolError: If nothing is answered.
         """
         if not self.comparisons:
             raise ProtocolError("there is no answer to undo")
-        kept = replace(self, samples=self.samples[: self.answered])
+        kept = self.arranged(self.undoing())
         if len(self.latest) > 1:
             return replace(kept, follow_ups=self.follow_ups[:-1])
         return replace(kept, comparisons=self.comparisons[:-1])

@@ -11,6 +11,7 @@ from prefcal_env.experiments.experiment import Experiment
 
 from .answer import Agent, Answer, Calibrator, Preference, Query
 from .run_facts import completed
+from .runs import Executor, runs_of
 
 Run = Callable[[Float[np.ndarray, " n"]], Experiment]
 R = TypeVar("R")
@@ -18,14 +19,18 @@ A = TypeVar("A")
 
 
 class AskTell(Protocol):
-    """The interface that the loop needs from an agent of any kind."""
+    """The interface that the loop needs from an agent of any kind.
+
+    To run several experiments at once, `ask(n)` must return the open queries, as `Agent` does.
+    """
 
     @property
     def done(self) -> bool:
         """Return whether it has no more questions."""
 
-    def ask(self) -> Query:
-        """Return the open query."""
+    @property
+    def ask(self) -> Callable[..., Any]:
+        """Return the method that returns the open query."""
 
     def tell(self, query: Query, answer: Any) -> None:
         """Close `query`."""
@@ -48,27 +53,37 @@ def ask_and_tell(
     agent: AskTell,
     run: Callable[[Float[np.ndarray, " n"]], R],
     answer: Callable[[R, R | None], A],
+    *,
+    at_once: int = 1,
+    executor: Executor | None = None,
 ) -> Iterator[Step[R, A]]:
     """Drive any agent until it is done, yielding each step after the agent has the answer.
+
+    With `at_once`, several experiments run while answers are given. They are asked about in the
+    order in which they are ready, which alone decides what is proposed next. If a run raises an
+    error, it is raised here, the agent keeps what is pending, and another loop continues with it.
 
     Args:
         agent: Agent that proposes θ; it is changed.
         run: Function that returns the result of a physical θ, shape (n,); called once for each
-            experiment.
+            experiment, but again if its worker died.
         answer: Function of the results of challenger and incumbent that returns what to tell the
             agent: an answer, or a score of the challenger.
+        at_once: Number of experiments that run at the same time, 1 or more.
+        executor: Executor that runs them, such as a `ProcessPoolExecutor` or the executor of a
+            Dask client; it stays open. Threads if None, which suit runs that wait for another
+            program.
+
+    Raises:
+        SettingsError: If `at_once` is not valid.
+        RunError: If the worker of an experiment died twice.
     """
-    results: dict[int, R] = {}
-    while not agent.done:
-        query = agent.ask()
-        for side in (query.challenger, query.incumbent):
-            if side is not None and side.index not in results:
-                results[side.index] = run(side.theta)
-        challenger = results[query.challenger.index]
-        incumbent = None if query.incumbent is None else results[query.incumbent.index]
-        given = answer(challenger, incumbent)
-        agent.tell(query, given)
-        yield Step(query, challenger, incumbent, given)
+    with runs_of(run, at_once, executor) as runs:
+        while not agent.done:
+            query, challenger, incumbent = runs.next_of(agent)
+            given = answer(challenger, incumbent)
+            agent.tell(query, given)
+            yield Step(query, challenger, incumbent, given)
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ from .events import Respaced as Respaced
 from .events import Retracted as Retracted
 from .events import Shown as Shown
 from .events import Suggested as Suggested
+from .events import Taken as Taken
 from .events import Undone as Undone
 from .events import to_text as to_text
 from .file import StudyFile as StudyFile

@@ -35,12 +35,21 @@ class Created(Event, frozen=True):
 class Suggested(Event, frozen=True):
     """Propose sample `index`, from 0: `z` in the unit cube, `theta` physical, each (n,).
 
-    After an undo, another sample of the same index takes its place.
+    Several can be pending. After an undo, another sample of the same index takes its place.
     """
 
     index: Int64
     z: tuple[float, ...]
     theta: tuple[float, ...]
+
+
+class Taken(Event, frozen=True):
+    """Compare pending sample `index` next, before those that were proposed earlier.
+
+    It gets the number of the next one, and those before it one more each.
+    """
+
+    index: Int64
 
 
 class Finished(Event, frozen=True):
@@ -51,7 +60,7 @@ class Finished(Event, frozen=True):
 
 
 class Dialed(Event, frozen=True):
-    """Run sample `index`, the last one and not yet answered, at another θ than was proposed.
+    """Run sample `index`, the next one to be answered, at another θ than was proposed.
 
     `z` in the unit cube and `theta` physical, each (n,), are the sample from now on; the proposed
     values stay in its `Suggested`.
@@ -137,7 +146,7 @@ class Retracted(Event, frozen=True):
 
 
 class Undone(Event, frozen=True):
-    """Undo the last answer: its query is open again, and later samples are dropped."""
+    """Undo the last answer: its query is open again, and samples proposed since are dropped."""
 
 
 class Noted(Event, frozen=True):

@@ -1,6 +1,6 @@
 """Compute the state of a study from its events, one by one, without side effects."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -32,6 +32,7 @@ from .events import (
     Retracted,
     Shown,
     Suggested,
+    Taken,
     Undone,
 )
 from .spaces import space_of
@@ -77,6 +78,10 @@ class State:
         return tuple(sorted(every, key=lambda c: c.seq))
 
 
+_KNOWN = ("finished", "failures", "marks", "proposed")
+"""Fields of `State` with what is known about samples, by index."""
+
+
 def begin(seq: int, at: str, event: Event) -> State:
     """Return the state after the first event.
 
@@ -111,13 +116,31 @@ def _sample(state: State, seq: int, index: int) -> None:
 
 
 def _suggested(state: State, seq: int, _at: str, event: Suggested) -> State:
-    history, due = state.history, state.history.answered
-    is_due = event.index == due and history.pending is None
+    history, is_due = state.history, event.index == len(state.history.samples)
     _require(is_due, seq, f"sample {event.index} is not due")
     _require(len(event.z) == len(event.theta) > 0, seq, "z and theta differ in length")
     # No question is open here, except one that changed settings have made obsolete.
-    history = history.with_pending(Sample(event.z, event.theta))
+    history = history.with_another(Sample(event.z, event.theta))
     return replace(state, history=history, open=None)
+
+
+def _taken(state: State, seq: int, _at: str, event: Taken) -> State:
+    try:
+        order = state.history.taken(event.index)
+    except ProtocolError as error:
+        raise StudyError(f"event {seq} is impossible: {error}") from error
+    return replace(_arranged(state, order), open=None)
+
+
+def _arranged(state: State, order: Sequence[int]) -> State:
+    """Return the state with the samples of these present indices, and what is known of them."""
+    now = {index: number for number, index in enumerate(order)}
+    maps: dict[str, Any] = {
+        name: {now[i]: value for i, value in getattr(state, name).items() if i in now}
+        for name in _KNOWN
+    }
+    requested = frozenset(now[i] for i in state.requested if i in now)
+    return replace(state, history=state.history.arranged(order), requested=requested, **maps)
 
 
 def _finished(state: State, seq: int, _at: str, event: Finished) -> State:
@@ -151,21 +174,16 @@ def _requested(state: State, seq: int, _at: str, event: Requested) -> State:
     size = len(known[0].z) if known else len(event.z)
     _require(len(event.z) == len(event.theta) == size > 0, seq, "z and theta differ in length")
     # All that is known about the sample in its place is about another θ.
+    others: dict[str, Any] = {
+        name: {i: value for i, value in getattr(state, name).items() if i != due} for name in _KNOWN
+    }
     return replace(
         state,
         history=state.history.with_pending(Sample(event.z, event.theta)),
         requested=state.requested | {due},
-        **_kept(state, due),
+        **others,
         open=None,
     )
-
-
-def _kept(state: State, count: int) -> dict[str, Any]:
-    """Return what is known about the first `count` samples alone."""
-    return {
-        name: {i: value for i, value in getattr(state, name).items() if i < count}
-        for name in ("finished", "failures", "marks", "proposed")
-    }
 
 
 def _replaced(state: State, seq: int, _at: str, event: Replaced) -> State:
@@ -240,16 +258,9 @@ def _retracted(state: State, seq: int, _at: str, event: Retracted) -> State:
 
 
 def _undone(state: State, seq: int, _at: str, _event: Undone) -> State:
-    kept = state.history.answered
-    _require(kept > 0, seq, "there is no answer to undo")
-    return replace(
-        state,
-        history=state.history.undone(),
-        requested=frozenset(i for i in state.requested if i < kept),
-        **_kept(state, kept),
-        open=None,
-        ended=None,
-    )
+    _require(state.history.answered > 0, seq, "there is no answer to undo")
+    kept = _arranged(state, state.history.undoing())
+    return replace(kept, history=state.history.undone(), open=None, ended=None)
 
 
 def _noted(state: State, _seq: int, at: str, event: Noted) -> State:
@@ -285,8 +296,8 @@ def _adjusted(state: State, seq: int, _at: str, event: Adjusted) -> State:
 
 
 def _respaced(state: State, seq: int, _at: str, event: Respaced) -> State:
-    due = state.history.answered
-    kept = due + 1 if due in state.finished else due
+    due, samples = state.history.answered, range(len(state.history.samples))
+    kept = _arranged(state, [i for i in samples if i < due or i in state.finished])
     expected = {"knobs", "within", "scenario_knobs"}
     _require(set(event.space) == expected, seq, f"its space must have {sorted(expected)}")
     agent = state.configuration.get("agent", {})
@@ -297,23 +308,18 @@ def _respaced(state: State, seq: int, _at: str, event: Respaced) -> State:
     old, new = space_of(state.configuration), space_of(configuration)
     space_of({"knobs": event.space["scenario_knobs"]})
 
-    history = replace(state.history, samples=state.history.samples[:kept])
     try:
-        history = history.moved(old, new, event.added)
+        history = kept.history.moved(old, new, event.added)
         proposed = {
             i: tuple(carried(np.array(theta), old, new, event.added).tolist())
-            for i, theta in state.proposed.items()
-            if i < kept
+            for i, theta in kept.proposed.items()
         }
     except (KnobError, TypeError, ValueError) as error:
         raise StudyError(f"event {seq} is impossible: {error}") from error
     return replace(
-        state,
+        kept,
         configuration=MappingProxyType(configuration),
         history=history,
-        requested=frozenset(i for i in state.requested if i < kept),
-        failures={i: e for i, e in state.failures.items() if i < kept},
-        marks={i: m for i, m in state.marks.items() if i < kept},
         proposed=proposed,
     )
 
@@ -321,6 +327,7 @@ def _respaced(state: State, seq: int, _at: str, event: Respaced) -> State:
 _RULES: Mapping[type[Event], Callable[[State, int, str, Any], State]] = {
     Created: _created,
     Suggested: _suggested,
+    Taken: _taken,
     Dialed: _dialed,
     Requested: _requested,
     Finished: _finished,

@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from contracts.agents import MIXED, latent
+from contracts.at_once import *  # noqa: F403
 from prefcal_agents import AgentState
 from prefcal_env.errors import ProtocolError
 from prefcal_env.preferences.answer import Answer

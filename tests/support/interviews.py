@@ -24,7 +24,7 @@ def clock() -> Any:
 
 def begin(
     scenario: Scenario, *, n_max: int = 6, seed: int = 0, path: Path | None = None,
-    ahead: bool = False, agent: Any = GLISp,
+    ahead: bool = False, agent: Any = GLISp, at_once: int = 1,
 ) -> Interview:  # fmt: skip
     """An interview of `agent`, a class, about `scenario`."""
     agent = agent(scenario.space, n_init=3, n_max=n_max, seed=seed)
@@ -34,12 +34,12 @@ def begin(
         "seed": seed, "kpis": [], "options": {"calibrator": "human"}, "versions": {},
     }  # fmt: skip
     file = StudyFile.create(path or ":memory:", configuration, clock=clock())
-    return Interview(scenario, file, ahead=ahead)
+    return Interview(scenario, file, ahead=ahead, at_once=at_once)
 
 
-def reopened(scenario: Scenario, path: Path) -> Interview:
+def reopened(scenario: Scenario, path: Path, at_once: int = 1) -> Interview:
     """The interview of a study file."""
-    return Interview(scenario, StudyFile.open(path, clock=clock()), ahead=False)
+    return Interview(scenario, StudyFile.open(path, clock=clock()), ahead=False, at_once=at_once)
 
 
 def proceed(interview: Interview) -> Now:

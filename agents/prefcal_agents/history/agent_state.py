@@ -48,7 +48,7 @@ class AgentState:
         ]
         return {
             **self.configuration(),
-            "samples": [{"z": list(s.z), "theta": list(s.theta)} for s in self.history.samples],
+            "samples": [_sample_to_dict(sample) for sample in self.history.samples],
             "answers": [_comparison_to_dict(c) for c in self.history.comparisons],
             **({"follow_ups": follow_ups} if follow_ups else {}),
         }
@@ -119,13 +119,20 @@ def _unreadable(error: Exception) -> SettingsError:
     return SettingsError(f"the state of an agent cannot be read: {type(error).__name__} {error}")
 
 
+def _sample_to_dict(sample: Sample) -> dict[str, Any]:
+    return {"z": list(sample.z), "theta": list(sample.theta), "after": sample.after}
+
+
 def _sample_from_dict(data: Any) -> Sample:
     if not isinstance(data, Mapping):
         raise SettingsError(
             f"a sample of a state must hold z and theta by name, got {data!r}: states of earlier "
             "versions must be made anew"
         )
-    return Sample(tuple(map(float, data["z"])), tuple(map(float, data["theta"])))
+    after = data.get("after")
+    if after is not None and type(after) is not int:
+        raise SettingsError(f"a sample of a state is proposed after a number, got {after!r}")
+    return Sample(tuple(map(float, data["z"])), tuple(map(float, data["theta"])), after)
 
 
 def _comparison_to_dict(comparison: Comparison) -> dict[str, Any]:

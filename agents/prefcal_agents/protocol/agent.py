@@ -2,7 +2,7 @@
 
 from contextlib import AbstractContextManager
 from functools import cache
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from jaxtyping import Float
@@ -33,6 +33,10 @@ class Agent(Stored):
     on it is stored and stays, even if an earlier answer is retracted, since its experiment may
     have run already. Only the incumbent that it is compared with may then change. `undo` reopens
     the last closed query and drops the sample proposed after it.
+
+    Several experiments can be pending, see `ask`. Each is proposed as if nobody could tell how good
+    the ones before it are; that they were tried keeps them apart. They can be answered in any
+    order, which is the order of their numbers in the record.
 
     Args:
         space: Knobs to tune.
@@ -137,40 +141,75 @@ class Agent(Stored):
         """Return the expected gain of ten more experiments; None while it is unknown."""
         return advise(self.history)
 
-    def ask(self) -> Query:
-        """Return the open query, the same until it is answered. Raises ProtocolError when done."""
+    @overload
+    def ask(self) -> Query: ...
+
+    @overload
+    def ask(self, n: int) -> list[Query]: ...
+
+    def ask(self, n: int | None = None) -> Query | list[Query]:
+        """Return the open query, the same until it is answered, or all, to run several at once.
+
+        Args:
+            n: Number of experiments that should be pending, 1 or more; fewer if fewer are left.
+                The list has a query for each of them, and any of them can be answered next. A
+                query about two experiments that have run comes first; nothing new is proposed
+                until it is answered. Ask again after each answer, since the best one may change.
+
+        Raises:
+            ProtocolError: When done.
+            SettingsError: If `n` is not valid.
+        """
+        if n is None:
+            return self._open(1)[0]
+        integer("n", n, low=1)
+        return self._open(int(n))
+
+    def _open(self, n: int) -> list[Query]:
+        """Return all open queries, with `n` experiments pending if a new one may be proposed."""
         if self.done:
             why = f"all {self.n_max} experiments are answered"
             if self.n_max < self._asked_for:
                 why = f"every one of the {self.n_max} θ of the space has been tried"
             raise ProtocolError(f"there is no open query: {why}")
-        pair = self._known_pair()
-        if pair is not None:
-            return Query(self._suggestion(pair[0]), self._suggestion(pair[1]), further=True)
-        self._store()
-        rival = self._rival
-        return Query(
-            self._suggestion(self.history.answered),
-            None if rival is None else self._suggestion(rival),
-        )
+        pair, queries = self._known_pair(), []
+        if pair is None:
+            self._store(n)
+        else:
+            queries = [Query(self._suggestion(pair[0]), self._suggestion(pair[1]), further=True)]
+        rival = None if self._rival is None else self._suggestion(self._rival)
+        waiting = range(self.history.answered, len(self.history.samples))
+        return [*queries, *(Query(self._suggestion(index), rival) for index in waiting)]
 
     def tell(self, query: Query, answer: Any, /) -> None:
         """Close `query` by a preference or a score; see the kinds of agents.
 
         Raises:
-            ProtocolError: If it is not the open one.
+            ProtocolError: If it is not open.
             PreferenceError: If the answer is not valid.
         """
         given = Answer.scored(answer) if self.by_value else Answer.of(answer)
         if self.done:
             raise ProtocolError(f"told {query}, but all {self.n_max} experiments are answered")
-        if query != self.ask():
-            raise ProtocolError(f"told {query}, but the open query is {self.ask()}")
-        pair = self._known_pair()
-        if pair is None:
-            self.history = self.history.with_answer(given, self._rival)
+        queries = self._open(1)
+        if query not in queries:
+            others = f", or one of {len(queries) - 1} others" if queries[1:] else ""
+            raise ProtocolError(f"told {query}, but the open query is {queries[0]}{others}")
+        new, old = query.challenger.index, query.incumbent
+        if query.further:
+            assert old is not None
+            self.history = self.history.with_follow_up(given, new, old.index)
         else:
-            self.history = self.history.with_follow_up(given, *pair)
+            self.take(new)
+            self.history = self.history.with_answer(given, self._rival)
+
+    def take(self, index: int) -> None:
+        """Make pending sample `index` the next one; see `History.taken`.
+
+        Raises:
+            ProtocolError: If it is not pending.
+        """
+        self.history = self.history.arranged(self.history.taken(index))
 
     def undo(self) -> None:
         """Take the last answer back and open its query again. Raises ProtocolError if none."""
@@ -205,6 +244,9 @@ class Agent(Stored):
         same = np.flatnonzero(self.space.close(theta, self.samples))
         if len(same):
             raise ProtocolError(f"experiment {same[0] + 1} of {answered} was run with this θ")
+        others = [s.theta for s in self.history.samples[answered + 1 :]]
+        if others and self.space.close(theta, np.array(others)).any():
+            raise ProtocolError("another pending experiment has this θ")
         z = self.space.encode(theta)
         sample = Sample(tuple(map(float, z)), tuple(map(float, theta)))
         self.history = self.history.with_pending(sample)
@@ -215,17 +257,17 @@ class Agent(Stored):
         if not self._all_answered and self._known_pair() is None:
             self._store()
 
-    def _store(self) -> None:
-        if self.history.pending is None:
-            self.history = self.history.with_pending(Sample.of(self.space, self._next()))
+    def _store(self, n: int = 1) -> None:
+        while len(self.history.samples) < min(self.history.answered + n, self.n_max):
+            self.history = self.history.with_another(Sample.of(self.space, self._next()))
 
     def _known_pair(self) -> Pair | None:
-        """Return the known samples to compare now; None once a new one is stored.
+        """Return the known samples to compare now; None once a new one is proposed.
 
         Open questions about the best sample come first, also after the last experiment.
         """
         history = self.history
-        if self.by_value or history.pending is not None or not history.answered:
+        if self.by_value or history.waits or not history.answered:
             return None
         if self._thought is None or self._thought[0] != history:
             with one_thread():
@@ -242,10 +284,22 @@ class Agent(Stored):
 
     def _next(self) -> Float[np.ndarray, " n"]:
         """Return a given θ unchanged, a proposed one rounded to values that can be dialed in."""
-        if self.history.answered < len(self._given):
-            return np.array(self._given[self.history.answered])
+        if len(self.history.samples) < len(self._given):
+            return np.array(self._given[len(self.history.samples)])
         with one_thread():
-            return self.space.snap(self._propose(self.history))
+            return self.space.snap(self._propose(self._supposed()))
+
+    def _supposed(self) -> History:
+        """Return the record as if nobody could tell how good pending experiments are.
+
+        It is the record itself if none is pending. Other suppositions, such as the constant liar of
+        Ginsbourger, Le Riche and Carraro (2010), are worse: docs/research/at_once.md.
+        """
+        history, best = self.history, self._rival
+        while history.pending is not None:
+            first = self.by_value or not history.answered
+            history = history.with_answer(Answer(None), None if first else best or 0)
+        return history
 
     def _suggestion(self, index: int) -> Suggestion:
         return Suggestion(index, self._theta_of(index))

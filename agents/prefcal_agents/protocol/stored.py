@@ -129,8 +129,10 @@ def _check(history: History, agent: Stored) -> None:
             raise SettingsError(f"a follow-up answer of a state cannot be {c}")
     for index, sample in enumerate(history.samples):
         _check_sample(index, sample, agent.space)
+        if sample.after is not None and not 0 <= sample.after <= min(index, answered):
+            raise SettingsError(f"sample {index} of a state cannot be after {sample.after} answers")
     stored, most = len(history.samples), agent._most(history)
-    if not answered <= stored <= answered + 1 or stored > most:
+    if not answered <= stored <= most:
         raise SettingsError(
             f"a state of up to {most} experiments cannot hold {stored} samples and "
             f"{answered} answers"

@@ -33,7 +33,6 @@ from prefcal_scenarios.app.session import (
     Interview,
     Now,
     Phase,
-    Simulated,
     unattended,
 )
 from prefcal_scenarios.app.session.memory import as_studied, is_simulating
@@ -72,7 +71,8 @@ def run(given: Mapping[str, Any]) -> int:
     with interruption(others=True) as ctrl_c:
         messages = Console(stderr=True, emoji=False)
         ctrl_c.on_press = lambda: messages.print("Stopping ...", highlight=False)
-        with isolation(source, given["run_timeout"]) as isolated:
+        at_once = Options.of(given).at_once
+        with isolation(source, given["run_timeout"], at_once=at_once) as isolated:
             scenario = isolated(with_cost(load(source), given["cost"]))
             _check_address(Options.of(given))
 
@@ -105,7 +105,9 @@ def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Con
     try:
         with _simulator(opened, scenario) as simulator:
             ahead = options.by_a_person
-            interview = Interview(scenario, file, ahead=ahead, simulator=simulator)
+            interview = Interview(
+                scenario, file, ahead=ahead, simulator=simulator, at_once=options.at_once
+            )
             work = CalibrateRun(Reporter(interview, opened, claim, messages), ctrl_c)
             ctrl_c.on_press = work.stopping
             work.introduce()
@@ -326,7 +328,7 @@ def _answer_all(work: CalibrateRun) -> None:
     interview, scenario = work.interview, work.interview.scenario
     calibrator = make_calibrator(work.options, scenario)
     messages = work.reporter.messages
-    with Display(scenario, interview.n_max, messages, lambda: interview.simulated) as display:
+    with Display(scenario, interview.n_max, messages, lambda: _unseen(interview)) as display:
         for comparison in interview.comparisons():
             display.compared(comparison)
         display.best(interview.now())
@@ -337,6 +339,15 @@ def _answer_all(work: CalibrateRun) -> None:
             work.ctrl_c.check()
 
 
+def _unseen(interview: Interview) -> tuple[str, str] | None:
+    """Return name and words of what goes on beside the present θ; None if nothing does."""
+    if (simulated := interview.simulated) is not None:
+        return "unseen", simulated.line
+    if (running := interview.now().running) > 1:
+        return "at once", f"{running} experiments are running"
+    return None
+
+
 class Display:
     """Progress bar with the current θ, the best θ and the verdicts so far.
 
@@ -344,7 +355,8 @@ class Display:
         scenario: Scenario that is calibrated.
         n_max: Number of experiments.
         console: Console to show it on.
-        simulated: Function that returns how many θ were simulated unseen; None if none are.
+        beside: Function that returns name and words of what goes on beside the present θ; None if
+            nothing does.
     """
 
     def __init__(
@@ -352,9 +364,9 @@ class Display:
         scenario: Scenario,
         n_max: int,
         console: Console,
-        simulated: Callable[[], Simulated | None] = lambda: None,
+        beside: Callable[[], tuple[str, str] | None] = lambda: None,
     ) -> None:
-        self._scenario, self._console, self._simulated = scenario, console, simulated
+        self._scenario, self._console, self._beside = scenario, console, beside
         self._counts = dict.fromkeys(VERDICTS, 0)
         self._current = "none yet"
         self._best = "none yet"
@@ -404,7 +416,7 @@ class Display:
         counts = " · ".join(f"{VERDICTS[v]} {n}" for v, n in self._counts.items())
         rows = [("θ now", self._current, ""), ("best θ", self._best, "bold blue"),
                 ("verdicts", counts, "")]  # fmt: skip
-        if (simulated := self._simulated()) is not None:
-            rows.append(("unseen", simulated.line, ""))
+        if (beside := self._beside()) is not None:
+            rows.append((*beside, ""))
         texts = [Text.assemble((f"{name:<9} ", "dim"), (text, look)) for name, text, look in rows]
         return Group(self._bar, *texts)

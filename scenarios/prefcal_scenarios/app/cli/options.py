@@ -262,6 +262,16 @@ class Options:
             show_default="3600, an hour",
         ),
     ] = 3600.0
+    at_once: Annotated[
+        int,
+        Option(
+            min=1,
+            metavar="N",
+            help="Number of experiments that run at the same time, each in a process of its own: "
+            "for simulations that take minutes, with the agent glisp.",
+            show_default="1",
+        ),
+    ] = 1
     terminal: Annotated[
         bool,
         Option("--terminal", metavar="", help="Ask in this terminal instead of on a page."),

@@ -72,6 +72,12 @@ class Worker:
         with self._lock:
             return None if self._theta is None else self._theta == theta_key(theta)
 
+    @property
+    def is_idle(self) -> bool:
+        """Return whether nothing is running."""
+        with self._lock:
+            return self._theta is None
+
     def stop(self, why: str, within: float = 0.0) -> None:
         """End the current run in `within` seconds; the run raises RunError."""
         with self._lock:

@@ -14,22 +14,27 @@ _DRAWN = 0.15
 
 
 class Background:
-    """Thread that runs `interview.work`; a plant never runs twice at the same time."""
+    """Threads that run `interview.work`, one for each experiment that may run at the same time."""
 
     def __init__(self, interview: Interview) -> None:
         self._interview = interview
         # A daemon, since an hour-long experiment must not keep a closed program alive.
-        self._thread = threading.Thread(target=self._loop, name="experiments", daemon=True)
+        self._threads = [
+            threading.Thread(target=self._loop, name="experiments", daemon=True)
+            for _ in range(interview.at_once)
+        ]
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        for thread in self._threads:
+            thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._interview.close()
-        while self._interview.drives and self._thread.is_alive():
-            self._thread.join(timeout=0.2)  # the live plant gets its old values back
-        self._thread.join(timeout=1.0 + GRACE)
+        while self._interview.drives and self._threads[0].is_alive():
+            self._threads[0].join(timeout=0.2)  # the live plant gets its old values back
+        for thread in self._threads:
+            thread.join(timeout=1.0 + GRACE)
 
     def _loop(self) -> None:
         # An error of the compiler occurs again in the first experiment, which shows it.

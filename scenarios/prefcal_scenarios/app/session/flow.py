@@ -1,5 +1,6 @@
 """Advance an interview from an answer to the next question."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,6 +26,7 @@ from prefcal_env.study import (
     State,
     StudyFile,
     Suggested,
+    Taken,
 )
 from prefcal_scenarios.app.simulating import Basis, Simulator, past_of
 from prefcal_scenarios.own.own_line import in_words
@@ -45,6 +47,12 @@ class Flow:
     agent: Agent
     simulator: Simulator | None = None
     """What the agent simulates with; None if it simulates nothing."""
+    at_once: int = 1
+    """Number of experiments that run at the same time."""
+    running: set[bytes] = field(default_factory=set)
+    """Keys of the θ that run now, if several do."""
+    asked: bool = False
+    """Whether the agent has proposed what can run until the next answer, if several do."""
     prefetch: Prefetch = field(default_factory=Prefetch)
     phase: Phase = Phase.RUNNING
     question: Question | None = None
@@ -93,6 +101,12 @@ class Flow:
         return None if sample is None else Suggested(index, sample.z, sample.theta)
 
     @property
+    def unfinished(self) -> tuple[Suggested, ...]:
+        """Return all samples that have no experiment yet, in the order proposed."""
+        samples = enumerate(self.state.history.samples)
+        return tuple(Suggested(i, s.z, s.theta) for i, s in samples if i not in self.state.finished)
+
+    @property
     def must_think(self) -> bool:
         """Return whether choosing the next query may take simulations, so no lock may be held."""
         agent, history = self.agent, self.agent.history
@@ -117,6 +131,7 @@ class Flow:
 
     def move(self, phase: Phase, problem: Exception | None = None) -> None:
         """Enter `phase`, without a question."""
+        self.asked = False
         self.phase, self.problem, self.question = phase, problem, None
         self.version += 1
 
@@ -165,11 +180,12 @@ class Flow:
             self.study.append(Ended("all compared"))
         if self.state.ended:
             return self.move(Phase.OVER)
-        query = self.agent.ask()
-        self._suggest(query)
+        queries = self.agent.ask(self.at_once)
+        self._suggest()
+        query = self._ready(queries)
+        if query is None:
+            return self._wait_for()
         index = query.challenger.index
-        if index not in self.state.finished:
-            return self._wait_for(index)
         if query.incumbent is not None:
             return self._show(query)
         if self.agent.by_value:
@@ -183,13 +199,33 @@ class Flow:
             self.agent.tell(query, first)
         return self._proceed()
 
-    def _suggest(self, query: Query) -> None:
-        """Store the sample, and its experiment if it is already known, in one step."""
-        index, theta = query.challenger.index, query.challenger.theta
-        if len(self.state.history.samples) > index:
-            return
-        sample = self.agent.state.history.samples[index]
-        self.study.append(Suggested(index, sample.z, sample.theta), *self._finished(index, theta))
+    def _suggest(self) -> None:
+        """Store each new sample, and its experiment if it is already known, in one step."""
+        samples = self.agent.history.samples
+        for index in range(len(self.state.history.samples), len(samples)):
+            z, theta = samples[index].z, samples[index].theta
+            known = self._finished(index, np.array(theta))
+            self.study.append(Suggested(index, z, theta), *known)
+
+    def _ready(self, queries: Sequence[Query]) -> Query | None:
+        """Return the query to show now, and give its sample the next number; None if none is ready.
+
+        A query about two known experiments comes first, then the experiment that ended first.
+        """
+        if queries[0].further:
+            return queries[0]
+        finished = self.state.finished
+        ready = [q.challenger.index for q in queries if q.challenger.index in finished]
+        if not ready:
+            return None
+        self.take(min(ready, key=finished.__getitem__))
+        return self.agent.ask()
+
+    def take(self, index: int) -> None:
+        """Give pending sample `index` the number of the next one to be answered."""
+        if index != self.state.history.answered:
+            self.study.append(Taken(index))
+            self.agent.take(index)
 
     def request(self, sample: Sample) -> None:
         """Store a sample that the person asks for in place of the pending one."""
@@ -207,7 +243,7 @@ class Flow:
         prefetched = self.prefetch.experiment(theta)
         return [] if prefetched is None else [(Finished(index), prefetched)]
 
-    def _wait_for(self, index: int) -> None:
+    def _wait_for(self) -> None:
         if isinstance(self.store.scenario.run, Rig):
             self.move(Phase.RECORD)
         elif isinstance(self.store.scenario.run, LiveRig):
@@ -216,6 +252,7 @@ class Flow:
         else:
             # Also if its run failed before: the person may have fixed the plant since.
             self.move(Phase.RUNNING)
+            self.asked = True
 
     def _show(self, query: Query) -> None:
         assert query.incumbent is not None
@@ -268,22 +305,39 @@ class Flow:
         return self.proceed()
 
     def ran(self, sample: Suggested, result: Experiment | Exception) -> None:
-        """Take the result of running `sample`, if it is still the pending one."""
-        self.stopped = None
+        """Take the result of running `sample`, if it is still pending."""
+        self.stopped, theta = None, np.array(sample.theta)
         if isinstance(result, Experiment):
-            self.prefetch.keep(np.array(sample.theta), result)
-        if self.phase is not Phase.RUNNING or self.pending != sample:
+            self.prefetch.keep(theta, result)
+        # While it ran, another one may have been answered, which changes its number.
+        index = next((s.index for s in self.unfinished if s.theta == sample.theta), None)
+        if index is None or self.phase is Phase.OVER:
             return None
+        if self.phase is not Phase.RUNNING:
+            return self._ran_beside(index, result, theta)
         try:
             if isinstance(result, Experiment):
-                self.study.append((Finished(sample.index), result))
+                self.study.append((Finished(index), result))
             else:
-                self.study.append(Failed(sample.index, in_words(result)))
+                self.take(index)
+                self.study.append(Failed(self.state.history.answered, in_words(result)))
         except StudyError as error:
             return self.move(Phase.FAILED, error)
         if isinstance(result, Experiment):
             return self.proceed()
         return self.move(Phase.FAILED, result)
+
+    def _ran_beside(
+        self, index: int, result: Experiment | Exception, theta: Float[np.ndarray, " n"]
+    ) -> None:
+        """Save the experiment of pending sample `index`; its failure is shown when it is due."""
+        if self.at_once == 1:
+            return
+        if isinstance(result, Experiment):
+            self.study.append((Finished(index), result))
+        else:
+            self.prefetch.keep_failure(theta, result)
+        self.version += 1
 
 
 def pair_of(query: Query) -> tuple[int, int | None]:

@@ -14,11 +14,13 @@ from prefcal_agents.models.kpi_importance import Importance
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
 from prefcal_env.compiling import Compiling, compile_missing
-from prefcal_env.errors import StaleError
+from prefcal_env.errors import SettingsError, StaleError
 from prefcal_env.experiments.experiment import End, Experiment
+from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Answer, Strength
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.preferences.loop import Comparison as Compared
+from prefcal_env.rig import Rig
 from prefcal_env.study import Noted, StudyFile
 from prefcal_scenarios.app.screening import Prospect, Screened
 from prefcal_scenarios.app.simulating import Basis, Simulated, Simulator
@@ -58,15 +60,20 @@ class Interview:
         asks: Whether to continue the study, which writes to its file; False only reads it.
         simulator: What an agent that simulates does so with, for the scenario of the study; by
             default, it simulates in this process. It stays open.
+        at_once: Number of experiments that run at the same time, each in a thread that calls
+            `work`; 1 runs ahead of the answers instead, see `ahead`.
 
     Raises:
         StudyError: If the study has other knobs, or cannot be written.
+        SettingsError: If `at_once` is above 1, and the agent simulates or the plant is a rig.
     """
 
     def __init__(
         self, scenario: Scenario, study: StudyFile, *, ahead: bool = True, asks: bool = True,
-        simulator: Simulator | None = None,
+        simulator: Simulator | None = None, at_once: int = 1,
     ) -> None:  # fmt: skip
+        if at_once > 1:
+            _check_at_once(scenario, study)
         scenario = self._scenario = as_studied(scenario, study.state)
         self.study = study
         self._runs_ahead = ahead
@@ -77,7 +84,7 @@ class Interview:
         if simulator is not None:
             simulator.tell = self._simulating
         agent = agent_of(study.state, scenario.space, simulator)
-        self._flow = Flow(study, ExperimentStore(scenario, study), agent, simulator)
+        self._flow = Flow(study, ExperimentStore(scenario, study), agent, simulator, at_once)
         self._closing = self._has_background = False
         self._idle_at: int | None = None
         self._flow.live.changed = self._driving
@@ -111,6 +118,7 @@ class Interview:
                 can_undo=steps.can_undo(flow), state=flow.state, preparing=flow.preparing,
                 draft=flow.draft, run_limit=None if worker is None else worker.limit,
                 simulated=self._simulated(),
+                running=len(flow.running),
                 live=None if driving.live_of(flow) is None else flow.live.now(),
             )  # fmt: skip
 
@@ -165,6 +173,11 @@ class Interview:
     def n_max(self) -> int:
         """Return the planned number of experiments; fewer if the space holds fewer θ."""
         return self._flow.agent.n_max
+
+    @property
+    def at_once(self) -> int:
+        """Return the number of experiments that run at the same time."""
+        return self._flow.at_once
 
     @property
     def questions(self) -> int | None:
@@ -478,8 +491,7 @@ class Interview:
         with self._changed:
             self._closing = True
             self._flow.live.closing.set()
-            worker = runs.worker_of(self._flow)
-            if worker is not None:
+            for worker in runs.workers_of(self._flow):
                 worker.stop("given up")
             if self._flow.simulator is not None:
                 self._flow.simulator.abandon()
@@ -516,3 +528,14 @@ class Interview:
                 if self._flow.version != version:
                     runs.make_way(self._flow)
                     self._changed.notify_all()
+
+
+def _check_at_once(scenario: Scenario, study: StudyFile) -> None:
+    """Raise SettingsError unless several experiments of the study can run at the same time."""
+    if isinstance(scenario.run, Rig | LiveRig):
+        raise SettingsError("a rig runs one experiment at a time: leave --at-once out")
+    if is_simulating(study.state):
+        raise SettingsError(
+            "the agent screening simulates on all cores already: leave --at-once out, or choose "
+            "--agent glisp"
+        )

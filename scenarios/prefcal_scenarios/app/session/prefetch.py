@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.protocol.agent import Agent
-from prefcal_env.errors import RunError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.key import theta_key
 from prefcal_env.preferences.answer import Answer, Preference, Strength
@@ -53,7 +52,7 @@ class Prefetch:
     _twins: dict[Answer, Prepared] = field(default_factory=dict)
     _tried: set[Answer] = field(default_factory=set)
     _experiments: OrderedDict[bytes, Experiment] = field(default_factory=OrderedDict)
-    _failures: dict[bytes, RunError] = field(default_factory=dict)
+    _failures: dict[bytes, Exception] = field(default_factory=dict)
     next: Float[np.ndarray, " n"] | None = None
     """θ that a copy proposes and that should run next, physical, shape (n,)."""
     busy: Answer | None = None
@@ -92,7 +91,7 @@ class Prefetch:
         while len(self._experiments) > _KEPT:
             self._experiments.popitem(last=False)
 
-    def keep_failure(self, theta: Float[np.ndarray, " n"], error: RunError) -> None:
+    def keep_failure(self, theta: Float[np.ndarray, " n"], error: Exception) -> None:
         """Keep the error of a θ that crashed or took too long, to avoid waiting for it twice."""
         self._failures[theta_key(theta)] = error
 
@@ -100,7 +99,7 @@ class Prefetch:
         """Return whether θ has run, with or without an experiment."""
         return theta_key(theta) in self._experiments or theta_key(theta) in self._failures
 
-    def take_failure(self, theta: Float[np.ndarray, " n"]) -> RunError | None:
+    def take_failure(self, theta: Float[np.ndarray, " n"]) -> Exception | None:
         """Return the error of θ and forget it, so that a retry runs θ again."""
         return self._failures.pop(theta_key(theta), None)
 

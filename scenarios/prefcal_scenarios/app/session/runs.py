@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -9,6 +10,7 @@ from jaxtyping import Float
 from prefcal_agents.screening.agent import Screening
 from prefcal_env.errors import RunError, ScenarioError, StaleError
 from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.knobs.key import theta_key
 from prefcal_env.study import Ended, Extended, Finished, Noted, Reopened, Suggested
 from prefcal_scenarios.app.isolated import IsolatedRun, Worker
 from prefcal_scenarios.own.checks import check_experiment
@@ -41,18 +43,51 @@ def due(flow: Flow, *, ahead: bool) -> Attempt | None:
         pending = flow.pending
         if pending is None or pending.index in flow.state.finished or rig is not None:
             return lambda: lambda: _go_on_running(flow)
+        if flow.at_once > 1:
+            return _beside(flow) if flow.asked else lambda: lambda: _go_on_running(flow)
         known = _known(flow, pending)
         if known is None:
             reserve(flow, np.array(pending.theta))
         return lambda: _running(flow, pending, known)
     if flow.phase in (Phase.QUESTION, Phase.OVER) and thinking.is_unexplained(flow):
         return thinking.explain(flow)
+    if flow.at_once > 1:
+        return _beside(flow) if flow.phase in (Phase.QUESTION, Phase.FAILED) else None
     if flow.phase is Phase.QUESTION and ahead and rig is None:
         return _looking_ahead(flow)
     return None
 
 
-def _known(flow: Flow, sample: Suggested) -> Experiment | RunError | None:
+def _beside(flow: Flow) -> Attempt | None:
+    """Run the first pending sample that does not run yet; None if all do, or enough."""
+    if len(flow.running) >= flow.at_once:
+        return None
+    for sample in flow.unfinished:
+        key, theta = theta_key(sample.theta), np.array(sample.theta)
+        failed = flow.phase is not Phase.RUNNING and (
+            flow.prefetch.is_known(theta) or sample.index in flow.state.failures
+        )
+        if key not in flow.running and not failed:
+            known = _known(flow, sample)
+            flow.running.add(key)
+            flow.version += flow.phase is Phase.RUNNING  # so that front ends say how many run
+            return partial(_run_beside, flow, sample, known)
+    return None
+
+
+def _run_beside(
+    flow: Flow, sample: Suggested, known: Experiment | Exception | None
+) -> Callable[[], None]:
+    finish = _running(flow, sample, known)
+
+    def ended() -> None:
+        flow.running.discard(theta_key(sample.theta))
+        finish()
+
+    return ended
+
+
+def _known(flow: Flow, sample: Suggested) -> Experiment | Exception | None:
     """Return the result of running `sample` if it is already known."""
     if flow.stopped == sample.index:
         flow.stopped = None
@@ -71,7 +106,7 @@ def _go_on_running(flow: Flow) -> None:
 
 
 def _running(
-    flow: Flow, sample: Suggested, known: Experiment | RunError | None
+    flow: Flow, sample: Suggested, known: Experiment | Exception | None
 ) -> Callable[[], None]:
     result = known or attempt(flow, np.array(sample.theta))
     if isinstance(result, RunError) and result.why == "given up":
@@ -172,8 +207,13 @@ def awaited(flow: Flow, index: int, *phases: Phase) -> Suggested:
 
 def worker_of(flow: Flow) -> Worker | None:
     """Return the process that runs the experiments; None if they run in this one."""
+    return next(iter(workers_of(flow)), None)
+
+
+def workers_of(flow: Flow) -> tuple[Worker, ...]:
+    """Return all processes that run experiments; none if they run in this one."""
     run = flow.store.scenario.run
-    return run.worker if isinstance(run, IsolatedRun) else None
+    return run.workers if isinstance(run, IsolatedRun) else ()
 
 
 def reserve(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
@@ -187,8 +227,8 @@ def stop(flow: Flow, index: int) -> None:
     """Stop the run of the pending sample, which then counts as failed."""
     if driving.live_of(flow) is not None:
         return driving.stop(flow, index)
-    theta = np.array(awaited(flow, index, Phase.RUNNING).theta)
-    worker = worker_of(flow)
+    theta, workers = np.array(awaited(flow, index, Phase.RUNNING).theta), workers_of(flow)
+    worker = next((w for w in workers if w.busy_with(theta)), worker_of(flow))
     if worker is None:
         raise ScenarioError("experiments of a built-in scenario run in seconds: wait for this one")
     if worker.busy_with(theta):
@@ -200,11 +240,23 @@ def stop(flow: Flow, index: int) -> None:
 def make_way(flow: Flow) -> None:
     """Stop soon what runs in advance, if something else is waited for."""
     thinking.give_up_if_useless(flow)
+    if flow.at_once > 1:
+        _end_dropped(flow)
+        return
     worker = worker_of(flow)
     if worker is None or flow.phase is not Phase.RUNNING:
         return
     pending = flow.pending
     if pending is None or worker.busy_with(np.array(pending.theta)) is False:
+        worker.stop("given up", within=_COURTESY)
+
+
+def _end_dropped(flow: Flow) -> None:
+    """End the runs of samples that are no longer pending, after an undo for example."""
+    wanted = () if flow.phase is Phase.OVER else flow.unfinished
+    for worker in workers_of(flow):
+        if worker.is_idle or any(worker.busy_with(np.array(s.theta)) for s in wanted):
+            continue
         worker.stop("given up", within=_COURTESY)
 
 

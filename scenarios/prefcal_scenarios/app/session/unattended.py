@@ -1,6 +1,7 @@
 """Run an interview without a person: a synthetic calibrator answers every question."""
 
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 
 import numpy as np
 from jaxtyping import Float
@@ -10,10 +11,13 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Answer, Calibrator, Preference
 from prefcal_env.preferences.loop import Comparison
 
+from .background import Background
 from .interview import Interview
 from .runs import UNBIDDEN
 from .view import Phase, Question
 
+_PATIENCE = 0.5
+"""Longest wait for an experiment that runs elsewhere, in seconds."""
 _MOST_LOST = 3
 """Number of runs in a row that crash or take too long after which the study is given up."""
 
@@ -40,26 +44,43 @@ def unattended(
             long.
         StudyError: If the study file cannot be written.
     """
-    known, lost = interview.now().state.history.answered, 0
+    known = interview.now().state.history.answered
+    with Background(interview) if interview.at_once > 1 else nullcontext():
+        for _ in _driven(interview, calibrator, running, failed):
+            for comparison in interview.comparisons(known):
+                known += 1
+                yield comparison
+
+
+def _driven(
+    interview: Interview,
+    calibrator: Calibrator[Experiment] | None,
+    running: Callable[[Float[np.ndarray, " n"]], None],
+    failed: Callable[[str], None],
+) -> Iterator[None]:
+    """Take one step after the other until the interview is over, yielding after each."""
+    lost = 0
     while (now := interview.now()).phase is not Phase.OVER:
         if now.phase is Phase.QUESTION:
             assert now.question is not None
             assert calibrator is not None, "an agent that is told scores asks nothing"
-            now = interview.give(now.question.id, _given(calibrator, now.question))
+            interview.give(now.question.id, _given(calibrator, now.question))
         elif now.phase is Phase.RECORD:
             assert now.pending is not None
             interview.scenario.run(np.array(now.pending.theta))  # says that only a person can
         else:
             if now.pending is not None:
                 running(np.array(now.pending.theta))
-            interview.work()
+            if interview.at_once == 1:
+                interview.work()
+            elif now.phase is not Phase.FAILED:  # the background works
+                interview.wait(now.version, _PATIENCE)
             if _lost(interview, lost, failed):
                 lost += 1
             elif len(interview.now().state.finished) > len(now.state.finished):
                 lost = 0
-        for comparison in interview.comparisons(known):
-            known += 1
-            yield comparison
+        yield
+    yield
 
 
 def _given(calibrator: Calibrator[Experiment], question: Question) -> Answer:

@@ -146,6 +146,7 @@ class Now:
         run_limit: Time limit of a run in seconds; None if runs cannot be stopped.
         simulated: Numbers of what was simulated unseen; None if the agent simulates nothing.
         live: What is known of the live plant; None if the scenario has none.
+        running: Number of experiments that are running, if several can; 0 if one runs at a time.
     """
 
     version: int
@@ -161,3 +162,4 @@ class Now:
     run_limit: float | None = None
     simulated: Simulated | None = None
     live: LiveNow | None = None
+    running: int = 0

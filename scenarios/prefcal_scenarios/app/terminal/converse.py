@@ -324,6 +324,8 @@ def _waiting(now: Now) -> str:
         unseen = "" if now.simulated is None else f" ({now.simulated.line})"
         return f"choosing the next experiment{unseen}"
     words = f"running experiment {now.pending.index + 1}"
+    if now.running > 1:
+        return f"running {now.running} experiments"
     if now.live is not None:
         return f"{words}{_live_words(now.live)}"
     if now.run_limit is None:

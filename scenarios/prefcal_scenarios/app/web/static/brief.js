@@ -41,7 +41,8 @@ function table(title, rows) {
 export function waitFor({ pending, preparing, progress, simulated, stopping }, act) {
   const first = progress.answered === 0;
   const number = pending?.number;
-  const running = number ? `Running experiment ${number}` : "Choosing the next experiment";
+  const which = progress.running > 1 ? `${progress.running} experiments` : `experiment ${number}`;
+  const running = number ? `Running ${which}` : "Choosing the next experiment";
   $("wait-title").textContent = preparing ? "Getting ready" : running;
   $("wait-text").textContent = preparing
     ? `Compiling the solver, part ${preparing.part} of ${preparing.parts} (${preparing.title}): only once on this machine.`

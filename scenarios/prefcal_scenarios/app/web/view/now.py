@@ -105,6 +105,7 @@ def _progress(interview: Interview, now: Now) -> dict[str, int]:
         "given": interview.counts.comparisons,
         "experiments": interview.counts.experiments,
         "n_max": interview.n_max,
+        "running": now.running,
     }
 
 
