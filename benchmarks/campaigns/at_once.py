@@ -6,7 +6,7 @@
 
 functions  gap to the optimum after 50 experiments, one after the other and `--at-once` at a time
 loops      worth after 20 experiments on closed loops, KPIs told, tastes of two kinds
-time       wall time of 24 experiments of about a second each, in real time
+time       wall time of 24 experiments of `--seconds` each, in real time
 
 In the first two parts runs take a random time (log-normal, spread 0.5) by a clock of their own,
 so they end in another order than they began. Both studies of a pair have the same seed.
@@ -37,8 +37,8 @@ LOOPS = tuple(f"loop-{seed}" for seed in range(300, 306))
 PARTS = ("functions", "loops", "time")
 _SPREAD = 0.5
 """Standard deviation of the logarithm of the time of a run."""
-_SECONDS, _COUNT = 1.0, 24
-"""Seconds that a run takes in real time, and number of experiments then."""
+_COUNT = 24
+"""Number of experiments in real time."""
 
 
 def study(
@@ -114,19 +114,20 @@ def pairs(
 def wall_time(options: argparse.Namespace) -> None:
     """Print the wall time of studies in real time."""
     count = 8 if options.quick else _COUNT
-    one, many = (real_time(count, at_once, options.first) for at_once in (1, options.at_once))
-    print(f"{count} experiments of {_SECONDS:g} s: {one:.1f} s one by one, {many:.1f} s at once")
+    each = options.seconds
+    one, many = (real_time(count, at_once, options.first, each) for at_once in (1, options.at_once))
+    print(f"{count} experiments of {each:g} s: {one:.1f} s one by one, {many:.1f} s at once")
     print(f"share of the sequential time: {many / one:.0%}")
 
 
-def real_time(count: int, at_once: int, seed: int) -> float:
-    """Return the seconds that a study of `count` experiments takes."""
+def real_time(count: int, at_once: int, seed: int, seconds: float) -> float:
+    """Return the seconds that a study of `count` experiments of `seconds` each takes."""
     where = problem("hartman3")
     agent = GLISp(where.space, n_init=min(10, count // 2), n_max=count, seed=seed)
     person = where.person("perfect", seed)
 
     def run(theta: Any) -> Outcome:
-        time.sleep(_SECONDS)
+        time.sleep(seconds)
         return where.outcome(theta)
 
     def answer(new: Outcome, old: Outcome | None) -> Any:
@@ -151,6 +152,7 @@ def options_of(words: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--n-max", type=int, default=0, help="experiments; 50, on loops 20")
+    parser.add_argument("--seconds", type=float, default=5.0, help="time of a run, part time")
     parser.add_argument("--quick", action="store_true", help="one seed of one problem each")
     return parser.parse_args(words)
 

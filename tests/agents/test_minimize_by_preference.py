@@ -186,3 +186,18 @@ def test_a_result_shows_its_samples_with_headings_and_marks_the_best():
     assert best == frame["gain [1/s]"].min() == result.best[0]
     assert "4 experiments, 3 answers" in result._repr_html_()
     assert "<b>" not in result._repr_html_()
+
+
+def test_experiments_may_run_at_once_and_their_results_are_compared():
+    def run(theta):
+        return {"cost": float((theta[0] - 0.3) ** 2)}
+
+    def prefer(a, b):
+        return int(np.sign(a["cost"] - b["cost"]))
+
+    space = KnobSpace([Knob("gain", 0.0, 1.0)])
+    found = minimize_by_preference(prefer, space, run=run, at_once=3, n_max=8)
+    assert len({tuple(theta) for theta in found.samples}) == 8
+    assert run(found.best) == min(map(run, found.samples), key=lambda kpis: kpis["cost"])
+    with pytest.raises(SettingsError, match="without run"):
+        minimize_by_preference(prefer, space, at_once=3, n_max=8)

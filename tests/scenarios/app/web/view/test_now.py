@@ -15,7 +15,14 @@ from support.looks import SPACE, answer, asked, run, toy
 def test_progress_counts_comparisons_which_are_one_fewer_than_experiments():
     interview, _ = asked(Choice.LEFT, Choice.SAME)
     view = now_view(interview)
-    progress = {"answered": 2, "comparisons": 5, "given": 2, "experiments": 4, "n_max": 6}
+    progress = {
+        "answered": 2,
+        "comparisons": 5,
+        "given": 2,
+        "experiments": 4,
+        "n_max": 6,
+        "running": 0,
+    }
     assert view["progress"] == progress
     assert view["question"]["number"] == 3
 
