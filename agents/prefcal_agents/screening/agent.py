@@ -137,7 +137,7 @@ class Screening(Simulating):
 
 def _look_alike(stage: Stage, history: History) -> Bool[np.ndarray, " m"]:
     """Return which θ have the KPIs of one that was shown, shape (m,): a person sees nothing new."""
-    logs = stage.scale(stage.bank)
+    logs = stage.logs
     alike = np.zeros(len(logs), dtype=np.bool_)
     for sample in history.samples[: history.answered]:
         shown = logs[stage.bank.find(sample.theta)]
