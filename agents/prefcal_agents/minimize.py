@@ -82,6 +82,7 @@ def minimize_by_preference(
     space: KnobSpace,
     *,
     simulate: Simulate | None = None,
+    twin: Simulate | None = None,
     n_simulated: int = 1000,
     agent: AgentFactory | None = None,
     n_init: int | None = None,
@@ -94,6 +95,8 @@ def minimize_by_preference(
     They take n_max - 1 comparisons, and some more if the agent asks about a pair again or compares
     an experiment with several others. If you can simulate, give `simulate`: then many θ are
     simulated unseen, and `prefer` compares only the few that its earlier answers leave undecided.
+    If you only have a rough model of the plant, give it as `twin`, and let `prefer` run the plant
+    and return an `Answer` whose `outcomes` are the measured KPIs: the model is corrected by them.
 
     Args:
         prefer: Function `prefer(a, b)` of two θ, physical, shape (n,), that returns -1 if a is
@@ -102,22 +105,29 @@ def minimize_by_preference(
         simulate: Function of one θ that returns KPIs by name, lower is better; None, an exception,
             or only NaN for a simulation that failed. An attribute `many` runs several at once; see
             `prefcal_agents.screening.simulations`.
-        n_simulated: Number of θ to simulate, used only with `simulate`.
-        agent: Class of the agent; `Screening` with `simulate`, else `GLISp`, if None.
+        twin: The same for a rough model of what `prefer` compares.
+        n_simulated: Number of θ to simulate, used only with `simulate` or `twin`.
+        agent: Class of the agent; `Screening` with one of these, else `GLISp`, if None.
         n_init: Number of space-filling experiments before learning starts; if None,
-            min(10, n_max // 2), or 1 with `simulate`.
-        n_max: Number of experiments to compare, 2 or more; 11 with `simulate`, else 50, if None.
+            min(10, n_max // 2), or 1 with `simulate` or `twin`.
+        n_max: Number of experiments to compare, 2 or more; if None, 11 with `simulate` or `twin`,
+            else 50.
         seed: Seed of all randomness.
         start: Physical θ to start from, shape (n,), or several; the agent must accept `start`.
 
     Raises:
-        SettingsError: If a count or the seed is not valid, or the agent takes no `simulate`.
-        SimulationError: If `simulate` works for no θ, or returns something else than KPIs.
+        SettingsError: If a count or the seed is not valid, the agent takes no `simulate`, or both
+            `simulate` and `twin` are given.
+        SimulationError: If `simulate` or `twin` works for no θ, returns something else than KPIs,
+            or has no KPI of the names in the `outcomes` of an answer.
         KnobError: If a θ of `start` is outside the space.
         PreferenceError: If `prefer` returned something else.
     """
     if not callable(prefer):
         raise SettingsError(f"prefer must be a function of two θ, got {prefer!r}")
+    if simulate is not None and twin is not None:
+        raise SettingsError("give either simulate or twin, not both")
+    simulate = twin if simulate is None else simulate
     if n_max is None:
         n_max = _SHOWN if simulate is None else _SHOWN_SCREENED
     integer("n_max", n_max, low=2)

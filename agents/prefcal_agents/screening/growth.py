@@ -143,7 +143,7 @@ class Growth:
         seen, rows = measured.on(bank), measured.rows
         if len(rows) and scale.names:
             rng = self._rng(past, _CORRECT)
-            logs = corrected(bank.z, logs, rows, scale(seen, rows), len(some), rng)
+            logs = corrected(bank.z, logs, rows, scale(seen, rows.tolist()), len(some), rng)
             expected = np.median(logs, axis=0)
         costs = some.costs(logs)
         noticed = noticeable(costs[:, typical(expected)])
