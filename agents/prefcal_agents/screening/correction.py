@@ -21,12 +21,10 @@ from prefcal_env.preferences.history import History
 
 from .bank import Bank
 
-_TRUST = 0.8
+_TRUST = 0.5
 """Probability, before anything is measured, that a KPI follows the twin's."""
 _OFF = 0.3
 """How far off the twin then is, in standard deviations of the KPI over random θ."""
-_SHAPE = 1.0
-"""Shape of the inverse gamma distribution of a variance before: the larger, the surer."""
 _OFFSET = {True: 0.5, False: 2.0}
 """Variance of what is the same for all θ, over that of the process: with the twin and without."""
 _LENGTHS = (0.3, 0.6, 1.2)
@@ -199,9 +197,9 @@ class _Belief:
             values: Measured values less the mean of the process, shape (r,).
             spread: Standard deviation of the KPI over random θ.
         """
-        prior = _SHAPE * (spread * (_OFF if self.twin else 1.0)) ** 2
+        prior = (spread * (_OFF if self.twin else 1.0)) ** 2
         alpha = np.linalg.solve(self.inner, values)
-        half, shape = float(values @ alpha) / 2, _SHAPE + len(values) / 2
+        half, shape = float(values @ alpha) / 2, 1.0 + len(values) / 2
         factor = np.linalg.cholesky(self.inner)
         evidence = np.log(_TRUST if self.twin else 1.0 - _TRUST) - shape * np.log1p(half / prior)
         evidence -= len(values) / 2 * np.log(prior) + np.log(np.diag(factor)).sum()

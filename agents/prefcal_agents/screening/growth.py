@@ -48,6 +48,7 @@ class Stage:
         utilities: Draws of what the person wants.
         costs: Cost of each θ in some of the draws, lower is better, shape (d, m).
         noticed: Difference of two costs that is just noticed in each of these, shape (d,).
+        rough: Whether experiments measured other KPIs than those simulated.
     """
 
     bank: Bank
@@ -57,6 +58,7 @@ class Stage:
     utilities: Utilities
     costs: Float[np.ndarray, "d m"]
     noticed: Float[np.ndarray, " d"]
+    rough: bool
 
 
 class Growth:
@@ -147,7 +149,8 @@ class Growth:
             expected = np.median(logs, axis=0)
         costs = some.costs(logs)
         noticed = noticeable(costs[:, typical(expected)])
-        return Stage(seen, spread, scale, expected, utilities, costs, noticed)
+        rough = len(rows) > 0
+        return Stage(seen, spread, scale, expected, utilities, costs, noticed, rough)
 
     def _drawn(self, scale: Scale) -> Utilities:
         return Utilities.drawn(scale, DRAWS, self._rng(History(), _LEARN))
