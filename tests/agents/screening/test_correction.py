@@ -1,7 +1,11 @@
 """What was measured corrects what is simulated, and replaces a simulation that misleads."""
 
+import warnings
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from prefcal_agents import Screening, minimize_by_preference, restore
 from prefcal_agents.screening.correction import Measured, corrected
@@ -149,6 +153,51 @@ def test_a_restored_study_asks_the_same_next_question():
     again = restore(SQUARE, agent.state, simulate=biased)
     assert again.ask() == agent.ask()
     assert np.array_equal(again.bank.kpis, agent.bank.kpis)
+
+
+def study(twin, n_max=9):
+    """An agent whose study was answered to the end, with what was measured."""
+    agent = Screening(SQUARE, simulate=twin, n_simulated=150, n_max=n_max, seed=0)
+    while not agent.done:
+        query = agent.ask()
+        new, old = query.challenger.theta, query.incumbent
+        agent.tell(query, Answer(None, outcomes=(plant(new), None)) if old is None
+                   else told(new, old.theta))  # fmt: skip
+    return agent
+
+
+def test_a_study_is_the_same_with_and_without_kpis_that_are_as_simulated():
+    agent = study(plant)
+    silently = Screening(SQUARE, simulate=plant, n_simulated=150, n_max=9, seed=0)
+    while not silently.done:
+        query = silently.ask()
+        old = query.incumbent
+        silently.tell(query, None if old is None else silent(query.challenger.theta, old.theta))
+    assert np.array_equal(agent.samples, silently.samples)
+
+
+def test_where_kpis_differ_every_fourth_theta_is_far_from_the_leaders():
+    agent = study(biased)
+    shown = agent.samples
+    apart = [np.linalg.norm(shown[:k] - shown[k], axis=1).min() for k in range(1, len(shown))]
+    assert min(apart[3], apart[7]) > np.median(np.delete(apart, [3, 7]))
+
+
+@settings(max_examples=25)
+@given(st.lists(st.sampled_from([0.0, 1.0, np.nan, np.inf, -np.inf, 1e308, -1e308]),
+                min_size=10, max_size=10))  # fmt: skip
+def test_any_measured_kpis_leave_a_study(values):
+    agent = Screening(SQUARE, simulate=plant, n_simulated=30, n_max=5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for slow, rough in zip(values[::2], values[1::2], strict=True):
+            outcome = {"slow": slow, "rough": rough}
+            agent.tell(agent.ask(), Answer(-1, outcomes=(outcome, None)))
+            assert not np.isnan(agent.bank.kpis).any()
+            assert 0 <= agent.chance_of_better <= 1
+        while not agent.done:  # a question was about two known ones
+            agent.tell(agent.ask(), -1)
+    assert len({theta.tobytes() for theta in agent.samples}) == 5
 
 
 def test_a_study_has_either_a_simulation_or_a_twin():
