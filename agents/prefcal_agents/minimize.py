@@ -15,7 +15,7 @@ from prefcal_agents.screening.bank import Bank
 from prefcal_agents.screening.simulations import Simulate
 from prefcal_agents.space.start import Start
 from prefcal_agents.support.checks import integer
-from prefcal_env.errors import SettingsError
+from prefcal_env.errors import SettingsError, SimulationError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Agent, Answer, Preference
 from prefcal_env.preferences.loop import ask_and_tell
@@ -138,7 +138,8 @@ def minimize_by_preference(
         options |= {"simulate": simulate, "n_simulated": n_simulated}
     make = _maker(agent, simulates=simulate is not None)
     study = make(space, n_init=n_init, n_max=n_max, seed=seed, **options)
-    steps = list(ask_and_tell(study, lambda theta: theta, partial(_answer, prefer)))
+    told = None if twin is None else study
+    steps = list(ask_and_tell(study, lambda theta: theta, partial(_answer, prefer, told)))
     samples = [step.challenger for step in steps if not step.query.further]
     answers = tuple(step.answer for step in steps if step.answer is not None)
     bank = getattr(study, "bank", None)
@@ -162,6 +163,24 @@ def _maker(agent: AgentFactory | None, *, simulates: bool) -> AgentFactory:
     return agent
 
 
-def _answer(prefer: Prefer, new: Theta, old: Theta | None) -> Answer | None:
-    """Ask `prefer`. It gets copies, since it may write into them."""
-    return None if old is None else Answer.of(prefer(new.copy(), old.copy()))
+def _answer(prefer: Prefer, told: Agent | None, new: Theta, old: Theta | None) -> Answer | None:
+    """Ask `prefer`, and check what it tells `told`, an agent with a twin, of the plant.
+
+    It gets copies, since it may write into them.
+    """
+    if old is None:
+        return None
+    answer = Answer.of(prefer(new.copy(), old.copy()))
+    bank = getattr(told, "bank", None)
+    if isinstance(bank, Bank):
+        _check_names(bank, {name for kpis in answer.outcomes or () for name in kpis or ()})
+    return answer
+
+
+def _check_names(bank: Bank, told: set[str]) -> None:
+    """Raise SimulationError if what was measured has no KPI of what is simulated."""
+    if told and bank.names and not told & set(bank.names):
+        raise SimulationError(
+            "the twin and the answers must have KPIs of the same names, got "
+            f"{', '.join(bank.names)} simulated and {', '.join(sorted(told))} measured"
+        )

@@ -6,7 +6,7 @@ far the twin is trusted follows from the measured values: with some probability,
 a KPI is predicted without the twin, by a process over θ alone.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -16,7 +16,6 @@ from scipy.special import softmax
 
 from prefcal_agents.history.lessons import kpis_of
 from prefcal_agents.models.gaussian_process import matern, squares
-from prefcal_env.errors import SimulationError
 from prefcal_env.preferences.history import History
 
 from .bank import Bank
@@ -53,13 +52,8 @@ class Measured:
 
     @classmethod
     def of(cls, bank: Bank, history: History) -> "Measured":
-        """Return the KPIs that the answers of `history` tell; none if all are as simulated.
-
-        Raises:
-            SimulationError: If no experiment has a KPI with the name of a simulated one.
-        """
+        """Return the KPIs that the answers of `history` tell; none if all are as simulated."""
         told = {i: kpis for i, kpis in enumerate(kpis_of(history)) if kpis}
-        _check_names(bank, {name for kpis in told.values() for name in kpis})
         rows = [bank.find(history.samples[index].theta) for index in told]
         found = cls(np.array(rows, dtype=np.int64), tuple(told.values()))
         kpis = found.on(bank).kpis
@@ -75,14 +69,6 @@ class Measured:
         for row, outcome in zip(self.rows, self.outcomes, strict=True):
             kpis[row] = [outcome.get(n, k) for n, k in zip(bank.names, kpis[row], strict=True)]
         return replace(bank, kpis=kpis)
-
-
-def _check_names(bank: Bank, told: Collection[str]) -> None:
-    if told and bank.names and not set(told) & set(bank.names):
-        raise SimulationError(
-            "simulation and experiments must have KPIs of the same names, got "
-            f"{', '.join(bank.names)} simulated and {', '.join(sorted(told))} measured"
-        )
 
 
 def corrected(

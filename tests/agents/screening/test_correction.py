@@ -83,11 +83,18 @@ def test_a_kpi_that_was_not_measured_keeps_its_simulated_value():
     assert bank.kpis.tolist() == [[1.0, 2.0], [3.0, 4.0]]
 
 
-def test_other_names_are_refused_with_both():
+def test_of_an_experiment_with_other_kpis_nothing_is_learned():
     bank = bank_of([[1.0, 2.0], [3.0, 4.0]])
     record = in_chain(bank, [0, 1], [Answer(1, outcomes=({"speed": 9.0}, None))])
-    with pytest.raises(SimulationError, match="got a, b simulated and speed measured"):
-        Measured.of(bank, record)
+    assert not len(Measured.of(bank, record))
+
+
+def test_a_twin_with_other_names_is_refused_with_both():
+    def prefer(a, b):
+        return Answer(1, outcomes=({"speed": 9.0}, None))
+
+    with pytest.raises(SimulationError, match="got rough, slow simulated and speed measured"):
+        minimize_by_preference(prefer, SQUARE, twin=plant, n_simulated=30, n_max=4)
 
 
 def plant(theta):
