@@ -15,7 +15,7 @@ from prefcal_agents.screening.simulations import Simulate
 from prefcal_agents.space.start import Start
 from prefcal_agents.support.checks import integer
 from prefcal_agents.utility.bank import Bank
-from prefcal_env.errors import SettingsError
+from prefcal_env.errors import SettingsError, SimulationError
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Agent, Answer, Preference
 from prefcal_env.preferences.loop import ask_and_tell
@@ -86,6 +86,7 @@ def minimize_by_preference(
     at_once: int = 1,
     executor: Executor | None = None,
     simulate: Simulate | None = None,
+    twin: Simulate | None = None,
     n_simulated: int = 1000,
     agent: AgentFactory | None = None,
     n_init: int | None = None,
@@ -98,6 +99,8 @@ def minimize_by_preference(
     They take n_max - 1 comparisons, and some more if the agent asks about a pair again or compares
     an experiment with several others. If you can simulate, give `simulate`: then many θ are
     simulated unseen, and `prefer` compares only the few that its earlier answers leave undecided.
+    If you only have a rough model of the plant, give it as `twin`, and let `prefer` run the plant
+    and return an `Answer` whose `outcomes` are the measured KPIs: the model is corrected by them.
 
     Args:
         prefer: Function `prefer(a, b)` of two θ, physical, shape (n,), that returns -1 if a is
@@ -111,23 +114,30 @@ def minimize_by_preference(
         simulate: Function of one θ that returns KPIs by name, lower is better; None, an exception,
             or only NaN for a simulation that failed. An attribute `many` runs several at once; see
             `prefcal_agents.screening.simulations`.
-        n_simulated: Number of θ to simulate, used only with `simulate`.
-        agent: Class of the agent; `Screening` with `simulate`, else `GLISp`, if None.
+        twin: The same for a rough model of what `prefer` compares.
+        n_simulated: Number of θ to simulate, used only with `simulate` or `twin`.
+        agent: Class of the agent; `Screening` with one of these, else `GLISp`, if None.
         n_init: Number of space-filling experiments before learning starts; if None,
-            min(10, n_max // 2), or 1 with `simulate`.
-        n_max: Number of experiments to compare, 2 or more; 11 with `simulate`, else 50, if None.
+            min(10, n_max // 2), or 1 with `simulate` or `twin`.
+        n_max: Number of experiments to compare, 2 or more; if None, 11 with `simulate` or `twin`,
+            else 50.
         seed: Seed of all randomness.
         start: Physical θ to start from, shape (n,), or several; the agent must accept `start`.
 
     Raises:
-        SettingsError: If a count or the seed is not valid, or the agent takes no `simulate`.
-        SimulationError: If `simulate` works for no θ, or returns something else than KPIs.
+        SettingsError: If a count or the seed is not valid, the agent takes no `simulate`, or both
+            `simulate` and `twin` are given.
+        SimulationError: If `simulate` or `twin` works for no θ, returns something else than KPIs,
+            or has no KPI of the names in the `outcomes` of an answer.
         KnobError: If a θ of `start` is outside the space.
         PreferenceError: If `prefer` returned something else.
         RunError: If the worker of an experiment died twice.
     """
     if not callable(prefer):
         raise SettingsError(f"prefer must be a function of two θ, got {prefer!r}")
+    if simulate is not None and twin is not None:
+        raise SettingsError("give either simulate or twin, not both")
+    simulate = twin if simulate is None else simulate
     if n_max is None:
         n_max = _SHOWN if simulate is None else _SHOWN_SCREENED
     integer("n_max", n_max, low=2)
@@ -140,7 +150,7 @@ def minimize_by_preference(
     study = make(space, n_init=n_init, n_max=n_max, seed=seed, **options)
     if run is None and (at_once != 1 or executor is not None):
         raise SettingsError("nothing runs at once without run, the function of an experiment")
-    answer = partial(_answer, prefer)
+    answer = partial(_answer, prefer, None if twin is None else study)
     loop = ask_and_tell(study, run or np.copy, answer, at_once=at_once, executor=executor)
     steps = list(loop)
     samples = [step.query.challenger.theta for step in steps if not step.query.further]
@@ -166,9 +176,25 @@ def _maker(agent: AgentFactory | None, *, simulates: bool) -> AgentFactory:
     return agent
 
 
-def _answer(prefer: Prefer, new: Any, old: Any) -> Answer | None:
-    """Ask `prefer`. It gets copies of θ, since it may write into them."""
+def _answer(prefer: Prefer, told: Agent | None, new: Any, old: Any) -> Answer | None:
+    """Ask `prefer`, and check what it tells `told`, an agent with a twin, of the plant.
+
+    It gets copies of θ, since it may write into them.
+    """
     if old is None:
         return None
     copies = (np.copy(side) if isinstance(side, np.ndarray) else side for side in (new, old))
-    return Answer.of(prefer(*copies))
+    answer = Answer.of(prefer(*copies))
+    bank = getattr(told, "bank", None)
+    if isinstance(bank, Bank):
+        _check_names(bank, {name for kpis in answer.outcomes or () for name in kpis or ()})
+    return answer
+
+
+def _check_names(bank: Bank, told: set[str]) -> None:
+    """Raise SimulationError if what was measured has no KPI of what is simulated."""
+    if told and bank.names and not told & set(bank.names):
+        raise SimulationError(
+            "the twin and the answers must have KPIs of the same names, got "
+            f"{', '.join(bank.names)} simulated and {', '.join(sorted(told))} measured"
+        )

@@ -9,10 +9,11 @@ from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.optimize.search import Tried
 from prefcal_agents.protocol.agent import Pair, one_thread
 from prefcal_agents.utility.bank import Bank
+from prefcal_agents.utility.utilities import Utilities
 from prefcal_env.preferences.history import History
 
 from .beyond_kpis import BeyondKPIs
-from .choice import expected_best
+from .choice import expected_best, worth
 from .growth import Growth, Stage
 from .reason import Reason, chances, reason_for
 from .simulating import Simulating
@@ -22,6 +23,9 @@ _DOUBT = 0.5
 """Probability of being better than the best above which an earlier experiment is shown again."""
 _TIMES = 2
 """Number of times that a pair is asked at most."""
+_OPEN = 4
+"""Where the simulation is rough, every fourth θ is one that people with any wishes might prefer to
+all shown: a few answers between θ that are poor in the same way can teach a wrong preference."""
 _ALIKE = 0.005
 """Experiments whose KPIs differ by less than this share look alike."""
 
@@ -99,6 +103,8 @@ class Screening(Simulating):
             beyond = tried.fresh(self._beyond.propose(history, stage), rng)
             if self._growing.works(beyond):
                 return beyond
+        if stage.rough and history.answered % _OPEN == 0:
+            return tried.fresh(stage.bank.z[_open_minded(stage, history, rng)], rng)
         row = None if best is None else stage.bank.find(history.samples[best].theta)
         order = np.argsort(-expected_best(stage.costs, row), kind="stable")
         dull = stage.bank.hopeless | _look_alike(stage, history)
@@ -135,9 +141,21 @@ class Screening(Simulating):
         return twin
 
 
+def _open_minded(stage: Stage, history: History, rng: np.random.Generator) -> int:
+    """Return the row that people with any wishes might prefer to all that was shown.
+
+    It is one of those that fill the space: near the leaders, all are good or poor in the same way.
+    """
+    shown = [stage.bank.find(sample.theta) for sample in history.samples[: history.answered]]
+    rows = np.concatenate([shown, np.setdiff1d(stage.spread, shown)]).astype(np.int64)
+    found = worth(Utilities.drawn(stage.scale, len(stage.costs), rng).costs(stage.logs[rows]))
+    gain = found - found[:, : len(shown)].max(axis=1, keepdims=True)
+    return int(rows[np.argmax(np.maximum(gain, 0.0).mean(axis=0))])
+
+
 def _look_alike(stage: Stage, history: History) -> Bool[np.ndarray, " m"]:
     """Return which θ have the KPIs of one that was shown, shape (m,): a person sees nothing new."""
-    logs = stage.scale(stage.bank)
+    logs = stage.logs
     alike = np.zeros(len(logs), dtype=np.bool_)
     for sample in history.samples[: history.answered]:
         shown = logs[stage.bank.find(sample.theta)]

@@ -13,6 +13,7 @@ from prefcal_agents.utility.utilities import Scale, Utilities
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 
+from .correction import Measured, corrected
 from .refine import near_leaders
 from .simulations import Simulations
 
@@ -26,7 +27,9 @@ _ROUND = 50
 _THINNED = 8
 """Every 8th draw judges the whole bank, which takes the most time."""
 _LEARN = 0
-"""First stream of random numbers; the others place θ."""
+"""First stream of random numbers; the next ones place θ."""
+_CORRECT = 1000
+"""Stream that draws how the plant differs from the simulation."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -34,26 +37,24 @@ class Stage:
     """What is known when a query is made.
 
     Args:
-        bank: Simulated θ.
+        bank: Simulated θ, with their measured KPIs where these are others.
         spread: Rows of the bank that fill the space, shape (r,).
         scale: How KPIs are measured.
+        logs: Log distances of the KPIs that are expected, shape (m, k).
         utilities: Draws of what the person wants.
         costs: Cost of each θ in some of the draws, lower is better, shape (d, m).
         noticed: Difference of two costs that is just noticed in each of these, shape (d,).
+        rough: Whether experiments measured other KPIs than those simulated.
     """
 
     bank: Bank
     spread: Int[np.ndarray, " r"]
     scale: Scale
+    logs: Float[np.ndarray, "m k"]
     utilities: Utilities
     costs: Float[np.ndarray, "d m"]
     noticed: Float[np.ndarray, " d"]
-
-
-def _stage(bank: Bank, spread: Int[np.ndarray, " r"], scale: Scale, utilities: Utilities) -> Stage:
-    logs = scale(bank)
-    costs = utilities.take(np.arange(0, len(utilities), _THINNED)).costs(logs)
-    return Stage(bank, spread, scale, utilities, costs, noticeable(costs[:, typical(logs)]))
+    rough: bool
 
 
 class Growth:
@@ -92,8 +93,30 @@ class Growth:
         bank = self._simulated(*runnable(self._space, self._design[:wide]))
         spread = np.arange(len(bank))
         scale = Scale.of(bank, spread)
-        stage = _stage(bank, spread, scale, self._drawn(scale))
+        stage = self._stage(History(), bank, spread, scale, self._drawn(scale))
         return self._refined(History(), stage, near)
+
+    def _stage(
+        self,
+        past: History,
+        bank: Bank,
+        spread: Int[np.ndarray, " r"],
+        scale: Scale,
+        utilities: Utilities,
+    ) -> Stage:
+        """Return the stage after `past`, given the bank as simulated."""
+        some = utilities.take(np.arange(0, len(utilities), _THINNED))
+        logs = expected = scale(bank)
+        measured = Measured.of(bank, past)
+        seen, rows = measured.on(bank), measured.rows
+        if len(rows) and scale.names:
+            rng = self._rng(past, _CORRECT)
+            logs = corrected(bank.z, logs, rows, scale(seen, rows.tolist()), len(some), rng)
+            expected = np.median(logs, axis=0)
+        costs = some.costs(logs)
+        noticed = noticeable(costs[:, typical(expected)])
+        rough = len(rows) > 0
+        return Stage(seen, spread, scale, expected, utilities, costs, noticed, rough)
 
     def _drawn(self, scale: Scale) -> Utilities:
         return Utilities.drawn(scale, DRAWS, self._rng(History(), _LEARN))
@@ -113,12 +136,13 @@ class Growth:
         if scale.names != stage.scale.names:  # a KPI was always the same before: begin again
             before, utilities = History(), self._drawn(scale)
         utilities = self._learned(past, before, bank, scale, utilities)
-        return self._refined(past, _stage(bank, spread, scale, utilities), near)
+        return self._refined(past, self._stage(past, bank, spread, scale, utilities), near)
 
     def _followed(self, past: History, before: History, stage: Stage) -> Stage:
         """Return the stage after the follow-ups of `past`, which teach, but bring no new θ."""
-        utilities = self._learned(past, before, stage.bank, stage.scale, stage.utilities)
-        return _stage(stage.bank, stage.spread, stage.scale, utilities)
+        bank = self._simulated(stage.bank.z, stage.bank.thetas)
+        utilities = self._learned(past, before, bank, stage.scale, stage.utilities)
+        return self._stage(past, bank, stage.spread, stage.scale, utilities)
 
     def _widened(
         self, stage: Stage, past: History, turn: int, wide: int
@@ -137,7 +161,8 @@ class Growth:
         """Return draws given the answers of `past`, from draws given those of `before`."""
         if not past.lessons() and not past.unsafe():
             return utilities
-        old, new = (Lessons.of(bank, scale, record) for record in (before, past))
+        seen = Measured.of(bank, past).on(bank)
+        old, new = (Lessons.of(seen, scale, record) for record in (before, past))
         return updated(utilities, old, new, scale, self._rng(past, _LEARN))
 
     def _refined(self, past: History, stage: Stage, count: int) -> Stage:
@@ -151,7 +176,7 @@ class Growth:
             z, thetas = runnable(self._space, points)
             kept = np.atleast_1d(self._space.allows(thetas))  # rounding may cross an edge
             bank = self._extended(stage.bank, z[kept], thetas[kept])
-            stage = _stage(bank, stage.spread, stage.scale, stage.utilities)
+            stage = self._stage(past, bank, stage.spread, stage.scale, stage.utilities)
         return stage
 
     def _extended(

@@ -38,7 +38,7 @@ class Reason:
 def reason_for(stage: Stage, new: int, best: int, history: History) -> Reason:
     """Return why row `new` of the bank is compared with row `best`."""
     names = stage.scale.names
-    logs, weights = stage.scale(stage.bank, [new, best]), stage.utilities.weights
+    logs, weights = stage.logs[[new, best]], stage.utilities.weights
     lost = [stage.utilities.losses(logs, kpi) for kpi in range(len(names))]
     gains = np.array(
         [np.mean(w * (both[:, 1] - both[:, 0])) for w, both in zip(weights.T, lost, strict=True)]
@@ -69,7 +69,7 @@ def _learned(stage: Stage, names: tuple[str, ...], history: History) -> tuple[st
         if verdict.winner is None or verdict.loser is None:
             continue
         rows = [stage.bank.find(history.samples[i].theta) for i in (verdict.winner, verdict.loser)]
-        winner, loser = stage.scale(stage.bank, rows)
+        winner, loser = stage.logs[rows]
         wins += np.where(loser > winner, 1.0, 0.0) - np.where(loser < winner, 1.0, 0.0)
     grown = stage.utilities.weights.mean(axis=0) * len(names)
     order = np.argsort(-grown, kind="stable")

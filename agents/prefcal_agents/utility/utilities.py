@@ -125,20 +125,23 @@ class Utilities:
         raw = np.exp(logs - logs.max(axis=1, keepdims=True))
         return np.asarray(raw / raw.sum(axis=1, keepdims=True))
 
-    def losses(self, logs: Float[np.ndarray, "m k"], kpi: int) -> Float[np.ndarray, "s m"]:
+    def losses(self, logs: Float[np.ndarray, "*s m k"], kpi: int) -> Float[np.ndarray, "s m"]:
         """Return how much of the weight of KPI number `kpi` is lost, from 0 to 1, shape (s, m).
 
         Args:
-            logs: Log distances of m experiments, shape (m, k).
+            logs: Log distances of m experiments, shape (m, k), or in each draw, shape (s, m, k).
             kpi: Column of the KPI.
         """
-        steps = logs[None, :, kpi] - self.scales[:, kpi, None]
+        steps = logs[..., kpi] - self.scales[:, kpi, None]
         return np.asarray(expit(self.exponents[:, kpi, None] * steps))
 
-    def costs(self, logs: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "s m"]:
-        """Return the cost of m experiments in each draw, from 0 to 1, shape (s, m)."""
-        total, weights = np.zeros((len(self), len(logs))), self.weights
-        for kpi in range(logs.shape[1]):
+    def costs(self, logs: Float[np.ndarray, "*s m k"]) -> Float[np.ndarray, "s m"]:
+        """Return the cost of m experiments in each draw, from 0 to 1, shape (s, m).
+
+        Their log distances have the shape (m, k), or (s, m, k) if each draw has its own.
+        """
+        total, weights = np.zeros((len(self), logs.shape[-2])), self.weights
+        for kpi in range(logs.shape[-1]):
             total += weights[:, kpi, None] * self.losses(logs, kpi)
         return total
 

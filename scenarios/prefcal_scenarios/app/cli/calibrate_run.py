@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -36,9 +36,9 @@ from prefcal_scenarios.app.session import (
     unattended,
 )
 from prefcal_scenarios.app.session.memory import as_studied, is_simulating
-from prefcal_scenarios.app.simulating import Simulator
+from prefcal_scenarios.app.simulating import Simulator, twin_of
 from prefcal_scenarios.own.described.options import words_to_resume
-from prefcal_scenarios.scenario import Scenario, load
+from prefcal_scenarios.scenario import Scenario, is_own, load
 
 from .choices import make_calibrator, on_target
 from .cost_file import with_cost
@@ -131,8 +131,12 @@ def _simulator(opened: Opened, scenario: Scenario) -> Iterator[Simulator | None]
         return
     studied, options = as_studied(scenario, state), opened.options
     limit = options.run_timeout
-    with Simulator(studied, seed=options.seed, longest=limit) as simulator:
-        yield simulator
+    with ExitStack() as open_until_the_end:
+        if options.twin is not None:
+            isolated = open_until_the_end.enter_context(isolation(options.twin, limit))
+            studied = twin_of(studied, isolated(load(options.twin)))
+        simulator = Simulator(studied, seed=options.seed, longest=limit)
+        yield open_until_the_end.enter_context(simulator)
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,8 +171,10 @@ class CalibrateRun:
         """Return the command that resumes the study."""
         options, name = self.options, self.opened.name or ""
         cost = [] if options.cost is None else ["--cost", options.cost]
+        own = options.twin is not None and is_own(options.twin)
+        twin = ["--twin", options.twin] if options.twin is not None and own else []
         named = words_to_resume(options.scenario)
-        return shlex.join(["prefcal", "calibrate", *named, "--study", name, *cost])
+        return shlex.join(["prefcal", "calibrate", *named, "--study", name, *cost, *twin])
 
     @property
     def over(self) -> bool:

@@ -16,7 +16,8 @@ from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Calibrator
 from prefcal_env.rig import Rig
 from prefcal_env.wording import did_you_mean
-from prefcal_scenarios.scenario import Scenario
+from prefcal_scenarios.app.simulating import twin_of
+from prefcal_scenarios.scenario import Scenario, load
 
 from .options import SCORE, SIMULATING, SYNTHETIC, Options
 from .parameters import kept_by
@@ -83,10 +84,14 @@ def _check_simulates(options: Options, scenario: Scenario) -> None:
     """Raise SettingsError if the options do not fit what may run unseen."""
     if options.agent not in SIMULATING:
         return
+    _check_counts(options)
+    if options.twin is not None:
+        twin_of(scenario, load(options.twin))
+        return
     if isinstance(scenario.run, Rig | LiveRig):
         raise SettingsError(
             f"scenario {scenario.name!r} is a rig, and nothing runs on it unseen: leave --simulate "
-            f"and --agent {options.agent} out"
+            f"and --agent {options.agent} out, or give a model of it with --twin"
         )
     if not scenario.simulated:
         raise SettingsError(
@@ -94,6 +99,10 @@ def _check_simulates(options: Options, scenario: Scenario) -> None:
             f"--agent {options.agent} out, or, if it is your own and a run is a quick simulation, "
             "state Scenario(..., simulated=True)"
         )
+
+
+def _check_counts(options: Options) -> None:
+    """Raise SettingsError if numbers do not fit an agent that simulates."""
     if options.simulate < 1:
         raise SettingsError(
             f"--agent {options.agent} needs simulations: leave --simulate 0 out, or choose "

@@ -98,6 +98,16 @@ class Options:
             feeds="n_simulated",
         ),
     ] = 0
+    twin: Annotated[
+        str | None,
+        Option(
+            metavar="SCENARIO",
+            help="A rough model of the plant: simulate unseen on this scenario, and run only what "
+            "is shown. It has the plant's knobs and KPIs; prefcal learns how both differ.",
+            show_default="none",
+        ),
+        Kept(label="twin", agents=SIMULATING),
+    ] = None
     study: Annotated[
         str | None,
         Option(
@@ -324,6 +334,7 @@ class Options:
             simulated: Whether an experiment of the scenario is a quick simulation.
         """
         said = {name: value for name, value in given.items() if value is not None}
+        simulated = simulated or "twin" in said
         return cls(**{**_defaults(said, knobs, simulated), **said})
 
     @classmethod
@@ -396,7 +407,7 @@ def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
     """Raise SettingsError if the study's program or configuration is not the one given."""
     from prefcal_env.errors import SettingsError
     from prefcal_scenarios.own.source import split_source
-    from prefcal_scenarios.scenario import is_described
+    from prefcal_scenarios.scenario import is_described, is_own
 
     from .cost_file import kept_cost
 
@@ -404,6 +415,12 @@ def _check_programs(kept: Mapping[str, Any], given: Mapping[str, Any]) -> None:
         raise SettingsError(
             f"the study goes by a cost that was given to it: if you trust it, add "
             f"--cost {shlex.quote(str(kept['cost']))}"
+        )
+    twin = kept.get("twin")
+    if twin is not None and given.get("twin") is None and is_own(str(twin)):
+        raise SettingsError(
+            f"the study simulates with a program: if you trust it, add --twin "
+            f"{shlex.quote(str(twin))}"
         )
     if is_described(str(kept.get("scenario", ""))):
         return  # checked when its source was made

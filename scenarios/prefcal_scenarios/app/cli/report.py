@@ -153,7 +153,9 @@ def report_of(
         scenario = isolated(with_cost(load(source), cost))
         if cost is not None and stored.get("cost") is not None:
             stored = {**stored, "cost": cost}  # the file may have moved
-        given = {"scenario": source, "cost": cost, "out": out, "json": json}
+        # A report simulates nothing, so its twin is taken as it is.
+        twin = stored.get("twin")
+        given = {"scenario": source, "cost": cost, "twin": twin, "out": out, "json": json}
         opened = Opened(file, Options.resumed(stored, given), name, resumed=True)
         if not file.state.history.answered:
             raise StudyError(f"study {name!r} has no completed experiment yet: nothing to report")

@@ -28,8 +28,9 @@ from prefcal_env.study import (
     Suggested,
     Taken,
 )
-from prefcal_scenarios.app.simulating import Basis, Simulator, past_of
+from prefcal_scenarios.app.simulating import Basis, Simulator, named_twin, past_of
 from prefcal_scenarios.own.own_line import in_words
+from prefcal_scenarios.scenario import Scenario
 
 from .experiments import ExperimentStore
 from .live.state import Live
@@ -76,6 +77,12 @@ class Flow:
 
     live: Live = field(default_factory=Live)
     """What is known of the live plant, if the scenario has one."""
+
+    @property
+    def twin(self) -> Scenario | None:
+        """Return the model that θ are simulated on; None if that is the scenario itself."""
+        twin = named_twin(self.state.configuration)
+        return None if twin is None or self.simulator is None else self.simulator.scenario
 
     @property
     def state(self) -> State:

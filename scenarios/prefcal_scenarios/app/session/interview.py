@@ -14,7 +14,7 @@ from prefcal_agents.models.kpi_importance import Importance
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.screening.agent import Screening
 from prefcal_env.compiling import Compiling, compile_missing
-from prefcal_env.errors import SettingsError, StaleError
+from prefcal_env.errors import SettingsError, StaleError, StudyError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Answer, Strength
@@ -23,7 +23,7 @@ from prefcal_env.preferences.loop import Comparison as Compared
 from prefcal_env.rig import Rig
 from prefcal_env.study import Noted, StudyFile
 from prefcal_scenarios.app.screening import Prospect, Screened
-from prefcal_scenarios.app.simulating import Basis, Simulated, Simulator
+from prefcal_scenarios.app.simulating import Basis, Simulated, Simulator, named_twin
 from prefcal_scenarios.app.summary.consistency import Consistency
 from prefcal_scenarios.app.summary.counts import Counts, answered
 from prefcal_scenarios.app.summary.outlook import Outlook, others_unbeaten, outlook
@@ -78,6 +78,9 @@ class Interview:
         self.study = study
         self._runs_ahead = ahead
         self._changed = threading.Condition(threading.RLock())
+        twin = named_twin(study.state.configuration)
+        if simulator is None and asks and twin is not None:
+            raise StudyError(f"the study needs its twin {twin!r} to simulate with")
         if simulator is None and asks and is_simulating(study.state):
             seed = int(study.state.configuration["seed"])
             simulator = Simulator(scenario, seed=seed, jobs=0)
@@ -199,10 +202,10 @@ class Interview:
         basis, planned = flow.basis, flow.agent.n_simulated
         # What was simulated for answers that were not given is not counted.
         shown = len(flow.state.finished)
-        if basis is None:
-            count = min(flow.simulator.count, planned)
-            return Simulated(count, planned, flow.simulator.failed, shown)
-        return Simulated(len(basis.bank), planned, int(basis.bank.failed.sum()), shown)
+        count, failed = min(flow.simulator.count, planned), flow.simulator.failed
+        if basis is not None:
+            count, failed = len(basis.bank), int(basis.bank.failed.sum())
+        return Simulated(count, planned, failed, shown, twin=flow.twin is not None)
 
     @property
     def basis(self) -> Basis | None:
@@ -365,6 +368,8 @@ class Interview:
 
     def look_at(self, theta: Float[np.ndarray, " n"]) -> Experiment:
         """Return the experiment of a simulated `theta`, shape (n,), and record nothing.
+
+        A study with a twin shows what the twin does, unless θ ran on the plant.
 
         Raises:
             ScenarioError: If the agent does not simulate, or the simulation failed.

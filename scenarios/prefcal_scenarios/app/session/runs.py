@@ -15,6 +15,7 @@ from prefcal_env.study import Ended, Extended, Finished, Noted, Reopened, Sugges
 from prefcal_scenarios.app.isolated import IsolatedRun, Worker
 from prefcal_scenarios.own.checks import check_experiment
 from prefcal_scenarios.own.own_line import located
+from prefcal_scenarios.scenario import Scenario
 
 from . import thinking
 from .flow import Flow
@@ -114,23 +115,27 @@ def _running(
     return lambda: flow.ran(sample, result)
 
 
-def attempt(flow: Flow, theta: Float[np.ndarray, " n"]) -> Experiment | Exception:
+def attempt(
+    flow: Flow, theta: Float[np.ndarray, " n"], twin: Scenario | None = None
+) -> Experiment | Exception:
     """Run θ and return its experiment, or the error that the user's code raised.
 
-    Until one experiment passed without interruption, each is checked against the scenario.
+    Until one experiment passed without interruption, each is checked against the scenario, and
+    always if it is one of the `twin`.
     SystemExit is caught, too: a plant that calls exit() would end the thread without notice.
     """
-    scenario = flow.store.scenario
+    scenario = twin or flow.store.scenario
     try:
         result: object = scenario.run(theta.copy(), seed=flow.seed)
-        if flow.checked and isinstance(result, Experiment):
+        if flow.checked and twin is None and isinstance(result, Experiment):
             return result
         experiment = check_experiment(scenario, theta, result)
     except Exception as error:
         return located(error)
     except SystemExit as error:
         return ScenarioError(f"run called exit: {error}")
-    flow.checked = not experiment.end.interrupted
+    if twin is None:
+        flow.checked = not experiment.end.interrupted
     return experiment
 
 
@@ -151,15 +156,16 @@ def look_at(flow: Flow, lock: threading.Condition, theta: Float[np.ndarray, " n"
         found = flow.prefetch.experiment(theta)
     if known is not None:
         return flow.study.experiment(known)
-    if found is None:
-        with _ONE_AT_A_TIME:
-            result = attempt(flow, theta)
-        if isinstance(result, Exception):
-            raise ScenarioError(f"this simulation failed: {result}") from result
-        found = result
+    if found is not None:
+        return found
+    with _ONE_AT_A_TIME:
+        result = attempt(flow, theta, flow.twin)
+    if isinstance(result, Exception):
+        raise ScenarioError(f"this simulation failed: {result}") from result
+    if flow.twin is None:
         with lock:
-            flow.prefetch.keep(theta, found)
-    return found
+            flow.prefetch.keep(theta, result)
+    return result
 
 
 def _looking_ahead(flow: Flow) -> Attempt | None:

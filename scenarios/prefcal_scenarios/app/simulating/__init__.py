@@ -10,3 +10,5 @@ from .basis import past_of as past_of
 from .basis import simulates as simulates
 from .simulator import Abandoned as Abandoned
 from .simulator import Simulator as Simulator
+from .twin import named_twin as named_twin
+from .twin import twin_of as twin_of

@@ -50,17 +50,20 @@ class Simulated:
         planned: Number of θ to simulate in the whole study.
         failed: Number of simulations that failed.
         shown: Number of experiments that were shown or are on show.
+        twin: Whether θ are simulated on a twin of the plant that runs what is shown.
     """
 
     simulated: int
     planned: int
     failed: int
     shown: int
+    twin: bool = False
 
     @property
     def line(self) -> str:
         """Return the numbers as one line: "412 simulated, 6 shown"."""
-        words = f"{self.simulated} simulated, {self.shown} shown"
+        where = " on the twin" if self.twin else ""
+        words = f"{self.simulated} simulated{where}, {self.shown} shown"
         if not self.failed:
             return words
         return f"{words}, {self.failed} simulation{'' if self.failed == 1 else 's'} failed"

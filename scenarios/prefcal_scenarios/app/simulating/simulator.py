@@ -62,7 +62,7 @@ class Simulator:
     ) -> None:
         own = isinstance(scenario.run, IsolatedRun)
         run = OwnRun.of(scenario.run) if isinstance(scenario.run, IsolatedRun) else scenario.run
-        self._scenario = scenario
+        self.scenario = scenario
         directed = has_goals(scenario)
         self._task = Task(run, seed, trajectories=not directed)
         workers = min(max(usable_cores() - 1, 1), _MOST) if jobs is None else jobs
@@ -167,5 +167,5 @@ class Simulator:
     def _keep(self, theta: Theta, result: Result) -> bytes:
         key = theta_key(theta)
         failed = isinstance(result, FailedRun)
-        self._known[key] = Outcome({}) if failed else screened(self._scenario, result)
+        self._known[key] = Outcome({}) if failed else screened(self.scenario, result)
         return key

@@ -6,6 +6,7 @@ from . import compiled as compiled
 from .family import LOOPS as LOOPS
 from .family import loop as loop
 from .family import named as named
+from .family import rough_model as rough_model
 
 
 def __getattr__(name: str) -> Scenario:

@@ -15,7 +15,7 @@ from prefcal_scenarios.tastes import calibrators_of
 from .acceptance import is_worth_tuning
 from .kinds import basic, motion, predictive, processes
 from .loop import Loop
-from .vary import Vary, random
+from .vary import Vary, nominal, random
 
 LOOPS: Mapping[str, Callable[..., Loop]] = MappingProxyType(
     {
@@ -70,6 +70,34 @@ def loop(seed: int) -> Scenario:
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise ScenarioError(f"the seed of a loop must be an integer of 0 or more, got {seed!r}")
     return _judged(_accepted(int(seed))[0])
+
+
+def rough_model(seed: int, off: float) -> Scenario:
+    """Return a model of the random loop with this seed that knows each parameter only roughly.
+
+    Each is too large or too small by the factor 1 + `off`; the seed decides which.
+
+    Args:
+        seed: Seed of the loop.
+        off: Relative error of all parameters, 0 or more.
+
+    Raises:
+        ScenarioError: If the error is negative.
+    """
+    if not off >= 0:
+        raise ScenarioError(f"the error of a model must be 0 or more, got {off!r}")
+    rng, rejected = np.random.default_rng(seed), _accepted(seed)[1]
+    make = LOOPS[list(LOOPS)[int(rng.integers(len(LOOPS)))]]
+    for _ in range(rejected):
+        _varied(make, random(rng))  # the same draws as those of the loop
+    exact, signs = random(rng), np.random.default_rng([seed, 1])
+    if rejected == _TRIES:
+        exact = nominal
+
+    def vary(value: float) -> float:
+        return float(exact(value) * (1.0 + off) ** signs.choice((-1, 1)))
+
+    return _judged(replace(_varied(make, vary), name=f"model-of-{seed}"))
 
 
 @lru_cache(maxsize=256)  # the check takes up to 0.5 s
