@@ -137,6 +137,7 @@ def minimize_by_preference(
         raise SettingsError(f"prefer must be a function of two θ, got {prefer!r}")
     if simulate is not None and twin is not None:
         raise SettingsError("give either simulate or twin, not both")
+    _check_at_once(at_once, executor, runs=run is not None, simulates=bool(simulate or twin))
     simulate = twin if simulate is None else simulate
     if n_max is None:
         n_max = _SHOWN if simulate is None else _SHOWN_SCREENED
@@ -148,8 +149,6 @@ def minimize_by_preference(
         options |= {"simulate": simulate, "n_simulated": n_simulated}
     make = _maker(agent, simulates=simulate is not None)
     study = make(space, n_init=n_init, n_max=n_max, seed=seed, **options)
-    if run is None and (at_once != 1 or executor is not None):
-        raise SettingsError("nothing runs at once without run, the function of an experiment")
     answer = partial(_answer, prefer, None if twin is None else study)
     loop = ask_and_tell(study, run or np.copy, answer, at_once=at_once, executor=executor)
     steps = list(loop)
@@ -157,10 +156,19 @@ def minimize_by_preference(
     answers = tuple(step.answer for step in steps if step.answer is not None)
     bank = getattr(study, "bank", None)
     simulated = bank if isinstance(bank, Bank) else None
-    knobs = tuple(
-        f"{k.name} [{k.unit}]" if k.unit not in ("", "-") else k.name for k in space.knobs
-    )
-    return Minimum(np.array(study.best), np.array(samples), answers, simulated, knobs)
+    return Minimum(np.array(study.best), np.array(samples), answers, simulated, _titles(space))
+
+
+def _titles(space: KnobSpace) -> tuple[str, ...]:
+    """Return the names of the knobs with their units."""
+    return tuple(f"{k.name} [{k.unit}]" if k.unit not in ("", "-") else k.name for k in space.knobs)
+
+
+def _check_at_once(at_once: int, executor: Executor | None, *, runs: bool, simulates: bool) -> None:
+    if not runs and (at_once != 1 or executor is not None):
+        raise SettingsError("nothing runs at once without run, the function of an experiment")
+    if simulates and at_once != 1:
+        raise SettingsError(f"with simulate or twin, at_once must be 1, got {at_once!r}")
 
 
 def _maker(agent: AgentFactory | None, *, simulates: bool) -> AgentFactory:

@@ -122,7 +122,10 @@ class _AtOnce(Generic[R]):
         if key in self._results or key in self._running:
             return
         self._started[key] += 1
-        self._running[key] = self._executor.submit(self._run, theta)
+        try:
+            self._running[key] = self._executor.submit(self._run, theta)
+        except BrokenExecutor as error:  # it does not replace workers that died
+            raise RunError(f"the workers of the experiments died: {error}", "died") from error
         self._running[key].add_done_callback(lambda _: self._landed.put(key))
 
     def _collect(self, key: bytes) -> None:

@@ -201,3 +201,6 @@ def test_experiments_may_run_at_once_and_their_results_are_compared():
     assert run(found.best) == min(map(run, found.samples), key=lambda kpis: kpis["cost"])
     with pytest.raises(SettingsError, match="without run"):
         minimize_by_preference(prefer, space, at_once=3, n_max=8)
+    kpis = {"simulate": lambda theta: {"a": float(theta[0])}}
+    with pytest.raises(SettingsError, match="with simulate or twin, at_once must be 1, got 3"):
+        minimize_by_preference(prefer, space, run=run, at_once=3, n_max=8, **kpis)

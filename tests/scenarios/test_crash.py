@@ -54,14 +54,22 @@ def next_query(now):
     return now.state.history.answered, pending, now.incumbent
 
 
+def place(now):
+    """How far a study has come: answers about new experiments, and follow-up answers."""
+    return now.state.history.answered, len(now.state.history.follow_ups)
+
+
 @cache
 def undisturbed(kind):
-    """The queries of a study that nobody kills, by the number of answers before."""
+    """The queries of a study that nobody kills, by `place`."""
     interview = begun(kind)
     queries = {}
-    proceed(interview)
-    queries[1] = next_query(interview.now())
-    answer_all(interview, lambda _: queries.update({(q := next_query(proceed(interview)))[0]: q}))
+
+    def note(now):
+        queries[place(now)] = next_query(now)
+
+    note(proceed(interview))
+    answer_all(interview, lambda _: note(proceed(interview)))
     return queries
 
 
@@ -105,7 +113,7 @@ def survive(folder, kind, kills, seed):
         told += len(acknowledged)
         recorded = done + len(now.state.history.follow_ups)
         assert recorded > told, "an acknowledged answer is gone"
-        assert next_query(now) == queries[done]
+        assert next_query(now) == queries[place(now)]
         interview.study.close()
         if now.phase is Phase.OVER:
             study, told = study + 1, 0

@@ -11,7 +11,7 @@ from prefcal_agents.acquisition.expected_improvement import ExpectedImprovement
 from prefcal_agents.history.lessons import Memory, cube_of, kpis_of
 from prefcal_agents.history.stages import Stages
 from prefcal_agents.utility.bank import Bank
-from prefcal_agents.utility.explained import explains
+from prefcal_agents.utility.explained import AFTER, explains
 from prefcal_agents.utility.posterior import Lessons, updated
 from prefcal_agents.utility.utilities import Scale, Utilities
 from prefcal_env.preferences.history import History
@@ -67,10 +67,10 @@ class KPIFit:
         """Return the best sample and one that is probably better; None if there is none.
 
         A wrong answer, or a difference too small to notice, can have cost it the lead. A pair that
-        was asked before is left out. The later sample comes first.
+        was asked before is left out. The later sample comes first. Ten answers are needed to tell.
         """
         best = history.incumbent
-        if best is None:
+        if best is None or len(history.lessons()) < AFTER:
             return None
         costs = self._of_samples(history)
         doubt = np.mean(costs < costs[:, [best]], axis=0)

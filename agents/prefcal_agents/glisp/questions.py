@@ -43,7 +43,7 @@ def follow_up(
         return None
     kpis = models.kpi_fit(history)
     if kpis is not None:
-        pair = kpis.doubted(history)
+        pair = kpis.doubted(history) if settings.error_rate else None
     else:
         pair = _suspected(history, models, settings, sure=0.0 if asked >= most else _SURE)
     if pair is not None or asked >= most:

@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Int
 
-from prefcal_agents.history.lessons import MOST, Memory, Preferences
+from prefcal_agents.history.lessons import MOST, Memory, Preferences, kpis_of
 from prefcal_agents.models.cross_validation import (
     FOLDS,
     Validation,
@@ -147,7 +147,7 @@ class ModelSelection:
 
     def kpi_fit(self, history: History) -> KPIFit | None:
         """Return what KPIs teach after `history`; None if they do not explain the answers."""
-        if self._kpi_fits is None:
+        if self._kpi_fits is None or not any(kpis_of(history)):
             return None
         self._follow(history)
         fit = self._kpi_fits.after(history)

@@ -30,7 +30,8 @@ class GLISpSettings:
         delta: δ of eq. acquisition, 0 or more; 0 trusts the surrogate, well above 1 explores.
         rbf: φ of eq. rbf, a key of `RADIAL_FUNCTIONS`.
         error_rate: Probability that an answer is wrong, below 0.5. It applies once answers
-            contradict each other; with 0, every answer counts as right. Measured in
+            contradict each other, and KPIs do not explain them; with 0, every answer counts as
+            right, and nothing is asked again. Measured in
             docs/research/noise.md.
         epsilon: ε of eq. rbf before the first cross-validation, above 0, in the unit cube.
             Cross-validation chooses among its multiples, `EPSILONS`.

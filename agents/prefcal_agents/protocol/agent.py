@@ -295,10 +295,9 @@ class Agent(Stored):
         It is the record itself if none is pending. Other suppositions, such as the constant liar of
         Ginsbourger, Le Riche and Carraro (2010), are worse: docs/research/at_once.md.
         """
-        history, best = self.history, self._rival
+        history = self.history
         while history.pending is not None:
-            first = self.by_value or not history.answered
-            history = history.with_answer(Answer(None), None if first else best or 0)
+            history = history.with_answer(Answer(None), None)  # nobody looked at it
         return history
 
     def _suggestion(self, index: int) -> Suggestion:

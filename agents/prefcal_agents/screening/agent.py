@@ -147,7 +147,8 @@ def _open_minded(stage: Stage, history: History, rng: np.random.Generator) -> in
     It is one of those that fill the space: near the leaders, all are good or poor in the same way.
     """
     shown = [stage.bank.find(sample.theta) for sample in history.samples[: history.answered]]
-    rows = np.concatenate([shown, np.setdiff1d(stage.spread, shown)]).astype(np.int64)
+    spread = stage.spread[~stage.bank.hopeless[stage.spread]]
+    rows = np.concatenate([shown, np.setdiff1d(spread, shown)]).astype(np.int64)
     found = worth(Utilities.drawn(stage.scale, len(stage.costs), rng).costs(stage.logs[rows]))
     gain = found - found[:, : len(shown)].max(axis=1, keepdims=True)
     return int(rows[np.argmax(np.maximum(gain, 0.0).mean(axis=0))])

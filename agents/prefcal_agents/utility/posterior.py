@@ -48,14 +48,19 @@ class Lessons:
 
     @classmethod
     def of(cls, bank: Bank, scale: Scale, history: History) -> "Lessons":
-        """Return the answers of `history`; an unsafe experiment is worse than all that are not."""
+        """Return the answers of `history`.
+
+        An unsafe experiment is worse than all others that a person looked at.
+        """
         logs = scale(bank)
         rows = [bank.find(sample.theta) for sample in history.samples[: history.answered]]
         given = [(v.challenger, v.incumbent, v.preference, c.answer.strength)
                  for c in history.lessons() if (v := c.verdict) is not None]  # fmt: skip
         unsafe = history.unsafe()
+        seen = {i for c in history.counting if c.incumbent is not None
+                for i in (c.challenger, c.incumbent)}  # fmt: skip
         given += [(i, j, Preference.CHALLENGER, 1.0)
-                  for j in sorted(unsafe) for i in range(len(rows)) if i not in unsafe]  # fmt: skip
+                  for j in sorted(unsafe) for i in sorted(seen - unsafe)]  # fmt: skip
         turned = [(b, a) if p is Preference.INCUMBENT else (a, b) for a, b, p, _ in given]
         pairs = np.array(turned, dtype=np.int64).reshape(-1, 2)
         return cls(

@@ -9,6 +9,7 @@ from prefcal_agents.utility.posterior import DRAWS, NOTICED, Lessons, noticeable
 from prefcal_agents.utility.utilities import Scale, Utilities
 from prefcal_env.preferences.answer import Answer, Mark, Strength
 from prefcal_env.preferences.history import History
+from support.histories import in_cube
 from support.simulated import bank_of, of_pairs, random_bank
 
 BANK = random_bank()
@@ -205,3 +206,10 @@ def test_typical_experiments_are_the_first_ones_that_were_not_interrupted():
     logs[[0, 4], 1] = np.inf
     assert typical(logs).tolist() == [k for k in range(34) if k not in (0, 4)]
     assert len(typical(np.full((3, 1), np.inf))) == 0
+
+
+def test_an_experiment_that_nobody_looked_at_is_not_called_better_than_an_unsafe_one():
+    unsafe = of_pairs(BANK, [(1, 0), (2, 3)], [Answer(-1, marks=(Mark.CHALLENGER_UNSAFE,)), 0])
+    pending = unsafe.with_pending(in_cube(BANK.thetas[5])).with_answer(Answer(None), None)
+    assert pending.answered == unsafe.answered + 1
+    assert len(lessons(pending)) == len(lessons(unsafe))

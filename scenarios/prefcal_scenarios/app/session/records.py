@@ -97,7 +97,7 @@ def record(flow: Flow, given: Given) -> None:
         events.append(Replaced(index, known, counts_as_unsafe(seen.experiment)))
     flow.study.append(*events, (Finished(index), seen.experiment))
     if events:
-        flow.agent = agent_of(flow.state, flow.store.scenario.space)
+        flow.agent = agent_of(flow.state, flow.store.scenario.space, flow.simulator)
     if not replaces or flow.phase is Phase.QUESTION:
         flow.proceed()  # a question about the wrong curves is asked again, under another id
     else:

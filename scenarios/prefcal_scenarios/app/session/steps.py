@@ -135,7 +135,8 @@ def ask_for(flow: Flow, theta: Float[np.ndarray, " n"]) -> None:
         raise StaleError("the last step failed: try it again first")
     twin, pending, asked = flow.agent.copy(), flow.pending, flow.question
     twin.replace_pending(theta)
-    sample = twin.history.samples[-1]
+    sample = twin.history.pending  # others may be pending behind it
+    assert sample is not None
     shown = asked is None or asked.challenger.index == flow.state.history.answered
     if pending is not None and pending.theta == sample.theta and shown:
         return  # it is the next one already

@@ -5,6 +5,7 @@ from typing import Any
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.knobs.space import KnobSpace
+from prefcal_scenarios.kpis import has_goals
 from prefcal_scenarios.scenario import Scenario, with_ranges
 
 
@@ -34,10 +35,16 @@ def twin_of(plant: Scenario, model: Scenario) -> Scenario:
         )
     known = _kpis(model)
     missing = [name for name in _kpis(plant) if name not in known]
+    has = ", ".join(known) or "none with a direction"
     if missing:
         raise SettingsError(
             f"the twin {model.name!r} must have the KPIs of {plant.name!r}: it lacks "
-            f"{', '.join(missing)}, and has {', '.join(known) or 'none with a direction'}"
+            f"{', '.join(missing)}, and has {has}"
+        )
+    if has_goals(model) and not has_goals(plant):
+        raise SettingsError(
+            f"the plant {plant.name!r} must have KPIs with a direction, as its twin "
+            f"{model.name!r} has: {has}"
         )
     return with_ranges(model, plant.space)
 

@@ -102,6 +102,19 @@ def test_the_first_question_comes_as_soon_as_two_of_four_experiments_are_ready(p
         until(interview, lambda now: len(now.state.finished) == 5 or plant.end_all())
 
 
+def test_a_theta_that_is_asked_for_replaces_the_pending_one_that_is_due_and_no_other(plant):
+    interview = begin(plant.scenario, n_max=8, at_once=3)
+    with Background(interview):
+        until(interview, lambda now: now.running == 3)
+        _, *others = waiting(interview)
+        wish = plant.scenario.space.decode(np.full(len(plant.scenario.space), 0.37))
+        interview.ask_for(wish)
+        first, *rest = waiting(interview)
+        assert first == pytest.approx(wish)
+        assert rest == others
+        plant.end_all()
+
+
 def test_what_ends_while_a_question_is_open_is_saved_and_asked_about_next(plant):
     interview = begin(plant.scenario, n_max=8, at_once=3)
     with Background(interview):

@@ -33,3 +33,9 @@ def test_a_scenario_that_cannot_be_the_twin_is_refused(wrong, complaint):
 def test_studies_without_a_twin_name_none():
     assert named_twin({"agent": "glisp"}) is None
     assert named_twin({"options": {"twin": "lag"}}) == "lag"
+
+
+def test_a_plant_needs_kpis_with_a_direction_if_its_twin_has_some():
+    bare = replace(plant, kpis=tuple(replace(kpi, better=None) for kpi in plant.kpis))
+    with pytest.raises(SettingsError, match="'plant' must have KPIs with a direction, as its twin"):
+        twin_of(bare, model)
