@@ -131,7 +131,7 @@ def minimize_by_preference(
             or has no KPI of the names in the `outcomes` of an answer.
         KnobError: If a θ of `start` is outside the space.
         PreferenceError: If `prefer` returned something else.
-        RunError: If the worker of an experiment died twice.
+        RunError: If the worker of an experiment died twice, or a pool of processes broke.
     """
     if not callable(prefer):
         raise SettingsError(f"prefer must be a function of two θ, got {prefer!r}")

@@ -66,7 +66,7 @@ def ask_and_tell(
     Args:
         agent: Agent that proposes θ; it is changed.
         run: Function that returns the result of a physical θ, shape (n,); called once for each
-            experiment, but again if its worker died.
+            experiment, but again if its worker died and the executor replaces it.
         answer: Function of the results of challenger and incumbent that returns what to tell the
             agent: an answer, or a score of the challenger.
         at_once: Number of experiments that run at the same time, 1 or more.
@@ -76,7 +76,7 @@ def ask_and_tell(
 
     Raises:
         SettingsError: If `at_once` is not valid.
-        RunError: If the worker of an experiment died twice.
+        RunError: If the worker of an experiment died twice, or a pool of processes broke.
     """
     with runs_of(run, at_once, executor) as runs:
         while not agent.done:

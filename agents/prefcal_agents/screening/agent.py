@@ -104,7 +104,9 @@ class Screening(Simulating):
             if self._growing.works(beyond):
                 return beyond
         if stage.rough and history.answered % _OPEN == 0:
-            return tried.fresh(stage.bank.z[_open_minded(stage, history, rng)], rng)
+            found = _open_minded(stage, history, rng)
+            if found is not None:
+                return tried.fresh(stage.bank.z[found], rng)
         row = None if best is None else stage.bank.find(history.samples[best].theta)
         order = np.argsort(-expected_best(stage.costs, row), kind="stable")
         dull = stage.bank.hopeless | _look_alike(stage, history)
@@ -141,17 +143,21 @@ class Screening(Simulating):
         return twin
 
 
-def _open_minded(stage: Stage, history: History, rng: np.random.Generator) -> int:
+def _open_minded(stage: Stage, history: History, rng: np.random.Generator) -> int | None:
     """Return the row that people with any wishes might prefer to all that was shown.
 
     It is one of those that fill the space: near the leaders, all are good or poor in the same way.
+    None if all that the simulation does not refuse were shown.
     """
     shown = [stage.bank.find(sample.theta) for sample in history.samples[: history.answered]]
-    spread = stage.spread[~stage.bank.hopeless[stage.spread]]
-    rows = np.concatenate([shown, np.setdiff1d(spread, shown)]).astype(np.int64)
+    rest = np.setdiff1d(stage.spread[~stage.bank.hopeless[stage.spread]], shown)
+    if not len(rest):
+        return None
+    rows = np.concatenate([shown, rest]).astype(np.int64)
     found = worth(Utilities.drawn(stage.scale, len(stage.costs), rng).costs(stage.logs[rows]))
-    gain = found - found[:, : len(shown)].max(axis=1, keepdims=True)
-    return int(rows[np.argmax(np.maximum(gain, 0.0).mean(axis=0))])
+    best = found[:, : len(shown)].max(axis=1, keepdims=True)
+    gain = np.maximum(found[:, len(shown) :] - best, 0.0)
+    return int(rest[np.argmax(gain.mean(axis=0))])
 
 
 def _look_alike(stage: Stage, history: History) -> Bool[np.ndarray, " m"]:

@@ -9,10 +9,13 @@ from hypothesis import strategies as st
 
 from prefcal_agents import AgentState, GLISp, GLISpSettings, restore
 from prefcal_agents.glisp.kpi_fit import kpi_fits
+from prefcal_agents.glisp.questions import follow_up
+from prefcal_agents.glisp.selection import ModelSelection
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
+from prefcal_env.qp import make_backend
 from support.histories import in_cube
 from support.studies import by, drive
 
@@ -155,6 +158,17 @@ def test_an_experiment_that_is_probably_better_than_the_best_is_named_once():
     asked = wrong.with_follow_up(Answer(-1), best, rival)
     assert learned(asked).doubted(asked) != (best, rival)
     assert kpi_fits(0).after(History()).doubted(History()) is None
+
+
+@pytest.mark.parametrize(("error_rate", "asks"), [(0.1, True), (0.0, False)])
+def test_nothing_is_asked_again_if_every_answer_counts_as_right(error_rate, asks):
+    kpis, wanted = columns()
+    right = record_of(kpis, wanted)
+    told = Answer(-1, outcomes=({"a": 1.0, "b": 0.9, "c": 1.0}, None))
+    wrong = right.with_pending(in_cube([0.11, 0.22])).with_answer(told, right.incumbent)
+    chosen, backend = GLISpSettings(validate_at=(), error_rate=error_rate), make_backend("piqp")
+    models = ModelSelection(2, 5, chosen, 0, backend)
+    assert (follow_up(wrong, models, chosen, backend) is not None) == asks
 
 
 def test_an_unsafe_experiment_is_neither_doubted_nor_good():

@@ -149,6 +149,17 @@ def test_a_twin_that_fails_or_returns_nan_still_gives_a_study():
     assert cost(found.best) < 0.15
 
 
+def test_what_the_twin_refuses_is_not_run_even_where_it_is_not_trusted():
+    def refusing(theta):
+        return dict.fromkeys(plant(theta), np.inf) if theta[0] > 0.5 else mirrored(theta)
+
+    for seed in range(3):
+        found = minimize_by_preference(
+            told, SQUARE, twin=refusing, n_simulated=100, n_max=14, seed=seed
+        )
+        assert found.samples[:, 0].max() <= 0.5
+
+
 def test_a_restored_study_asks_the_same_next_question():
     agent = Screening(SQUARE, simulate=biased, n_simulated=100, n_max=8, seed=1)
     for _ in range(5):

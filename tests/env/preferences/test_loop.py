@@ -1,7 +1,8 @@
 """One loop serves every kind of agent: what is run, compared and told is the caller's."""
 
+import os
 import threading
-from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -142,6 +143,20 @@ def test_an_experiment_whose_worker_died_runs_again():
     agent, executor = RandomSearch(SPACE, n_init=2, n_max=8, seed=0), Mortal(None, 1)
     assert len(list(ask_and_tell(agent, cost, better, at_once=3, executor=executor))) == 8
     assert len(executor.given) == 9
+
+
+def dies(theta):
+    os._exit(1)
+
+
+def test_a_pool_of_processes_that_broke_is_reported_and_another_pool_continues():
+    agent = RandomSearch(SPACE, n_init=2, n_max=4, seed=0)
+    with ProcessPoolExecutor(2) as pool, pytest.raises(RunError, match="died"):
+        list(ask_and_tell(agent, dies, better, at_once=2, executor=pool))
+    pending = [query.challenger.theta for query in agent.ask(2)]
+    steps = list(ask_and_tell(agent, cost, better, at_once=2))
+    assert len(steps) == 4
+    assert set(map(tuple, pending)) <= set(map(tuple, agent.samples))
 
 
 def test_after_two_dead_workers_the_error_is_raised_and_another_loop_continues():
