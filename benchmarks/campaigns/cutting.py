@@ -34,12 +34,12 @@ from judged.tables import interval, markdown
 
 from prefcal_agents import GLISp
 from prefcal_agents.protocol.agent import one_thread
-from prefcal_env.experiments.end import End
+from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.preferences.answer import Answer, Preference
 from prefcal_env.preferences.loop import ask_and_tell
 from prefcal_env.preferences.run_facts import completed
 from prefcal_scenarios.bench.problems import Outcome, Person, Problem, prefer, problem
-from prefcal_scenarios.cutting import cut
+from prefcal_scenarios.cutting import Chances, cut
 from prefcal_scenarios.kpis import outcome
 
 PLACES = ("tank", "servo", "steering", "cstr")
@@ -123,20 +123,29 @@ class Bench:
     wrong: int = 0
     saved: float = 0.0
     _whole: dict[bytes, Outcome] = field(default_factory=dict)
+    _made: dict[bytes, Experiment] = field(default_factory=dict)
 
     def run(self, theta: Float[np.ndarray, " n"]) -> Outcome:
         """Run θ, cut short if the chance to win falls below the threshold."""
         whole, scenario = self.where.outcome(theta), self.where.scenario
-        assert whole.experiment is not None and scenario is not None
+        assert whole.experiment is not None
+        assert scenario is not None
         self._whole[theta.tobytes()] = whole
         made = whole.experiment
         if self.threshold:
-            made = cut(scenario, made, lambda b: self.agent.chance_to_win(b) < self.threshold)
+            made = cut(scenario, made, self._is_hopeless)
         self.hours.append(made.duration)
+        self._made[theta.tobytes()] = made
         if made.end is not End.CUT_SHORT:
             return whole
         self.saved += whole.experiment.duration - made.duration
         return replace(whole, experiment=made, kpis=outcome(scenario, made))
+
+    def _is_hopeless(self, part: Experiment) -> bool:
+        assert self.where.scenario is not None
+        samples = self.agent.history.samples[: self.agent.history.answered]
+        earlier = {i: self._made[np.array(s.theta).tobytes()] for i, s in enumerate(samples)}
+        return Chances(self.agent, self.where.scenario, earlier).to_win(part) < self.threshold
 
     def answer(self, new: Outcome, old: Outcome | None) -> Answer:
         """Return the person's answer; a run that was cut short loses, rightly or not."""
@@ -213,6 +222,7 @@ def _line(threshold: float, place: str, ours: Sequence[Row], base: Sequence[Row]
 
 def saved_share(ours: Sequence[Row], base: Sequence[Row]) -> float:
     """Return the share of the plant time of `base` that `ours` saves, every loop counting alike."""
+
     def hours(rows: Sequence[Row]) -> dict[Study, float]:
         return {(r["place"], r["seed"]): sum(r["hours"]) for r in rows}
 

@@ -12,12 +12,12 @@ from prefcal_env.errors import ExperimentError
 
 from .end import End
 from .experiment import Experiment
-from .kpi_units import OF_INPUT, OF_OUTPUT
+from .kpi_units import kinds_of
 from .kpis import tracking_kpis
 
 _GROWING = ("integrated error", "late error", "overshoot", "total move", "largest move")
 """Kinds of tracking KPIs that can only grow."""
-_SETTLING, _RMS = "settling time", "RMS move"
+_SETTLING = "settling time"
 
 
 def until(experiment: Experiment, time: float) -> Experiment:
@@ -53,33 +53,26 @@ def until(experiment: Experiment, time: float) -> Experiment:
     )  # fmt: skip
 
 
-def tracking_bounds(experiment: Experiment, longest: float) -> dict[str, float]:
+def tracking_bounds(experiment: Experiment) -> dict[str, float]:
     """Return lower bounds of the tracking KPIs of a run, from its record so far.
 
     The settling time is bounded only if the channel has a band: without one, the band depends on
-    the largest error of the whole run. Nothing is known of the final error.
+    the largest error of the whole run. Nothing is known of the final error and of means.
 
     Args:
-        experiment: Record of the run so far, with constant references.
-        longest: Longest duration of a whole run, in the experiment's unit of time; the root mean
-            square of the moves is bounded as if all later moves were 0.
+        experiment: Record of the run so far.
 
     Returns:
         Lower bounds by the names of `tracking_kpis`, in the same units.
     """
     known, found = tracking_kpis(experiment), dict[str, float]()
-    for channel in experiment.channels.y:
-        found |= {k.of(channel): known[k.of(channel)]
-                  for k in OF_OUTPUT if k.name in _GROWING and k.of(channel) in known}  # fmt: skip
-        settling = f"{_SETTLING} of {channel.name}"
-        if channel.band is not None and settling in known:
+    for kind, channel in kinds_of(experiment.channels):
+        name = kind.of(channel)
+        if name not in known:
+            continue
+        if kind.name in _GROWING:
+            found[name] = known[name]
+        elif kind.name == _SETTLING and channel.band is not None:
             # Infinite means outside now: the entry into the band is still to come.
-            found[settling] = min(known[settling], experiment.duration)
-    passed = min(experiment.duration / longest, 1.0)
-    for channel in experiment.channels.u:
-        found |= {k.of(channel): known[k.of(channel)]
-                  for k in OF_INPUT if k.name in _GROWING and k.of(channel) in known}  # fmt: skip
-        name = f"{_RMS} of {channel.name}"
-        if name in known:
-            found[name] = known[name] * float(np.sqrt(passed))
+            found[name] = min(known[name], experiment.duration)
     return found

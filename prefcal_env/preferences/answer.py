@@ -49,8 +49,8 @@ class Strength(IntEnum):
 class Mark(Enum):
     """Marks that a calibrator may give to one side besides the verdict.
 
-    No calibrator gives the last one: it says that the KPIs of the challenger are lower bounds, since
-    its run was cut short.
+    No calibrator gives the last one: it says that the KPIs of the challenger are lower bounds,
+    because its run was cut short.
     """
 
     CHALLENGER_UNSAFE = "challenger unsafe"

@@ -1,9 +1,12 @@
 """Cut runs short that can no longer win, by the KPIs that can only get worse."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
+from prefcal_agents import GLISp
+from prefcal_agents.glisp.cutting import HOPELESS
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.so_far import until
@@ -16,8 +19,33 @@ CHECKS = 25
 """How often the chance to win of a run is worked out, at equal distances in time."""
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Chances:
+    """What decides whether a run in progress can still become the best.
+
+    Args:
+        agent: Agent that was told the KPIs of all earlier experiments.
+        scenario: Scenario of the run.
+        earlier: Earlier experiments, by index of the sample.
+    """
+
+    agent: GLISp
+    scenario: Scenario
+    earlier: Mapping[int, Experiment]
+
+    def to_win(self, record: Experiment) -> float:
+        """Return the probability that the run becomes the best, from its record so far."""
+        bounds = bounds_of(self.scenario, record)
+        earlier = bounds_at(self.scenario, self.earlier, record.duration)
+        return self.agent.chance_to_win(bounds, earlier)
+
+    def is_hopeless(self, record: Experiment) -> bool:
+        """Return whether it hardly pays to finish the run, from its record so far."""
+        return self.to_win(record) < HOPELESS
+
+
 def cut(
-    scenario: Scenario, experiment: Experiment, hopeless: Callable[[Outcome], bool]
+    scenario: Scenario, experiment: Experiment, hopeless: Callable[[Experiment], bool]
 ) -> Experiment:
     """Return `experiment` up to the first instant at which it is `hopeless`, or as it is.
 
@@ -27,15 +55,25 @@ def cut(
     Args:
         scenario: Scenario of the experiment.
         experiment: Whole run.
-        hopeless: Function of lower bounds of the KPIs that returns whether such a run cannot win.
-
-    Raises:
-        ScenarioError: As in `bounds_of`.
+        hopeless: Function of the record so far that returns whether the run cannot win, such as
+            that of `Chances`.
     """
     for part in parts(experiment):
-        if hopeless(bounds_of(scenario, part)):
+        if hopeless(part):
             return part
     return experiment
+
+
+def bounds_at(
+    scenario: Scenario, experiments: Mapping[int, Experiment], time: float
+) -> dict[int, Outcome]:
+    """Return `bounds_of` each of `experiments` at `time`, without those that ended before."""
+    return {
+        index: bounds_of(scenario, until(experiment, time))
+        for index, experiment in experiments.items()
+        if not experiment.runs and len(experiment.t) and experiment.t[-1] > time
+        and not experiment.end.interrupted
+    }  # fmt: skip
 
 
 def parts(experiment: Experiment, checks: int = CHECKS) -> Iterator[Experiment]:

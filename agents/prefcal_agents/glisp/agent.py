@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
@@ -145,7 +146,11 @@ class GLISp(PreferenceBased):
         with one_thread():
             return self._models.after(self.history).shape.epsilon
 
-    def chance_to_win(self, bounds: Mapping[str, float]) -> float:
+    def chance_to_win(
+        self,
+        bounds: Mapping[str, float],
+        earlier: Mapping[int, Mapping[str, float]] = MappingProxyType({}),
+    ) -> float:
         """Return the probability that a run in progress can still become the best experiment.
 
         Below 0.01 it hardly pays to finish the run. With probability 1, nothing can be said: there
@@ -154,9 +159,12 @@ class GLISp(PreferenceBased):
         Args:
             bounds: Lower bounds of the run's KPIs by name, lower is better: what sums, integrals,
                 maxima and counts have reached so far. Other KPIs are left out.
+            earlier: The same of earlier runs when they were as old, by index of the sample, to
+                tell by how much KPIs still grow; without them, KPIs count as if they did not.
         """
         with one_thread():
-            return chance_to_win(self._models.kpi_fit(self.history), self.history, bounds)
+            fit = self._models.kpi_fit(self.history)
+            return chance_to_win(fit, self.history, bounds, earlier)
 
     @property
     def index(self) -> LearnedCost | None:

@@ -213,7 +213,7 @@ class Loop:
     def _hold(self, theta: Float[np.ndarray, " n"]) -> int:
         """Return the number of simulation steps in a sampling period of θ."""
         values = dict(zip(self.space.names, theta.tolist(), strict=True))
-        return max(round(values.get("T_s", self.timing.T_s) / self.timing.step), 1)
+        return max(round(float(values.get("T_s", self.timing.T_s)) / self.timing.step), 1)
 
     def _pace(self, hold: int) -> float:
         return self.timing.T_s / (hold * self.timing.step)

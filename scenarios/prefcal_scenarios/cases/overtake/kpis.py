@@ -26,9 +26,8 @@ HIGHER_IS_BETTER = ("lateral_distance", "clearance")
 """KPIs whose smallest value is the worst; for all others it is the largest."""
 
 _GROWING = (
-    "lateral_distance", "clearance", "off_road", "path_peak", "lane_deviation", "lane_yaw",
-    "lateral_acceleration", "lateral_jerk", "speed_variation", "steering", "steering_move",
-    "steering_rate",
+    "lateral_distance", "clearance", "off_road", "path_peak", "lateral_acceleration",
+    "lateral_jerk", "speed_variation", "steering", "steering_move", "steering_rate",
 )  # fmt: skip
 """KPIs that can only get worse while a run goes on."""
 
