@@ -123,7 +123,6 @@ class Bench:
     wrong: int = 0
     saved: float = 0.0
     _whole: dict[bytes, Outcome] = field(default_factory=dict)
-    _made: dict[bytes, Experiment] = field(default_factory=dict)
 
     def run(self, theta: Float[np.ndarray, " n"]) -> Outcome:
         """Run θ, cut short if the chance to win falls below the threshold."""
@@ -133,9 +132,8 @@ class Bench:
         self._whole[theta.tobytes()] = whole
         made = whole.experiment
         if self.threshold:
-            made = cut(scenario, made, self._is_hopeless)
+            made = cut(made, self._is_hopeless)
         self.hours.append(made.duration)
-        self._made[theta.tobytes()] = made
         if made.end is not End.CUT_SHORT:
             return whole
         self.saved += whole.experiment.duration - made.duration
@@ -143,9 +141,7 @@ class Bench:
 
     def _is_hopeless(self, part: Experiment) -> bool:
         assert self.where.scenario is not None
-        samples = self.agent.history.samples[: self.agent.history.answered]
-        earlier = {i: self._made[np.array(s.theta).tobytes()] for i, s in enumerate(samples)}
-        return Chances(self.agent, self.where.scenario, earlier).to_win(part) < self.threshold
+        return Chances(self.agent, self.where.scenario).to_win(part) < self.threshold
 
     def answer(self, new: Outcome, old: Outcome | None) -> Answer:
         """Return the person's answer; a run that was cut short loses, rightly or not."""

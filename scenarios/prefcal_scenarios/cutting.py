@@ -1,6 +1,6 @@
 """Cut runs short that can no longer win, by the KPIs that can only get worse."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,6 @@ from prefcal_agents.glisp.cutting import HOPELESS
 from prefcal_env.experiments.end import End
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.so_far import until
-from prefcal_env.preferences.kpis import Outcome
 
 from .kpis import bounds_of
 from .scenario import Scenario
@@ -26,34 +25,27 @@ class Chances:
     Args:
         agent: Agent that was told the KPIs of all earlier experiments.
         scenario: Scenario of the run.
-        earlier: Earlier experiments, by index of the sample.
     """
 
     agent: GLISp
     scenario: Scenario
-    earlier: Mapping[int, Experiment]
 
     def to_win(self, record: Experiment) -> float:
         """Return the probability that the run becomes the best, from its record so far."""
-        bounds = bounds_of(self.scenario, record)
-        earlier = bounds_at(self.scenario, self.earlier, record.duration)
-        return self.agent.chance_to_win(bounds, earlier)
+        return self.agent.chance_to_win(bounds_of(self.scenario, record))
 
     def is_hopeless(self, record: Experiment) -> bool:
         """Return whether it hardly pays to finish the run, from its record so far."""
         return self.to_win(record) < HOPELESS
 
 
-def cut(
-    scenario: Scenario, experiment: Experiment, hopeless: Callable[[Experiment], bool]
-) -> Experiment:
+def cut(experiment: Experiment, hopeless: Callable[[Experiment], bool]) -> Experiment:
     """Return `experiment` up to the first instant at which it is `hopeless`, or as it is.
 
     A simulation ends before anybody can cut it short. Its record is cut where a run on a plant
     would have been, which takes as long to compute, but shows what a plant would save.
 
     Args:
-        scenario: Scenario of the experiment.
         experiment: Whole run.
         hopeless: Function of the record so far that returns whether the run cannot win, such as
             that of `Chances`.
@@ -62,18 +54,6 @@ def cut(
         if hopeless(part):
             return part
     return experiment
-
-
-def bounds_at(
-    scenario: Scenario, experiments: Mapping[int, Experiment], time: float
-) -> dict[int, Outcome]:
-    """Return `bounds_of` each of `experiments` at `time`, without those that ended before."""
-    return {
-        index: bounds_of(scenario, until(experiment, time))
-        for index, experiment in experiments.items()
-        if not experiment.runs and len(experiment.t) and experiment.t[-1] > time
-        and not experiment.end.interrupted
-    }  # fmt: skip
 
 
 def parts(experiment: Experiment, checks: int = CHECKS) -> Iterator[Experiment]:

@@ -42,7 +42,7 @@ def test_a_run_is_cut_at_the_first_instant_at_which_it_is_hopeless():
     scenario = load("tank")
     whole = scenario.run(scenario.space.decode(np.full(len(scenario.space), 0.5)))
     limit = 0.4 * whole.kpis["error"]
-    made = cut(scenario, whole, lambda part: bounds_of(scenario, part)["error"] > limit)
+    made = cut(whole, lambda part: bounds_of(scenario, part)["error"] > limit)
     assert made.end is End.CUT_SHORT
     assert 0 < made.duration < whole.duration
     step = whole.duration / 25
@@ -51,7 +51,7 @@ def test_a_run_is_cut_at_the_first_instant_at_which_it_is_hopeless():
     assert np.array_equal(made.x, whole.x[: len(made.t)])
     earlier = [p for p in parts(whole) if p.duration < made.duration - step / 2]
     assert all(bounds_of(scenario, part)["error"] <= limit for part in earlier)
-    assert cut(scenario, whole, lambda part: False) is whole
+    assert cut(whole, lambda part: False) is whole
     known = outcome(scenario, made)
     assert known[INTERRUPTED] == 0.0
     assert np.isfinite(list(known.values())).all()
@@ -76,8 +76,7 @@ def test_a_script_cuts_runs_short_and_the_calibrator_is_not_asked_about_them():
     agent, ran = GLISp(scenario.space, n_init=8, n_max=26, seed=1), {}
 
     def run(theta):
-        chances = Chances(agent, scenario, dict(enumerate(ran.values())))
-        made = cut(scenario, scenario.run(theta), chances.is_hopeless)
+        made = cut(scenario.run(theta), Chances(agent, scenario).is_hopeless)
         return ran.setdefault(theta.tobytes(), made)
 
     person, asked = calibrators_of(scenario)["weights"](1), []

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
@@ -146,11 +145,7 @@ class GLISp(PreferenceBased):
         with one_thread():
             return self._models.after(self.history).shape.epsilon
 
-    def chance_to_win(
-        self,
-        bounds: Mapping[str, float],
-        earlier: Mapping[int, Mapping[str, float]] = MappingProxyType({}),
-    ) -> float:
+    def chance_to_win(self, bounds: Mapping[str, float]) -> float:
         """Return the probability that a run in progress can still become the best experiment.
 
         Below 0.01 it hardly pays to finish the run. With probability 1, nothing can be said: there
@@ -159,12 +154,9 @@ class GLISp(PreferenceBased):
         Args:
             bounds: Lower bounds of the run's KPIs by name, lower is better: what sums, integrals,
                 maxima and counts have reached so far. Other KPIs are left out.
-            earlier: The same of earlier runs when they were as old, by index of the sample, to
-                tell by how much KPIs still grow; without them, KPIs count as if they did not.
         """
         with one_thread():
-            fit = self._models.kpi_fit(self.history)
-            return chance_to_win(fit, self.history, bounds, earlier)
+            return chance_to_win(self._models.kpi_fit(self.history), self.history, bounds)
 
     @property
     def index(self) -> LearnedCost | None:

@@ -51,14 +51,6 @@ def test_the_chance_only_falls_as_bounds_grow(agent):
     assert chances[0] > 0.5 > chances[-1]
 
 
-def test_what_earlier_runs_still_added_lowers_the_chance(agent):
-    bounds = {"error": 0.5, "effort": 1.0}
-    grows = {i: {"error": 0.0, "effort": 1.0} for i in range(10)}
-    stays = {i: kpis(agent.history.samples[i].theta) for i in range(10)}
-    assert agent.chance_to_win(bounds, stays) == agent.chance_to_win(bounds)
-    assert agent.chance_to_win(bounds, grows) < agent.chance_to_win(bounds)
-
-
 def test_too_few_answers_say_nothing():
     assert told(9).chance_to_win({"error": 50.0}) == 1.0
     # Ten answers, four of which follow from cuts.

@@ -15,11 +15,9 @@ def chances_of(agent: Agent, store: ExperimentStore) -> Chances | None:
 
     It holds a copy of the agent, so it can be asked while the interview goes on.
     """
-    count = agent.history.answered
     if not isinstance(agent, GLISp) or not agent.settings.kpis or not can_be_cut(store.scenario):
         return None
-    earlier = {index: store.experiment(index) for index in range(count)}
-    return Chances(agent.copy(), store.scenario, earlier)
+    return Chances(agent.copy(), store.scenario)
 
 
 def check_cutting(scenario: Scenario, agent: Agent, at_once: int) -> None:

@@ -345,7 +345,7 @@ class Flow:
         if self.cuts and self.at_once == 1 and not isinstance(self.store.scenario.run, LiveRig):
             chances = chances_of(self.agent, self.store)
             if chances is not None:
-                result = cut(self.store.scenario, result, chances.is_hopeless)
+                result = cut(result, chances.is_hopeless)
         best = self.best
         if result.end is End.CUT_SHORT and best is not None:
             return self._lose(index, result, best)
