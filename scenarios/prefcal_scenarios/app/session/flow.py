@@ -34,8 +34,8 @@ from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.own.own_line import in_words
 from prefcal_scenarios.scenario import Scenario
 
-from .cutting import chances_of
 from .experiments import ExperimentStore
+from .live.chances import chances_of
 from .live.state import Live
 from .order import challenger_left
 from .prefetch import Prefetch, Prepared

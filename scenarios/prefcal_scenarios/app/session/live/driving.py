@@ -8,12 +8,12 @@ from prefcal_env.errors import LiveError, RunError, StaleError
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.live import Driven, LiveRig
 from prefcal_env.study import Suggested
-from prefcal_scenarios.app.session.cutting import chances_of
 from prefcal_scenarios.app.session.flow import Flow
 from prefcal_scenarios.app.session.thinking import Attempt
 from prefcal_scenarios.app.session.view import Phase
 from prefcal_scenarios.own.checks import check_experiment
 
+from .chances import chances_of
 from .state import Recovery
 from .watching import watched
 

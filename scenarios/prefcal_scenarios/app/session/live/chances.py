@@ -3,11 +3,10 @@
 from prefcal_agents import GLISp
 from prefcal_agents.protocol.agent import Agent
 from prefcal_env.errors import SettingsError
+from prefcal_scenarios.app.session.experiments import ExperimentStore
 from prefcal_scenarios.cutting import Chances
 from prefcal_scenarios.kpis import can_be_cut
 from prefcal_scenarios.scenario import Scenario
-
-from .experiments import ExperimentStore
 
 
 def chances_of(agent: Agent, store: ExperimentStore) -> Chances | None:
