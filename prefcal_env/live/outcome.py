@@ -41,7 +41,7 @@ def experiment_of(rig: "LiveRig", theta: Float[np.ndarray, " n"], outcome: Outco
             for name, values in outputs.items()
             if np.isnan(values[kept]).any()
         },
-        kpis=rig.kpis,
+        kpis=None if outcome.end is End.CUT_SHORT else rig.kpis,  # they would look complete
         end=End.FAILED if nothing else outcome.end,
         time_unit="s",
     )

@@ -47,12 +47,17 @@ class Strength(IntEnum):
 
 
 class Mark(Enum):
-    """Marks that a calibrator may give to one side besides the verdict."""
+    """Marks that a calibrator may give to one side besides the verdict.
+
+    No calibrator gives the last one: it says that the KPIs of the challenger are lower bounds,
+    because its run was cut short.
+    """
 
     CHALLENGER_UNSAFE = "challenger unsafe"
     INCUMBENT_UNSAFE = "incumbent unsafe"
     CHALLENGER_GOOD_ENOUGH = "challenger good enough"
     INCUMBENT_GOOD_ENOUGH = "incumbent good enough"
+    CHALLENGER_CUT_SHORT = "challenger cut short"
 
 
 @dataclass(frozen=True, slots=True)

@@ -220,6 +220,12 @@ class History:
                 found.add(c.incumbent)
         return frozenset(found)
 
+    def cut_short(self) -> frozenset[int]:
+        """Return the indices of the samples whose runs were cut short: their KPIs are bounds."""
+        return frozenset(
+            c.challenger for c in self.comparisons if Mark.CHALLENGER_CUT_SHORT in c.answer.marks
+        )
+
     @property
     def incumbent(self) -> int | None:
         """Return the index of the best sample by the whole record; None before the first answer.

@@ -7,7 +7,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import End, Experiment
 
 from .answer import Agent, Answer, Calibrator, Preference, Query
 from .run_facts import completed
@@ -122,7 +122,7 @@ def calibrate(
     """Drive `agent` until it is done, yielding each comparison after the agent has the answer.
 
     An experiment that became unsafe is marked as unsafe, whatever the calibrator says; see
-    `completed`.
+    `completed`. One that was cut short loses, and the calibrator is not asked.
 
     Args:
         agent: Agent that proposes θ; it is changed.
@@ -137,7 +137,9 @@ def calibrate(
 
     def answer(challenger: Experiment, incumbent: Experiment | None) -> Answer:
         said = Answer(None)
-        if incumbent is not None:
+        if incumbent is not None and challenger.end is End.CUT_SHORT:
+            said = Answer(Preference.INCUMBENT)  # which is why it was cut short
+        elif incumbent is not None:
             said = Answer.of(calibrator.prefer(challenger, incumbent))
         pair = None
         if outcome is not None and said.outcomes is None:

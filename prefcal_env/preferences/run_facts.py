@@ -1,5 +1,6 @@
 """Add the known facts about two experiments to the answer about them."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 from prefcal_env.experiments.end import End
@@ -36,12 +37,7 @@ def completed(
         incumbent: Experiment of the incumbent; None in the first query.
         outcomes: KPIs of both; None adds none.
     """
-    sides = ((Mark.CHALLENGER_UNSAFE, challenger), (Mark.INCUMBENT_UNSAFE, incumbent))
-    found = tuple(
-        mark
-        for mark, experiment in sides
-        if experiment is not None and counts_as_unsafe(experiment) and mark not in answer.marks
-    )
+    found = tuple(mark for mark in _facts(challenger, incumbent) if mark not in answer.marks)
     if found:
         marks, automatic = (*answer.marks, *found), (*answer.automatic, *found)
         answer = replace(answer, marks=marks, automatic=automatic)
@@ -54,3 +50,13 @@ def completed(
     if outcomes is not None and answer.outcomes is None:
         answer = replace(answer, outcomes=outcomes)
     return answer
+
+
+def _facts(challenger: Experiment, incumbent: Experiment | None) -> Iterator[Mark]:
+    """Yield the marks that follow from how the two runs ended."""
+    if counts_as_unsafe(challenger):
+        yield Mark.CHALLENGER_UNSAFE
+    if incumbent is not None and counts_as_unsafe(incumbent):
+        yield Mark.INCUMBENT_UNSAFE
+    if challenger.end is End.CUT_SHORT:
+        yield Mark.CHALLENGER_CUT_SHORT

@@ -195,6 +195,10 @@ class Scenario:
             `Processor`; None if computation time is not a criterion.
         simulated: Whether `prefcal calibrate` simulates many experiments unseen; they must be
             quick simulations.
+        so_far: Function of the record of a run in progress that returns lower bounds of its KPIs,
+            by name and in their units (upper bounds where higher is better): what sums, integrals,
+            maxima and counts have reached. Other KPIs are left out. Runs can be cut short only with
+            it; a live plant with tracking KPIs has it without.
         pictures: Function that returns the scenario's own figures, shown above the report's
             standard ones. It is a function so that plotting is imported only for reports.
 
@@ -222,6 +226,7 @@ class Scenario:
     brief: str = ""
     on_processor: "Callable[[Scenario, Processor], Scenario] | None" = None
     simulated: bool = False
+    so_far: Callable[[Experiment], Mapping[str, float]] | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.kpis, _Unstated):

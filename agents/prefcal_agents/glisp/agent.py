@@ -1,5 +1,6 @@
 """GLISp: preference-based optimization with radial basis functions and IDW exploration."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar, Self, final
 
@@ -7,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from prefcal_agents.history.agent_state import AgentState
+from prefcal_agents.history.censored import judged
 from prefcal_agents.history.lessons import Preferences
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_agents.protocol.agent import Pair, PreferenceBased, one_thread
@@ -16,6 +18,7 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.history import History
 from prefcal_env.qp import make_backend
 
+from .cutting import chance_to_win
 from .questions import final_question, follow_up
 from .selection import ModelSelection
 from .settings import GLISpSettings
@@ -142,6 +145,19 @@ class GLISp(PreferenceBased):
         with one_thread():
             return self._models.after(self.history).shape.epsilon
 
+    def chance_to_win(self, bounds: Mapping[str, float]) -> float:
+        """Return the probability that a run in progress can still become the best experiment.
+
+        Below 0.01 it hardly pays to finish the run. With probability 1, nothing can be said: there
+        are fewer than ten answers with KPIs, or KPIs do not explain them.
+
+        Args:
+            bounds: Lower bounds of the run's KPIs by name, lower is better: what sums, integrals,
+                maxima and counts have reached so far. Other KPIs are left out.
+        """
+        with one_thread():
+            return chance_to_win(self._models.kpi_fit(self.history), self.history, bounds)
+
     @property
     def index(self) -> LearnedCost | None:
         """Return the weighted sum of KPIs that best explains the answers, to inspect or export.
@@ -149,7 +165,7 @@ class GLISp(PreferenceBased):
         None if the answers came without KPIs, or nothing can be learned from the KPIs.
         """
         with one_thread():
-            return LearnedCost.of(self.history, self._seed, self._setup.backend)
+            return LearnedCost.of(judged(self.history), self._seed, self._setup.backend)
 
     def surrogate(self, thetas: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
         """Return how good physical `thetas` are expected to be, shape (m, n), for plotting.

@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Int
 
+from prefcal_agents.history.censored import judged
 from prefcal_agents.history.lessons import MOST, Memory, Preferences, kpis_of
 from prefcal_agents.models.cross_validation import (
     FOLDS,
@@ -150,6 +151,7 @@ class ModelSelection:
         if self._kpi_fits is None or not any(kpis_of(history)):
             return None
         self._follow(history)
+        history = judged(history)
         fit = self._kpi_fits.after(history)
         if not fit.teaches or not history.lessons():
             return None

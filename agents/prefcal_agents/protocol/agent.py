@@ -275,6 +275,8 @@ class Agent(Stored):
                 if pair is None:
                     ask = self._final if self._all_answered else self._follow_up
                     pair = ask(history)
+            if pair is not None and history.cut_short() & {*pair}:
+                pair = None  # half a run cannot be compared with a whole one
             self._thought = (history, pair)
         return self._thought[1]
 

@@ -106,8 +106,9 @@ def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Con
         with _simulator(opened, scenario) as simulator:
             ahead = options.by_a_person
             interview = Interview(
-                scenario, file, ahead=ahead, simulator=simulator, at_once=options.at_once
-            )
+                scenario, file, ahead=ahead, simulator=simulator, at_once=options.at_once,
+                cut_short=options.cut_short,
+            )  # fmt: skip
             work = CalibrateRun(Reporter(interview, opened, claim, messages), ctrl_c)
             ctrl_c.on_press = work.stopping
             work.introduce()

@@ -7,7 +7,7 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
 from prefcal_env.preferences.answer import Answer, Mark
@@ -60,6 +60,18 @@ INTERRUPTED = "unsafe: run interrupted"
 """Text for an experiment that counts as unsafe although no person marked it."""
 
 
+CUT_SHORT = "run cut short, it could no longer win"
+"""Text for an experiment whose run was cut short."""
+
+
+def ended_text(experiment: Experiment) -> str:
+    """Return why an experiment ended; after what time if it was cut short."""
+    if experiment.end is not End.CUT_SHORT:
+        return str(experiment.end.value)
+    after = quantity(experiment.duration, experiment.channels.time_unit)
+    return f"cut short after {after}: could no longer win"
+
+
 def earlier_text(taken: Mapping[str, Any]) -> str:
     """Return what a study took from an earlier one, according to its configuration."""
     found = f"its best θ of {taken['experiments']} experiments"
@@ -69,6 +81,7 @@ def earlier_text(taken: Mapping[str, Any]) -> str:
 def mark_text(mark: Mark, *, automatic: bool = False) -> str:
     """Return a mark as in the tables, which name the challenger first."""
     words = mark.value.replace("challenger ", "first: ").replace("incumbent ", "second: ")
+    words = words.replace("cut short", CUT_SHORT)
     return words.replace("unsafe", INTERRUPTED) if automatic else words
 
 

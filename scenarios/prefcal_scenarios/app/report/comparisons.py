@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.loop import Comparison
-from prefcal_scenarios.app.presentation.wording import labeled
+from prefcal_scenarios.app.presentation.wording import ended_text, labeled
 
 from .record import VERDICTS, Record
 
@@ -52,4 +52,4 @@ def _side(record: Record, experiment: Experiment) -> Iterator[object]:
     yield from (experiment.kpis.get(k.name, "") for k in record.kpis)
     cost = record.cost(experiment)
     yield "" if cost is None else cost
-    yield experiment.end.value
+    yield ended_text(experiment)

@@ -8,7 +8,7 @@ from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.experiments.maneuvers import named
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import Comparison
-from prefcal_scenarios.app.presentation.wording import marks_text, measured, number
+from prefcal_scenarios.app.presentation.wording import ended_text, marks_text, measured, number
 from prefcal_scenarios.kpis import WORST, grouped
 from prefcal_scenarios.scenario import KPI
 
@@ -89,7 +89,7 @@ def result_rows(record: Record) -> Iterator[ResultRow]:
         values = tuple(_judged(kpi, e) for e in shown)
         title = kpi.title if part in ("", WORST) else named(kpi.title, part)
         yield ResultRow(title, values, kpi.unit, objective(kpi))
-    yield ResultRow("ended", tuple(Value(e.end.value) for e in shown))
+    yield ResultRow("ended", tuple(Value(ended_text(e)) for e in shown))
 
 
 def _grouped(kpis: Sequence[KPI], shown: Sequence[Experiment]) -> Sequence[tuple[str, KPI]]:

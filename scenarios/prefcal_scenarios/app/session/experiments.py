@@ -143,11 +143,12 @@ class ExperimentStore:
 
     def asked(self, closed: Comparison) -> Question:
         """Return an answered question as it was shown."""
-        if closed.incumbent is None or closed.question is None:
+        if closed.incumbent is None:
             raise StudyError("the first experiment was not compared with anything")
         left = closed.challenger_left is not False
         shown = Shown(closed.challenger, closed.incumbent, left, None)
-        question = self.question(closed.question, closed.challenger, shown)
+        # Nobody was asked about a run that was cut short: its question has the id of its answer.
+        question = self.question(closed.question or closed.seq, closed.challenger, shown)
         return replace(question, further=closed.after is not None)
 
     def comparison(self, index: int) -> Compared:

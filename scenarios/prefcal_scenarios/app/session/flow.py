@@ -9,9 +9,9 @@ from jaxtyping import Float
 from prefcal_agents.protocol.agent import Agent, rematch
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import StudyError
-from prefcal_env.experiments.experiment import Experiment
+from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.live import LiveRig
-from prefcal_env.preferences.answer import Answer, Query
+from prefcal_env.preferences.answer import Answer, Preference, Query
 from prefcal_env.preferences.history import History, Sample
 from prefcal_env.preferences.run_facts import completed
 from prefcal_env.rig import Rig
@@ -29,10 +29,13 @@ from prefcal_env.study import (
     Taken,
 )
 from prefcal_scenarios.app.simulating import Basis, Simulator, named_twin, past_of
+from prefcal_scenarios.cutting import cut
+from prefcal_scenarios.kpis import outcome
 from prefcal_scenarios.own.own_line import in_words
 from prefcal_scenarios.scenario import Scenario
 
 from .experiments import ExperimentStore
+from .live.chances import chances_of
 from .live.state import Live
 from .order import challenger_left
 from .prefetch import Prefetch, Prepared
@@ -50,6 +53,8 @@ class Flow:
     """What the agent simulates with; None if it simulates nothing."""
     at_once: int = 1
     """Number of experiments that run at the same time."""
+    cuts: bool = False
+    """Whether runs that can no longer win are cut short without asking."""
     running: set[bytes] = field(default_factory=set)
     """Keys of the θ that run now, if several do."""
     asked: bool = False
@@ -324,15 +329,38 @@ class Flow:
             return self._ran_beside(index, result, theta)
         try:
             if isinstance(result, Experiment):
-                self.study.append((Finished(index), result))
-            else:
-                self.take(index)
-                self.study.append(Failed(self.state.history.answered, in_words(result)))
+                return self._save(index, result)
+            self.take(index)
+            self.study.append(Failed(self.state.history.answered, in_words(result)))
         except StudyError as error:
             return self.move(Phase.FAILED, error)
-        if isinstance(result, Experiment):
-            return self.proceed()
         return self.move(Phase.FAILED, result)
+
+    def _save(self, index: int, result: Experiment) -> None:
+        """Save the experiment of the pending sample and proceed.
+
+        A run that was cut short loses, and nobody is asked; after an undo, the person compares what
+        was recorded.
+        """
+        if self.cuts and self.at_once == 1 and not isinstance(self.store.scenario.run, LiveRig):
+            chances = chances_of(self.agent, self.store)
+            if chances is not None:
+                result = cut(result, chances.is_hopeless)
+        best = self.best
+        if result.end is End.CUT_SHORT and best is not None:
+            return self._lose(index, result, best)
+        self.study.append((Finished(index), result))
+        return self.proceed()
+
+    def _lose(self, index: int, result: Experiment, best: int) -> None:
+        """Save a run that was cut short and that it is worse than the best, in one step."""
+        pair = (outcome(self.store.scenario, result), self.store.outcomes(best, None)[0])
+        lost = Answer(Preference.INCUMBENT)
+        answer = completed(lost, result, self.store.experiment(best), pair)
+        self.study.append((Finished(index), result), Answered(None, index, best, answer))
+        self.agent.tell(self.agent.ask(), answer)
+        self.move(Phase.RUNNING)
+        self.answered_at = self.version
 
     def _ran_beside(
         self, index: int, result: Experiment | Exception, theta: Float[np.ndarray, " n"]

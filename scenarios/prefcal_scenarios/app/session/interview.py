@@ -35,6 +35,7 @@ from .experiments import ExperimentStore
 from .flow import Flow
 from .kpi_importance import importance_of, index_of, known_outcomes
 from .live import driving
+from .live.chances import check_cutting
 from .memory import agent_of, as_studied, is_simulating
 from .records import Given, Preview
 from .view import Choice, Now, Phase, Question
@@ -62,21 +63,25 @@ class Interview:
             default, it simulates in this process. It stays open.
         at_once: Number of experiments that run at the same time, each in a thread that calls
             `work`; 1 runs ahead of the answers instead, see `ahead`.
+        cut_short: Whether runs that can no longer win are cut short without asking; nothing runs
+            ahead of the answers then. A front end of a live plant can offer it in any case, see
+            `LiveNow.hopeless`.
 
     Raises:
         StudyError: If the study has other knobs, or cannot be written.
-        SettingsError: If `at_once` is above 1, and the agent simulates or the plant is a rig.
+        SettingsError: If `at_once` is above 1, and the agent simulates or the plant is a rig; or if
+            `cut_short` is set, and runs cannot be cut short.
     """
 
     def __init__(
         self, scenario: Scenario, study: StudyFile, *, ahead: bool = True, asks: bool = True,
-        simulator: Simulator | None = None, at_once: int = 1,
+        simulator: Simulator | None = None, at_once: int = 1, cut_short: bool = False,
     ) -> None:  # fmt: skip
         if at_once > 1:
             _check_at_once(scenario, study)
         scenario = self._scenario = as_studied(scenario, study.state)
         self.study = study
-        self._runs_ahead = ahead
+        self._runs_ahead = ahead and not cut_short
         self._changed = threading.Condition(threading.RLock())
         twin = named_twin(study.state.configuration)
         if simulator is None and asks and twin is not None:
@@ -87,7 +92,10 @@ class Interview:
         if simulator is not None:
             simulator.tell = self._simulating
         agent = agent_of(study.state, scenario.space, simulator)
-        self._flow = Flow(study, ExperimentStore(scenario, study), agent, simulator, at_once)
+        if cut_short:
+            check_cutting(scenario, agent, at_once)
+        store = ExperimentStore(scenario, study)
+        self._flow = Flow(study, store, agent, simulator, at_once, cut_short)
         self._closing = self._has_background = False
         self._idle_at: int | None = None
         self._flow.live.changed = self._driving
@@ -409,6 +417,14 @@ class Interview:
         """
         return self._do(runs.stop, index)
 
+    def cut_run(self, index: int) -> Now:
+        """Cut the run on the live plant short, which can no longer win: it counts as worse.
+
+        Raises:
+            StaleError: If it is not in progress, or can still win.
+        """
+        return self._do(driving.cut, index)
+
     def write_and_start(self, index: int) -> Now:
         """Confirm what is written to the live plant, and start the run of the pending sample.
 
@@ -518,7 +534,7 @@ class Interview:
     ) -> Now:
         """Take a step, and return what is to be seen after it."""
         with self._change() as flow:
-            if driving.is_driving(flow) and step is not runs.stop:
+            if driving.is_driving(flow) and step not in (runs.stop, driving.cut):
                 raise StaleError("a run on the plant is in progress: stop it first")
             step(flow, *args, **kwargs)
             return self.now()

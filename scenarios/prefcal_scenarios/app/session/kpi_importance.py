@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from prefcal_agents.history.censored import judged
 from prefcal_agents.models.kpi_importance import Importance
 from prefcal_agents.models.learned_cost import LearnedCost
 from prefcal_env.preferences.history import Comparison, History
@@ -21,7 +22,8 @@ def known_outcomes(state: State, store: ExperimentStore) -> History:
     analyzed like any other.
     """
     history = agent_state(state).history
-    return replace(history, comparisons=tuple(_known(c, store) for c in history.comparisons))
+    known = replace(history, comparisons=tuple(_known(c, store) for c in history.comparisons))
+    return judged(known)
 
 
 def index_of(history: History, seed: int) -> LearnedCost | None:

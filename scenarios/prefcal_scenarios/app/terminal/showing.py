@@ -13,7 +13,12 @@ from rich.text import Text
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.live import LiveRig
 from prefcal_env.rig import Rig
-from prefcal_scenarios.app.presentation.wording import INTERRUPTED, printable, with_unit
+from prefcal_scenarios.app.presentation.wording import (
+    INTERRUPTED,
+    ended_text,
+    printable,
+    with_unit,
+)
 from prefcal_scenarios.app.session import Interview, Now, Question, Side
 from prefcal_scenarios.app.web.view import Seen
 from prefcal_scenarios.app.web.view.maneuvers import Pair, pairs_of
@@ -179,7 +184,7 @@ def _title(name: str, side: Side, *, blind: bool) -> str:
     if side.counts_as_unsafe:
         title += f" · {INTERRUPTED}"
     elif side.experiment.end.interrupted:
-        title += f" · {side.experiment.end.value}"
+        title += f" · {ended_text(side.experiment)}"
     return title
 
 

@@ -90,6 +90,41 @@ def compute_kpis(
     return found
 
 
+def bounds_so_far(
+    experiment: Experiment,
+    disturbed_at: float,
+    u0: float,
+    beside: int | None,
+    steps: int,
+    pace: float = 1.0,
+) -> dict[str, float]:
+    """Return lower bounds of the KPIs of a run, from its record so far.
+
+    Means are bounded as if nothing were added in the steps to come.
+
+    Args:
+        experiment: Record so far.
+        disturbed_at: Time of the disturbance.
+        u0: First input at the start.
+        beside: Index of the state that the step should not move much.
+        steps: Number of control steps of a whole run.
+        pace: As for `compute_kpis`.
+    """
+    t, u = experiment.t, experiment.u_control[:, 0]
+    known = compute_kpis(experiment, disturbed_at, u0, beside, pace)
+    y = experiment.output(0)
+    assert y is not None
+    error = y - float(experiment.y_ref[0, 0])
+    outside = np.flatnonzero((np.abs(error) > _BAND * abs(error[0])) & (t < disturbed_at))
+    known |= {
+        "settling_time": float(t[outside[-1]]) if len(outside) else 0.0,
+        "disturbance_peak": float(np.abs(error[t >= disturbed_at]).max(initial=0.0)),
+        "effort": float(np.sqrt(np.sum((u - u0) ** 2) / steps)),
+        "input_noise": float(np.abs(np.diff(u)).sum()) * pace / max(steps - 1, 1),
+    }
+    return known
+
+
 def _of_step(
     t: Float[np.ndarray, " K"], error: Float[np.ndarray, " K"], *, reached: bool
 ) -> dict[str, float]:

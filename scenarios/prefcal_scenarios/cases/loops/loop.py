@@ -11,8 +11,8 @@ from prefcal_env.knobs.space import KnobSpace
 from prefcal_scenarios.scenario import KPI, Panel, Scenario
 
 from .controllers import Tunable
-from .course import Course, Driven, OperatingPoint
-from .kpis import compute_kpis, kpis_of
+from .course import Course, Driven, OperatingPoint, steps_in
+from .kpis import bounds_so_far, compute_kpis, kpis_of
 from .plants import Plant
 from .wording import about_knob, brief_of
 
@@ -130,12 +130,23 @@ class Loop:
         """
         theta = (space or self.space).check(theta)
         values = dict(zip(self.space.names, theta.tolist(), strict=True))
-        hold = max(round(values.get("T_s", self.timing.T_s) / self.timing.step), 1)
+        hold = self._hold(theta)
         try:
             driven = self.controller.drive(values, self._course(hold, seed))
         except np.linalg.LinAlgError:
             driven = None
         return self._experiment(theta, driven, hold)
+
+    def so_far(self, experiment: Experiment) -> dict[str, float]:
+        """Return lower bounds of the KPIs of a run, from its record so far; {} without a step."""
+        if not len(experiment.t_control):
+            return {}
+        hold, timing = self._hold(experiment.theta), self.timing
+        values = bounds_so_far(
+            experiment, timing.disturbed_at, self.task.u0[0], self.beside,
+            steps_in(self._instants, hold), self._pace(hold),
+        )  # fmt: skip
+        return {kpi.name: values[kpi.name] for kpi in self.kpis}
 
     def start(self) -> OperatingPoint:
         """Return where the loop starts."""
@@ -158,6 +169,7 @@ class Loop:
             panels=(*self._state_panels(), *(Panel(c.name) for c in self.inputs)),
             brief=brief_of(self.brief, self.states),
             simulated=True,
+            so_far=self.so_far,
         )
 
     def _state_panels(self) -> tuple[Panel, ...]:
@@ -198,6 +210,14 @@ class Loop:
             delay=round(timing.dead_time / timing.step),
         )
 
+    def _hold(self, theta: Float[np.ndarray, " n"]) -> int:
+        """Return the number of simulation steps in a sampling period of θ."""
+        values = dict(zip(self.space.names, theta.tolist(), strict=True))
+        return max(round(float(values.get("T_s", self.timing.T_s)) / self.timing.step), 1)
+
+    def _pace(self, hold: int) -> float:
+        return self.timing.T_s / (hold * self.timing.step)
+
     @property
     def _instants(self) -> int:
         """Number of instants of a whole experiment."""
@@ -226,8 +246,9 @@ class Loop:
         )  # fmt: skip
         if len(steps) == 0:
             return bare
-        pace = self.timing.T_s / (hold * self.timing.step)
-        values = compute_kpis(bare, self.timing.disturbed_at, self.task.u0[0], self.beside, pace)
+        values = compute_kpis(
+            bare, self.timing.disturbed_at, self.task.u0[0], self.beside, self._pace(hold)
+        )
         return replace(bare, kpis={kpi.name: values[kpi.name] for kpi in self.kpis})
 
     def _end(self, x: Float[np.ndarray, "V n_x"]) -> End:

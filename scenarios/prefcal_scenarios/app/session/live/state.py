@@ -35,6 +35,8 @@ class LiveNow:
         stopping: Whether the run was told to stop.
         recovery: Whether the plant has its old values again. If that failed, `problem` says why,
             and nothing is written until it succeeds.
+        hopeless: Whether the run can no longer win, so that it can be cut short.
+        cutting: Whether the run is being cut short.
     """
 
     changes: tuple[Change, ...] | None
@@ -43,6 +45,8 @@ class LiveNow:
     curve: tuple[Sample, ...]
     stopping: bool
     recovery: Recovery = Recovery.DONE
+    hopeless: bool = False
+    cutting: bool = False
 
 
 @dataclass(slots=True)
@@ -66,6 +70,10 @@ class Live:
     """Nothing is read or written for a new run before it is done."""
     stop: threading.Event = field(default_factory=threading.Event)
     closing: threading.Event = field(default_factory=threading.Event)
+    hopeless: threading.Event = field(default_factory=threading.Event)
+    """Whether the run in progress can no longer win."""
+    cut: threading.Event = field(default_factory=threading.Event)
+    """Whether to cut the run in progress short."""
     _progress: Progress | None = None
     _curve: list[Sample] = field(default_factory=list)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -76,7 +84,8 @@ class Live:
 
     def begin(self) -> None:
         """Begin a run."""
-        self.stop.clear()
+        for event in (self.stop, self.hopeless, self.cut):
+            event.clear()
         self.problem, self.partial = "", None
         with self._lock:
             self._progress, self._curve = Progress(Stage.CONNECTING, 0.0, 0.0), []
@@ -95,6 +104,11 @@ class Live:
                 self._curve.append((progress.elapsed, progress.values))
         self.changed()
 
+    def recorded(self) -> tuple[Sample, ...]:
+        """Return all samples of the run so far."""
+        with self._lock:
+            return tuple(self._curve)
+
     def now(self) -> LiveNow:
         """Return what a front end shows."""
         with self._lock:
@@ -102,5 +116,6 @@ class Live:
             curve = tuple(self._curve[::thin])
             progress = self._progress
         return LiveNow(
-            self.changes, self.problem, progress, curve, self.stop.is_set(), self.recovery
-        )
+            self.changes, self.problem, progress, curve, self.stop.is_set(), self.recovery,
+            self.hopeless.is_set(), self.cut.is_set(),
+        )  # fmt: skip

@@ -22,6 +22,11 @@ export function stopLive() {
   return act("stop_run", { index: now.pending.index });
 }
 
+function cutShort() {
+  const now = current();
+  return act("cut_run", { index: now.pending.index });
+}
+
 export function showLive(now) {
   const { running: run, changes, problem, unrestored } = now.live;
   const kind = JSON.stringify(run ? ["run", now.pending?.index, run.recovers, run.restores] : ["confirm", now.pending?.index, changes, problem, unrestored]);
@@ -94,6 +99,9 @@ function running({ live, pending }) {
     el("p", { hidden: recovers || restores }, el("progress", { id: "live-progress", "aria-label": "Recorded time", max: live.duration, value: 0 }), " ",
       el("span", { id: "live-left" })),
     el("p", { id: "live-problem", class: "problem", role: "alert", hidden: true }),
+    el("p", { id: "live-hopeless", class: "notice", role: "status", hidden: true },
+      el("span", {}, "This run can no longer win, by your answers and its KPIs so far. Cut short, it counts as worse than the best, and the plant gets its old values back. "),
+      el("button", { type: "button", id: "live-cut", class: "primary", on: { click: cutShort } }, "Cut it short")),
     el("p", { class: "actions", hidden: recovers || restores }, el("button", { type: "button", id: "live-stop", class: "danger", on: { click: stopLive } },
       "Stop and restore the old values ", el("kbd", {}, "K"))),
     el("div", { id: "live-curves" }));
@@ -102,7 +110,9 @@ function running({ live, pending }) {
 function progress({ live }) {
   const { running: run, duration } = live;
   const { stage, elapsed, problem, stopping, times, outputs } = run;
-  set("live-stage", stopping ? "Stopping: the plant gets its old values back." : sentence(stage));
+  const ending = run.cutting ? "It can no longer win and is cut short" : "Stopping";
+  set("live-stage", stopping ? `${ending}: the plant gets its old values back.` : sentence(stage));
+  $("live-hopeless").hidden = !run.hopeless || stopping || !run.records;
   $("live-progress").value = elapsed;
   set("live-left", run.records ? `${seconds(Math.max(duration - elapsed, 0))} left` : "");
   set("live-problem", problem);

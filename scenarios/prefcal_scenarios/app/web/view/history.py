@@ -17,7 +17,8 @@ _WINNERS = {Preference.CHALLENGER: "new", Preference.INCUMBENT: "best", Preferen
 def history_view(interview: Interview) -> dict[str, Any]:
     """Return all answers in the order given, including repeated questions, and the remarks."""
     state = interview.now().state
-    numbers = {c.question: c.challenger for c in state.history.comparisons}
+    asked = (c for c in state.history.comparisons if c.question is not None)
+    numbers = {c.question: c.challenger for c in asked}
     numbers |= {c.question: -k for k, c in enumerate(state.history.follow_ups, start=1)}
     return {
         "answers": [_answer_view(c, numbers) for c in state.answers],

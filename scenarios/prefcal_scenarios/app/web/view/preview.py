@@ -87,7 +87,9 @@ def _running(rig: LiveRig, live: LiveNow) -> dict[str, Any] | None:
         "records": progress.stage is Stage.RECORDING,
         "elapsed": progress.elapsed,
         "problem": progress.problem,
-        "stopping": live.stopping,
+        "stopping": live.stopping or live.cutting,
+        "hopeless": live.hopeless,
+        "cutting": live.cutting,
         "times": [time for time, _ in live.curve],
         "outputs": [_curve(tag, rig, live) for tag in rig.tags if tag.role == "output"],
     }

@@ -5,7 +5,7 @@ from typing import Any
 
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_scenarios.app.presentation.wording import knob_number, measured
+from prefcal_scenarios.app.presentation.wording import ended_text, knob_number, measured
 from prefcal_scenarios.app.report.tables import objective
 from prefcal_scenarios.app.session import Question, Side
 from prefcal_scenarios.scenario import KPI, Scenario
@@ -100,7 +100,7 @@ def numbers_of(experiment: Experiment, kpis: Iterable[KPI]) -> dict[str, Any]:
     shown = [kpi for kpi in kpis if kpi.name in experiment.kpis]
     shown.sort(key=lambda kpi: not objective(kpi))
     return {
-        "ended": experiment.end.value,
+        "ended": ended_text(experiment),
         "interrupted": experiment.end.interrupted,
         "empty": not len(experiment.t),
         "kpis": [_kpi_view(kpi, experiment) for kpi in shown],
