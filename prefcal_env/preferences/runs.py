@@ -125,7 +125,8 @@ class _AtOnce(Generic[R]):
         try:
             self._running[key] = self._executor.submit(self._run, theta)
         except BrokenExecutor as error:  # it does not replace workers that died
-            raise RunError(f"the workers of the experiments died: {error}", "died") from error
+            words = f"the workers of the experiments died: {_told(error)}"
+            raise RunError(words, "died") from error
         self._running[key].add_done_callback(lambda _: self._landed.put(key))
 
     def _collect(self, key: bytes) -> None:
@@ -134,5 +135,10 @@ class _AtOnce(Generic[R]):
             self._results[key] = future.result()
         except (BrokenExecutor, CancelledError) as error:
             if self._started[key] >= _ATTEMPTS:
-                words = f"the worker of an experiment died {_ATTEMPTS} times: {error}"
+                words = f"the worker of an experiment died {_ATTEMPTS} times: {_told(error)}"
                 raise RunError(words, "died") from error
+
+
+def _told(error: Exception) -> str:
+    """Return the message of an error, or its kind if it has none."""
+    return str(error) or type(error).__name__
