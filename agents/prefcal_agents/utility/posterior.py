@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import ndtr
+from scipy.special import expit, ndtr
 
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.history import History
@@ -81,7 +81,12 @@ class Lessons:
 
     def log_probabilities(self, utilities: Utilities) -> Float[np.ndarray, "s a"]:
         """Return the logarithm of the probability of each answer by each draw, shape (s, a)."""
-        costs = utilities.costs(self.logs)
+        return self.judged(utilities, utilities.costs(self.logs))
+
+    def judged(
+        self, utilities: Utilities, costs: Float[np.ndarray, "s r"]
+    ) -> Float[np.ndarray, "s a"]:
+        """Return the same, given the costs of all rows in each draw."""
         gain = costs[:, self.worse] - costs[:, self.better]
         gain /= noticeable(costs[:, self.shown :])[:, None]
         error = utilities.errors[:, None]
@@ -117,11 +122,34 @@ def updated(
     places = (rng.random() + np.arange(len(before))) / len(before) * shares[-1]
     rows = np.minimum(np.searchsorted(shares, places), len(before) - 1)
     utilities = before.take(rng.permutation(rows))
-    logs = new.log_likelihood(utilities)
+    return _moved(utilities, new, scale, rng)
+
+
+def _moved(
+    utilities: Utilities, lessons: Lessons, scale: Scale, rng: np.random.Generator
+) -> Utilities:
+    """Return draws after Metropolis steps. Only what a step changes is computed again."""
+    count, k = utilities.normals.shape
+    each = [utilities.losses(lessons.logs, kpi) for kpi in range(k)]
+    losses = np.array(each).reshape(k, count, len(lessons.logs))
+
+    def log_likelihood(of: Utilities) -> Float[np.ndarray, " s"]:
+        costs = of.added(np.zeros((count, len(lessons.logs))), losses)
+        return np.asarray(lessons.judged(of, costs) @ lessons.strength)
+
+    logs = log_likelihood(utilities)
     for _ in range(_STEPS):
-        tried = utilities.mutated(Utilities.drawn(scale, len(before), rng), rng)
-        likely = new.log_likelihood(tried)
-        accepted = np.log(rng.random(len(before))) < likely - logs
+        tried = utilities.mutated(Utilities.drawn(scale, count, rng), rng)
+        draw, kpi = np.nonzero(
+            (tried.scales != utilities.scales) | (tried.exponents != utilities.exponents)
+        )
+        before = losses[kpi, draw]
+        steps = lessons.logs.T[kpi] - tried.scales[draw, kpi, None]
+        losses[kpi, draw] = expit(tried.exponents[draw, kpi, None] * steps)
+        likely = log_likelihood(tried)
+        accepted = np.log(rng.random(count)) < likely - logs
+        refused = ~accepted[draw]
+        losses[kpi[refused], draw[refused]] = before[refused]
         utilities = utilities.where(accepted, tried)
         logs = np.where(accepted, likely, logs)
     return utilities

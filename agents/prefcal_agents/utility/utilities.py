@@ -5,7 +5,7 @@ exponents ratios count, for large ones there is a limit at the scale, and beyond
 diminish. Weights have heavy tails, so one KPI may come before all others.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -140,9 +140,15 @@ class Utilities:
 
         Their log distances have the shape (m, k), or (s, m, k) if each draw has its own.
         """
-        total, weights = np.zeros((len(self), logs.shape[-2])), self.weights
-        for kpi in range(logs.shape[-1]):
-            total += weights[:, kpi, None] * self.losses(logs, kpi)
+        total = np.zeros((len(self), logs.shape[-2]))
+        return self.added(total, (self.losses(logs, kpi) for kpi in range(logs.shape[-1])))
+
+    def added(
+        self, total: Float[np.ndarray, "s m"], losses: Iterable[Float[np.ndarray, "s m"]]
+    ) -> Float[np.ndarray, "s m"]:
+        """Return `total` after adding the weighted `losses` of each KPI to it, shape (s, m)."""
+        for weight, lost in zip(self.weights.T, losses, strict=True):
+            total += weight[:, None] * lost
         return total
 
     def take(self, rows: Int[np.ndarray, " r"]) -> "Utilities":
