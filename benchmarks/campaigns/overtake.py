@@ -2,13 +2,15 @@
 
     OMP_NUM_THREADS=1 python benchmarks/campaigns/overtake.py [--samples 500] [--seeds 20]
     ... --samples 0 --agents GLISp RandomSearch LatinHypercube
+    ... --samples 0 --told --fresh 1000    # GLISp told the KPIs, against 1,000 other θ
     ... --steering "per step"            # 0.0873 rad per step instead of 0.0873 rad/s
     ... --optimum --steering "per second" "per step"
 
 Part one runs a seeded sample of θ in the box and reports how they ended: interrupted runs,
 unsolved QPs, criterion (i), seconds of an experiment. Part two calibrates with each agent, 50
 experiments for each seed, and reports whether the synthetic calibrator prefers the returned θ to
-the paper's, by which criterion, and whether it violates criterion (i) or safety. Prints Markdown.
+the paper's, by which criterion, and whether it violates criterion (i) or safety. With `--fresh`
+it also reports than how many other random θ the returned one is no worse. Prints Markdown.
 """
 
 import argparse
@@ -31,7 +33,7 @@ from prefcal_env.envs.overtake.road.rules import HORIZON
 from prefcal_env.experiments.experiment import Experiment
 from prefcal_env.preferences.answer import Preference
 from prefcal_env.preferences.loop import calibrate
-from prefcal_scenarios import Scenario, load
+from prefcal_scenarios import Scenario, load, outcome
 from prefcal_scenarios.cases.overtake import overtake
 from prefcal_scenarios.cases.overtake.computation_time import measured_t_comp
 from prefcal_scenarios.cases.overtake.controller import STEERING_LIMITS
@@ -96,14 +98,21 @@ def exact_in_time(e: Experiment) -> bool:
     return bool(instants and last)
 
 
-def study(job: tuple[int, str, str, int], steering: str) -> Result:
-    """Run one calibration: seed, agent, calibrator, experiments."""
+def fresh(i: int, steering: str) -> Experiment:
+    """Run random θ number i of those that no calibration has seen."""
+    theta = overtake.space.decode(np.random.default_rng([1, i]).random(len(overtake.space)))
+    return limited(steering).run(theta)
+
+
+def study(job: tuple[int, str, str, int], steering: str, told: bool) -> Result:
+    """Run one calibration: seed, agent, calibrator, experiments; KPIs are `told` or not."""
     seed, name, judge, n_max = job
     scenario = limited(steering)
     start = time.perf_counter()
     calibrator: Any = overtake.calibrators[judge](seed)
     agent = getattr(prefcal_agents, name)(overtake.space, n_max=n_max, seed=seed)
-    comparisons = list(calibrate(agent, scenario.run, calibrator))
+    known = partial(outcome, scenario) if told else None
+    comparisons = list(calibrate(agent, scenario.run, calibrator, known))
     best = scenario.run(agent.best)  # the last comparison may be about two others
     ties = sum(c.answer.preference is Preference.TIE for c in comparisons)
     verdict, criterion = calibrator.decide(best, scenario.run(overtake.references[PAPER]))
@@ -181,6 +190,21 @@ def tell_studies(results: list[Result], name: str, judge: str, console: Console)
     console.print("\n".join(text), soft_wrap=True, markup=False)
 
 
+def tell_shares(
+    results: list[Result], judge: str, steering: str, others: list[Experiment], console: Console
+) -> None:
+    """Print than which share of other θ the returned ones are no worse, by their calibrators."""
+    shares = []
+    for r in results:
+        calibrator: Any = overtake.calibrators[judge](r.seed)
+        best = limited(steering).run(np.array(r.theta))
+        verdicts = [calibrator.decide(best, other)[0] for other in others]
+        shares.append(100 * np.mean([v is not Preference.INCUMBENT for v in verdicts]))
+    low, middle, high = np.quantile(shares, [0.25, 0.5, 0.75])
+    text = f"No worse than {middle:.1f} % [{low:.1f}, {high:.1f}] of {len(others)} other θ"
+    console.print(f"{text} (median, quartiles over seeds)", soft_wrap=True, markup=False)
+
+
 def row(*cells: str) -> str:
     """Return a row of a Markdown table."""
     return "| " + " | ".join(cells) + " |"
@@ -201,6 +225,8 @@ def main() -> None:
         help="what 0.0873 rad limits",
     )  # fmt: skip
     parser.add_argument("--optimum", action="store_true", help="only the paper's optimum")
+    parser.add_argument("--told", action="store_true", help="agents are told the KPIs")
+    parser.add_argument("--fresh", type=int, default=0, help="other random θ to compare with")
     args = parser.parse_args()
     for steering in args.steering:
         tell(steering, args, Console())
@@ -213,11 +239,16 @@ def tell(steering: str, args: argparse.Namespace, console: Console) -> None:
     if args.samples and not args.optimum:
         one = partial(sample, steering=steering)
         tell_samples(list(spread(one, range(args.samples), args.jobs, "random θ")), console)
+    runs = spread(partial(fresh, steering=steering), range(args.fresh), args.jobs, "fresh θ")
+    others = [] if args.optimum else list(runs)
     for name, judge in product(args.agents, args.calibrator) if not args.optimum else ():
         jobs = [(seed, name, judge, args.n_max) for seed in range(args.seeds)]
         if jobs:
-            found = spread(partial(study, steering=steering), jobs, args.jobs)
-            tell_studies(list(found), name, judge, console)
+            one = partial(study, steering=steering, told=args.told)
+            found = list(spread(one, jobs, args.jobs))
+            tell_studies(found, name, judge, console)
+            if others:
+                tell_shares(found, judge, steering, others, console)
 
 
 if __name__ == "__main__":
