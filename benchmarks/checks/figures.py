@@ -275,7 +275,7 @@ MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
 SHOWN = re.compile(r"""(?:\]\(|src(?:set)?=")(?:[\w./]*/)?figures/([\w.-]+)[")]""")
 """How pages show a figure, in Markdown or in HTML."""
 UNCHECKED = ("film", "examples")
-"""Too slow for `--check`, unless `--only` names them; the tests of the docs run the examples, too."""
+"""Too slow for `--check`, unless `--only` names them; the tests of the docs run the examples."""
 
 
 def drawn(draw: Callable[[], Figure]) -> bytes:

@@ -48,8 +48,8 @@ def film(folder: Path, prefcal: Callable[..., str]) -> tuple[dict[str, bytes], M
         prefcal: Function that runs the command `prefcal` with its words and returns its output.
     """
     path = folder / "answers.prefcal"
-    prefcal("calibrate", SCENARIO, "--calibrator", CALIBRATOR, "--seed", str(SEED),
-            "--n-max", str(EXPERIMENTS), "--study", str(path), "--out", str(folder / "answers"))  # fmt: skip
+    prefcal("calibrate", SCENARIO, "--calibrator", CALIBRATOR, "--seed", str(SEED), "--n-max",
+            str(EXPERIMENTS), "--study", str(path), "--out", str(folder / "answers"))  # fmt: skip
     asked = json.loads(prefcal("studies", "show", str(path), "--json"))["questions"]
     frames = recorded(folder, [(q["challenger"], q["verdict"]) for q in asked])
     pages = [Image.open(BytesIO(shot)).convert("RGB").resize(SHOWN) for shot, _ in frames]

@@ -4,6 +4,7 @@ MkDocs knows only docs/. ARCHITECTURE.md and CHANGELOG.md become pages of the si
 that a page links to is copied to source/, and links follow. `mkdocs.yml` names this file.
 """
 
+import os
 import posixpath
 import re
 from collections.abc import Iterator
@@ -24,6 +25,9 @@ PLACES = {
 }
 """Page of the site for what else links name; with an anchor, for that section."""
 _LINK = re.compile(r"(\]\()([^)\s]+)(\))")
+
+
+ICON = ROOT / "scenarios" / "prefcal_scenarios" / "app" / "web" / "static" / "icon.svg"
 
 
 def moved(link: str, folder: str) -> str:
@@ -67,11 +71,19 @@ def linked_sources(pages: list[tuple[str, str]]) -> Iterator[str]:
                 yield at.removeprefix("docs/source/")
 
 
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Offer other versions only if `mike` builds the site, since only then there are any."""
+    if "MIKE_DOCS_VERSION" not in os.environ:
+        config.extra.pop("version", None)
+    return config
+
+
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages and files that are outside of docs/."""
     pages = [("", (ROOT / name).read_text("utf-8")) for name in PAGES]
     for path in (ROOT / "docs").rglob("*.md"):
         pages.append((path.parent.relative_to(ROOT).as_posix(), path.read_text("utf-8")))
+    files.append(File.generated(config, "icon.svg", abs_src_path=str(ICON)))
     for name, page in PAGES.items():
         text = rewritten((ROOT / name).read_text("utf-8"), "")
         files.append(File.generated(config, page, content=text))
