@@ -1,8 +1,8 @@
 """Does the site serve people with impaired sight, and keyboards? axe-core's serious findings.
 
-    npm install --prefix /some/folder axe-core
+    npm install --prefix FOLDER axe-core
     mkdocs build --strict
-    python benchmarks/checks/outside/site_axe.py build/site /some/folder/node_modules/axe-core/axe.min.js
+    python benchmarks/checks/outside/site_axe.py build/site FOLDER/node_modules/axe-core/axe.min.js
 
 Pages of every kind, in light and in dark, at the width of a phone, a tablet and a screen. Also
 reports pages that scroll sideways. Exits with 1 if anything serious or critical is found.
@@ -23,7 +23,8 @@ from rich.console import Console
 ROOT = Path(__file__).parents[3]
 PAGES = (
     "", "start/", "guides/", "pid/", "team/", "gallery/", "gallery/pid/", "environments/",
-    "api/", "api/knobs/", "api/agents/", "how_it_works/", "benchmarks/", "deviations/", "changelog/",
+    "api/", "api/knobs/", "api/agents/", "how_it_works/", "benchmarks/", "deviations/",
+    "changelog/",
 )  # fmt: skip
 WIDTHS = (380, 900, 1440)
 """Widths of the window in pixels."""
