@@ -114,7 +114,10 @@ def test_links_between_documents_lead_somewhere():
 
 
 def test_the_indexes_of_the_docs_name_every_page():
-    for folder in (ROOT / "docs", ROOT / "docs" / "research", ROOT / "docs" / "gallery"):
+    for folder in (
+        ROOT / "docs",
+        *(ROOT / "docs" / name for name in ("api", "gallery", "research")),
+    ):
         index = (folder / "README.md").read_text()
         for page in folder.glob("*.md"):
             assert page.name == "README.md" or f"({page.name})" in index, page.name
@@ -130,7 +133,8 @@ def test_every_figure_of_a_page_is_there_and_made_by_a_command_and_no_other_is_k
     script = ROOT / "benchmarks" / "checks" / "figures.py"
     found = json.loads(run([sys.executable, str(script), "--list"], ROOT))
     assert found["wrong"] == []
-    shown = {n for p in DOCUMENTS for n in re.findall(r"figures/([\w-]+\.png)", p.read_text())}
+    pattern = re.compile(r"figures/([\w-]+\.(?:png|webp))")
+    shown = {name for page in DOCUMENTS for name in pattern.findall(page.read_text())}
     assert shown == set(found["made by"])
 
 

@@ -44,6 +44,7 @@ from prefcal_scenarios.bench.worth.pictures import Worths, draw_loops, draw_over
 from prefcal_scenarios.bench.worth.published import read_published
 
 ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "benchmarks" / "site"))  # what draws for the site
 FIGURES, TABLE = ROOT / "docs" / "figures", Path(__file__).parent / "reactor_index.csv"
 MADE = "made.json"
 Pictures = Mapping[str, bytes]
@@ -174,6 +175,27 @@ def window(folder: Path) -> tuple[Pictures, Story]:
     return {"query_window.png": picture}, {"answered": ANSWERED}
 
 
+def examples(folder: Path) -> tuple[Pictures, Story]:
+    """Draw what the code of further gallery pages saves."""
+    from examples import examples as pages
+
+    return pages(ROOT / "docs", folder)
+
+
+def algorithm(folder: Path) -> tuple[Pictures, Story]:
+    """Draw how the agents learn."""
+    from algorithm import algorithm as studies
+
+    return studies()
+
+
+def film(folder: Path) -> tuple[Pictures, Story]:
+    """Make the moving picture of the site's first page."""
+    from film import film as calibration
+
+    return calibration(folder, prefcal)
+
+
 def worth(folder: Path) -> tuple[Pictures, Story]:
     """Draw the worth on closed loops from the published studies."""
     curves = curves_of(read_published())
@@ -227,19 +249,33 @@ def drive(loop: Any, controller: Any, until: float) -> float:
     return float(loop.measurement().t)
 
 
+EXAMPLES = tuple(
+    f"gallery_{page}.png"
+    for page in ("reactor", "overtaking", "pid", "servo", "cart_pole", "fmu", "opc_ua",
+                 "own_agent", "benchmark", "rl")
+)  # fmt: skip
+"""Figures of the gallery's pages that `benchmarks/site/examples.py` runs."""
+
 Maker = Callable[[Path], tuple[Pictures, Story]]
 MAKERS: Mapping[str, tuple[Maker, tuple[str, ...]]] = {
     "reactor": (reactor, (*REACTOR, "before_after.png")),
     "overtaking": (overtaking, ("overtaking.png",)),
+    "examples": (examples, EXAMPLES),
     "environments": (environments, tuple(PICTURED)),
     "index": (reactor_index, ("reactor_index.png",)),
     "window": (window, ("query_window.png",)),
+    "algorithm": (algorithm, ("learning.png", "simulated.png")),
+    "film": (film, ("film.webp", "film_still.webp")),
     "look": (looking, ("look.png",)),
     "maneuvers": (maneuvers, ("maneuvers.png",)),
     "worth": (worth, tuple(WORTH)),
     "gallery": (lambda folder: gallery(ROOT / "docs" / "gallery", folder), GALLERY),
 }
 """Functions that draw the figures, by name."""
+SHOWN = re.compile(r"""(?:\]\(|src(?:set)?=")(?:[\w./]*/)?figures/([\w.-]+)[")]""")
+"""How pages show a figure, in Markdown or in HTML."""
+UNCHECKED = ("film", "examples")
+"""Too slow for `--check`, unless `--only` names them; the tests of the docs run the examples."""
 
 
 def drawn(draw: Callable[[], Figure]) -> bytes:
@@ -263,14 +299,14 @@ def shown() -> dict[str, list[str]]:
     """Return every figure that a page shows, and the pages."""
     found: dict[str, list[str]] = {}
     for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))):
-        for name in re.findall(r"\]\((?:[\w./]*/)?figures/([\w.-]+)\)", page.read_text("utf-8")):
+        for name in SHOWN.findall(page.read_text("utf-8")):
             found.setdefault(name, []).append(str(page.relative_to(ROOT)))
     return found
 
 
 def complaints() -> Iterator[str]:
     """Yield the mismatches between pages, files and functions."""
-    makers, files = made_by(), {path.name for path in FIGURES.glob("*.png")}
+    makers, files = made_by(), {path.name for path in FIGURES.iterdir() if path.name != MADE}
     for name, pages in shown().items():
         if name not in makers:
             yield f"{', '.join(pages)} shows {name}, which nothing draws"
@@ -332,7 +368,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--only", nargs="+", choices=list(MAKERS), default=list(MAKERS))
+    parser.add_argument("--only", nargs="+", choices=list(MAKERS))
     parser.add_argument(
         "--check", action="store_true", help="change nothing; exit with 1 if anything differs"
     )
@@ -344,13 +380,14 @@ def main() -> int:
         console.print_json(json.dumps({"made by": made_by(), "wrong": list(complaints())}))
         return 0
     if options.check:
-        return check(options.only, console.print)
+        unnamed = [name for name in MAKERS if name not in UNCHECKED]
+        return check(options.only or unnamed, console.print)
     if options.campaigns:
         from_campaigns(options.campaigns, console.print)
         return 0
     path = FIGURES / MADE
     stories = json.loads(path.read_text("utf-8")) if path.exists() else {}
-    stories |= make(options.only, FIGURES, console.print)
+    stories |= make(options.only or list(MAKERS), FIGURES, console.print)
     path.write_text(json.dumps(stories, indent=2) + "\n", "utf-8")
     return 0
 

@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -30,6 +31,8 @@ from .record import Record
 
 _ACROSS = 3
 """Largest number of maneuvers next to each other; more would be too narrow to read."""
+_LINE = 76
+"""Number of characters of θ that fit above half of a figure."""
 _DASHES: tuple[Any, ...] = ((0, (5, 1.6)), (0, (1.5, 1.2)), "-")
 
 
@@ -262,12 +265,24 @@ def _pair(scenario: Scenario, pair: Sequence[Curve]) -> Figure:
             _above(places[0, 0], part, 21, fontweight="bold")
         top += len(rows[part])
     up = 15 if any(parts) else 0  # above the name of the first maneuver
-    for column, curve in enumerate(pair):
-        values = zip(scenario.space.names, curve.experiment.theta, strict=True)
-        theta = ",  ".join(f"{mathtext(n)} = {number(v)}" for n, v in values)
-        _above(grid[0, column], theta, 21 + up, color=FAINT, fontsize=8.5)
-        _above(grid[0, column], curve.label, 36 + up, color=curve.color, fontweight="bold")
+    thetas = [_theta_lines(scenario, curve.experiment.theta) for curve in pair]
+    label = 24 + 12 * max(map(len, thetas)) + up
+    for column, (curve, lines) in enumerate(zip(pair, thetas, strict=True)):
+        _above(grid[0, column], "\n".join(lines), 21 + up, color=FAINT, fontsize=8.5)
+        _above(grid[0, column], curve.label, label, color=curve.color, fontweight="bold")
     return figure
+
+
+def _theta_lines(scenario: Scenario, theta: Float[np.ndarray, " n"]) -> list[str]:
+    """Return θ in lines that fit above half of a figure."""
+    lines, room = [""], 0
+    for name, value in zip(scenario.space.names, theta, strict=True):
+        length = len(f"{name} = {number(value)},  ")
+        if length > room:
+            lines, room = [*lines, ""], _LINE
+        lines[-1] += f"{',  ' if lines[-1] else ''}{mathtext(name)} = {number(value)}"
+        room -= length
+    return lines[1:]
 
 
 def _share_time(places: "np.ndarray[Any, Any]") -> None:
