@@ -33,6 +33,7 @@ class Format(Enum):
 
     JSON = "json"
     CSV = "csv"
+    PARQUET = "parquet"
 
 
 def _examples(*pairs: tuple[str, str]) -> str:
@@ -107,7 +108,8 @@ def rm(
 @app.command(
     epilog=_examples(
         ("export mine", "Write mine.json, one file to pass on."),
-        ("export mine --format csv --out tables", "Tables and curves for a spreadsheet or pandas."),
+        ("export mine --format csv --out tables", "Tables and curves for a spreadsheet."),
+        ("export mine --format parquet --out tables", "The same for pandas, polars or DuckDB."),
     )
 )
 def export(
@@ -115,19 +117,20 @@ def export(
     format: Annotated[
         Format,
         typer.Option(
-            help="json: one file that `import` reads back; csv: a folder of tables and curves."
+            help="json: one file that `import` reads back; csv, parquet: a folder of tables and "
+            "curves, with a dictionary of their columns."
         ),
     ] = Format.JSON,
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="PATH",
-            help="File (json) or folder (csv).",
+            help="File (json) or folder (csv, parquet).",
             show_default="STUDY.json or ./STUDY",
         ),
     ] = None,
 ) -> None:
-    """Write a study as JSON or CSV."""
+    """Write a study as JSON, CSV or Parquet."""
     from .changes import export_study
 
     typer.echo(f"Written: {export_study(study, format.value, out)}")

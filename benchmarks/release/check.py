@@ -1,6 +1,6 @@
 """Check what a release would publish: build it, install it elsewhere, and run every command there.
 
-    python benchmarks/checks/release.py [--out dist] [--extra notebook] [--newest]
+    python benchmarks/release/check.py [--out dist] [--extra notebook] [--newest]
 
 Builds the source distribution and, from it, the wheel; checks both with twine and compares the
 wheel's files with those of the repository. Then installs the wheel in a new environment and an
