@@ -53,7 +53,7 @@ LAYERS = {
         {"app.looking", "bench", "app.terminal"},
         {"app.reproduce"},
         {"app.cli"},
-        {"__main__"},
+        {"app.notebook", "__main__"},
     ),
 }
 """Parts of each package, lowest first. A part may import itself and whatever is below it."""

@@ -89,8 +89,8 @@ _ANSWERS = (
     Column("challenger", "Number of the newer experiment, from 1", kind="integer"),
     Column("incumbent", "Number of the older experiment, from 1; empty for the first experiment",
            kind="integer"),
-    Column("preference", "Verdict, -1: the challenger is better, 0: about the same, 1: the incumbent is; "
-           "empty: can't tell", kind="integer"),
+    Column("preference", "Verdict, -1: the challenger is better, 0: about the same, 1: the "
+           "incumbent is; empty: can't tell", kind="integer"),
     Column("strength", "How much better; 1 is just better"),
     Column("marks", "What was marked with the answer, separated by semicolons", kind="text"),
     Column("automatic marks", "Marks that come from an interrupted run", kind="text"),
