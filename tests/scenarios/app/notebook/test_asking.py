@@ -1,5 +1,6 @@
 """A study beside a notebook: asked on the page, in a frame, and answered there."""
 
+import os
 import threading
 import time
 from contextlib import contextmanager
@@ -11,7 +12,7 @@ import pytest
 
 from prefcal_env.errors import SettingsError, StudyError
 from prefcal_scenarios import ask
-from support.browser import CHROMIUM, chromium
+from support.browser import CHROMIUM, SHOTS, chromium
 from support.calibrated import without_figures
 from toy_study import toy_scenario
 
@@ -60,6 +61,22 @@ def test_answers_on_the_page_reach_the_notebook(tmp_path):
         assert repr(asking) == "<study ./mine.prefcal: 4 experiments, 3 answers>"
     with pytest.raises(httpx.ConnectError):
         httpx.get(asking.link)
+
+
+def test_only_pages_of_this_machine_may_frame_it_and_everything_else_is_guarded_as_always():
+    with ask(toy_scenario(), study="./mine.prefcal", **QUICK) as asking:
+        headers = httpx.get(asking.link).headers
+        policy = headers["content-security-policy"]
+        assert "frame-ancestors http://127.0.0.1:* http://localhost:*" in policy
+        assert "x-frame-options" not in headers
+        assert "SameSite=Strict" in headers["set-cookie"]
+        assert "HttpOnly" in headers["set-cookie"]
+        origin = asking.link.partition("/open/")[0]
+        assert httpx.get(f"{origin}/api/now").status_code == 401
+        with page_of(asking) as client:
+            foreign = {"origin": "http://evil.example"}
+            assert client.post("/api/undo", json={}, headers=foreign).status_code == 403
+            assert client.get("/", headers={"host": "evil.example"}).status_code == 403
 
 
 def test_a_calibrator_answers_by_itself_and_the_controller_is_there():
@@ -131,7 +148,13 @@ def test_a_notebook_on_this_machine_shows_the_question_in_a_frame_and_answers_th
         page.goto(f"http://127.0.0.1:{server.server_port}/")
         frame = page.frame_locator("iframe")
         frame.locator("#progress-text").get_by_text("comparison 1 of 3").wait_for(timeout=60_000)
-        frame.locator("body").press("ArrowLeft")
+        curves = frame.locator(".js-plotly-plot .scatterlayer path.js-line")
+        curves.nth(1).wait_for(state="attached", timeout=60_000)
+        page.wait_for_timeout(500)  # the page takes no verdict in the first moment of a question
+        if "PREFCAL_SHOTS" in os.environ:
+            page.screenshot(path=SHOTS / "notebook.png")
+        frame.locator("#progress-text").click()  # a frame gets keys once it has the focus
+        page.keyboard.press("ArrowLeft")
         frame.locator("#progress-text").get_by_text("comparison 2 of 3").wait_for(timeout=60_000)
         assert len(asking.to_frame(answers=True)) == 1
         server.shutdown()
