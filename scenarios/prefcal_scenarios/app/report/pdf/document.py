@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from prefcal_scenarios.app.presentation.style import WIDTH
 from prefcal_scenarios.app.presentation.wording import labeled, number
 from prefcal_scenarios.app.report.acceptance import curves, sheet_of
 from prefcal_scenarios.app.report.export import REBUILD, versions
@@ -16,7 +17,7 @@ from prefcal_scenarios.app.report.tables import (
     shown_values,
 )
 
-from .paper import SMALL, TITLE, Paper, size_of
+from .paper import SMALL, SPACE, TITLE, Paper, size_of
 
 FILE = "report.pdf"
 """Name of the file."""
@@ -72,7 +73,7 @@ def _acceptance(paper: Paper, record: Record) -> None:
     if content.more_kpis:
         paper.text(f"and {content.more_kpis} more: see report.html", SMALL)
     room = paper.left - _SIGNED - 0.5
-    picture = curves(record, height=5.0)
+    picture = curves(record, height=min(5.0, max(2.4, room * WIDTH / SPACE)))
     if picture and room > 1.5:
         paper.heading("Curves before and after")
         paper.image(picture, most=room)
