@@ -1,6 +1,6 @@
 """`prefcal studies ...` and `prefcal report`: commands that work on studies."""
 
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -28,7 +28,7 @@ _Scenario = Annotated[
 ]
 
 
-class Format(Enum):
+class Format(StrEnum):
     """Format of an exported study."""
 
     JSON = "json"
