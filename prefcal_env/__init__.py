@@ -2,86 +2,145 @@
 
 Importing this package registers the environments `prefcal/CSTR-v0`, `prefcal/CSTRTuning-v0`,
 `prefcal/Overtake-v0`, `prefcal/OvertakeTuning-v0` and `prefcal/Experiment-v0` with Gymnasium by
-name; their dependencies are loaded only when an environment is made.
+name; their dependencies are loaded only when an environment is made. The names below are imported
+on first use: a script pays for what it uses.
 """
 
 from importlib import import_module as _import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+from typing import Any as _Any
 
 from gymnasium import register as _register
 
-from prefcal_env.controllers.do_mpc import DoMPC as DoMPC
-from prefcal_env.envs.experiment_env import ClosedLoop as ClosedLoop
-from prefcal_env.envs.preference_reward import PreferenceReward as PreferenceReward
-from prefcal_env.envs.tuning_env import TuningEnv as TuningEnv
-from prefcal_env.experiments.control import Controller as Controller
-from prefcal_env.experiments.control import Measurement as Measurement
-from prefcal_env.experiments.control import Move as Move
-from prefcal_env.experiments.experiment import Channel as Channel
-from prefcal_env.experiments.experiment import Channels as Channels
-from prefcal_env.experiments.experiment import End as End
-from prefcal_env.experiments.experiment import Experiment as Experiment
-from prefcal_env.experiments.kpis import tracking_kpis as tracking_kpis
-from prefcal_env.experiments.maneuvers import Maneuvers as Maneuvers
-from prefcal_env.experiments.maneuvers import combined as combined
-from prefcal_env.experiments.panels import Panel as Panel
-from prefcal_env.experiments.recorded import recorded as recorded
-from prefcal_env.experiments.rollout import rollout as rollout
-from prefcal_env.knobs.constraints import Constraint as Constraint
-from prefcal_env.knobs.constraints import LinearConstraint as LinearConstraint
-from prefcal_env.knobs.knob import Knob as Knob
-from prefcal_env.knobs.space import KnobSpace as KnobSpace
-from prefcal_env.preferences.answer import Agent as Agent
-from prefcal_env.preferences.answer import Answer as Answer
-from prefcal_env.preferences.answer import Calibrator as Calibrator
-from prefcal_env.preferences.answer import Mark as Mark
-from prefcal_env.preferences.answer import Preference as Preference
-from prefcal_env.preferences.answer import Query as Query
-from prefcal_env.preferences.answer import Strength as Strength
-from prefcal_env.preferences.answer import Suggestion as Suggestion
-from prefcal_env.preferences.kpis import Outcome as Outcome
-from prefcal_env.preferences.loop import Comparison as Comparison
-from prefcal_env.preferences.loop import ask_and_tell as ask_and_tell
-from prefcal_env.preferences.loop import calibrate as calibrate
-from prefcal_env.preferences.run_facts import completed as completed
-
-from .calibrators import BradleyTerry as BradleyTerry
-from .calibrators import Criterion as Criterion
-from .calibrators import HumanCalibrator as HumanCalibrator
-from .calibrators import LatentCost as LatentCost
-from .calibrators import Lexicographic as Lexicographic
-from .calibrators import Thurstone as Thurstone
-from .controllers.decentralized import Decentralized as Decentralized
-from .controllers.lqg import LQG as LQG
-from .controllers.lqr import LQR as LQR
-from .controllers.pid import PID as PID
-from .envs import LTILoop as LTILoop
-from .envs import PlantEnv as PlantEnv
-from .envs import Task as Task
-from .errors import PrefcalError as PrefcalError
-from .fmu import FMULoop as FMULoop
-from .plants import FunctionPlant as FunctionPlant
-from .plants import Plant as Plant
-from .rig import Rig as Rig
-from .tables import TableColumns as TableColumns
-from .tables import from_frame as from_frame
-
-if TYPE_CHECKING:
+if _TYPE_CHECKING:
+    from .calibrators import BradleyTerry as BradleyTerry
+    from .calibrators import Criterion as Criterion
+    from .calibrators import HumanCalibrator as HumanCalibrator
+    from .calibrators import LatentCost as LatentCost
+    from .calibrators import Lexicographic as Lexicographic
+    from .calibrators import Thurstone as Thurstone
+    from .controllers.decentralized import Decentralized as Decentralized
+    from .controllers.do_mpc import DoMPC as DoMPC
+    from .controllers.lqg import LQG as LQG
+    from .controllers.lqr import LQR as LQR
+    from .controllers.pid import PID as PID
+    from .envs import LTILoop as LTILoop
+    from .envs import PlantEnv as PlantEnv
+    from .envs import Task as Task
+    from .envs.experiment_env import ClosedLoop as ClosedLoop
+    from .envs.preference_reward import PreferenceReward as PreferenceReward
+    from .envs.tuning_env import TuningEnv as TuningEnv
+    from .errors import PrefcalError as PrefcalError
+    from .experiments.control import Controller as Controller
+    from .experiments.control import Measurement as Measurement
+    from .experiments.control import Move as Move
+    from .experiments.experiment import Channel as Channel
+    from .experiments.experiment import Channels as Channels
+    from .experiments.experiment import End as End
+    from .experiments.experiment import Experiment as Experiment
+    from .experiments.kpis import tracking_kpis as tracking_kpis
+    from .experiments.maneuvers import Maneuvers as Maneuvers
+    from .experiments.maneuvers import combined as combined
+    from .experiments.panels import Panel as Panel
+    from .experiments.recorded import recorded as recorded
+    from .experiments.rollout import rollout as rollout
+    from .fmu import FMULoop as FMULoop
+    from .knobs.constraints import Constraint as Constraint
+    from .knobs.constraints import LinearConstraint as LinearConstraint
+    from .knobs.knob import Knob as Knob
+    from .knobs.space import KnobSpace as KnobSpace
     from .mpc import LinearMPC as LinearMPC
     from .mpc import MPCSettings as MPCSettings
+    from .plants import FunctionPlant as FunctionPlant
+    from .plants import Plant as Plant
+    from .preferences.answer import Agent as Agent
+    from .preferences.answer import Answer as Answer
+    from .preferences.answer import Calibrator as Calibrator
+    from .preferences.answer import Mark as Mark
+    from .preferences.answer import Preference as Preference
+    from .preferences.answer import Query as Query
+    from .preferences.answer import Strength as Strength
+    from .preferences.answer import Suggestion as Suggestion
+    from .preferences.kpis import Outcome as Outcome
+    from .preferences.loop import Comparison as Comparison
+    from .preferences.loop import ask_and_tell as ask_and_tell
+    from .preferences.loop import calibrate as calibrate
+    from .preferences.run_facts import completed as completed
+    from .rig import Rig as Rig
+    from .tables import TableColumns as TableColumns
+    from .tables import from_frame as from_frame
 
-_LAZY = {"LinearMPC": "prefcal_env.mpc", "MPCSettings": "prefcal_env.mpc"}
-"""Names that are imported when they are first used, since they load a compiler."""
+_HOMES = {
+    "BradleyTerry": "calibrators",
+    "Criterion": "calibrators",
+    "HumanCalibrator": "calibrators",
+    "LatentCost": "calibrators",
+    "Lexicographic": "calibrators",
+    "Thurstone": "calibrators",
+    "Decentralized": "controllers.decentralized",
+    "DoMPC": "controllers.do_mpc",
+    "LQG": "controllers.lqg",
+    "LQR": "controllers.lqr",
+    "PID": "controllers.pid",
+    "LTILoop": "envs",
+    "PlantEnv": "envs",
+    "Task": "envs",
+    "ClosedLoop": "envs.experiment_env",
+    "PreferenceReward": "envs.preference_reward",
+    "TuningEnv": "envs.tuning_env",
+    "PrefcalError": "errors",
+    "Controller": "experiments.control",
+    "Measurement": "experiments.control",
+    "Move": "experiments.control",
+    "Channel": "experiments.experiment",
+    "Channels": "experiments.experiment",
+    "End": "experiments.experiment",
+    "Experiment": "experiments.experiment",
+    "tracking_kpis": "experiments.kpis",
+    "Maneuvers": "experiments.maneuvers",
+    "combined": "experiments.maneuvers",
+    "Panel": "experiments.panels",
+    "recorded": "experiments.recorded",
+    "rollout": "experiments.rollout",
+    "FMULoop": "fmu",
+    "Constraint": "knobs.constraints",
+    "LinearConstraint": "knobs.constraints",
+    "Knob": "knobs.knob",
+    "KnobSpace": "knobs.space",
+    "LinearMPC": "mpc",
+    "MPCSettings": "mpc",
+    "FunctionPlant": "plants",
+    "Plant": "plants",
+    "Agent": "preferences.answer",
+    "Answer": "preferences.answer",
+    "Calibrator": "preferences.answer",
+    "Mark": "preferences.answer",
+    "Preference": "preferences.answer",
+    "Query": "preferences.answer",
+    "Strength": "preferences.answer",
+    "Suggestion": "preferences.answer",
+    "Outcome": "preferences.kpis",
+    "Comparison": "preferences.loop",
+    "ask_and_tell": "preferences.loop",
+    "calibrate": "preferences.loop",
+    "completed": "preferences.run_facts",
+    "Rig": "rig",
+    "TableColumns": "tables",
+    "from_frame": "tables",
+}
+"""Module of each public name."""
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _LAZY:
+def __getattr__(name: str) -> _Any:
+    if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(_import_module(_LAZY[name]), name)
+    found = getattr(_import_module(f".{_HOMES[name]}", __name__), name)
+    globals()[name] = found
+    return found
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY})
+    return sorted({*globals(), *_HOMES})
 
 
 _register("prefcal/CSTR-v0", "prefcal_env.envs.cstr:cstr_env")

@@ -1,6 +1,7 @@
 """Imports point one way and stay cheap; folders and functions stay small."""
 
 import ast
+import importlib
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -52,7 +53,7 @@ LAYERS = {
         {"app.looking", "bench", "app.terminal"},
         {"app.reproduce"},
         {"app.cli"},
-        {"__main__"},
+        {"app.notebook", "__main__"},
     ),
 }
 """Parts of each package, lowest first. A part may import itself and whatever is below it."""
@@ -209,10 +210,27 @@ def test_the_folders_of_agents_and_scenarios_are_no_packages():
         assert not (ROOT / folder / "__init__.py").exists()
 
 
+@pytest.mark.parametrize(("package", "folder"), FOLDERS.items(), ids=FOLDERS)
+def test_every_public_name_loads_and_is_known_to_type_checkers(package, folder):
+    module = importlib.import_module(package)
+    tree = ast.parse((folder / "__init__.py").read_text(encoding="utf-8"))
+    typed = {
+        alias.asname
+        for node in tree.body
+        if isinstance(node, ast.If)
+        for inner in node.body
+        if isinstance(inner, ast.ImportFrom)
+        for alias in inner.names
+    }
+    assert set(module._HOMES) == typed
+    assert all(getattr(module, name) is not None for name in typed)
+    assert typed <= set(dir(module))
+
+
 def test_importing_prefcal_env_loads_nothing_heavy():
     heavy = (
         "torch", "pygame", "highway_env", "matplotlib", "numba", "stable_baselines3", "pandas",
-        "fmpy", "control", "casadi", "do_mpc", "asyncua",
+        "fmpy", "control", "casadi", "do_mpc", "asyncua", "scipy", "jaxtyping",
     )  # fmt: skip
     code = (
         "import sys, prefcal_env, gymnasium\n"

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_discrete_are
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Measurement, Move
@@ -72,6 +71,8 @@ class LQG:
 
 def _lasting(m: Linearized, T_s: float, Q: np.ndarray, R: np.ndarray) -> Float[np.ndarray, "n n"]:
     """Return the covariance of the predicted state in the long run."""
+    from scipy.linalg import solve_discrete_are  # takes a while to import
+
     A = held(m.A, m.B, T_s)[0]
     try:
         P = np.asarray(solve_discrete_are(A.T, m.C.T, Q, R))

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_discrete_are
 
 from prefcal_env.errors import SettingsError
 from prefcal_env.experiments.control import Measurement, Move
@@ -110,6 +109,8 @@ class LQR:
 
     def _gain(self) -> Float[np.ndarray, "n_u n"]:
         """Return [K, K_i] of the model, extended by the sums of errors."""
+        from scipy.linalg import solve_discrete_are  # takes a while to import
+
         m, n_i = self.model, len(self.integral)
         n = len(m.x0)
         A, B = np.eye(n + n_i), np.zeros((n + n_i, len(m.u0)))

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Complex, Float
-from scipy.linalg import block_diag, expm
 
 from prefcal_env.plants.systems import LinearSystem
 
@@ -30,6 +29,8 @@ def held(
     A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n n_u"], T: float
 ) -> tuple[Float[np.ndarray, "n n"], Float[np.ndarray, "n n_u"]]:
     """Return A_d and B_d of ẋ = A x + B u over T with u held, by the matrix exponential."""
+    from scipy.linalg import expm  # takes a while to import
+
     n, m = B.shape
     E = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * T)
     return E[:n, :n], E[:n, n:]
@@ -53,6 +54,8 @@ def sampled(
     delays = np.zeros(J.D.shape) if delay is None else delay
     if (delays == delays[0]).all():
         return _sampled(J, T_s, delays[0])
+    from scipy.linalg import block_diag  # takes a while to import
+
     # Each output has states of its own, which its dead times reach.
     each = [_sampled(J.part([i], range(J.D.shape[1])), T_s, row) for i, row in enumerate(delays)]
     A, C = (block_diag(*(getattr(s, name) for s in each)) for name in "AC")

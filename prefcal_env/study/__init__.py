@@ -30,6 +30,8 @@ from .events import Suggested as Suggested
 from .events import Taken as Taken
 from .events import Undone as Undone
 from .events import to_text as to_text
+from .exports import export_csv as export_csv
+from .exports import export_parquet as export_parquet
 from .file import StudyFile as StudyFile
 from .fold import State as State
 from .locations import data_folder as data_folder
@@ -41,5 +43,4 @@ from .shelving import rename_study as rename_study
 from .spaces import knobs_as_dicts as knobs_as_dicts
 from .spaces import space_of as space_of
 from .spaces import within_as_dict as within_as_dict
-from .tables import export_csv as export_csv
 from .verify import verify as verify

@@ -1,11 +1,10 @@
-"""Show a study as tables: comparisons, experiments and trajectories, as CSV or DataFrame."""
+"""Show a study as tables of answers, experiments and trajectories with their units."""
 
-import csv
-import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,28 +15,45 @@ from prefcal_env.experiments.panels import Plot, plots_of
 from prefcal_env.preferences.history import Comparison
 
 from .fold import State
-from .trouble import told
 
 StudyFile = Any
 """`prefcal_env.study.StudyFile`, which calls these functions."""
+Kind = Literal["integer", "number", "text", "boolean"]
 
 
-def export_csv(study: StudyFile, folder: Path | str) -> Path:
-    """Write comparisons.csv, experiments.csv and trajectories/experiment-001.csv ... to `folder`.
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table.
 
-    Numbers have full precision, headings have units, and the folder may exist. Raises StudyError
-    if it cannot be written.
+    Args:
+        name: Name, without its unit.
+        meaning: What its values are, in a few words.
+        unit: Unit of the values; empty for none.
+        kind: Type of the values.
     """
-    target, state = Path(folder), study.state
-    with told(target, "write", what="the folder"):
-        (target / "trajectories").mkdir(parents=True, exist_ok=True)
-        _write(target / "comparisons.csv", _comparisons(state))
-        experiments = {i: study.experiment(seq) for i, seq in sorted(state.finished.items())}
-        _write(target / "experiments.csv", _experiments(state, experiments))
-        for index, experiment in experiments.items():
-            name = f"experiment-{index + 1:03d}.csv"
-            _write(target / "trajectories" / name, _trajectory(experiment))
-    return target
+
+    name: str
+    meaning: str
+    unit: str = ""
+    kind: Kind = "number"
+
+    @property
+    def heading(self) -> str:
+        """Return the name with its unit."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table: its columns and rows; an empty cell is None."""
+
+    columns: Sequence[Column]
+    rows: Sequence[Sequence[Any]]
+
+    @property
+    def headings(self) -> list[str]:
+        """Return the headings of the columns."""
+        return [column.heading for column in self.columns]
 
 
 def frame_of(study: StudyFile, *, answers: bool = False) -> Any:
@@ -45,14 +61,14 @@ def frame_of(study: StudyFile, *, answers: bool = False) -> Any:
     import pandas as pd
 
     state = study.state
-    if answers:
-        headings, *rows = _comparisons(state)
-    else:
-        experiments = {i: study.experiment(seq) for i, seq in sorted(state.finished.items())}
-        headings, *rows = _experiments(state, experiments)
-    frame = pd.DataFrame([[None if cell == "" else cell for cell in row] for row in rows],
-                         columns=headings)  # fmt: skip
-    return frame.set_index(headings[0])
+    table = answers_of(state) if answers else experiments_of(state, finished(study))
+    frame = pd.DataFrame(table.rows, columns=table.headings)
+    return frame.set_index(table.headings[0])
+
+
+def finished(study: StudyFile) -> dict[int, Experiment]:
+    """Return the completed experiments of a study by index."""
+    return {i: study.experiment(seq) for i, seq in sorted(study.state.finished.items())}
 
 
 def html_of(study: StudyFile) -> str:
@@ -66,99 +82,129 @@ def html_of(study: StudyFile) -> str:
     return f"<div><p>{escape(words)}</p>{table}</div>"
 
 
-def _write(path: Path, rows: Iterable[Iterable[Any]]) -> None:
-    text = io.StringIO()
-    safe = ([_safe(cell) if isinstance(cell, str) else cell for cell in row] for row in rows)
-    csv.writer(text, lineterminator="\n").writerows(safe)
-    path.write_text(text.getvalue(), encoding="utf-8")
+_ANSWERS = (
+    Column("answer", "Number of the new experiment that was answered, from 0; empty for a follow-up"
+           " comparison or a repeated question", kind="integer"),
+    Column("at", "Time of the answer, ISO 8601", kind="text"),
+    Column("challenger", "Number of the newer experiment, from 1", kind="integer"),
+    Column("incumbent", "Number of the older experiment, from 1; empty for the first experiment",
+           kind="integer"),
+    Column("preference", "Verdict, -1: the challenger is better, 0: about the same, 1: the "
+           "incumbent is; empty: can't tell", kind="integer"),
+    Column("strength", "How much better; 1 is just better"),
+    Column("marks", "What was marked with the answer, separated by semicolons", kind="text"),
+    Column("automatic marks", "Marks that come from an interrupted run", kind="text"),
+    Column("challenger on the left", "Whether the challenger was shown on the left",
+           kind="boolean"),
+    Column("blind", "Whether θ and the roles of the sides were hidden", kind="boolean"),
+    Column("comment", "Comment on the answer", kind="text"),
+    Column("retracted", "Whether the answer no longer teaches", kind="boolean"),
+    Column("repeats question", "Id of the question that this one repeats", kind="integer"),
+    Column("question", "Id of the question", kind="integer"),
+)  # fmt: skip
 
 
-def _comparisons(state: State) -> Iterable[list[Any]]:
-    yield ["answer", "at", "challenger", "incumbent", "preference", "strength", "marks",
-           "automatic marks", "challenger on the left", "blind", "comment", "retracted",
-           "repeats question", "question"]  # fmt: skip
-    for closed in state.answers:
-        yield _comparison(closed)
+def answers_of(state: State) -> Table:
+    """Return a row for each answer, in the order given."""
+    return Table(_ANSWERS, [_comparison(closed) for closed in state.answers])
 
 
 def _comparison(closed: Comparison) -> list[Any]:
     answer, rival = closed.answer, closed.incumbent
     return [
-        closed.challenger if closed.repeats is None and closed.after is None else "",
+        closed.challenger if closed.repeats is None and closed.after is None else None,
         closed.at,
         closed.challenger + 1,
-        "" if rival is None else rival + 1,
-        "" if answer.preference is None else int(answer.preference),
+        None if rival is None else rival + 1,
+        None if answer.preference is None else int(answer.preference),
         answer.strength,
-        "; ".join(mark.value for mark in answer.marks),
-        "; ".join(mark.value for mark in answer.automatic),
+        "; ".join(mark.value for mark in answer.marks) or None,
+        "; ".join(mark.value for mark in answer.automatic) or None,
         closed.challenger_left,
         closed.blind,
-        closed.comment,
+        closed.comment or None,
         closed.retracted,
-        "" if closed.repeats is None else closed.repeats,
+        closed.repeats,
         closed.question,
     ]
 
 
-def _experiments(state: State, experiments: dict[int, Experiment]) -> Iterable[list[Any]]:
-    knobs = [_with_unit(name, unit) for name, unit in _units(state, "knobs")]
-    units = dict(_units(state, "kpis"))
+def experiments_of(state: State, experiments: dict[int, Experiment]) -> Table:
+    """Return a row for each completed experiment: θ, KPIs, end and marks."""
+    knobs = _units(state, "knobs")
+    about = {name: (unit, title) for name, unit, title in _units(state, "kpis")}
     kpis = sorted({name for e in experiments.values() for name in e.kpis})
-    yield ["experiment", *knobs, *(_with_unit(k, units.get(k, "")) for k in kpis), "ended", "marks",
-           "automatic marks", "score"]  # fmt: skip
+    columns = [
+        Column("experiment", "Number of the experiment, from 1", kind="integer"),
+        *(Column(name, "Controller parameter", unit) for name, unit, _ in knobs),
+        *(_kpi_column(name, *about.get(name, ("", ""))) for name in kpis),
+        Column("ended", "How the run ended", kind="text"),
+        Column("marks", "Marks by a person, separated by semicolons", kind="text"),
+        Column("automatic marks", "Marks that come from an interrupted run", kind="text"),
+        Column("score", "Score that an agent by score was told; lower is better"),
+    ]
+    return Table(columns, list(_experiment_rows(state, experiments, kpis)))
+
+
+def _kpi_column(name: str, unit: str, title: str) -> Column:
+    return Column(name, f"KPI: {title}" if title else "KPI", unit)
+
+
+def _experiment_rows(
+    state: State, experiments: dict[int, Experiment], kpis: Sequence[str]
+) -> Iterator[list[Any]]:
     history = state.history
     scores = {c.challenger: c.answer.value for c in history.comparisons}
     counted = history.unsafe(automatic=True)
     for index, e in experiments.items():
-        automatic = "unsafe" if index in counted else ""
-        marks = "; ".join(sorted(state.marks.get(index, ())))
-        values = [e.kpis.get(k, "") for k in kpis]
+        automatic = "unsafe" if index in counted else None
+        marks = "; ".join(sorted(state.marks.get(index, ()))) or None
+        values = [e.kpis.get(k) for k in kpis]
         # Not the experiment's own θ: knobs may have been added since.
         theta = history.samples[index].theta
-        score = scores.get(index)
-        ended = [e.end.value, marks, automatic, "" if score is None else score]
-        yield [index + 1, *theta, *values, *ended]
+        yield [index + 1, *theta, *values, e.end.value, marks, automatic, scores.get(index)]
 
 
-def _units(state: State, what: str) -> list[tuple[str, str]]:
-    """Return name and unit of each knob or KPI in the configuration, which is not trusted."""
+def _units(state: State, what: str) -> list[tuple[str, str, str]]:
+    """Return name, unit and title of each knob or KPI in the configuration, if it is valid."""
     try:
-        return [(str(k["name"]), str(k["unit"])) for k in state.configuration.get(what, ())]
-    except (TypeError, KeyError, IndexError) as error:
+        return [
+            (str(k["name"]), str(k["unit"]), str(k.get("title", "")))
+            for k in state.configuration.get(what, ())
+        ]
+    except (TypeError, KeyError, IndexError, AttributeError) as error:
         raise StudyError(f"the configuration's {what!r} must list names and units") from error
 
 
-def _trajectory(e: Experiment) -> Iterable[list[Any]]:
-    """Yield a row for each instant, with the name of the maneuver first if there are several."""
+def trajectory_of(e: Experiment) -> Table:
+    """Return a row for each instant, with the name of the maneuver first if there are several."""
     parts = by_maneuver(e)
     outputs = [plot for plot in plots_of(e.channels) if plot.kind == "y"]
     outputs = [p for p in outputs if p.name not in e.signals and _has(p, parts.values())]
-    names = [_heading(c) for c in (*e.channels.x, *e.channels.u, *(p.channel for p in outputs))]
     signals = list(dict.fromkeys(key for run in parts.values() for key in run.signals))
-    first = ["maneuver"] if any(parts) else []
-    yield [*first, _with_unit("time", e.channels.time_unit), *names, *signals]
+    first = [Column("maneuver", "Name of the maneuver", kind="text")] if any(parts) else []
+    columns = [
+        *first,
+        Column("time", "Time since the start of the run", e.channels.time_unit),
+        *(_channel_column(c, "State") for c in e.channels.x),
+        *(_channel_column(c, "Input, held from this instant on") for c in e.channels.u),
+        *(_channel_column(p.channel, "Output") for p in outputs),
+        *(Column(key, "Signal") for key in signals),
+    ]
+    rows = []
     for name, run in parts.items():
-        columns = [run.t, *run.x.T, *run.u.T, *(plot.values(run) for plot in outputs)]
-        columns += [run.signals.get(key, [""] * len(run.t)) for key in signals]
-        for row in zip(*columns, strict=True):
-            cells = [cell if isinstance(cell, str) else float(cell) for cell in row]
-            yield [*([name] if first else []), *cells]
+        curves = [run.t, *run.x.T, *run.u.T, *(plot.values(run) for plot in outputs)]
+        curves += [run.signals.get(key, [None] * len(run.t)) for key in signals]
+        for row in zip(*curves, strict=True):
+            cells = [None if cell is None else float(cell) for cell in row]
+            rows.append([*([name] if first else []), *cells])
+    return Table(columns, rows)
+
+
+def _channel_column(channel: Channel, meaning: str) -> Column:
+    return Column(channel.name, meaning, channel.unit)
 
 
 def _has(plot: Plot, runs: Iterable[Experiment]) -> bool:
     """Return whether any of the runs recorded the output."""
     return any(np.isfinite(plot.values(run)).any() for run in runs)
-
-
-def _heading(channel: Channel) -> str:
-    return _with_unit(channel.name, channel.unit)
-
-
-def _with_unit(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit else name
-
-
-def _safe(text: str) -> str:
-    """Escape text that a spreadsheet would run as a formula: a study may not be trusted."""
-    return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from prefcal_scenarios.app.looking.look import look as look
+    from prefcal_scenarios.app.notebook import ask as ask
     from prefcal_scenarios.app.report.export import load_controller as load_controller
     from prefcal_scenarios.app.report.trajectories import figure as figure
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from .scenario import load as load
 
 _HOMES = {
+    "ask": "app.notebook",
     "figure": "app.report.trajectories",
     "load_controller": "app.report.export",
     "look": "app.looking.look",

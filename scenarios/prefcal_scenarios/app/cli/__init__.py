@@ -1,6 +1,5 @@
 """Run the command line `prefcal`; agents, plants and plots are imported only when needed."""
 
-import gc
 import os
 import re
 import sys
@@ -59,9 +58,6 @@ def _common(
 ) -> None:
     """Tune a controller by comparing experiments: you say which one went better."""
     _one_thread()  # before any command imports numpy, which reads the environment once
-    # Imports and figures create hundreds of thousands of objects that live on: looking for unused
-    # ones among them after every 700 took a tenth of the time of a study.
-    gc.set_threshold(100_000)
 
 
 def _one_thread() -> None:

@@ -53,7 +53,7 @@ EPILOG = """\
 [cyan]prefcal calibrate own.py:plant --agent random --n-max 20[/cyan]
   Your own scenario, simulated or a rig that you run yourself; random search.
 
-[cyan]prefcal calibrate loop.fmu --knob "K_p=0.1:100:log" --reference level=2[/cyan]
+[cyan]prefcal calibrate loop.fmu --knob "K_p=0.1:50:log" --reference level=2[/cyan]
   An FMU with a controller in it, exported from Simulink, Modelica or Dymola.
 
 [cyan]prefcal calibrate pid --plant model.py:plant[/cyan]

@@ -103,7 +103,7 @@ def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Con
     claim, file = claim_folder(opened, scenario.name), opened.file
     options, name = opened.options, opened.name
     try:
-        with _simulator(opened, scenario) as simulator:
+        with simulator_of(opened, scenario) as simulator:
             ahead = options.by_a_person
             interview = Interview(
                 scenario, file, ahead=ahead, simulator=simulator, at_once=options.at_once,
@@ -124,7 +124,7 @@ def _run(opened: Opened, scenario: Scenario, ctrl_c: Interruption, messages: Con
 
 
 @contextmanager
-def _simulator(opened: Opened, scenario: Scenario) -> Iterator[Simulator | None]:
+def simulator_of(opened: Opened, scenario: Scenario) -> Iterator[Simulator | None]:
     """Yield what the study's agent simulates with, for the knobs of the study; None if nothing."""
     state = opened.file.state
     if not is_simulating(state):

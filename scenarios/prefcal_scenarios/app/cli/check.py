@@ -35,7 +35,7 @@ EPILOG = """\
 [cyan]prefcal check cstr --out reactor.png[/cyan]
   A built-in scenario, with the picture in a file of your choice.
 
-[cyan]prefcal check loop.fmu --knob "K_p=0.1:100:log" --reference level=2[/cyan]
+[cyan]prefcal check loop.fmu --knob "K_p=0.1:50:log" --reference level=2[/cyan]
   An FMU with a controller in it; without knobs, its parameters are listed.
 
 [cyan]prefcal check pid --plant model.py:plant[/cyan]

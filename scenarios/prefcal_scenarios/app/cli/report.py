@@ -65,7 +65,7 @@ class Reporter:
             return True
         return worth_keeping(file, self.interview.scenario)
 
-    def write(self, *, rig_works: bool = True) -> Record:
+    def write(self, *, rig_works: bool = True, pdf: bool = False) -> Record:
         """Write the report of the study as it stands, if there is anything to report.
 
         Raises:
@@ -77,10 +77,10 @@ class Reporter:
         shown = references(scenario, options.seed, self.messages) if rig_works and wanted else {}
         record = record_of(self.interview, options, shown, self.opened.name)
         if wanted:
-            self._write(record)
+            self._write(record, pdf)
         return record
 
-    def _write(self, record: Record) -> None:
+    def _write(self, record: Record, pdf: bool) -> None:
         # Imported here: plotting takes half a second, and invalid options must fail fast.
         from prefcal_scenarios.app.report.write import write_report
 
@@ -88,7 +88,7 @@ class Reporter:
         pictures = () if scenario.pictures is None else scenario.pictures()
         try:
             self.claim.renew()
-            write_report(record, self.claim.folder, pictures)
+            write_report(record, self.claim.folder, pictures, pdf=pdf)
         except OSError as error:
             raise StudyError(
                 f"cannot write the report into {self.claim.folder}: {error.strerror or error}. "
@@ -130,7 +130,13 @@ class Reporter:
 
 
 def report_of(
-    name: str, source: str | None, cost: str | None, *, out: Path | None, json: bool
+    name: str,
+    source: str | None,
+    cost: str | None,
+    *,
+    out: Path | None,
+    json: bool,
+    pdf: bool = False,
 ) -> None:
     """Write the report of the study called `name`.
 
@@ -140,6 +146,7 @@ def report_of(
         cost: Cost that the user gives, perhaps a program that they trust; None if not given.
         out: Folder of the report; None for the default.
         json: Whether to print the result as JSON.
+        pdf: Whether to write report.pdf, too.
 
     Raises:
         StudyError: If there is no such study, or its scenario must be given.
@@ -165,7 +172,9 @@ def report_of(
         claim = claim_folder(opened, scenario.name)
         try:
             reporter = Reporter(interview, opened, claim, Console(stderr=True, emoji=False))
-            reporter.tell(reporter.write())
+            reporter.tell(reporter.write(pdf=pdf))
+            if pdf:
+                reporter.say(f"PDF: {claim.folder / 'report.pdf'}")
         finally:
             claim.release()
 

@@ -28,7 +28,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    made.filters |= {"subscripts": with_subscripts, "listed": _listed, "data_uri": data_uri}
+    made.filters |= {"subscripts": with_subscripts, "listed": listed, "data_uri": data_uri}
     made.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
     css = files("prefcal_scenarios.app.report").joinpath("report.css").read_text(encoding="utf-8")
     made.globals["css"] = Markup(css)
@@ -50,7 +50,7 @@ def data_uri(content: bytes, file: str) -> str:
 
 def _view(record: Record) -> dict[str, Any]:
     """Return the values that the template needs besides the record itself."""
-    view: dict[str, Any] = {"lead": _lead(record)}
+    view: dict[str, Any] = {"lead": lead(record)}
     view["who"] = "You seem" if record.by_a_person else "The calibrator seems"
     view["comparison_headings"] = comparison_headings(record)
     view["comparison_rows"] = comparison_rows(record)
@@ -64,7 +64,8 @@ def _view(record: Record) -> dict[str, Any]:
     return view
 
 
-def _lead(record: Record) -> str:
+def lead(record: Record) -> str:
+    """Return what the study consists of, as a sentence without its period."""
     tried = f"{len(record.trials)} experiments"
     if record.scored:
         return f"Calibrated by its score, without comparisons: {tried}"
@@ -72,6 +73,6 @@ def _lead(record: Record) -> str:
     return f"Calibrated by preferences: {tried}, {record.questions} comparisons ({verdicts})"
 
 
-def _listed(value: object) -> str:
+def listed(value: object) -> str:
     """Return a value as text, with a list's items separated by commas."""
     return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)

@@ -108,7 +108,7 @@ def objective(kpi: KPI) -> str:
 def comparison_headings(record: Record) -> list[tuple[str, str]]:
     """Return the name and unit of each value that a comparison shows for one side."""
     knobs = [(k.name, k.unit) for k in record.scenario.space]
-    return knobs + [(k.title, k.unit) for k in _columns(record)]
+    return knobs + [(k.title, k.unit) for k in shown_values(record)]
 
 
 def comparison_rows(record: Record) -> Iterator[ComparisonRow]:
@@ -119,8 +119,8 @@ def comparison_rows(record: Record) -> Iterator[ComparisonRow]:
         yield ComparisonRow(row, verdict_text(answer), marks, _sides(record, comparison))
 
 
-def _columns(record: Record) -> tuple[KPI, ...]:
-    """Return the most important KPIs, as many as fit into the table of comparisons."""
+def shown_values(record: Record) -> tuple[KPI, ...]:
+    """Return the most important KPIs, as many as fit into a table."""
     return record.kpis[:_MOST]
 
 
@@ -144,7 +144,7 @@ def _sides(record: Record, comparison: Comparison) -> tuple[Compared, Compared]:
 
 def _values(record: Record, experiment: Experiment) -> tuple[Value, ...]:
     theta = [Value(number(v)) for v in experiment.theta]
-    return (*theta, *(_judged(k, experiment) for k in _columns(record)))
+    return (*theta, *(_judged(k, experiment) for k in shown_values(record)))
 
 
 def _judged(kpi: KPI, experiment: Experiment) -> Value:

@@ -3,7 +3,7 @@
 import pytest
 
 COMMANDS = [
-    ["calibrate"], ["report"], ["bench"],
+    ["calibrate"], ["check"], ["report"], ["bench"],
     ["processor", "measure"], ["processor", "from-cycles"],
     *(["studies", word] for word in
       ("list", "show", "rename", "rm", "export", "index", "import", "verify", "respace")),
@@ -19,6 +19,7 @@ def test_help_teaches_with_an_example(prefcal, monkeypatch, command):
     assert f"prefcal {' '.join(command)}" in out.partition("Examples")[2]
     assert "…" not in out  # no option or default is cut off
     assert "[/" not in out  # no markup that nobody has closed
+    assert max(out) < "\U0001f000"  # the ":50:" of a range is no emoji
 
 
 def test_the_extra_of_dask_is_not_swallowed(prefcal):

@@ -10,7 +10,7 @@ KnobOption = Annotated[
         "--knob",
         metavar="KNOB",
         help="Knob of an FMU or a standard controller: NAME=LOW:HIGH[:log][:int] UNIT, for example "
-        '"K_p=0.1:100:log %/m". Repeat the option for more.',
+        '"K_p=0.1:50:log %/m". Repeat the option for more.',
         show_default="found, for a standard controller",
     ),
 ]

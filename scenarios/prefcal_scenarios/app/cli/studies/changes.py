@@ -17,7 +17,6 @@ from prefcal_env.study import (
     State,
     StudyFile,
     data_folder,
-    export_csv,
     export_json,
     import_json,
     knobs_as_dicts,
@@ -29,6 +28,7 @@ from prefcal_env.study import (
     verify,
     within_as_dict,
 )
+from prefcal_env.study.exports import FORMATS as EXPORTS
 from prefcal_env.study.fold import step
 from prefcal_scenarios.app.cli.choices import knob_called
 from prefcal_scenarios.app.presentation.wording import printable
@@ -96,15 +96,13 @@ def _confirmed(what: str) -> bool:
 
 
 def export_study(name: str, format_: str, out: Path | None) -> Path:
-    """Write a study as JSON or CSV; return the path."""
+    """Write a study as JSON, CSV or Parquet; return the path."""
     path = existing(name)
     if out is not None and out.exists() and out.samefile(path):
         raise StudyError(f"{out} is the study itself: export it to another file")
     with StudyFile.open(path, clock=wall_clock) as file:
-        if format_ == "csv":
-            target = Path(path.stem) if out is None else out
-            export_csv(file, target)
-            return target
+        if format_ in EXPORTS:
+            return EXPORTS[format_](file, Path(path.stem) if out is None else out)
         target = Path(f"{path.stem}.json") if out is None else out
         text = export_json(file)
     try:

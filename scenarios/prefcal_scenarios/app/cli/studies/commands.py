@@ -1,6 +1,6 @@
 """`prefcal studies ...` and `prefcal report`: commands that work on studies."""
 
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -28,11 +28,12 @@ _Scenario = Annotated[
 ]
 
 
-class Format(Enum):
+class Format(StrEnum):
     """Format of an exported study."""
 
     JSON = "json"
     CSV = "csv"
+    PARQUET = "parquet"
 
 
 def _examples(*pairs: tuple[str, str]) -> str:
@@ -107,7 +108,8 @@ def rm(
 @app.command(
     epilog=_examples(
         ("export mine", "Write mine.json, one file to pass on."),
-        ("export mine --format csv --out tables", "Tables and curves for a spreadsheet or pandas."),
+        ("export mine --format csv --out tables", "Tables and curves for a spreadsheet."),
+        ("export mine --format parquet --out tables", "The same for pandas, polars or DuckDB."),
     )
 )
 def export(
@@ -115,19 +117,20 @@ def export(
     format: Annotated[
         Format,
         typer.Option(
-            help="json: one file that `import` reads back; csv: a folder of tables and curves."
+            help="json: one file that `import` reads back; csv, parquet: a folder of tables and "
+            "curves, with a dictionary of their columns."
         ),
     ] = Format.JSON,
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="PATH",
-            help="File (json) or folder (csv).",
+            help="File (json) or folder (csv, parquet).",
             show_default="STUDY.json or ./STUDY",
         ),
     ] = None,
 ) -> None:
-    """Write a study as JSON or CSV."""
+    """Write a study as JSON, CSV or Parquet."""
     from .changes import export_study
 
     typer.echo(f"Written: {export_study(study, format.value, out)}")
@@ -239,6 +242,9 @@ REPORT_EPILOG = """\
 [cyan]prefcal report mine[/cyan]
   Write the report of the study called mine into the folder prefcal-mine.
 
+[cyan]prefcal report mine --pdf[/cyan]
+  Also report.pdf: the acceptance sheet, figures and tables on A4 pages.
+
 [cyan]prefcal report plant-1 --scenario own.py:plant --out latest[/cyan]
   For a study of your own scenario, into a folder of your choice.
 """
@@ -263,6 +269,9 @@ def report(
             show_default="./prefcal-STUDY",
         ),
     ] = None,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", metavar="", help="Write report.pdf, too, on A4 pages.")
+    ] = False,
     json: Annotated[
         bool,
         typer.Option(
@@ -275,4 +284,4 @@ def report(
     """Write the report of a study as it stands, complete or not."""
     from prefcal_scenarios.app.cli.report import report_of
 
-    report_of(study, scenario, cost, out=out, json=json)
+    report_of(study, scenario, cost, out=out, json=json, pdf=pdf)

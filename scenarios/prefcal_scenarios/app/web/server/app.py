@@ -24,6 +24,7 @@ def make_app(
     port: int,
     hosts: Hosts | None = None,
     static: Traversable | None = None,
+    framed: bool = False,
 ) -> Starlette:
     """Return the application, for any ASGI server.
 
@@ -35,22 +36,24 @@ def make_app(
         port: Port of the server.
         hosts: Host names of the server; the loopback names if None.
         static: Folder of the page's files; the package's own if None.
+        framed: Whether pages of this machine may show the window in a frame.
     """
     pages = Pages(Assets(static), api.views.reports, token, port)
-    return guarded(pages, _of_api(api), hosts or Hosts.of("127.0.0.1", port))
+    return guarded(pages, _of_api(api), hosts or Hosts.of("127.0.0.1", port), framed=framed)
 
 
-def guarded(pages: Pages, api: list[Route], hosts: Hosts) -> Starlette:
+def guarded(pages: Pages, api: list[Route], hosts: Hosts, *, framed: bool = False) -> Starlette:
     """Return an application that serves pages and an API only to who has the secret link.
 
     Args:
         pages: Handlers of the pages, with their files and the secret.
         api: Routes of the API.
         hosts: Host names of the server.
+        framed: Whether pages of this machine may show the window in a frame.
     """
     app = Starlette(
         routes=[*_of_pages(pages), *api],
-        middleware=[Middleware(Guard, token=pages.token, hosts=hosts)],
+        middleware=[Middleware(Guard, token=pages.token, hosts=hosts, framed=framed)],
         exception_handlers={HTTPException: http_error},
     )
     # A redirect would repeat the Host header, for addresses that the page never asks for.

@@ -35,6 +35,8 @@ HEADERS: Mapping[bytes, bytes] = MappingProxyType(
         b"x-frame-options": b"DENY",
     }
 )
+FRAMING = b"http://127.0.0.1:* http://localhost:*"
+"""Pages that may show a window in a frame if its owner asks for that: those of this machine."""
 LARGEST_HEAD = 32 * 1024
 """Maximum bytes of an address and all headers."""
 LARGEST_BODY = 64 * 1024
@@ -83,10 +85,11 @@ class Guard:
         app: Application to protect.
         token: Secret of the link and of the cookie.
         hosts: Accepted host names.
+        framed: Whether pages of this machine, such as a notebook, may show the window in a frame.
     """
 
-    def __init__(self, app: ASGIApp, *, token: str, hosts: Hosts) -> None:
-        self._app, self._token, self._hosts = app, token, hosts
+    def __init__(self, app: ASGIApp, *, token: str, hosts: Hosts, framed: bool = False) -> None:
+        self._app, self._token, self._hosts, self._framed = app, token, hosts, framed
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, or refuse it."""
@@ -94,7 +97,7 @@ class Guard:
             return await self._app(scope, receive, send)
         if scope["type"] != "http":
             return await send({"type": "websocket.close", "code": 1008})
-        send = _with_headers(send)
+        send = _with_headers(send, self._framed)
         refusal = self._refuse(scope)
         body: bytes | Refusal | None = b""
         if refusal is None and scope["method"] == "POST":
@@ -208,7 +211,17 @@ async def _answer(send: Send, scope: Scope, refusal: Refusal) -> None:
     await send({"type": "http.response.body", "body": shown})
 
 
-def _with_headers(send: Send) -> Send:
+def _framed(headers: Mapping[bytes, bytes]) -> dict[bytes, bytes]:
+    """Return the headers of a window that pages of this machine may frame."""
+    kept = {name: value for name, value in headers.items() if name != b"x-frame-options"}
+    policy = kept[b"content-security-policy"]
+    forbidden, allowed = b"frame-ancestors 'none'", b"frame-ancestors " + FRAMING
+    return kept | {b"content-security-policy": policy.replace(forbidden, allowed)}
+
+
+def _with_headers(send: Send, framed: bool) -> Send:
+    standard = _framed(HEADERS) if framed else HEADERS
+
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
             policy = b"content-security-policy"  # a handler may set a stricter one
@@ -220,7 +233,7 @@ def _with_headers(send: Send) -> Send:
                 # Otherwise the server would keep reading the rest of an endless body.
                 given = [(k, v) for k, v in given if k.lower() != b"connection"]
                 given.append((b"connection", b"close"))
-            fixed = [(k, v) for k, v in HEADERS.items() if not (own and k == policy)]
+            fixed = [(k, v) for k, v in standard.items() if not (own and k == policy)]
             message = {**message, "headers": [*given, *own, *fixed]}
         await send(message)
 

@@ -54,6 +54,7 @@ class Window:
         port: Port to listen on; 0 takes a free one.
         again: Command that resumes the study, shown on the page.
         command: Command that repeats the study, shown on the page.
+        framed: Whether pages of this machine, such as a notebook, may show the window in a frame.
         clock: Monotonic clock, in seconds.
 
     Raises:
@@ -68,6 +69,7 @@ class Window:
         port: int = 0,
         again: str = "",
         command: str = "",
+        framed: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._presence = Presence(clock)
@@ -77,7 +79,7 @@ class Window:
         self._reports.changed = self._watch.wake
         views = Views(interview, self._reports, again, command)
         api = Api(interview, views, self._watch, self.closed, self._presence.seen)
-        self._site = Site(partial(make_app, api), host=host, port=port)
+        self._site = Site(partial(make_app, api, framed=framed), host=host, port=port)
         self.port, self.link = self._site.port, self._site.link
         self.warning, self.link_for_others = self._site.warning, self._site.link_for_others
 

@@ -1,0 +1,242 @@
+"""Check what a release would publish: build it, install it elsewhere, and run every command there.
+
+    python benchmarks/release/check.py [--out dist] [--extra notebook] [--newest]
+
+Builds the source distribution and, from it, the wheel; checks both with twine and compares the
+wheel's files with those of the repository. Then installs the wheel in a new environment and an
+empty folder, without the repository, and there runs each command with `--help` and once for real.
+Also measures what starting costs. `--newest` leaves the pins of constraints.txt out.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SOURCES = (ROOT, ROOT / "agents", ROOT / "scenarios")
+PACKAGES = ("prefcal_env", "prefcal_agents", "prefcal_scenarios")
+LIMITS = {("-c", "import prefcal_env"): 0.4, ("-m", "prefcal_scenarios", "--help"): 0.25}
+"""Processor seconds that starting may cost."""
+
+COMMANDS = """
+import sys
+from typer.main import get_command
+from prefcal_scenarios.app.cli import app
+
+def walk(command, words):
+    print(" ".join(words))
+    for name, inner in getattr(command, "commands", {}).items():
+        walk(inner, [*words, name])
+
+walk(get_command(app), [])
+"""
+"""Prints the words of every command, one per line; the first line is that of `prefcal` itself."""
+
+LEAST = """
+import os, subprocess, sys
+
+def used():
+    now = os.times()
+    return now.children_user + now.children_system
+
+limit, *words = sys.argv[1:]
+least = []
+while len(least) < 40 and (len(least) < 7 or min(least) > float(limit)):
+    before = used()
+    subprocess.run([sys.executable, *words], check=True, stdout=subprocess.DEVNULL)
+    least.append(used() - before)
+print(min(least))
+"""
+"""Prints the least processor seconds of a Python command, in up to 40 trials if it has a limit."""
+
+FILES: Mapping[str, str] = {
+    "a.csv": "time,level [m],valve\n0,0,1\n1,1.2,0.4\n2,2,0\n3,2,0\n",
+    "b.csv": "time,level [m],valve\n0,0,0.5\n1,0.5,0.5\n2,1,0.5\n3,1.5,0.5\n",
+    "cycles.csv": "phase,N_p,N_u,iterations,cycles\n"
+    "lane keeping,10,3,6,412000\novertaking,16,5,9,1270000\novertaking,24,4,11,1520000\n"
+    "lane keeping,12,4,5,455000\novertaking,20,3,7,990000\n",
+    "tuned.py": "from prefcal_scenarios import load_controller\n"
+    "print(load_controller('report/best.json').T_s)\n",
+}
+"""Files that the runs below read."""
+
+RUNS: Mapping[str, Sequence[str]] = {
+    "scenarios": ("scenarios", "scenarios cstr"),
+    "new": tuple(
+        f"new {kind}" for kind in ("function", "pid", "controller", "mpc", "fmu", "rig", "opcua")
+    ),
+    "check": ("check controller.py:scenario",),
+    "calibrate": (
+        "calibrate cstr --agent glisp --calibrator synthetic --n-max 6 --n-init 3 "
+        "--study s.prefcal --out report",
+        "calibrate cstr --simulate 30 --calibrator synthetic --n-max 4 --out screened",
+        "calibrate overtake --agent random --calibrator synthetic --n-max 2 --out overtaken",
+        "calibrate servo --agent glisp --calibrator hidden --n-max 5 --study servo.prefcal",
+    ),
+    "look": ("look a.csv b.csv --reference level=2 --inputs valve --out pair.png",
+             "look s.prefcal:1 s.prefcal:best --json"),
+    "report": ("report s.prefcal --out again --pdf",),
+    "studies list": ("studies list",),
+    "studies show": ("studies show s.prefcal",),
+    "studies export": ("studies export s.prefcal", "studies export s.prefcal --format csv",
+                       "studies export s.prefcal --format parquet --out columns"),
+    "studies index": ("studies index servo.prefcal",),
+    "studies import": ("studies import s.json --study ./second.prefcal",),
+    "studies verify": ("studies verify ./second.prefcal",),
+    "studies respace": ("studies respace ./second.prefcal --knob T_s=0.2:0.6",),
+    "studies rename": ("studies rename ./second.prefcal ./third.prefcal",),
+    "studies rm": ("studies rm ./third.prefcal --yes",),
+    "processor measure": ("processor measure --rounds 1 --out here.json",),
+    "processor from-cycles": ("processor from-cycles cycles.csv --clock-mhz 300 --out to.json",),
+    "bench": ("bench --quick --problems servo,branin --calibrators weights,perfect --seeds 1 "
+              "--n-max 8 --agents GLISp,RandomSearch --jobs 1",),
+    "bench compare": ("bench compare RandomSearch --problems servo --calibrators weights --seeds 1 "
+                      "--jobs 1",),
+    "reproduce": ("reproduce paper --seeds 1 --jobs 1",),
+}  # fmt: skip
+"""What is run of each command, in this order, since later runs read what earlier ones wrote."""
+
+
+class WrongError(Exception):
+    """What is built is not fit for release."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """An environment with the wheel, and an empty folder to run in."""
+
+    folder: Path
+    python: Path
+
+    def run(self, *words: str) -> str:
+        """Return what a Python command prints. Raises WrongError if it fails."""
+        done = subprocess.run(
+            [self.python, *words], cwd=self.folder, env=self.environment, capture_output=True,
+            text=True, encoding="utf-8", check=False,
+        )  # fmt: skip
+        if done.returncode:
+            raise WrongError(f"{' '.join(words)}: {done.returncode}\n{done.stdout}{done.stderr}")
+        return done.stdout
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Return the environment variables of a user who has no repository."""
+        ours = ("PYTHONPATH", "PYTHONDONTWRITEBYTECODE", "PREFCAL_DOCS", "VIRTUAL_ENV")
+        kept = {k: v for k, v in os.environ.items() if k not in ours}
+        data = {"XDG_DATA_HOME": str(self.folder / "data"), "PYTHONUTF8": "1", "MPLBACKEND": "Agg"}
+        return kept | data
+
+
+def build(out: Path) -> Path:
+    """Build and check both distributions in `out`; return the wheel."""
+    old = [*out.glob("prefcal-*.whl"), *out.glob("prefcal-*.tar.gz")]
+    if old:
+        raise WrongError(f"{out} holds {old[0].name} already: name an empty folder with --out")
+    subprocess.run([sys.executable, "-m", "build", "--outdir", out, ROOT], check=True,
+                   stdout=subprocess.DEVNULL)  # fmt: skip
+    (wheel,), (source,) = out.glob("prefcal-*.whl"), out.glob("prefcal-*.tar.gz")
+    subprocess.run([sys.executable, "-m", "twine", "check", "--strict", wheel, source], check=True)
+    missing = expected() ^ packed(wheel)
+    if missing:
+        raise WrongError(f"wheel and repository differ in {sorted(missing)}")
+    return wheel
+
+
+def expected() -> set[str]:
+    """Return the files of the packages as Git knows them, relative to where they are installed."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "prefcal_env", "agents/prefcal_agents",
+         "scenarios/prefcal_scenarios"],
+        cwd=ROOT, check=True, capture_output=True, text=True,
+    ).stdout.split("\0")  # fmt: skip
+    inner = (name.removeprefix("agents/").removeprefix("scenarios/") for name in listed if name)
+    return {name for name in inner if name.startswith(PACKAGES)}
+
+
+def packed(wheel: Path) -> set[str]:
+    """Return the files of the packages in a wheel."""
+    with zipfile.ZipFile(wheel) as archive:
+        return {
+            name for name in archive.namelist() if name.startswith(tuple(f"{p}/" for p in PACKAGES))
+        }
+
+
+def install(wheel: Path, folder: Path, extra: str, pinned: bool) -> Place:
+    """Install the wheel in a new environment; return it with an empty folder."""
+    venv.create(folder / "venv", with_pip=True)
+    scripts = "Scripts" if os.name == "nt" else "bin"
+    empty = folder / "empty"
+    empty.mkdir()
+    place = Place(empty, folder / "venv" / scripts / "python")
+    pins = ("-c", str(ROOT / "constraints.txt")) if pinned else ()
+    place.run("-m", "pip", "install", "-q", *pins, f"{wheel}[{extra}]" if extra else str(wheel))
+    where = place.run("-c", "import prefcal_env; print(prefcal_env.__file__)")
+    if str(folder) not in where:
+        raise WrongError(f"the environment imports prefcal from {where}")
+    return place
+
+
+def smoke(place: Place) -> None:
+    """Run each command with `--help` and for real."""
+    for name, content in FILES.items():
+        (place.folder / name).write_text(content, encoding="utf-8")
+    groups = {"bench", "studies", "processor"}
+    commands = [line for line in place.run("-c", COMMANDS).splitlines() if line]
+    untried = set(commands) - set(RUNS) - groups
+    if untried or not commands:
+        raise WrongError(f"no run here tries {sorted(untried) or 'anything'}")
+    for command in ("", *commands):
+        if "Usage" not in place.run("-m", "prefcal_scenarios", *command.split(), "--help"):
+            raise WrongError(f"prefcal {command} --help shows no usage")
+    for command, runs in RUNS.items():
+        for words in runs:
+            begun = time.monotonic()
+            place.run("-m", "prefcal_scenarios", *words.split())
+            print(f"  {time.monotonic() - begun:5.1f} s  prefcal {words}", flush=True)
+        assert command in commands, f"{command} is no command any more"
+    place.run("tuned.py")
+
+
+def starts(place: Place) -> None:
+    """Measure what starting costs. Other programs can only lengthen it: the least of 40 counts."""
+    if os.name == "nt":
+        print("  not measured: Windows does not tell the processor time of child processes")
+        return
+    for words, limit in LIMITS.items():
+        used = float(place.run("-c", LEAST, str(limit), *words))
+        print(f"  {used:.2f} s of processor time, at most {limit:g}: python {' '.join(words)}")
+        if used > limit:
+            raise WrongError(f"python {' '.join(words)} takes {used:.2f} s, more than {limit:g}")
+
+
+def main() -> None:
+    """Check everything; exit with code 1 if anything is wrong."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, help="keep the distributions in this folder")
+    parser.add_argument("--extra", default="", help="extras to install, separated by commas")
+    parser.add_argument("--newest", action="store_true", help="no pins from constraints.txt")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        out = Path(name) / "dist" if given.out is None else given.out.resolve()
+        out.mkdir(parents=True, exist_ok=True)
+        try:
+            wheel = build(out)
+            print(f"{wheel.name}: installing it in a new environment", flush=True)
+            place = install(wheel, Path(name), given.extra, not given.newest)
+            starts(place)
+            smoke(place)
+        except (WrongError, subprocess.CalledProcessError) as error:
+            sys.exit(f"not fit for release: {error}")
+    print("fit for release")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,244 @@
+"""Run a study beside a notebook: it asks on the page, while the notebook's cells stay free."""
+
+import threading
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from rich.console import Console
+
+from prefcal_env.errors import SettingsError, StudyError
+from prefcal_env.experiments.control import Controller
+from prefcal_env.study import study_path
+from prefcal_scenarios.app.cli.calibrate_run import simulator_of
+from prefcal_scenarios.app.cli.choices import make_calibrator, on_target
+from prefcal_scenarios.app.cli.opening import claim_folder, open_study
+from prefcal_scenarios.app.cli.options import Options
+from prefcal_scenarios.app.cli.report import Reporter
+from prefcal_scenarios.app.isolated import isolation
+from prefcal_scenarios.app.report.export import load_controller
+from prefcal_scenarios.app.session import Background, Interview, Phase, unattended
+from prefcal_scenarios.app.web import Window
+from prefcal_scenarios.scenario import Scenario, load
+
+from .frame import framed
+
+_OWN = ("scenario", "study", "out")
+"""Options of `prefcal calibrate` that `ask` takes itself."""
+_NOT_HERE = (
+    "terminal",
+    "browser",
+    "json",
+    "host",
+    "config",
+    "plant",
+    "twin",
+    "cost",
+    "at_once",
+)
+"""Options of `prefcal calibrate` that mean nothing in a notebook, or are Python objects there."""
+_PATIENCE = 0.5
+"""Longest wait for the next change, in seconds."""
+_OPEN: dict[Path, "Asking"] = {}
+"""Studies that this process asks about, by file: a cell that runs again closes the earlier one."""
+
+
+def ask(
+    scenario: Scenario | str,
+    *,
+    study: str | None = None,
+    out: Path | str | None = None,
+    height: int = 760,
+    **options: Any,
+) -> "Asking":
+    """Start or resume a study whose questions appear below the cell; return at once.
+
+    The page is that of `prefcal calibrate`, so every answer is saved at once, and the same `study`
+    resumes. With `calibrator="synthetic"`, or another one of the scenario, no person is needed.
+
+    Args:
+        scenario: A scenario, or its name as in `prefcal calibrate`.
+        study: Name or file of the study; None for a new one.
+        out: Folder of the report; None for the default.
+        height: Height of the frame in pixels.
+        options: Further options of `prefcal calibrate`, with underscores: `n_max=20, seed=1`.
+
+    Raises:
+        SettingsError: If there is no such option, or its value does not fit.
+        StudyError: If the study cannot be opened, or belongs to another scenario.
+    """
+    if study is not None and (earlier := _OPEN.get(study_path(study).resolve())) is not None:
+        earlier.close()
+    given = _given(options)
+    own = scenario if isinstance(scenario, Scenario) else None
+    given |= {"scenario": scenario.name if isinstance(scenario, Scenario) else scenario,
+              "study": study, "out": None if out is None else Path(out)}  # fmt: skip
+    return Asking(own, given, height)
+
+
+def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a value for each option of `prefcal calibrate`, None if it is not given."""
+    names = [f.name for f in fields(Options) if f.name not in (*_OWN, *_NOT_HERE)]
+    unknown = [name for name in options if name not in names]
+    if unknown:
+        raise SettingsError(f"ask has no option {unknown[0]!r}: expected one of {names}")
+    start = options.get("start")
+    tuples = {} if start is None else {"start": (start,) if isinstance(start, str) else start}
+    every = dict.fromkeys(f.name for f in fields(Options))
+    return {**every, **options, **tuples}
+
+
+class Asking:
+    """A study that runs beside the notebook. Make one with `ask`.
+
+    A notebook shows it as the page with its questions. `with` closes it at the end.
+    """
+
+    def __init__(self, scenario: Scenario | None, given: Mapping[str, Any], height: int) -> None:
+        self._height = height
+        self._problem: Exception | None = None
+        self._over = threading.Event()
+        with ExitStack() as stack:
+            if scenario is None:
+                source, limit = given["scenario"], Options.of(given).run_timeout
+                scenario = stack.enter_context(isolation(source, limit))(load(source))
+            opened = open_study(given, scenario, given["study"])
+            stack.enter_context(opened.file)
+            judged = on_target(scenario, opened.file.state.configuration)
+            claim = claim_folder(opened, scenario.name)
+            stack.callback(claim.release)
+            simulator = stack.enter_context(simulator_of(opened, judged))
+            person = opened.options.by_a_person
+            self._interview = Interview(judged, opened.file, ahead=person, simulator=simulator)
+            self._reporter = Reporter(self._interview, opened, claim, Console(quiet=True))
+            self._calibrator = None if person else make_calibrator(opened.options, judged)
+            self._person = person
+            self._window = stack.enter_context(
+                Window(self._interview, port=opened.options.port, framed=True)
+            )
+            if opened.name is not None:
+                path = Path(opened.file.path).resolve()
+                _OPEN[path] = self
+                stack.callback(_OPEN.pop, path, None)
+            self._start(stack)
+            self._stack = stack.pop_all()
+
+    def _start(self, stack: ExitStack) -> None:
+        """Begin to run experiments, and to write the report once the study is over."""
+        self._stopped = threading.Event()
+        if self._person:
+            stack.enter_context(Background(self._interview))
+        else:
+            stack.callback(self._interview.close)
+        watch = threading.Thread(target=self._watch, name="report", daemon=True)
+        stack.callback(watch.join, 5.0)
+        stack.callback(self._stopped.set)
+        watch.start()
+
+    def _watch(self) -> None:
+        try:
+            if not self._person:
+                for _ in unattended(self._interview, self._calibrator):
+                    if self._stopped.is_set():
+                        return
+            while not self._stopped.is_set():
+                now = self._interview.now()
+                if now.phase is Phase.OVER and self._window.reports is None:
+                    self.report()
+                    self._over.set()
+                self._interview.wait(now.version, _PATIENCE)
+        except Exception as error:  # raised by `wait`, in the notebook's own thread
+            self._problem = error
+            self._over.set()
+
+    @property
+    def link(self) -> str:
+        """Return the link of the page, which holds its secret."""
+        return self._window.link
+
+    @property
+    def study(self) -> str | None:
+        """Return the name of the study, as in `prefcal calibrate --study`; None if not kept."""
+        return self._reporter.opened.name
+
+    @property
+    def best(self) -> dict[str, float] | None:
+        """Return the best θ so far by knob name; None before the first experiment."""
+        now = self._interview.now()
+        if now.incumbent is None:
+            return None
+        theta = now.state.history.samples[now.incumbent].theta
+        return dict(zip(self._interview.scenario.space.names, map(float, theta), strict=True))
+
+    @property
+    def over(self) -> bool:
+        """Return whether the study is over and its report is written."""
+        return self._over.is_set() and self._problem is None
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until the study is over; return whether it is.
+
+        Args:
+            timeout: Longest wait in seconds; None for any.
+
+        Raises:
+            Exception: What a run or the report has raised.
+        """
+        self._over.wait(timeout)
+        if self._problem is not None:
+            raise self._problem
+        return self.over
+
+    def report(self) -> Path:
+        """Write the report of the study as it stands; return its folder.
+
+        Raises:
+            StudyError: If no experiment is compared yet, or the folder cannot be written.
+        """
+        if not self._interview.study.state.history.answered:
+            raise StudyError("nothing to report: no experiment was compared yet")
+        self._reporter.write()
+        folder = self._reporter.claim.folder
+        if not (folder / "report.html").is_file():
+            raise StudyError("nothing to report: no question was answered yet")
+        if self._interview.now().phase is Phase.OVER:
+            self._window.reports = folder
+        return folder
+
+    def controller(self) -> Controller:
+        """Return the controller tuned so far, by way of the report's best.json.
+
+        Raises:
+            StudyError: If no experiment is compared yet.
+            ScenarioError: If the scenario does not say how to build a controller.
+        """
+        make, best = self._interview.scenario.controller, self.best
+        if make is not None and best is not None:
+            space = self._interview.scenario.space
+            return make(space.check(np.array([best[name] for name in space.names])))
+        return load_controller(self.report() / "best.json")
+
+    def to_frame(self, *, answers: bool = False) -> Any:
+        """Return the experiments, or the answers, as a pandas DataFrame."""
+        return self._interview.study.to_frame(answers=answers)
+
+    def close(self) -> None:
+        """Stop asking. Every answer is saved; `ask` with the same study resumes."""
+        self._stack.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _repr_html_(self) -> str:
+        return framed(self.link, self._height)
+
+    def __repr__(self) -> str:
+        counts = self._interview.counts
+        name = self.study or "not kept"
+        return f"<study {name}: {counts.experiments} experiments, {counts.comparisons} answers>"

@@ -1,0 +1,129 @@
+"""Write the studies of this version, which every later version must open, and what is true of them.
+
+    python tests/data/studies/make.py
+
+One is a person's study of a scenario of their own with the agent glisp, in which nearly everything
+happens that a study can record; the other one is unattended, of the reactor with the agent
+screening. Those of earlier versions, and the scenario, stay as they are.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from prefcal_env.preferences.answer import Strength
+from prefcal_env.study import StudyFile
+from prefcal_scenarios import load
+from prefcal_scenarios.app.cli.opening import open_study
+from prefcal_scenarios.app.session import Choice, Interview, Phase, Question
+
+HERE = Path(__file__).parent
+OWN = "first_order.py:scenario"
+
+
+def settled(interview: Interview) -> Question | None:
+    """Run experiments until there is a question; return it, or None at the end."""
+    while interview.now().phase is Phase.RUNNING:
+        interview.work()
+    interview.raise_problem()
+    return interview.now().question
+
+
+def choice(interview: Interview, question: Question) -> Choice:
+    """Return what a person says who wants a small first KPI."""
+    kpi = interview.scenario.kpis[0].name
+    left, right = (s.experiment.kpis[kpi] for s in (question.left, question.right))
+    return Choice.LEFT if left < right else Choice.RIGHT if right < left else Choice.SAME
+
+
+def before(interview: Interview, question: Question, number: int) -> None:
+    """Do what this person does before they answer question `number`, counted from 1."""
+    if number == 2:
+        interview.mark(question.id, "right", "unsafe", True)
+    elif number == 4:
+        interview.answer(question.id, Choice.LEFT, comment='by mistake: "θ ≤ 1"')
+        interview.undo(interview.now().version)
+    elif number == 5:
+        interview.retract(2)
+        interview.note("the second answer was about the wrong curve")
+    elif number == 6:
+        space = interview.scenario.space
+        middle = np.full(len(space), 0.5)
+        interview.ask_for(space.decode(space.snap(middle)))
+    elif number == 8:
+        interview.repeat()
+
+
+def persons_study(path: Path) -> None:
+    """Answer, comment, mark, undo, retract, repeat, ask for a θ and take a note."""
+    given = {"scenario": OWN, "agent": "glisp", "n_max": 9, "n_init": 4, "seed": 1,
+             "questions_per_experiment": 3}  # fmt: skip
+    scenario = load(OWN)
+    with open_study(given, scenario, str(path)).file as file:
+        interview, number = Interview(scenario, file, ahead=False), 0
+        while (question := settled(interview)) is not None:
+            number += 1
+            before(interview, question, number)
+            question = settled(interview)
+            said = Choice.CANNOT_TELL if number == 3 else choice(interview, question)
+            strength = Strength.MUCH_BETTER if number == 7 else Strength.BETTER
+            comment = "calmer" if number == 1 else ""
+            interview.answer(question.id, said, strength=strength, comment=comment)
+        interview.close()
+
+
+def unattended_study(path: Path) -> None:
+    """Let a simulated person answer the agent screening."""
+    words = [
+        "calibrate",
+        "cstr",
+        "--calibrator",
+        "synthetic",
+        "--simulate",
+        "60",
+        "--n-max",
+        "4",
+        "--seed",
+        "2",
+    ]
+    with TemporaryDirectory() as folder:
+        kept = ["--study", str(path), "--out", folder]
+        subprocess.run([sys.executable, "-m", "prefcal_scenarios", *words, *kept], check=True)
+
+
+def facts(path: Path) -> dict[str, object]:
+    """Return what must stay true of a study."""
+    with StudyFile.open(path, clock=lambda: "") as file:
+        state = file.state
+        best = state.history.incumbent
+        return {
+            "kinds": sorted({type(each.event).__name__.lower() for each in file.events()}),
+            "scenario": state.configuration["scenario"],
+            "experiments": len(state.finished),
+            "answers": len(state.answers),
+            "best": best,
+            "theta": list(state.history.samples[best].theta),
+            "kpis of the best": dict(file.experiment(state.finished[best]).kpis),
+        }
+
+
+def main() -> None:
+    """Write both studies of the installed version, and their facts."""
+    os.chdir(HERE)  # the study keeps the name of its scenario as it is given
+    name = version("prefcal")
+    for kind, make in (("glisp", persons_study), ("screening", unattended_study)):
+        path = HERE / f"{name}-{kind}.prefcal"
+        path.unlink(missing_ok=True)
+        make(path)
+        content = json.dumps(facts(path), indent=2, ensure_ascii=False)
+        path.with_suffix(".json").write_text(content + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

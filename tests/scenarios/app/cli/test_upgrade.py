@@ -1,0 +1,93 @@
+"""Studies of every released version open, go on, and give a report and exports with the same best.
+
+`tests/data/studies/make.py` writes those of the present version; older ones never change.
+"""
+
+import csv
+import json
+import shutil
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from prefcal_env.study import StudyFile
+from prefcal_scenarios import load
+from prefcal_scenarios.app.session import Interview
+from support.interviews import answer_all, clock
+
+KEPT = Path(__file__).parents[3] / "data" / "studies"
+STUDIES = sorted(KEPT.glob("*.prefcal"))
+
+
+@pytest.fixture(params=STUDIES, ids=lambda path: path.stem)
+def kept(request, tmp_path):
+    """Copy a kept study, and its scenario, into an empty folder; return it with its facts."""
+    path = request.param
+    shutil.copy(path, tmp_path / "kept.prefcal")
+    shutil.copy(KEPT / "first_order.py", tmp_path)
+    return tmp_path / "kept.prefcal", json.loads(path.with_suffix(".json").read_text("utf-8"))
+
+
+def trusted(facts):
+    """Return the words with which a user says that they trust the scenario of a study."""
+    own = facts["scenario"] if ".py" in facts["scenario"] else None
+    return ["--scenario", own] if own else []
+
+
+def test_the_present_version_has_kept_its_studies():
+    names = {path.name for path in STUDIES}
+    present = {f"{version('prefcal')}-{agent}.prefcal" for agent in ("glisp", "screening")}
+    assert present <= names, "run tests/data/studies/make.py"
+    assert all(path.stat().st_size < 200_000 for path in STUDIES)
+
+
+def test_a_kept_study_is_sound_and_has_the_same_best(kept, prefcal):
+    path, facts = kept
+    code, out, _ = prefcal("studies", "verify", str(path))
+    assert (code, out[:5]) == (0, "Sound")
+    with StudyFile.open(path, clock=clock()) as file:
+        state, events = file.state, list(file.events())
+        best = state.history.incumbent
+        assert sorted({type(each.event).__name__.lower() for each in events}) == facts["kinds"]
+        assert (len(state.finished), len(state.answers)) == (facts["experiments"], facts["answers"])
+        assert best == facts["best"]
+        assert list(state.history.samples[best].theta) == facts["theta"]
+        assert dict(file.experiment(state.finished[best]).kpis) == facts["kpis of the best"]
+
+
+def test_a_kept_study_goes_on(kept, prefcal):
+    path, facts = kept
+    more = facts["experiments"] + 2
+    if trusted(facts):  # a person's: no command answers it
+        with StudyFile.open(path, clock=clock()) as file:
+            interview = Interview(load(facts["scenario"]), file, ahead=False)
+            interview.go_on(2)
+            answer_all(interview, lambda number: None)
+            interview.close()
+            assert len(file.state.finished) == more
+        return
+    words = ["--study", str(path), "--n-max", str(more), "--json", "--out", "more"]
+    code, out, err = prefcal("calibrate", facts["scenario"], *words)
+    assert code == 0, err
+    assert json.loads(out)["experiments"] == more
+
+
+def test_a_kept_study_gives_its_report_and_its_exports(kept, prefcal, tmp_path):
+    path, facts = kept
+    before = path.read_bytes()
+    words = [str(path), *trusted(facts), "--out", "report", "--json"]
+    code, out, err = prefcal("report", *words)
+    assert code == 0, err
+    assert list(json.loads(out)["best"].values()) == facts["theta"]
+    assert (tmp_path / "report" / "report.html").stat().st_size > 10_000
+    stored = json.loads((tmp_path / "report" / "best.json").read_text("utf-8"))
+    assert list(stored["theta"].values()) == facts["theta"]
+    assert prefcal("studies", "export", str(path), "--format", "csv", "--out", "tables")[0] == 0
+    rows = list(csv.DictReader((tmp_path / "tables" / "experiments.csv").open(encoding="utf-8")))
+    assert len(rows) == facts["experiments"]
+    assert prefcal("studies", "export", str(path), "--out", "kept.json")[0] == 0
+    assert prefcal("studies", "import", "kept.json", "--study", "./again.prefcal")[0] == 0
+    with StudyFile.open(tmp_path / "again.prefcal", clock=clock()) as file:
+        assert file.state.history.incumbent == facts["best"]
+    assert path.read_bytes() == before
