@@ -33,7 +33,7 @@ def hooks(monkeypatch):
 @pytest.fixture
 def check(monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "benchmarks" / "site")
-    return importlib.import_module("check")
+    return importlib.import_module("pages")
 
 
 def public_names():

@@ -1,7 +1,7 @@
 """Check a built site: links and anchors lead somewhere, and nothing is loaded from the network.
 
     mkdocs build --strict
-    python benchmarks/site/check.py build/site
+    python benchmarks/site/pages.py build/site
 
 MkDocs checks the links that it renders; this also checks HTML in pages, links of docstrings, files
 and the theme. Links to other sites are counted, not followed.
