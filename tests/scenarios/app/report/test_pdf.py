@@ -11,6 +11,7 @@ from prefcal_scenarios.app.report.pdf.lines import broken, width
 from prefcal_scenarios.app.report.pdf.paper import HIGH, MARGIN, SPACE, WIDE, Paper
 from prefcal_scenarios.app.report.pictures import draw
 from prefcal_scenarios.app.report.write import write_report
+from support.calibrated import without_figures
 from toy_study import toy_record
 
 
@@ -111,7 +112,8 @@ def test_lines_break_at_spaces_and_only_long_words_inside():
     assert broken("a\nb", 9, 1.0) == ["a", "b"]
 
 
-def test_a_report_without_pdf_removes_the_one_of_an_earlier_report(tmp_path):
+def test_a_report_without_pdf_removes_the_one_of_an_earlier_report(tmp_path, monkeypatch):
+    without_figures(monkeypatch)
     record = toy_record()
     write_report(record, tmp_path, pdf=True)
     assert (tmp_path / FILE).read_bytes().startswith(b"%PDF")
