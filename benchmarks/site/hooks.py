@@ -1,7 +1,7 @@
 """Make the site from the Markdown that GitHub shows, too: pages and files outside of docs/.
 
-MkDocs knows only docs/. ARCHITECTURE.md and CHANGELOG.md become pages of the site, every other file
-that a page links to is copied to source/, and links follow. `mkdocs.yml` names this file.
+MkDocs knows only docs/. The files in `PAGES` become pages of the site, every other file that a page
+links to is copied to source/, and links follow. `mkdocs.yml` names this file.
 """
 
 import os
@@ -15,7 +15,12 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[2]
-PAGES = {"ARCHITECTURE.md": "architecture.md", "CHANGELOG.md": "changelog.md"}
+PAGES = {
+    "ARCHITECTURE.md": "architecture.md",
+    "CHANGELOG.md": "changelog.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "SECURITY.md": "security.md",
+}
 """Pages made of files outside of docs/."""
 PLACES = {
     **PAGES,
