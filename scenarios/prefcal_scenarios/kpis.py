@@ -10,14 +10,13 @@ from jaxtyping import Float
 from prefcal_env.errors import ScenarioError
 from prefcal_env.experiments.experiment import End, Experiment
 from prefcal_env.experiments.kpis import tracking_kpis
-from prefcal_env.experiments.maneuvers import MEAN, Maneuvers, by_maneuver, named
+from prefcal_env.experiments.maneuvers import MEAN, by_maneuver, named
 from prefcal_env.experiments.so_far import tracking_bounds
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.kpis import Outcome
 from prefcal_env.rig import Rig
 
 from .own.checks import returned
-from .own.tracking import Tracked
 from .scenario import KPI, Scenario, load
 
 INTERRUPTED = "interrupted"
@@ -63,11 +62,12 @@ def outcome(scenario: Scenario, experiment: Experiment) -> Outcome:
 def can_be_cut(scenario: Scenario) -> bool:
     """Return whether something is known about the KPIs of a run in progress.
 
-    That takes `so_far` of the scenario, or tracking KPIs.
+    That takes `so_far` of the scenario, or a live plant with tracking KPIs.
     """
-    if isinstance(scenario.run, Maneuvers | Rig):
+    if isinstance(scenario.run, Rig):
         return False
-    return scenario.so_far is not None or _is_tracked(scenario)
+    tracked = isinstance(scenario.run, LiveRig) and scenario.run.kpis is tracking_kpis
+    return scenario.so_far is not None or tracked
 
 
 def bounds_of(scenario: Scenario, experiment: Experiment) -> Outcome:
@@ -98,13 +98,6 @@ def bounds_of(scenario: Scenario, experiment: Experiment) -> Outcome:
             if kpi.goal in ("lower", "higher") and kpi.name in known
         }
     return Outcome({**known, INTERRUPTED: 0.0})
-
-
-def _is_tracked(scenario: Scenario) -> bool:
-    """Return whether the KPIs that `outcome` returns are tracking KPIs."""
-    if isinstance(scenario.run, LiveRig):
-        return scenario.run.kpis is tracking_kpis
-    return isinstance(scenario.run, Tracked) or not has_goals(scenario)
 
 
 def has_goals(scenario: Scenario) -> bool:

@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 
 from prefcal_agents import GLISp
-from prefcal_env import End
-from prefcal_env.errors import ScenarioError
+from prefcal_env import End, Knob, KnobSpace, Maneuvers, recorded
+from prefcal_env.errors import ScenarioError, SettingsError
 from prefcal_env.preferences.answer import Mark, Preference
 from prefcal_env.preferences.loop import calibrate
 from prefcal_scenarios import load
 from prefcal_scenarios.cases.loops.family import LOOPS
 from prefcal_scenarios.cutting import Chances, cut, parts
 from prefcal_scenarios.kpis import INTERRUPTED, bounds_of, can_be_cut, outcome
+from prefcal_scenarios.scenario import Scenario, with_found_kpis
 from prefcal_scenarios.tastes import calibrators_of
+from support.interviews import begin
 from toy_study import toy_scenario
 
 SLOW = ("cstr", "overtake", "mpc-oscillatory", "mpc-quadruple-tank", "mpc-boost-converter")
@@ -95,3 +97,49 @@ def test_a_script_cuts_runs_short_and_the_calibrator_is_not_asked_about_them():
     cut_by_record = agent.history.cut_short()
     assert cut_by_record == {i for i, e in enumerate(ran.values()) if e.end is End.CUT_SHORT}
     assert agent.best_index not in cut_by_record
+
+
+class Elsewhere:
+    """A run in another process, which does not tell what it runs there."""
+
+    worker = None
+
+    def __init__(self, run):
+        self.run = run
+
+    def __call__(self, theta, seed=0):
+        return self.run(theta, seed=seed)
+
+
+def plain(theta, seed=0):
+    """A level that overshoots."""
+    t = np.arange(20.0)
+    level = 1.0 - np.exp(-t * theta[0]) * np.cos(t)
+    return recorded(theta, t, {"level": level}, {"valve": np.cos(t)}, {"level": 1.0})
+
+
+SPACE = KnobSpace([Knob("decay", 0.1, 1.0)])
+
+
+def test_a_run_whose_kpis_are_found_can_be_cut_also_in_another_process():
+    scenario = Scenario("tank", "Tank", SPACE, plain)
+    moved = replace(scenario, run=Elsewhere(scenario.run))
+    whole = moved.run(np.array([0.2]))
+    found = with_found_kpis(moved, whole)
+    for each in (scenario, moved, found):
+        assert can_be_cut(each)
+        final, bounds = outcome(each, whole), bounds_of(each, list(parts(whole))[12])
+        assert bounds["overshoot of level"] > 0
+        assert all(bound <= final[name] + 1e-9 for name, bound in bounds.items())
+    assert set(bounds) < {kpi.name for kpi in found.kpis} | {INTERRUPTED}
+
+
+@pytest.mark.parametrize("stated", [{}, {"kpis": ()}, {"so_far": lambda experiment: {}}])
+def test_maneuvers_cannot_be_cut_also_in_another_process(stated):
+    run = Maneuvers({"up": plain, "down": plain})
+    scenario = Scenario("tank", "Tank", SPACE, run, **stated)
+    moved = replace(scenario, run=Elsewhere(scenario.run))
+    assert not can_be_cut(scenario)
+    assert not can_be_cut(moved)
+    with pytest.raises(SettingsError, match="several maneuvers: leave --cut-short out"):
+        begin(moved, cut_short=True)

@@ -74,7 +74,7 @@ class KPIFit:
             return None
         costs = self._of_samples(history)
         doubt = np.mean(costs < costs[:, [best]], axis=0)
-        doubt[[best, *history.unsafe()]] = 0.0
+        doubt[[best, *history.unsafe(), *history.cut_short()]] = 0.0
         for rival in map(int, np.argsort(-doubt, kind="stable")):
             if doubt[rival] <= _DOUBT:
                 return None

@@ -114,11 +114,16 @@ def confirm_best(
 
 
 def contenders(history: History) -> Int[np.ndarray, " K"]:
-    """Return the samples that were compared and are not marked unsafe; all compared if all are."""
+    """Return the samples that were compared and are not marked unsafe; all compared if all are.
+
+    Runs that were cut short are left out.
+    """
     preferences, marks = Preferences.of(history), Marks.of(history)
     strict = preferences.b != 0
     compared = np.unique(np.concatenate([preferences.first[strict], preferences.second[strict]]))
     samples, unsafe = cube_of(history), marks.samples[marks.unsafe]
+    cut = history.cut_short()
+    compared = np.array([i for i in compared if i not in cut], dtype=np.int64)
     safe = [i for i in compared if not np.any(np.all(unsafe == samples[i], axis=1))]
     return np.array(safe or compared, dtype=np.int64)
 
@@ -141,7 +146,11 @@ def insertion_question(history: History, values: Float[np.ndarray, " N"]) -> tup
     latest = [c for c in history.latest if c.challenger == new]  # others may be about the best
     if not latest or not all(c.teaches for c in latest):
         return None
-    order = [int(i) for i in np.argsort(values, kind="stable") if i != new]
+    asked = {c.incumbent for c in latest}
+    left_out = history.cut_short() - asked  # half a run cannot be compared with a whole one
+    if new in left_out:
+        return None
+    order = [int(i) for i in np.argsort(values, kind="stable") if i not in {new, *left_out}]
     above, below = -1, len(order)  # positions of the worst better one and of the best worse one
     for c in latest:
         assert c.incumbent is not None  # it teaches
@@ -153,7 +162,6 @@ def insertion_question(history: History, values: Float[np.ndarray, " N"]) -> tup
         else:
             return None
     between = order[above + 1 : below]
-    asked = {c.incumbent for c in latest}
     if not between or not asked.isdisjoint(between):
         return None
     return new, between[len(between) // 2]
@@ -178,7 +186,8 @@ def final_question(history: History) -> tuple[int, int] | None:
     ties = any(v.preference is Preference.TIE for v in verdicts)
     if best is None or asked >= FINALS or not (ties or contradictory(verdicts)):
         return None
+    left_out = {best, *history.cut_short()}
     for former in dict.fromkeys(reigns(verdicts)):
-        if former != best and not history.asked(best, former):
+        if former not in left_out and not history.asked(best, former):
             return max(best, former), min(best, former)
     return None

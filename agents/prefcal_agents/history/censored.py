@@ -25,7 +25,8 @@ def judged(history: History) -> History:
     if not cut:
         return history
     z, known = cube_of(history), kpis_of(history)
-    whole = [i for i, kpis in enumerate(known) if kpis and i not in cut]
+    partial = cut | history.unsafe()
+    whole = [i for i, kpis in enumerate(known) if _is_whole(kpis) and i not in partial]
     filled = {i: _filled(z, known, [w for w in whole if w < i], i) for i in sorted(cut)}
 
     def taught(c: Comparison) -> Comparison:
@@ -42,6 +43,11 @@ def judged(history: History) -> History:
         comparisons=tuple(taught(c) for c in history.comparisons),
         follow_ups=tuple(taught(c) for c in history.follow_ups),
     )
+
+
+def _is_whole(kpis: Mapping[str, float]) -> bool:
+    """Return whether KPIs are those of a completed run: interrupted ones have infinite KPIs."""
+    return bool(kpis) and bool(np.isfinite(list(kpis.values())).all())
 
 
 def _filled(

@@ -71,7 +71,8 @@ class Marks:
         """Return the marks of all answers that are not retracted; one answer is enough.
 
         The answer to the first query often comes from a program: it can mark sample 0, but
-        without a mark it does not say that sample 0 is safe.
+        without a mark it does not say that sample 0 is safe. Nor is a run known to be safe that
+        was cut short: what it became is unknown.
         """
         seen: set[int] = set()
         marked: dict[Mark, set[int]] = {mark: set() for mark in Mark}
@@ -86,7 +87,7 @@ class Marks:
                     marked[mark].add(side)
         unsafe = marked[Mark.CHALLENGER_UNSAFE] | marked[Mark.INCUMBENT_UNSAFE]
         good = marked[Mark.CHALLENGER_GOOD_ENOUGH] | marked[Mark.INCUMBENT_GOOD_ENOUGH]
-        known = np.array(sorted(seen | unsafe | good), dtype=np.int64)
+        known = np.array(sorted((seen - history.cut_short()) | unsafe | good), dtype=np.int64)
         return cls(
             samples=cube_of(history)[known],
             unsafe=np.array([index in unsafe for index in known], dtype=np.bool_),

@@ -35,11 +35,11 @@ class KPITable:
 
         A missing value counts as the mean of the others. A KPI that never differs is left out.
         """
-        known = kpis_of(history)
-        rows = [index for index, outcome in enumerate(known) if outcome]
+        known, cut = kpis_of(history), history.cut_short()  # KPIs of the latter are bounds
+        rows = [index for index, outcome in enumerate(known) if outcome and index not in cut]
         if len(rows) < _FEWEST:
             return None
-        names = sorted({name for outcome in known for name in outcome})
+        names = sorted({name for index in rows for name in known[index]})
         columns = [_shares([known[index] for index in rows], name) for name in names]
         columns = [column for column in columns if np.ptp(column) > 0]
         if not columns:

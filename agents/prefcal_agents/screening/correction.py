@@ -52,7 +52,8 @@ class Measured:
     @classmethod
     def of(cls, bank: Bank, history: History) -> "Measured":
         """Return the KPIs that the answers of `history` tell; none if all are as simulated."""
-        told = {i: kpis for i, kpis in enumerate(kpis_of(history)) if kpis}
+        cut = history.cut_short()  # their KPIs are bounds
+        told = {i: kpis for i, kpis in enumerate(kpis_of(history)) if kpis and i not in cut}
         rows = [bank.find(history.samples[index].theta) for index in told]
         found = cls(np.array(rows, dtype=np.int64), tuple(told.values()))
         kpis = found.on(bank).kpis

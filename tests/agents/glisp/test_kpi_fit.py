@@ -1,6 +1,7 @@
 """What GLISp learns from KPIs, and whole studies that use it."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -158,6 +159,24 @@ def test_an_experiment_that_is_probably_better_than_the_best_is_named_once():
     asked = wrong.with_follow_up(Answer(-1), best, rival)
     assert learned(asked).doubted(asked) != (best, rival)
     assert kpi_fits(0).after(History()).doubted(History()) is None
+
+
+def test_a_run_cut_short_is_not_doubted_in_favor_of_a_whole_one():
+    kpis, wanted = columns()
+    told = Answer(-1, outcomes=({"a": 1.0, "b": 0.9, "c": 1.0}, None))
+    wrong = record_of(kpis, wanted)
+    wrong = wrong.with_pending(in_cube([0.11, 0.22])).with_answer(told, wrong.incumbent)
+    fit = learned(wrong)
+    best, rival = fit.doubted(wrong)
+    marked = [
+        replace(c, answer=replace(c.answer, marks=(Mark.CHALLENGER_CUT_SHORT,)))
+        if c.challenger == rival else c
+        for c in wrong.comparisons
+    ]  # fmt: skip
+    pair = fit.doubted(replace(wrong, comparisons=tuple(marked)))
+    assert pair is not None
+    assert best in pair
+    assert rival not in pair
 
 
 @pytest.mark.parametrize(("error_rate", "asks"), [(0.1, True), (0.0, False)])

@@ -1,5 +1,7 @@
 """Follow-up questions: which are asked, and what they are worth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,7 +9,13 @@ from hypothesis import strategies as st
 
 from prefcal_agents import GLISp, GLISpSettings, minimize_by_preference
 from prefcal_agents.glisp.noise_test import NoiseTest, rows_of
-from prefcal_agents.glisp.questions import confirm_best, contenders, follow_up, insertion_question
+from prefcal_agents.glisp.questions import (
+    confirm_best,
+    contenders,
+    final_question,
+    follow_up,
+    insertion_question,
+)
 from prefcal_agents.glisp.selection import ModelSelection, Selection
 from prefcal_agents.history.agent_state import AgentState
 from prefcal_agents.history.lessons import Preferences, cube_of
@@ -391,3 +399,40 @@ def test_the_winner_stays_the_winner_along_the_first_answers():
     costs = [bowl(theta) for theta in agent.samples]
     assert np.array_equal(agent.best, agent.samples[int(np.argmin(costs))])
     assert Preference.INCUMBENT in {c.answer.preference for c in agent.state.history.follow_ups}
+
+
+def cut_short(history, *indices):
+    """Return `history` as if the runs of these samples had been cut short."""
+    marks = (Mark.CHALLENGER_CUT_SHORT,)
+    return replace(history, comparisons=tuple(
+        replace(c, answer=replace(c.answer, marks=marks)) if c.challenger in indices else c
+        for c in history.comparisons
+    ))  # fmt: skip
+
+
+def test_the_place_of_a_loser_is_found_among_whole_runs():
+    costs = [1.0, 2.0, 3.0, 4.0, 5.0, 3.5]
+    history, values = ranked(costs), np.array(costs)
+    assert insertion_question(history, values) == (5, 3)
+    assert insertion_question(cut_short(history, 3), values) == (5, 2)
+    assert insertion_question(cut_short(history, 1, 2, 3, 4), values) is None
+    assert insertion_question(cut_short(history, 5), values) is None
+
+
+def test_a_rival_that_was_cut_short_after_it_was_asked_about_keeps_its_place():
+    costs = [1.0, 2.0, 3.0, 4.0, 5.0, 3.5]
+    history, values = ranked(costs).with_follow_up(Answer(-1), 5, 3), np.array(costs)
+    assert insertion_question(history, values) == (5, 2)
+    assert insertion_question(cut_short(history, 3), values) == (5, 2)
+
+
+def test_a_run_cut_short_is_no_contender():
+    history = line([(0, 1), (0, 1), (0, 1)])
+    assert contenders(history).tolist() == [0, 1, 2, 3]
+    assert contenders(cut_short(history, 2)).tolist() == [0, 1, 3]
+
+
+def test_a_former_best_that_was_cut_short_is_not_compared_at_the_end():
+    history = line([(0, 0), (0, -1), (2, -1), (3, -1)])
+    assert final_question(history) == (4, 0)
+    assert final_question(cut_short(history, 0)) == (4, 2)

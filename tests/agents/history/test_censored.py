@@ -2,6 +2,9 @@
 
 from dataclasses import replace
 
+import numpy as np
+import pytest
+
 from prefcal_agents.history.censored import judged
 from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
@@ -44,3 +47,20 @@ def test_a_later_experiment_does_not_change_what_an_earlier_cut_taught():
     )
     assert judged(later).comparisons[:3] == judged(made).comparisons
     assert judged(later).until(3) == judged(later.until(3))
+
+
+@pytest.mark.parametrize(
+    ("kpis", "marks"),
+    [
+        ({"a": np.inf, "b": np.inf, "interrupted": 1.0}, ()),
+        ({"a": 40.0, "b": 60.0}, (Mark.CHALLENGER_UNSAFE,)),
+    ],
+)
+def test_a_run_that_was_not_completed_says_nothing_about_one_cut_short_nearby(kpis, marks):
+    made = History(tuple(in_cube([z]) for z in (0.0, 0.95, 0.9)))
+    made = made.with_answer(Answer(None, outcomes=({"a": 1.0, "b": 5.0}, None)), None)
+    made = made.with_answer(Answer(1, outcomes=(kpis, None), marks=marks), 0)
+    bounds = {"a": 2.0, "interrupted": 0.0}
+    made = made.with_answer(Answer(1, outcomes=(bounds, None), marks=(CUT,)), 0)
+    taught = judged(made).comparisons[2].answer.outcomes[0]
+    assert dict(taught) == {"a": 2.0, "b": 5.0, "interrupted": 0.0}

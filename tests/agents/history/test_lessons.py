@@ -10,11 +10,11 @@ from scipy.linalg import lapack
 from prefcal_agents import GLISp, GLISpSettings
 from prefcal_agents.acquisition.exploration import Acquisition
 from prefcal_agents.acquisition.penalty import SafetyModel
-from prefcal_agents.history.lessons import MOST, Memory, Preferences, kpis_of, scores_of
+from prefcal_agents.history.lessons import MOST, Marks, Memory, Preferences, kpis_of, scores_of
 from prefcal_agents.models.rbf import Shape, Surrogate
 from prefcal_env.knobs.knob import Knob
 from prefcal_env.knobs.space import KnobSpace
-from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import Comparison, History
 from prefcal_env.qp.piqp_backend import PIQPBackend
 from support.histories import in_cube
@@ -207,3 +207,11 @@ def test_rare_marks_are_remembered():
         centers = SafetyModel.of(z, labels).centers
         assert len(centers) == MOST
         assert all(np.any(np.all(centers == rare, axis=1)) for rare in z[unsafe])
+
+
+def test_a_run_cut_short_counts_as_safe_only_if_somebody_marked_it():
+    cut, good = Mark.CHALLENGER_CUT_SHORT, Mark.CHALLENGER_GOOD_ENOUGH
+    history = told(None, 1, Answer(1, marks=(cut,)), Answer(1, marks=(cut, good)))
+    assert Marks.of(history).samples[:, 0].tolist() == [0.0, 1.0, 3.0]
+    assert not Marks.of(history).unsafe.any()
+    assert Marks.of(told(None, 1, 1, 1)).samples[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0]

@@ -1,10 +1,12 @@
 """The table of KPIs that BOPE learns from."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from prefcal_agents.peers.kpi_table import KPITable
-from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import Comparison, History
 from support.histories import in_cube
 
@@ -41,3 +43,13 @@ def test_experiments_without_kpis_are_left_out_and_so_are_pairs_with_them():
     table = KPITable.of(history({"t": 1.0}, None, {"t": 2.0}, {"t": 3.0}))
     assert table.rows.tolist() == [0, 2, 3]
     assert table.pairs(np.array([[2, 0], [1, 0], [3, 2]])).tolist() == [[1, 0], [2, 1]]
+
+
+def test_runs_cut_short_are_left_out_since_their_kpis_are_bounds():
+    made = history({"t": 1.0}, {"t": 0.0, "u": 1.0}, {"t": 2.0}, {"t": 3.0})
+    marks = (Mark.CHALLENGER_CUT_SHORT,)
+    cut = replace(made.comparisons[1], answer=replace(made.comparisons[1].answer, marks=marks))
+    made = replace(made, comparisons=(made.comparisons[0], cut, *made.comparisons[2:]))
+    table = KPITable.of(made)
+    assert table.rows.tolist() == [0, 2, 3]
+    assert table.shares == pytest.approx(np.array([[0.0], [0.5], [1.0]]))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from prefcal_agents import Screening, minimize_by_preference, restore
 from prefcal_agents.screening.correction import Measured, corrected
 from prefcal_env.errors import SettingsError, SimulationError
-from prefcal_env.preferences.answer import Answer
+from prefcal_env.preferences.answer import Answer, Mark
 from prefcal_env.preferences.history import History
 from support.simulated import SQUARE, bank_of, in_chain, random_bank
 
@@ -81,6 +81,12 @@ def test_a_kpi_that_was_not_measured_keeps_its_simulated_value():
     measured = Measured.of(bank, record)
     assert measured.on(bank).kpis.tolist() == [[1.0, 2.0], [9.0, 4.0]]
     assert bank.kpis.tolist() == [[1.0, 2.0], [3.0, 4.0]]
+
+
+def test_bounds_of_a_run_cut_short_are_not_taken_for_measured_kpis():
+    bank, marks = bank_of([[1.0, 2.0], [3.0, 4.0]]), (Mark.CHALLENGER_CUT_SHORT,)
+    answer = Answer(1, outcomes=({"a": 9.0}, None), marks=marks)
+    assert not len(Measured.of(bank, in_chain(bank, [0, 1], [answer])))
 
 
 def test_of_an_experiment_with_other_kpis_nothing_is_learned():

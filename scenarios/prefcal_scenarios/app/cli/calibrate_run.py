@@ -24,7 +24,7 @@ from rich.text import Text
 from prefcal_env.compiling import Compiling
 from prefcal_env.errors import RunError
 from prefcal_env.live import LiveRig
-from prefcal_env.preferences.loop import Comparison
+from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.app.isolated import isolation
 from prefcal_scenarios.app.presentation.wording import earlier_text, theta_text
 from prefcal_scenarios.app.report.record import VERDICTS
@@ -37,6 +37,7 @@ from prefcal_scenarios.app.session import (
 )
 from prefcal_scenarios.app.session.memory import as_studied, is_simulating
 from prefcal_scenarios.app.simulating import Simulator, twin_of
+from prefcal_scenarios.app.summary.counts import Counts
 from prefcal_scenarios.own.described.options import words_to_resume
 from prefcal_scenarios.scenario import Scenario, is_own, load
 
@@ -336,12 +337,12 @@ def _answer_all(work: CalibrateRun) -> None:
     calibrator = make_calibrator(work.options, scenario)
     messages = work.reporter.messages
     with Display(scenario, interview.n_max, messages, lambda: _unseen(interview)) as display:
-        for comparison in interview.comparisons():
-            display.compared(comparison)
+        for _ in interview.comparisons():
+            display.compared()
         display.best(interview.now())
         interview.prepare(display.compiling)
-        for comparison in unattended(interview, calibrator, display.running, work.say):
-            display.compared(comparison)
+        for _ in unattended(interview, calibrator, display.running, work.say):
+            display.compared()
             display.best(interview.now())
             work.ctrl_c.check()
 
@@ -374,7 +375,7 @@ class Display:
         beside: Callable[[], tuple[str, str] | None] = lambda: None,
     ) -> None:
         self._scenario, self._console, self._beside = scenario, console, beside
-        self._counts = dict.fromkeys(VERDICTS, 0)
+        self._counts: Mapping[Preference | None, int] = dict.fromkeys(VERDICTS, 0)
         self._current = "none yet"
         self._best = "none yet"
         self._compiling = False
@@ -406,14 +407,13 @@ class Display:
         """Show the θ that is running."""
         self._current = theta_text(self._scenario.space, theta)
 
-    def compared(self, comparison: Comparison) -> None:
-        """Count one experiment and its verdict."""
-        if comparison.incumbent is not None:
-            self._counts[comparison.answer.preference] += 1
+    def compared(self) -> None:
+        """Count one experiment."""
         self._bar.advance(self._task)
 
     def best(self, now: Now) -> None:
-        """Show the best experiment, which the study would return if it ended now."""
+        """Show the verdicts so far, and the experiment that the study would return now."""
+        self._counts = Counts.of(now.state).verdicts
         index = now.incumbent
         if index is not None:
             theta = np.array(now.state.history.samples[index].theta)

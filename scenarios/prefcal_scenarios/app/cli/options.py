@@ -290,14 +290,7 @@ class Options:
             help="Cut a run short once it can no longer win, by what your answers say about its "
             "KPIs so far (glisp only). It then counts as worse. A simulation is recorded as far "
             "as a run on a plant would have gone. Without this option, the page of a live plant "
-            "only offers it.",
-        ),
-        Kept(
-            label="cuts runs short",
-            anew=True,
-            agents=("glisp",),
-            refusal="only the agent glisp can tell that a run can no longer win: leave --cut-short "
-            "out for {agent!r}",
+            "only offers it. It applies to one run of this command.",
         ),
     ] = False
     terminal: Annotated[

@@ -77,7 +77,7 @@ class ExperimentStore:
 
         It stands in for a question if the agent is told scores. The agent learns the score alone;
         the preference is for readers of the record. An experiment without a record has no score,
-        and an abstention instead of a preference.
+        nor has one that was cut short, and an abstention instead of a preference.
         """
         best, value = self.study.state.history.incumbent, self._score(index)
         if best is None:
@@ -92,7 +92,8 @@ class ExperimentStore:
     def _score(self, index: int) -> float | None:
         experiment, cost = self.experiment(index), self.scenario.cost
         assert cost is not None, "refused before the study was begun"
-        value = float(cost(experiment)) if len(experiment.t) else np.nan
+        whole = len(experiment.t) and experiment.end is not End.CUT_SHORT
+        value = float(cost(experiment)) if whole else np.nan
         return value if np.isfinite(value) else None
 
     def _event(self, index: int) -> int:

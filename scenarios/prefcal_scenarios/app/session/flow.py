@@ -21,6 +21,7 @@ from prefcal_env.study import (
     Event,
     Failed,
     Finished,
+    Noted,
     Requested,
     Shown,
     State,
@@ -342,18 +343,33 @@ class Flow:
         A run that was cut short loses, and nobody is asked; after an undo, the person compares what
         was recorded.
         """
-        if self.cuts and self.at_once == 1 and not isinstance(self.store.scenario.run, LiveRig):
-            chances = chances_of(self.agent, self.store)
-            if chances is not None:
-                result = cut(result, chances.is_hopeless)
+        live = isinstance(self.store.scenario.run, LiveRig)
+        if self.cuts and not live:
+            result = self._cut(index, result)
         best = self.best
-        if result.end is End.CUT_SHORT and best is not None:
+        cuts = (self.cuts or live) and not self.agent.by_value
+        if cuts and result.end is End.CUT_SHORT and best is not None:
             return self._lose(index, result, best)
         self.study.append((Finished(index), result))
         return self.proceed()
 
+    def _cut(self, index: int, result: Experiment) -> Experiment:
+        """Return a simulated run up to where it could no longer win.
+
+        If that cannot be told, for example since the person's `so_far` fails, it stays whole, and
+        a note says why.
+        """
+        chances = chances_of(self.agent, self.store)
+        try:
+            return result if chances is None else cut(result, chances.is_hopeless)
+        except (Exception, SystemExit) as error:
+            why = f"cannot tell whether it could still win: {in_words(error)}"
+            self.study.append(Noted(f"experiment {index + 1} was not cut short: {why}"))
+            return result
+
     def _lose(self, index: int, result: Experiment, best: int) -> None:
         """Save a run that was cut short and that it is worse than the best, in one step."""
+        self.take(index)
         pair = (outcome(self.store.scenario, result), self.store.outcomes(best, None)[0])
         lost = Answer(Preference.INCUMBENT)
         answer = completed(lost, result, self.store.experiment(best), pair)

@@ -25,7 +25,7 @@ from prefcal_env.study import Noted, StudyFile
 from prefcal_scenarios.app.screening import Prospect, Screened
 from prefcal_scenarios.app.simulating import Basis, Simulated, Simulator, named_twin
 from prefcal_scenarios.app.summary.consistency import Consistency
-from prefcal_scenarios.app.summary.counts import Counts, answered
+from prefcal_scenarios.app.summary.counts import Counts, answered, is_unasked
 from prefcal_scenarios.app.summary.outlook import Outlook, others_unbeaten, outlook
 from prefcal_scenarios.own.own_line import in_words
 from prefcal_scenarios.scenario import Scenario, finds_kpis, with_found_kpis
@@ -174,6 +174,10 @@ class Interview:
         with self._changed:
             flow = self._flow
             return tuple(flow.store.compared(closed) for closed in answered(flow.state))
+
+    def unasked(self) -> frozenset[int]:
+        """Return the experiments that were cut short and count as worse without a question."""
+        return frozenset(c.challenger for c in answered(self.study.state) if is_unasked(c))
 
     @property
     def counts(self) -> Counts:

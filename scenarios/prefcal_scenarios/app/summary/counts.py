@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from prefcal_env.preferences.answer import Preference
+from prefcal_env.preferences.answer import Mark, Preference
 from prefcal_env.preferences.history import Comparison
 from prefcal_env.study import State
 
@@ -15,7 +15,7 @@ class Counts:
     Args:
         experiments: Number of experiments that ran, including that of the open question.
         comparisons: Number of standing answers about two experiments, including follow-up
-            comparisons.
+            comparisons; without those that nobody was asked about since a run was cut short.
         verdicts: Number of comparisons by preference; they add up to `comparisons`.
         retracted: Number of retracted answers; no other number includes them.
     """
@@ -28,7 +28,7 @@ class Counts:
     @classmethod
     def of(cls, state: State) -> "Counts":
         """Return the counts of a study. A repeated question is not a new comparison."""
-        given = [c.answer.preference for c in answered(state)]
+        given = [c.answer.preference for c in answered(state) if not is_unasked(c)]
         verdicts: list[Preference | None] = [*Preference, None]
         return cls(
             experiments=len(state.finished),
@@ -36,6 +36,12 @@ class Counts:
             verdicts={verdict: given.count(verdict) for verdict in verdicts},
             retracted=sum(c.retracted for c in state.history.counting),
         )
+
+
+def is_unasked(comparison: Comparison) -> bool:
+    """Return whether a run was cut short and counts as worse without a question."""
+    cut = Mark.CHALLENGER_CUT_SHORT in comparison.answer.automatic
+    return comparison.question is None and cut
 
 
 def answered(state: State) -> tuple[Comparison, ...]:

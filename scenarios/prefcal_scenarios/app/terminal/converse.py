@@ -357,7 +357,8 @@ def _live_words(live: LiveNow) -> str:
     problem = f"; {progress.problem}" if progress.problem else ""
     cut = "; it can no longer win: c cuts it short, and it counts as worse"
     ends = cut if live.hopeless and not live.cutting else ""
-    return f": {progress.stage.value}{time}{shown}{problem}{ends}; k stops it"
+    blind = live.unwatched and f"; cannot tell whether this run can still win: {live.unwatched}"
+    return f": {progress.stage.value}{time}{shown}{problem}{ends}{blind}; k stops it"
 
 
 def dialed(text: str, space: KnobSpace, sample: Suggested) -> tuple[float, ...]:

@@ -2,22 +2,25 @@
 
 import csv
 import io
+from dataclasses import replace
 from functools import partial
 
 import pytest
 
-from prefcal_agents import GLISp, GLISpSettings
+from prefcal_agents import GLIS, GLISp, GLISpSettings
 from prefcal_agents.history.lessons import Marks
 from prefcal_env import End
 from prefcal_env.errors import SettingsError, StaleError
 from prefcal_env.preferences.answer import Answer, Mark, Preference
 from prefcal_env.study import export_csv
 from prefcal_scenarios import load
+from prefcal_scenarios.app.cli.options import Options
+from prefcal_scenarios.app.cli.report import record_of
 from prefcal_scenarios.app.report import Record
 from prefcal_scenarios.app.report.comparisons import comparisons_as_csv
 from prefcal_scenarios.app.report.html import page
 from prefcal_scenarios.app.session import Phase, unattended
-from prefcal_scenarios.app.web.view import asked_view, history_view
+from prefcal_scenarios.app.web.view import asked_view, history_view, now_view
 from prefcal_scenarios.tastes import calibrators_of
 from support.interviews import begin, reopened
 from toy_study import toy_scenario
@@ -158,3 +161,69 @@ def test_what_cannot_be_cut_is_refused():
         begin(TANK, agent=blind, cut_short=True)
     with pytest.raises(SettingsError, match="runs are cut short one at a time"):
         begin(TANK, at_once=2, cut_short=True)
+
+
+def test_a_cut_is_no_comparison_of_the_person_but_stays_in_the_tables(study):
+    cut, history = cut_ones(study), study.now().state.history
+    asked = [c for c in history.counting if c.question is not None]
+    record = record_of(study, Options("tank", calibrator="weights"), {})
+    assert len(asked) + len(cut) == EXPERIMENTS - 1
+    assert study.counts.comparisons == record.questions == len(asked)
+    assert sum(study.counts.verdicts.values()) == sum(record.verdict_counts().values())
+    assert sum(study.counts.verdicts.values()) == len(asked)
+    assert now_view(study)["progress"]["given"] == len(asked)
+    rows = list(csv.DictReader(io.StringIO(comparisons_as_csv(record))))
+    assert len(rows) == EXPERIMENTS - 1
+    assert sum("challenger cut short" in row["automatic marks"] for row in rows) == len(cut)
+
+
+def ends_early():
+    """The toy, whose plant says by itself that every run but the first could no longer win."""
+    toy, ran = toy_scenario(), []
+
+    def run(theta, seed=0):
+        ran.append(theta)
+        made = toy.run(theta, seed)
+        return made if len(ran) == 1 else replace(made, end=End.CUT_SHORT)
+
+    return replace(toy, run=run)
+
+
+@pytest.mark.parametrize("at_once", [1, 2])
+def test_a_plant_that_ends_runs_early_by_itself_does_not_answer_for_the_person(at_once):
+    scenario = ends_early()
+    interview = begin(scenario, n_max=5, at_once=at_once)
+    for _ in unattended(interview, scenario.calibrators["synthetic"](0)):
+        pass
+    history = interview.now().state.history
+    assert interview.now().phase is Phase.OVER
+    assert history.cut_short()
+    assert all(c.question is not None for c in history.comparisons[1:])
+
+
+def test_a_run_that_a_plant_ended_early_has_no_score():
+    interview = begin(ends_early(), n_max=5, agent=GLIS)
+    for _ in unattended(interview, None):
+        pass
+    scores = [c.answer.value for c in interview.now().state.history.comparisons]
+    assert interview.now().phase is Phase.OVER
+    assert scores[0] is not None
+    assert scores[1:] == [None] * 4
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError("by zero"), SystemExit(3)])
+def test_a_simulation_stays_whole_with_a_note_if_so_far_fails(error):
+    def fails(experiment):
+        raise error
+
+    interview = begin(replace(TANK, so_far=fails), n_max=3, seed=1, cut_short=True)
+    for _ in unattended(interview, person()):
+        pass
+    state = interview.now().state
+    assert interview.now().phase is Phase.OVER
+    assert not state.history.cut_short()
+    assert {interview.end(i) for i in range(3)}.isdisjoint({End.CUT_SHORT, End.FAILED})
+    words = [text for _, text in state.notes]
+    assert len(words) == 3
+    assert words[1].startswith("experiment 2 was not cut short: cannot tell whether it could still")
+    assert type(error).__name__ in words[1]

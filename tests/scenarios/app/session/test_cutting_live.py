@@ -14,6 +14,7 @@ from prefcal_scenarios.app.session.live.state import Live
 from prefcal_scenarios.app.session.live.watching import watched
 from prefcal_scenarios.app.terminal.converse import _live_words
 from prefcal_scenarios.app.web.view import now_view
+from prefcal_scenarios.app.web.view.preview import _running
 from prefcal_scenarios.kpis import bounds_of
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.interviews import begin, reopened
@@ -138,3 +139,52 @@ def test_nothing_is_watched_if_nothing_can_be_said(tmp_path):
     rig = memory_rig(Memory(), tmp_path)
     with watched(Live(), rig, np.array([1.0, 10.0]), None, cuts=True):
         assert threading.active_count() == before
+
+
+def row(level):
+    return {"output level": level, "input valve": 4.0, "reference level": 2.0}
+
+
+class Failing(Hopeless):
+    """Chances that cannot be told until the run has recorded for 3 s."""
+
+    def __init__(self, error):
+        super().__init__()
+        self.error = error
+
+    def is_hopeless(self, record):
+        if not super().is_hopeless(record):
+            raise self.error
+        return True
+
+
+@pytest.mark.parametrize("error", [ValueError("no band"), SystemExit("no band")])
+def test_a_chance_that_cannot_be_told_is_said_and_worked_out_again(tmp_path, error):
+    rig = memory_rig(Memory(), tmp_path, period=0.01, duration=0.25)
+    told = threading.Event()
+    live = Live(changed=told.set)
+    live.begin()
+    with watched(live, rig, np.array([1.0, 10.0]), Failing(error), cuts=True):
+        live._curve.extend((float(k), row(1.0)) for k in range(3))
+        assert told.wait(5.0)
+        assert live.unwatched == f"{type(error).__name__}: no band"
+        words = _live_words(live.now())
+        assert "cannot tell whether this run can still win: " + live.unwatched in words
+        assert _running(rig, live.now())["unwatched"] == live.unwatched
+        assert not live.cut.is_set()
+        told.clear()
+        live._curve.extend((float(k), row(1.0)) for k in range(3, 5))
+        assert told.wait(5.0)
+        assert live.cut.wait(5.0)
+    assert live.unwatched == ""
+
+
+def test_a_record_with_a_single_good_sample_is_not_watched_yet(tmp_path):
+    rig, chances = memory_rig(Memory(), tmp_path, period=0.01, duration=0.25), Hopeless()
+    live = Live()
+    with watched(live, rig, np.array([1.0, 10.0]), chances, cuts=True):
+        live._curve.append((0.0, row(1.0)))
+        live._curve.extend((float(k), row(np.nan)) for k in range(1, 9))
+        assert not live.hopeless.wait(0.2)
+    assert chances.asked == []
+    assert live.unwatched == ""

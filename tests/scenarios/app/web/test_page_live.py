@@ -117,6 +117,35 @@ def test_a_run_that_cannot_win_is_offered_to_be_cut_short(browser, served, plant
     assert watched.errors == []
 
 
+class Untold:
+    """Chances that cannot be told, since the person's function fails."""
+
+    def is_hopeless(self, record):
+        raise ValueError("no band")
+
+
+def test_a_page_says_why_it_cannot_tell_whether_a_run_can_still_win(
+    browser, served, plant, monkeypatch
+):
+    monkeypatch.setattr(driving, "chances_of", lambda agent, store: Untold())
+    plant.at = lambda _plant: time.sleep(0.05)
+    watched = Watched(browser)
+    page = watched.page
+    page.goto(served.link)
+    page.wait_for_selector("#write-and-start")
+    confirmed(watched)
+    page.wait_for_selector("#live-unwatched:visible")
+    words = "Cannot tell whether this run can still win: ValueError: no band"
+    assert page.inner_text("#live-unwatched") == words
+    assert not page.is_visible("#live-cut")
+    assert serious(page) == []
+    watched.shot("live-unwatched")
+    plant.at = lambda _plant: None
+    titled(page, "Experiment 2: write")
+    assert served.state.history.cut_short() == frozenset()
+    assert watched.errors == []
+
+
 def titled(page, words):
     """Wait until the title of the plant's page holds these words."""
     page.wait_for_function(

@@ -33,5 +33,6 @@ def check_cutting(scenario: Scenario, agent: Agent, at_once: int) -> None:
     if not can_be_cut(scenario):
         raise SettingsError(
             f"runs of {scenario.name!r} cannot be cut short, since it does not say which KPIs can "
-            "only get worse: leave --cut-short out, or give the scenario a function so_far"
+            "only get worse, or has several maneuvers: leave --cut-short out, or give a scenario "
+            "of one maneuver a function so_far"
         )

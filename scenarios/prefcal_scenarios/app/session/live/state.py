@@ -37,6 +37,7 @@ class LiveNow:
             and nothing is written until it succeeds.
         hopeless: Whether the run can no longer win, so that it can be cut short.
         cutting: Whether the run is being cut short.
+        unwatched: Why it cannot be told whether the run can still win; empty if it can.
     """
 
     changes: tuple[Change, ...] | None
@@ -47,6 +48,7 @@ class LiveNow:
     recovery: Recovery = Recovery.DONE
     hopeless: bool = False
     cutting: bool = False
+    unwatched: str = ""
 
 
 @dataclass(slots=True)
@@ -74,6 +76,8 @@ class Live:
     """Whether the run in progress can no longer win."""
     cut: threading.Event = field(default_factory=threading.Event)
     """Whether to cut the run in progress short."""
+    unwatched: str = ""
+    """Why it cannot be told whether the run in progress can still win; empty if it can."""
     _progress: Progress | None = None
     _curve: list[Sample] = field(default_factory=list)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -86,7 +90,7 @@ class Live:
         """Begin a run."""
         for event in (self.stop, self.hopeless, self.cut):
             event.clear()
-        self.problem, self.partial = "", None
+        self.problem, self.partial, self.unwatched = "", None, ""
         with self._lock:
             self._progress, self._curve = Progress(Stage.CONNECTING, 0.0, 0.0), []
 
@@ -117,5 +121,5 @@ class Live:
             progress = self._progress
         return LiveNow(
             self.changes, self.problem, progress, curve, self.stop.is_set(), self.recovery,
-            self.hopeless.is_set(), self.cut.is_set(),
+            self.hopeless.is_set(), self.cut.is_set(), self.unwatched,
         )  # fmt: skip

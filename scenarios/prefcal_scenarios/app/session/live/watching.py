@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from prefcal_env.live import LiveRig
 from prefcal_scenarios.cutting import CHECKS, Chances
+from prefcal_scenarios.own.own_line import in_words
 
 from .state import Live
 
@@ -21,6 +22,9 @@ def watched(
     live: Live, rig: LiveRig, theta: Float[np.ndarray, " n"], chances: Chances | None, *, cuts: bool
 ) -> Iterator[None]:
     """Set `live.hopeless` once the run in progress can no longer win.
+
+    While that cannot be told, for example since the person's own KPIs fail, `live.unwatched` says
+    why, and the run goes on.
 
     This takes a thread of its own, so that samples and abort limits never wait for it.
 
@@ -36,10 +40,23 @@ def watched(
         return
     over = threading.Event()
 
+    def is_hopeless() -> bool:
+        samples = live.recorded()
+        if len(samples) < _FEWEST:
+            return False
+        record = rig.so_far(theta, samples)
+        return len(record.t) >= _FEWEST and chances.is_hopeless(record)
+
     def watch() -> None:
         while not over.wait(max(rig.period, rig.duration / CHECKS)):
-            samples = live.recorded()
-            if len(samples) < _FEWEST or not chances.is_hopeless(rig.so_far(theta, samples)):
+            try:
+                hopeless, unwatched = is_hopeless(), ""
+            except (Exception, SystemExit) as error:
+                hopeless, unwatched = False, in_words(error)
+            if live.unwatched != unwatched:
+                live.unwatched = unwatched
+                live.changed()
+            if not hopeless:
                 continue
             live.hopeless.set()
             if cuts:

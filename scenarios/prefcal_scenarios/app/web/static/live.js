@@ -99,6 +99,7 @@ function running({ live, pending }) {
     el("p", { hidden: recovers || restores }, el("progress", { id: "live-progress", "aria-label": "Recorded time", max: live.duration, value: 0 }), " ",
       el("span", { id: "live-left" })),
     el("p", { id: "live-problem", class: "problem", role: "alert", hidden: true }),
+    el("p", { id: "live-unwatched", class: "notice", role: "status", hidden: true }),
     el("p", { id: "live-hopeless", class: "notice", role: "status", hidden: true },
       el("span", {}, "This run can no longer win, by your answers and its KPIs so far. Cut short, it counts as worse than the best, and the plant gets its old values back. "),
       el("button", { type: "button", id: "live-cut", class: "primary", on: { click: cutShort } }, "Cut it short")),
@@ -117,6 +118,8 @@ function progress({ live }) {
   set("live-left", run.records ? `${seconds(Math.max(duration - elapsed, 0))} left` : "");
   set("live-problem", problem);
   $("live-problem").hidden = !problem;
+  set("live-unwatched", run.unwatched ? `Cannot tell whether this run can still win: ${run.unwatched}` : "");
+  $("live-unwatched").hidden = !run.unwatched || stopping || !run.records;
   $("live-stop").disabled = stopping;
   $("stop-live").disabled = stopping;
   fill($("live-curves"), times.length ? outputs.map((output) => curve(output, times, duration)) : []);

@@ -90,6 +90,7 @@ def _running(rig: LiveRig, live: LiveNow) -> dict[str, Any] | None:
         "stopping": live.stopping or live.cutting,
         "hopeless": live.hopeless,
         "cutting": live.cutting,
+        "unwatched": live.unwatched,
         "times": [time for time, _ in live.curve],
         "outputs": [_curve(tag, rig, live) for tag in rig.tags if tag.role == "output"],
     }
