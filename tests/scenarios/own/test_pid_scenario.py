@@ -231,3 +231,23 @@ def test_the_same_tuning_gives_the_same_experiment():
     assert pid_scenario(PLANTS["unstable"]).run(theta) == pid_scenario(PLANTS["unstable"]).run(
         theta
     )
+
+
+def test_a_run_that_had_not_arrived_when_the_load_came_never_recovers():
+    # The load pushes the output up: without this, the slower the loop, the sooner it "recovered".
+    scenario = pid_scenario(PLANTS["lag with dead time"])
+    knobs = {knob.name: knob for knob in scenario.space.knobs}
+    slow = [knobs["K_p"].low, knobs["T_i"].high, 0.0, 0.0]
+    run = scenario.run(np.array(slow))
+    schedule = scenario.run.kpis.design
+    before = run.output(0)[run.t < schedule.phase][-1]
+    assert abs(before - schedule.loops[0].target) > 0.05 * abs(before - schedule.loops[0].start)
+    assert run.kpis["settling_time"] == run.kpis["recovery"] == np.inf
+    assert np.isfinite(scenario.run(scenario.references["robust"]).kpis["recovery"])
+
+
+def test_the_brief_says_what_was_chosen():
+    scenario = pid_scenario(PLANTS["lag with dead time"])
+    design = scenario.run.kpis.design
+    assert f"The controller moves every {design.T_s:g} s." in scenario.brief
+    assert "on a load acts: " in scenario.brief

@@ -12,11 +12,12 @@ from prefcal_env.errors import ConnectionLostError, LiveError, RecordError, Scen
 from prefcal_env.experiments.experiment import Channels, Experiment
 from prefcal_env.experiments.maneuvers import by_maneuver
 from prefcal_env.experiments.panels import KINDS
+from prefcal_env.knobs.knob import Knob
 from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Answer
 from prefcal_env.rig import Rig
 from prefcal_env.study.codec import decode, encode
-from prefcal_scenarios.app.presentation.wording import measured, quantity, with_unit
+from prefcal_scenarios.app.presentation.wording import measured, number, quantity, with_unit
 from prefcal_scenarios.app.report.export import jsonable
 from prefcal_scenarios.kpis import grouped
 from prefcal_scenarios.own.checks import check_experiment, kpi_problems, theta_problems
@@ -112,7 +113,9 @@ class Checkup:
 
     def _knobs(self) -> Iterator[Finding]:
         space = self.scenario.space
-        yield Finding("knobs", True, f"{len(space)}: {', '.join(space.names)}")
+        yield Finding("knobs", True, f"{len(space)}: {', '.join(map(_range_of, space))}")
+        if self.scenario.brief:
+            yield Finding("brief", None, " ".join(self.scenario.brief.split()))
         if not space.allows(self.theta):
             yield Finding("constraints", False, f"θ = {space.named(self.theta)} is not allowed")
 
@@ -337,3 +340,9 @@ def _same(a: object, b: object) -> bool:
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
     return bool(np.all(a == b))
+
+
+def _range_of(knob: Knob) -> str:
+    """Return the name and the range of a knob."""
+    scale = ", log" if knob.scale == "log10" else ""
+    return f"{knob.name} ({number(knob.low)} to {quantity(knob.high, knob.unit)}{scale})"

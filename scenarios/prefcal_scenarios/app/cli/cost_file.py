@@ -34,7 +34,8 @@ class FileCost:
         if not finite or isinstance(value, bool):
             raise ScenarioError(
                 f"cost {self.source!r} must give a finite number, got {value!r} at θ = "
-                f"{experiment.theta.tolist()}"
+                f"{experiment.theta.tolist()}. A KPI can be infinite, such as a settling time: "
+                "bound it, for example min(kpis['settling_time'], 1e3)"
             )
         return float(value)
 

@@ -87,11 +87,12 @@ def _values(e: Experiment, loop: Single, k: int, n: int, phase: float) -> list[t
     late = t >= n * phase
     error = (y - loop.target) / step
     size = abs(step)
+    arrived = bool(np.all(np.abs(error[~late][-1:]) <= _BAND))  # or a load may seem to help
     return [
         ("settling_time", _until(t, error, own, k * phase, (k + 1) * phase)),
         ("overshoot", 100 * max(float(error[own].max(initial=0.0)), 0.0)),
         ("disturbance_peak", size * float(np.abs(error[late]).max()) if late.any() else np.inf),
-        ("recovery", _until(t, error, late, n * phase, (n + 1) * phase)),
+        ("recovery", _until(t, error, late, n * phase, (n + 1) * phase) if arrived else np.inf),
     ]
 
 
@@ -129,7 +130,8 @@ def _of_loop(end: str, y: Channel, u: Channel, time: str) -> list[KPI]:
         KPI(f"disturbance_peak{end}", f"peak error of {y.name} under the load", y.unit,
             better="lower", about="Largest distance from the reference after the load sets in."),
         KPI(f"recovery{end}", f"recovery time of {y.name} (within ±5 %)", time, better="lower",
-            about="Time from the load until it stays close to its reference again."),
+            about="Time from the load until it stays close to its reference again; never, if it "
+            "was not close when the load came."),
         KPI(f"total_move{end}", f"total move of {u.name}", u.unit, better="lower",
             about="Sum of all changes of the input: wear of the actuator."),
     ]  # fmt: skip

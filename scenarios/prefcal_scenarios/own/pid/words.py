@@ -21,6 +21,7 @@ def brief_of(plant: Plant, design: Design) -> str:
         for loop in design.loops
     )
     said.append(f"From {len(design.loops) * phase:.4g} {time} on a load acts: {loads}.")
+    said.append(f"The controller moves every {design.T_s:g} {time}.")
     for loop in design.loops:
         c = plant.inputs[loop.input]
         if (c.low, c.high) != (loop.channel.low, loop.channel.high):

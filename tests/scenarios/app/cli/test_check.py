@@ -41,6 +41,7 @@ def test_a_scenario_in_order_passes_and_is_drawn(check, tmp_path):
     code, result = check("own = t.toy")
     assert (code, result["ok"]) == (0, True)
     assert result["theta"] == {"T_s": 0.875, "N_p": 22, "gain": 1.0}
+    assert found(result, "knobs")[1].startswith("3: T_s (")
     assert found(result, "panel 'valve'")[0]
     assert found(result, "same again")[0]
     assert found(result, "calibrator 'latent'") == (True, "the same experiment twice: tie")
