@@ -7,6 +7,7 @@ on first use: a script pays for what it uses.
 """
 
 from importlib import import_module as _import_module
+from importlib.util import find_spec as _find_spec
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
@@ -130,13 +131,17 @@ _HOMES = {
 }
 """Module of each public name."""
 
+__all__ = list(_HOMES)
+
 
 def __getattr__(name: str) -> _Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = getattr(_import_module(f".{_HOMES[name]}", __name__), name)
-    globals()[name] = found
-    return found
+    if name in _HOMES:
+        found = getattr(_import_module(f".{_HOMES[name]}", __name__), name)
+        globals()[name] = found
+        return found
+    if not name.startswith("_") and _find_spec(f"{__name__}.{name}") is not None:
+        return _import_module(f".{name}", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -227,6 +227,37 @@ def test_every_public_name_loads_and_is_known_to_type_checkers(package, folder):
     assert typed <= set(dir(module))
 
 
+def in_a_new_process(code):
+    """Run Python code that finds the three packages; what it prints."""
+    path = [str(ROOT), *(str(folder.parent) for folder in FOLDERS.values())]
+    program = f"import sys; sys.path[:0] = {path!r}\n{code}"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize("package", FOLDERS)
+def test_a_star_imports_every_public_name(package):
+    names = {}
+    exec(f"from {package} import *", names)
+    module = importlib.import_module(package)
+    assert set(module._HOMES) <= names.keys()
+    assert sorted(names.keys() - {"__builtins__"}) == sorted(module.__all__)
+
+
+@pytest.mark.parametrize(("package", "folder"), FOLDERS.items(), ids=FOLDERS)
+def test_every_subpackage_is_there_once_the_package_is_imported(package, folder):
+    parts = sorted(path.parent.name for path in folder.glob("*/__init__.py"))
+    assert parts
+    code = (
+        f"import {package} as package\n"
+        f"print([part for part in {parts!r} if not hasattr(package, part)],"
+        " hasattr(package, 'no_such_part'))"
+    )
+    assert in_a_new_process(code) == "[] False"
+
+
 def test_importing_prefcal_env_loads_nothing_heavy():
     heavy = (
         "torch", "pygame", "highway_env", "matplotlib", "numba", "stable_baselines3", "pandas",
@@ -237,11 +268,6 @@ def test_importing_prefcal_env_loads_nothing_heavy():
         f"print([m for m in {heavy!r} if m in sys.modules],"
         " sorted(i for i in gymnasium.registry if i.startswith('prefcal/')))"
     )
-    path = [str(ROOT), *(str(folder.parent) for folder in FOLDERS.values())]
-    program = f"import sys; sys.path[:0] = {path!r}\n{code}"
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
     ids = ["prefcal/CSTR-v0", "prefcal/CSTRTuning-v0", "prefcal/Experiment-v0"]
     ids += ["prefcal/Overtake-v0", "prefcal/OvertakeTuning-v0"]
-    assert done.stdout.strip() == f"[] {ids}"
+    assert in_a_new_process(code) == f"[] {ids}"

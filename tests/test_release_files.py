@@ -1,6 +1,8 @@
 """What a release needs says the same everywhere: version, dependencies, references, scripts."""
 
 import re
+import shutil
+import subprocess
 import tomllib
 from pathlib import Path
 
@@ -67,6 +69,47 @@ def test_a_form_has_what_a_form_needs(path):
     names = [part.get("id") for part in form["body"] if part["type"] != "markdown"]
     assert all(names)
     assert len(set(names)) == len(names)
+
+
+def test_ci_takes_each_browser_that_the_tests_take(tmp_path):
+    """Without one it installs one, as root or by sudo; with any of them it installs nothing."""
+    taken = re.search(
+        r"map\(shutil.which, \((.*?)\)\)", (ROOT / "tests/support/browser.py").read_text("utf-8")
+    )
+    browsers = re.findall(r'"([\w-]+)"', taken[1])
+    assert len(browsers) > 1
+    step = re.search(
+        r"^if ! command -v .*?^fi$", (ROOT / ".ci/run").read_text("utf-8"), re.M | re.S
+    )
+
+    def called(*programs, user=0):
+        folder = tmp_path / "-".join((*programs, str(user)))
+        folder.mkdir()
+        for name in (*programs, "apt-get", "sudo", "id"):
+            says = f"echo {user}" if name == "id" else f'echo "{name} $*" >> "{folder}/log"'
+            (folder / name).write_text(f"#!/bin/sh\n{says}\n", encoding="utf-8")
+            (folder / name).chmod(0o755)
+        shell = [shutil.which("bash"), "-euc", step[0]]
+        subprocess.run(shell, env={"PATH": str(folder)}, check=True)
+        log = folder / "log"
+        return (
+            [line.split()[0] for line in log.read_text("utf-8").splitlines()]
+            if log.exists()
+            else []
+        )
+
+    assert [called(browser) for browser in browsers] == [[]] * len(browsers)
+    assert called(user=0) == ["apt-get", "apt-get"]
+    assert called(user=1000) == ["sudo", "sudo"]
+
+
+def test_ci_runs_on_windows_only_tests_that_send_no_posix_signals():
+    steps = read(".github/workflows/ci.yml")["jobs"]["tests"]["steps"]
+    tests = {step.get("if", ""): step["run"] for step in steps if "pytest" in step.get("run", "")}
+    assert tests == {
+        "runner.os != 'Windows'": "python -m pytest -n auto",
+        "runner.os == 'Windows'": "python -m pytest -n auto tests/env",
+    }
 
 
 def test_hooks_run_installed_tools():

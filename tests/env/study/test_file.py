@@ -1,7 +1,6 @@
 """The study file: durable, append-only, shared safely, and clear about trouble."""
 
 import os
-import resource
 import signal
 import sqlite3
 import subprocess
@@ -141,6 +140,7 @@ def test_a_full_disk_is_told_and_loses_nothing(tmp_path):
 
 def limited(folder, code, *, bytes_):
     """Run Python code in a process that may write files of `bytes_` only."""
+    resource = pytest.importorskip("resource", reason="only POSIX limits the size of files")
 
     def before():
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from prefcal_env.errors import SettingsError, StudyError
 from prefcal_env.experiments.control import Controller
-from prefcal_env.study import study_path
+from prefcal_env.study import State, study_path
 from prefcal_scenarios.app.cli.calibrate_run import simulator_of
 from prefcal_scenarios.app.cli.choices import make_calibrator, on_target
 from prefcal_scenarios.app.cli.opening import claim_folder, open_study
@@ -42,6 +42,8 @@ _NOT_HERE = (
 """Options of `prefcal calibrate` that mean nothing in a notebook, or are Python objects there."""
 _PATIENCE = 0.5
 """Longest wait for the next change, in seconds."""
+_LAST_RUN = 5.0
+"""Longest wait for a run that cannot be ended, or for the report, in `close`, in seconds."""
 _OPEN: dict[Path, "Asking"] = {}
 """Studies that this process asks about, by file: a cell that runs again closes the earlier one."""
 
@@ -100,7 +102,9 @@ class Asking:
     def __init__(self, scenario: Scenario | None, given: Mapping[str, Any], height: int) -> None:
         self._height = height
         self._problem: Exception | None = None
-        self._over = threading.Event()
+        self._reported: State | None = None  # the end of the study that its report shows
+        self._closed = False
+        self._changed = threading.Condition()
         with ExitStack() as stack:
             if scenario is None:
                 source, limit = given["scenario"], Options.of(given).run_timeout
@@ -128,31 +132,40 @@ class Asking:
 
     def _start(self, stack: ExitStack) -> None:
         """Begin to run experiments, and to write the report once the study is over."""
-        self._stopped = threading.Event()
         if self._person:
             stack.enter_context(Background(self._interview))
-        else:
-            stack.callback(self._interview.close)
         watch = threading.Thread(target=self._watch, name="report", daemon=True)
-        stack.callback(watch.join, 5.0)
-        stack.callback(self._stopped.set)
+        stack.callback(watch.join, _LAST_RUN)
+        stack.callback(self._interview.close)
+        stack.callback(self._stop)
         watch.start()
+
+    def _stop(self) -> None:
+        """Wake `wait`: nothing is asked any more."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
 
     def _watch(self) -> None:
         try:
-            if not self._person:
-                for _ in unattended(self._interview, self._calibrator):
-                    if self._stopped.is_set():
-                        return
-            while not self._stopped.is_set():
+            while not self._closed:
+                if not self._person:
+                    for _ in unattended(self._interview, self._calibrator):
+                        if self._closed:
+                            return
                 now = self._interview.now()
-                if now.phase is Phase.OVER and self._window.reports is None:
+                # A finished study can go on, or lose its last answer, and end anew.
+                if now.phase is Phase.OVER and now.state is not self._reported:
                     self.report()
-                    self._over.set()
+                    with self._changed:
+                        self._reported = now.state
+                        self._changed.notify_all()
                 self._interview.wait(now.version, _PATIENCE)
         except Exception as error:  # raised by `wait`, in the notebook's own thread
-            self._problem = error
-            self._over.set()
+            with self._changed:
+                if not self._closed:  # else it only says that the study file is closed
+                    self._problem = error
+                self._changed.notify_all()
 
     @property
     def link(self) -> str:
@@ -175,11 +188,12 @@ class Asking:
 
     @property
     def over(self) -> bool:
-        """Return whether the study is over and its report is written."""
-        return self._over.is_set() and self._problem is None
+        """Return whether the study is over and the report of this end is written."""
+        now = self._interview.now()
+        return now.phase is Phase.OVER and now.state is self._reported
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until the study is over; return whether it is.
+        """Wait until the study is over or closed; return whether it is over.
 
         Args:
             timeout: Longest wait in seconds; None for any.
@@ -187,7 +201,10 @@ class Asking:
         Raises:
             Exception: What a run or the report has raised.
         """
-        self._over.wait(timeout)
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self.over or self._closed or self._problem is not None, timeout
+            )
         if self._problem is not None:
             raise self._problem
         return self.over
@@ -226,7 +243,10 @@ class Asking:
         return self._interview.study.to_frame(answers=answers)
 
     def close(self) -> None:
-        """Stop asking. Every answer is saved; `ask` with the same study resumes."""
+        """Stop asking, and wake `wait`. Answers are saved; `ask` with the same study resumes.
+
+        A run inside the notebook's process that takes longer than 5 s ends later, unrecorded.
+        """
         self._stack.close()
 
     def __enter__(self) -> Self:

@@ -522,6 +522,11 @@ class Interview:
                 self._flow.simulator.abandon()
             self._changed.notify_all()
 
+    @property
+    def is_closed(self) -> bool:
+        """Return whether `close` was called."""
+        return self._closing
+
     def _simulating(self) -> None:
         """Tell front ends how far the simulations are while they say nothing else."""
         with self._change() as flow:

@@ -28,7 +28,7 @@ def unattended(
     running: Callable[[Float[np.ndarray, " n"]], None] = lambda theta: None,
     failed: Callable[[str], None] = lambda words: None,
 ) -> Iterator[Comparison]:
-    """Answer until the interview is over, yielding every comparison once it is saved.
+    """Answer until the interview is over or closed; yield every comparison once it is saved.
 
     Comparisons that the study already held are not yielded again.
 
@@ -58,9 +58,9 @@ def _driven(
     running: Callable[[Float[np.ndarray, " n"]], None],
     failed: Callable[[str], None],
 ) -> Iterator[None]:
-    """Take one step after the other until the interview is over, yielding after each."""
+    """Take one step after the other until the interview is over or closed; yield after each."""
     lost = 0
-    while (now := interview.now()).phase is not Phase.OVER:
+    while not interview.is_closed and (now := interview.now()).phase is not Phase.OVER:
         if now.phase is Phase.QUESTION:
             assert now.question is not None
             assert calibrator is not None, "an agent that is told scores asks nothing"

@@ -1,5 +1,6 @@
 """A study beside a notebook: asked on the page, in a frame, and answered there."""
 
+import json
 import os
 import threading
 import time
@@ -12,6 +13,7 @@ import pytest
 
 from prefcal_env.errors import SettingsError, StudyError
 from prefcal_scenarios import ask
+from prefcal_scenarios.app.notebook import asking as asking_module
 from support.browser import CHROMIUM, SHOTS, chromium
 from support.calibrated import without_figures
 from toy_study import toy_scenario
@@ -107,6 +109,122 @@ def test_what_a_run_raises_is_raised_by_wait():
     with pytest.raises(Exception, match="the pump does not answer"):
         asking.wait(30)
     asking.close()
+
+
+def answer(client, choice="right"):
+    """Wait for a question and answer it; return False if the study is over."""
+    shown = question(client)
+    if shown is None:
+        return False
+    body = {"question": shown["id"], "choice": choice, "comment": "", "blind": False}
+    assert client.post("/api/answer", json=body).status_code == 200
+    return True
+
+
+def reported(asking, name):
+    """A file of the report as it is on the disk."""
+    return (asking._reporter.claim.folder / name).read_text(encoding="utf-8")
+
+
+def test_a_study_that_goes_on_is_not_over_and_gets_a_new_report_at_its_new_end():
+    with ask(toy_scenario(), study="./mine.prefcal", **QUICK) as asking, page_of(asking) as client:
+        while answer(client):
+            pass
+        assert asking.wait(30)
+        assert len(reported(asking, "comparisons.csv").splitlines()) == 1 + 3
+        asking._interview.go_on(2)
+        assert not asking.over
+        assert not asking.wait(0.1)
+        while answer(client):
+            pass
+        assert asking.wait(30)
+        assert len(reported(asking, "comparisons.csv").splitlines()) == 1 + 5
+
+
+def test_an_answer_taken_back_at_the_end_reopens_the_study():
+    with ask(toy_scenario(), study="./mine.prefcal", **QUICK) as asking, page_of(asking) as client:
+        while answer(client, "left"):
+            pass
+        assert asking.wait(30)
+        before = asking.best
+        asking._interview.undo(asking._interview.now().version)
+        assert not asking.wait(0.1)
+        assert answer(client, "right")
+        assert asking.wait(30)
+        assert asking.best != before
+        assert json.loads(reported(asking, "best.json"))["theta"] == pytest.approx(asking.best)
+
+
+def test_a_calibrator_goes_on_by_itself():
+    options = {**QUICK, "calibrator": "synthetic"}
+    with ask(toy_scenario(), study="./mine.prefcal", **options) as asking:
+        assert asking.wait(30)
+        asking._interview.go_on(2)
+        assert asking.wait(30)
+        assert len(asking.to_frame()) == 6
+
+
+def test_close_wakes_whoever_waits_for_a_person():
+    asking = ask(toy_scenario(), study="./mine.prefcal", **QUICK)
+    found = []
+    waiting = threading.Thread(target=lambda: found.append(asking.wait()), daemon=True)
+    waiting.start()
+    time.sleep(0.2)
+    asking.close()
+    waiting.join(10)
+    assert found == [False]
+    assert asking.wait() is False
+
+
+def test_a_finished_study_is_still_over_once_it_is_closed():
+    with ask(toy_scenario(), calibrator="synthetic", **QUICK) as asking:
+        assert asking.wait(30)
+    assert asking.over
+    assert asking.wait()
+
+
+def test_a_run_that_outlives_close_is_no_problem(monkeypatch):
+    monkeypatch.setattr(asking_module, "_LAST_RUN", 0.2)
+    started, go = threading.Event(), threading.Event()
+    toy = toy_scenario()
+
+    def run(theta, *, seed=0):
+        started.set()
+        assert go.wait(30)
+        return toy.run(theta, seed=seed)
+
+    asking = ask(replace(toy, run=run), calibrator="synthetic", **QUICK)
+    (watch,) = (t for t in threading.enumerate() if t.name == "report")
+    assert started.wait(30)
+    asking.close()
+    go.set()
+    watch.join(10)
+    assert not watch.is_alive()
+    assert asking.wait(10) is False
+
+
+def test_close_records_a_run_that_ends_soon_and_starts_no_other():
+    begun, go = [], threading.Event()
+    toy = toy_scenario()
+
+    def run(theta, *, seed=0):
+        begun.append(theta)
+        assert go.wait(30)
+        return toy.run(theta, seed=seed)
+
+    options = {**QUICK, "calibrator": "synthetic"}
+    asking = ask(replace(toy, run=run), study="./mine.prefcal", **options)
+    while not begun:
+        time.sleep(0.01)
+    threading.Timer(0.3, go.set).start()
+    started = time.monotonic()
+    asking.close()
+    assert time.monotonic() - started < 4  # it does not wait in vain
+    assert len(begun) == 1
+    assert asking.wait() is False
+    with ask(toy, study="./mine.prefcal", **options) as second:
+        assert second.wait(30)
+        assert len(second.to_frame()) == 4
 
 
 def test_unknown_options_are_refused_by_name():

@@ -72,10 +72,6 @@ class Paper:
         self._pages.append(Figure(figsize=(WIDE, HIGH)))
         self._y = HIGH - MARGIN
 
-    def skip(self, height: float) -> None:
-        """Leave `height` inches empty, unless the page ends before."""
-        self._y -= height
-
     def text(self, text: str, look: Look = PLAIN) -> None:
         """Write a paragraph over the whole width."""
         for line in broken(text, look.size, SPACE, bold=look.bold):
