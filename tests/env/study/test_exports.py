@@ -174,3 +174,13 @@ def test_a_folder_that_cannot_be_written_is_named(export, tmp_path):
     (tmp_path / "file").write_text("")
     with small_study(":memory:") as study, pytest.raises(StudyError, match="file"):
         export(study, tmp_path / "file")
+
+
+def test_a_run_without_steps_has_no_reference():
+    none = np.zeros(0)
+    run = experiment(
+        0.5, t_control=none, u_control=np.zeros((0, 1)), y_ref=np.zeros((0, 1)),
+        iterations=np.zeros(0, int), solve_time=none, solved=np.zeros(0, bool),
+    )  # fmt: skip
+    assert np.isnan(run.reference(0)).all()
+    assert "Reference of level [m]" not in trajectory_of(run).headings
