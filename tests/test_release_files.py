@@ -1,9 +1,14 @@
 """What a release needs says the same everywhere: version, dependencies, references, scripts."""
 
+import importlib
+import math
+import os
 import re
 import shutil
 import subprocess
+import sys
 import tomllib
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -14,6 +19,7 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
 FORMS = sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml"))
+posix = pytest.mark.skipif(os.name == "nt", reason="shell scripts")
 CONDA = {"matplotlib": "matplotlib-base"}
 """Packages that conda names differently."""
 
@@ -27,6 +33,75 @@ def test_citation_recipe_and_project_have_one_version():
     assert cited["version"] == recipe["context"]["version"] == PROJECT["version"]
     assert cited["license"] == recipe["about"]["license"] == PROJECT["license"]
     assert {"cff-version", "message", "title", "authors"} <= set(cited)
+
+
+def headings(changelog):
+    """Return the versions that the headings of a changelog name, newest first."""
+    return re.findall(r"^## \[(.+?)\]", changelog, re.MULTILINE)
+
+
+def test_the_changelog_begins_with_what_is_unreleased_or_this_version():
+    first, *others = headings((ROOT / "CHANGELOG.md").read_text(encoding="utf-8"))
+    released = others if first == "Unreleased" else [first, *others]
+    assert released[:1] in ([], [PROJECT["version"]])
+
+
+@posix
+@pytest.mark.parametrize(
+    ("tag", "heading", "code"),
+    [
+        ("v2.0.0", "[2.0.0] - 2030-01-01", 0),
+        ("v2.0.0", "[Unreleased]", 1),
+        ("v2.0.1", "[2.0.0]", 1),
+    ],
+)
+def test_a_release_needs_its_tag_and_its_heading(tag, heading, code, tmp_path):
+    steps = read(".github/workflows/release.yml")["jobs"]["build"]["steps"]
+    (script,) = [s["run"] for s in steps if s.get("name", "").startswith("The tag is the version")]
+    (tmp_path / "pyproject.toml").write_text('[project]\nversion = "2.0.0"\n')
+    (tmp_path / "CHANGELOG.md").write_text(f"# Changelog\n\n## {heading}\n")
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(["bash", "-e", "-c", script], cwd=tmp_path, check=False,
+                          env={**os.environ, "PATH": path, "GITHUB_REF_NAME": tag})  # fmt: skip
+    assert done.returncode == code
+
+
+@pytest.fixture
+def place(monkeypatch, tmp_path):
+    """Return the release check, and an environment whose `prefcal` is this shell script."""
+    monkeypatch.syspath_prepend(ROOT / "benchmarks" / "release")
+    check = importlib.import_module("check")
+
+    def made(script):
+        for name, text in (("python", "echo 2.0.0"), ("prefcal", script)):
+            if text:
+                (tmp_path / name).write_text(f"#!/bin/sh\n{text}\n")
+                (tmp_path / name).chmod(0o755)
+        return check.Place(tmp_path, tmp_path / "python")
+
+    return check, made
+
+
+@posix
+def test_the_release_check_starts_the_installed_command(place):
+    check, made = place
+    check.started(made('test "$1" = --help && echo Usage || echo prefcal 2.0.0'))
+
+
+@posix
+@pytest.mark.parametrize(
+    ("script", "words"),
+    [
+        ("", "installs no command prefcal"),
+        ("echo no such module; exit 1", "no such module"),
+        ("echo prefcal 12.0.0 Usage", r"does not show 2\.0\.0"),
+        ("echo prefcal 2.0.0", "shows no usage"),
+    ],
+)
+def test_the_release_check_refuses_a_broken_command(place, script, words):
+    check, made = place
+    with pytest.raises(check.WrongError, match=words):
+        check.smoke(made(script))
 
 
 def test_the_recipe_needs_what_the_wheel_needs_and_starts_the_same_command():
@@ -51,7 +126,7 @@ def test_a_workflow_runs_what_exists_and_may_do_only_what_it_needs(path):
     scripts = re.findall(r"python (benchmarks/[\w/]+\.py)", text)
     assert all((ROOT / script).is_file() for script in scripts)
     extras = {e for names in re.findall(r"'\.\[([\w,]+)\]'", text) for e in names.split(",")}
-    assert extras <= {*PROJECT["optional-dependencies"], "site"}
+    assert extras <= set(PROJECT["optional-dependencies"])
     for name, job in content["jobs"].items():
         assert "timeout-minutes" in job, name
         if name == "publish":
@@ -135,13 +210,60 @@ def test_the_paper_has_the_length_and_the_parts_that_the_journal_asks_for():
     assert set(re.findall(r"@(\w+)", body)) == keys
 
 
-@pytest.mark.parametrize("figure", ["212", "75;", "233 to 47", "156 to 125", "1,700", "887", "199"])
-def test_figures_of_the_paper_are_those_of_the_pages(figure):
-    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
-    every = " ".join(page.read_text(encoding="utf-8") for page in pages)
-    paper = (ROOT / "paper.md").read_text(encoding="utf-8")
-    assert figure in " ".join(paper.split())
-    assert figure in " ".join(every.split())
+def cells(line):
+    return [cell.strip().replace("**", "") for cell in line.strip().strip("|").split("|")]
+
+
+def row(page, first, *headings):
+    """Return what the only row of a page that begins with `first` has under these headings."""
+    lines = (ROOT / "docs" / page).read_text(encoding="utf-8").splitlines()
+    found, names = [], []
+    for before, line in pairwise(["", *lines]):
+        if line.startswith("|") and not before.startswith("|"):
+            names = cells(line)
+        elif line.startswith("|") and cells(line)[0] == first and set(headings) <= set(names):
+            found.append([cells(line)[names.index(name)] for name in headings])
+    (only,) = found
+    return only
+
+
+@pytest.fixture(scope="module")
+def paper():
+    return " ".join((ROOT / "paper.md").read_text(encoding="utf-8").split())
+
+
+@pytest.mark.parametrize(
+    ("agent", "words"),
+    [
+        ("ReferenceGLISp", "the reference GLISp in {} studies and farther in {};"),
+        ("OptunaPreferential", "against Optuna's preferential sampler it is {} to {}, and"),
+        ("GLIS, which sees the values", "against GLIS, which sees the cost values, {} to {}."),
+    ],
+)
+def test_studies_won_and_lost_in_the_paper_are_those_of_the_benchmark(paper, agent, words):
+    (score,) = row("benchmarks.md", agent, "won:lost")
+    won, lost = score.split(":")
+    assert words.format(won, lost) in paper
+
+
+def test_worth_of_answers_in_the_paper_is_that_of_the_benchmark(paper):
+    tastes = ("weights, 50", "priorities, 50")
+    (weights, priorities), random = (
+        row("benchmarks.md", agent, *tastes) for agent in ("GLISp", "RandomSearch")
+    )
+    by_weights, by_priorities = (cell.split()[0] for cell in random)
+    assert (
+        f"reaches {weights} if people trade KPIs off, and {priorities} if they have priorities, "
+        f"where random search reaches {by_weights} and {by_priorities};"
+    ) in paper
+
+
+def test_worth_of_screening_in_the_paper_is_that_of_its_campaign(paper):
+    tastes = ("weights", "priorities", "limits", "narrow", "rising")
+    worth = [row("research/screening.md", t, "10 (bar 1,000)")[0].split()[0] for t in tastes]
+    mean = round(math.exp(sum(math.log(float(w)) for w in worth) / len(worth)), -2)
+    assert f"are worth {mean:,.0f} random experiments, in the geometric mean" in paper
+    assert f"and {worth[2]} for people with hard limits on several KPIs" in paper
 
 
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "SECURITY.md"])

@@ -118,12 +118,24 @@ class Place:
 
     def run(self, *words: str) -> str:
         """Return what a Python command prints. Raises WrongError if it fails."""
+        return self._output(self.python, *words)
+
+    def prefcal(self, *words: str) -> str:
+        """Return what the installed command `prefcal` prints. Raises WrongError if it fails."""
+        name = "prefcal.exe" if os.name == "nt" else "prefcal"
+        program = self.python.with_name(name)
+        if not program.is_file():
+            raise WrongError(f"the wheel installs no command {name}")
+        return self._output(program, *words)
+
+    def _output(self, program: Path, *words: str) -> str:
         done = subprocess.run(
-            [self.python, *words], cwd=self.folder, env=self.environment, capture_output=True,
+            [program, *words], cwd=self.folder, env=self.environment, capture_output=True,
             text=True, encoding="utf-8", check=False,
         )  # fmt: skip
         if done.returncode:
-            raise WrongError(f"{' '.join(words)}: {done.returncode}\n{done.stdout}{done.stderr}")
+            told = f"{done.returncode}\n{done.stdout}{done.stderr}"
+            raise WrongError(f"{program.name} {' '.join(words)}: {told}")
         return done.stdout
 
     @property
@@ -184,8 +196,18 @@ def install(wheel: Path, folder: Path, extra: str, pinned: bool) -> Place:
     return place
 
 
+def started(place: Place) -> None:
+    """Start the installed command `prefcal` itself: all other runs start its module."""
+    number = place.run("-c", "import importlib.metadata as m; print(m.version('prefcal'))").strip()
+    if number not in place.prefcal("--version").split():
+        raise WrongError(f"prefcal --version does not show {number}")
+    if "Usage" not in place.prefcal("--help"):
+        raise WrongError("prefcal --help shows no usage")
+
+
 def smoke(place: Place) -> None:
     """Run each command with `--help` and for real."""
+    started(place)
     for name, content in FILES.items():
         (place.folder / name).write_text(content, encoding="utf-8")
     groups = {"bench", "studies", "processor"}

@@ -218,6 +218,16 @@ class Experiment:
         found: Float[np.ndarray, " K"] | None = self.signals.get(channel.name)
         return found
 
+    def reference(self, index: int) -> Float[np.ndarray, " K"]:
+        """Return the reference of output `index` (from 0), held from step to step, shape (K,).
+
+        It is NaN where the output has none, and everywhere if no step was recorded.
+        """
+        if not len(self.t_control):
+            return np.full(len(self.t), np.nan)
+        held = np.searchsorted(self.t_control, self.t, side="right") - 1
+        return np.asarray(self.y_ref[np.maximum(held, 0), index])
+
     def to_frame(self) -> Any:
         """Return the curves as a pandas DataFrame: time as index, columns "name [unit]".
 

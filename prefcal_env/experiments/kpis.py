@@ -46,11 +46,8 @@ def _named(
 
 def _errors(experiment: Experiment) -> Iterator[tuple[Channel, Float[np.ndarray, " K"]]]:
     """Yield channel and error of each output with a reference, on the dense grid."""
-    if not len(experiment.t_control):
-        return
-    held = np.searchsorted(experiment.t_control, experiment.t, side="right") - 1
     for j, channel in enumerate(experiment.channels.y):
-        reference = experiment.y_ref[np.maximum(held, 0), j]
+        reference = experiment.reference(j)
         curve = experiment.output(j)
         if curve is not None and np.isfinite(reference).all() and np.isfinite(curve).all():
             yield channel, np.asarray(curve - reference)

@@ -2,7 +2,10 @@
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Mapping
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,31 +22,41 @@ from .tables import (
 )
 from .trouble import told
 
-DICTIONARY = "dictionary.csv"
-"""Name of the file that says what each column is."""
 _PART = Column("experiment", "Number of the experiment, from 1", kind="integer")
+_TRAJECTORY = re.compile(r"experiment-\d{3,}\.csv")
+_Key = tuple[str, str, str, int]
+"""What makes a column one of its own: name, unit, meaning, and its position among equal ones."""
+
+
+def dictionary_file(format: str) -> str:
+    """Return the name of the file that says what each column of a format's files is."""
+    return f"dictionary-{format}.csv"
 
 
 def export_csv(study: StudyFile, folder: Path | str) -> Path:
     """Write comparisons.csv, experiments.csv and trajectories/experiment-001.csv ... to `folder`.
 
-    Numbers have full precision and headings have units; dictionary.csv says what each column is.
-    The folder may exist. Raises StudyError if it cannot be written.
+    Numbers have full precision, headings have units, and dictionary-csv.csv says what each column
+    is. The folder may exist: files of an earlier export as CSV are replaced, and its trajectories
+    of experiments that this study lacks are removed. Raises StudyError if it cannot be written.
     """
     target = Path(folder)
     experiments = finished(study)
     with told(target, "write", what="the folder"):
         (target / "trajectories").mkdir(parents=True, exist_ok=True)
-        tables = _whole(study, experiments)
+        tables = {name: _named(table) for name, table in _whole(study, experiments).items()}
         for name, table in tables.items():
             _write_csv(target / f"{name}.csv", table)
-        shown: dict[tuple[str, str, str], Column] = {}
-        for index, experiment in experiments.items():
-            table = trajectory_of(experiment)
-            _write_csv(target / "trajectories" / f"experiment-{index + 1:03d}.csv", table)
-            shown |= {_key(column): column for column in table.columns}
+        shown: dict[_Key, Column] = {}
+        written = {f"experiment-{index + 1:03d}.csv": e for index, e in experiments.items()}
+        for name, experiment in written.items():
+            _write_csv(target / "trajectories" / name, _named(trajectory_of(experiment), shown))
+        for path in (target / "trajectories").iterdir():
+            if _TRAJECTORY.fullmatch(path.name) and path.name not in written:
+                path.unlink()
         columns = {f"{name}.csv": table.columns for name, table in tables.items()}
-        _write_csv(target / DICTIONARY, dictionary({**columns, "trajectories": [*shown.values()]}))
+        columns["trajectories"] = [*shown.values()]
+        _write_csv(target / dictionary_file("csv"), dictionary(columns))
     return target
 
 
@@ -51,21 +64,23 @@ def export_parquet(study: StudyFile, folder: Path | str) -> Path:
     """Write comparisons.parquet, experiments.parquet and trajectories.parquet to `folder`.
 
     Columns are named without units; their fields have the metadata "unit" and "meaning", which
-    dictionary.csv repeats. All trajectories are in one table, with the number of their experiment.
-    The folder may exist. Raises StudyError if it cannot be written.
+    dictionary-parquet.csv repeats. All trajectories are in one table, with the number of their
+    experiment. The folder may exist: files of an earlier export as Parquet are replaced. Raises
+    StudyError if it cannot be written.
     """
     import pyarrow.parquet as pq
 
     target = Path(folder)
     experiments = finished(study)
     trajectories = {i + 1: trajectory_of(e) for i, e in experiments.items()}
-    tables = {**_whole(study, experiments), "trajectories": _together(trajectories)}
+    whole = {**_whole(study, experiments), "trajectories": _together(trajectories)}
+    tables = {name: _named(table) for name, table in whole.items()}
     with told(target, "write", what="the folder"):
         target.mkdir(parents=True, exist_ok=True)
         for name, table in tables.items():
             pq.write_table(_arrow(table), target / f"{name}.parquet")
         columns = {f"{name}.parquet": table.columns for name, table in tables.items()}
-        _write_csv(target / DICTIONARY, dictionary(columns))
+        _write_csv(target / dictionary_file("parquet"), dictionary(columns))
     return target
 
 
@@ -99,36 +114,68 @@ def _whole(study: StudyFile, experiments: dict[int, Any]) -> dict[str, Table]:
 
 def _together(tables: Mapping[int, Table]) -> Table:
     """Return one table of all trajectories, with the number of the experiment first."""
-    columns = {_key(column): column for table in tables.values() for column in table.columns}
+    columns: dict[_Key, Column] = {}
+    for table in tables.values():
+        columns |= zip(_keys(table.columns), table.columns, strict=True)
     rows: list[list[Any]] = []
     for number, table in tables.items():
-        at = {_key(column): k for k, column in enumerate(table.columns)}
+        at = {key: k for k, key in enumerate(_keys(table.columns))}
         rows += ([number, *(row[at[key]] if key in at else None for key in columns)]
                  for row in table.rows)  # fmt: skip
     return Table([_PART, *columns.values()], rows)
 
 
-def _key(column: Column) -> tuple[str, str, str]:
-    """Return what makes a column one of its own: a state and an output may share a name."""
-    return column.name, column.unit, column.meaning
+def _keys(columns: Iterable[Column]) -> list[_Key]:
+    """Return what tells the columns of a table apart: a state and an output may share a name."""
+    found: list[_Key] = []
+    counts: Counter[tuple[str, str, str]] = Counter()
+    for column in columns:
+        about = column.name, column.unit, column.meaning
+        found.append((*about, counts[about]))
+        counts[about] += 1
+    return found
+
+
+def _named(table: Table, known: dict[_Key, Column] | None = None) -> Table:
+    """Return `table` with names of their own: of equal names, later ones get a number.
+
+    Args:
+        table: Table whose columns may share names.
+        known: Columns of other tables, as named there; equal columns get the same name here. New
+            ones are added.
+    """
+    known = {} if known is None else known
+    keys = _keys(table.columns)
+    for key, column in zip(keys, table.columns, strict=True):
+        if key not in known:
+            known[key] = _unused(column, known.values())
+    return Table([known[key] for key in keys], table.rows)
+
+
+def _unused(column: Column, others: Collection[Column]) -> Column:
+    """Return `column` with a name and a heading that none of the others has."""
+    names, headings = {c.name for c in others}, {c.heading for c in others}
+    found, number = column, 1
+    while found.name in names or found.heading in headings:
+        number += 1
+        found = replace(column, name=f"{column.name} ({number})")
+    return found
 
 
 def _arrow(table: Table) -> Any:
-    """Return a table of pyarrow; of columns with the same name, later ones get a number."""
+    """Return a table of pyarrow, with unit and meaning in the metadata of each field."""
     import pyarrow as pa
 
     types = {"integer": pa.int64(), "number": pa.float64(), "text": pa.string(),
              "boolean": pa.bool_()}  # fmt: skip
-    fields, arrays, seen = [], [], dict[str, int]()
+    fields, arrays = [], []
     for k, column in enumerate(table.columns):
-        seen[column.name] = seen.get(column.name, 0) + 1
-        name = column.name if seen[column.name] == 1 else f"{column.name} ({seen[column.name]})"
         about = {"unit": column.unit, "meaning": column.meaning}
-        fields.append(pa.field(name, types[column.kind], metadata=about))
+        fields.append(pa.field(column.name, types[column.kind], metadata=about))
         try:
             arrays.append(pa.array([row[k] for row in table.rows], types[column.kind]))
         except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
-            raise StudyError(f"column {name!r} holds no {column.kind}: {error}") from error
+            raise StudyError(f"column {column.name!r} holds no {column.kind}: {error}") from error
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
 
 

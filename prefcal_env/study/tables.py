@@ -177,10 +177,14 @@ def _units(state: State, what: str) -> list[tuple[str, str, str]]:
 
 
 def trajectory_of(e: Experiment) -> Table:
-    """Return a row for each instant, with the name of the maneuver first if there are several."""
+    """Return a row for each instant, with the name of the maneuver first if there are several.
+
+    References are held from step to step; only outputs that have one get a column for it.
+    """
     parts = by_maneuver(e)
     outputs = [plot for plot in plots_of(e.channels) if plot.kind == "y"]
     outputs = [p for p in outputs if p.name not in e.signals and _has(p, parts.values())]
+    aims = [j for j in range(len(e.channels.y)) if _has_reference(j, parts.values())]
     signals = list(dict.fromkeys(key for run in parts.values() for key in run.signals))
     first = [Column("maneuver", "Name of the maneuver", kind="text")] if any(parts) else []
     columns = [
@@ -189,11 +193,13 @@ def trajectory_of(e: Experiment) -> Table:
         *(_channel_column(c, "State") for c in e.channels.x),
         *(_channel_column(c, "Input, held from this instant on") for c in e.channels.u),
         *(_channel_column(p.channel, "Output") for p in outputs),
+        *(_reference_column(e.channels.y[j]) for j in aims),
         *(Column(key, "Signal") for key in signals),
     ]
     rows = []
     for name, run in parts.items():
         curves = [run.t, *run.x.T, *run.u.T, *(plot.values(run) for plot in outputs)]
+        curves += [run.reference(j) for j in aims]
         curves += [run.signals.get(key, [None] * len(run.t)) for key in signals]
         for row in zip(*curves, strict=True):
             cells = [None if cell is None else float(cell) for cell in row]
@@ -203,6 +209,16 @@ def trajectory_of(e: Experiment) -> Table:
 
 def _channel_column(channel: Channel, meaning: str) -> Column:
     return Column(channel.name, meaning, channel.unit)
+
+
+def _reference_column(output: Channel) -> Column:
+    meaning = "Reference of the output, held from this instant on"
+    return Column(f"Reference of {output.name}", meaning, output.unit)
+
+
+def _has_reference(index: int, runs: Iterable[Experiment]) -> bool:
+    """Return whether the output with this index has a reference in any of the runs."""
+    return any(np.isfinite(run.reference(index)).any() for run in runs)
 
 
 def _has(plot: Plot, runs: Iterable[Experiment]) -> bool:

@@ -1,16 +1,19 @@
 """Write the studies of this version, which every later version must open, and what is true of them.
 
-    python tests/data/studies/make.py
+    python tests/data/studies/make.py [--again]
 
 One is a person's study of a scenario of their own with the agent glisp, in which nearly everything
 happens that a study can record; the other one is unattended, of the reactor with the agent
-screening. Those of earlier versions, and the scenario, stay as they are.
+screening. Those of earlier versions, and the scenario, stay as they are: it refuses to overwrite a
+file. `--again` replaces those of the version in pyproject.toml while that one is not released.
 """
 
+import argparse
 import json
 import os
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,6 +27,7 @@ from prefcal_scenarios.app.cli.opening import open_study
 from prefcal_scenarios.app.session import Choice, Interview, Phase, Question
 
 HERE = Path(__file__).parent
+ROOT = Path(__file__).parents[3]
 OWN = "first_order.py:scenario"
 
 
@@ -113,14 +117,54 @@ def facts(path: Path) -> dict[str, object]:
         }
 
 
+class RefusedError(Exception):
+    """Writing the studies would name them wrongly or overwrite others."""
+
+
+def present(installed: str, project: Path = ROOT / "pyproject.toml") -> str:
+    """Return the version in `project`. Raises RefusedError if another one is installed."""
+    named: str = tomllib.loads(project.read_text(encoding="utf-8"))["project"]["version"]
+    if named != installed:
+        raise RefusedError(
+            f"version {installed} is installed, but pyproject.toml names {named}: "
+            "run pip install -e . first"
+        )
+    return named
+
+
+def places(name: str, folder: Path = HERE, *, again: bool = False) -> dict[str, Path]:
+    """Return the files of version `name` by agent, after removing them if they are made again.
+
+    Raises RefusedError if one exists and `again` is false.
+    """
+    found = {agent: folder / f"{name}-{agent}.prefcal" for agent in MAKERS}
+    every = [file for path in found.values() for file in (path, path.with_suffix(".json"))]
+    there = [file.name for file in every if file.exists()]
+    if there and not again:
+        raise RefusedError(
+            f"{', '.join(there)} exist already. Name the next version in pyproject.toml first, or, "
+            f"if {name} is not released, replace them with --again"
+        )
+    for file in every:
+        file.unlink(missing_ok=True)
+    return found
+
+
+MAKERS = {"glisp": persons_study, "screening": unattended_study}
+
+
 def main() -> None:
     """Write both studies of the installed version, and their facts."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--again", action="store_true", help="replace those of this version")
+    given = parser.parse_args()
     os.chdir(HERE)  # the study keeps the name of its scenario as it is given
-    name = version("prefcal")
-    for kind, make in (("glisp", persons_study), ("screening", unattended_study)):
-        path = HERE / f"{name}-{kind}.prefcal"
-        path.unlink(missing_ok=True)
-        make(path)
+    try:
+        found = places(present(version("prefcal")), again=given.again)
+    except RefusedError as error:
+        sys.exit(str(error))
+    for agent, path in found.items():
+        MAKERS[agent](path)
         content = json.dumps(facts(path), indent=2, ensure_ascii=False)
         path.with_suffix(".json").write_text(content + "\n", encoding="utf-8")
 

@@ -1,14 +1,15 @@
 """A study as CSV and Parquet: the same values, and every column explained."""
 
 import csv
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from prefcal_env.errors import StudyError
+from prefcal_env.experiments.experiment import Channel, Channels
 from prefcal_env.study import Finished, StudyFile, Suggested, export_csv, export_parquet
-from prefcal_env.study.exports import DICTIONARY
+from prefcal_env.study.exports import dictionary_file
+from prefcal_env.study.tables import trajectory_of
 from support.studies import experiment, small_study
 
 pq = pytest.importorskip("pyarrow.parquet")
@@ -62,7 +63,7 @@ def test_all_curves_are_one_table_with_the_number_of_the_experiment(exported):
 
 def test_every_column_of_every_file_is_in_the_dictionary_with_unit_and_meaning(exported):
     folder, columnar, _ = exported
-    told = read(folder / DICTIONARY)
+    told = read(folder / dictionary_file("csv"))
     assert all(row["meaning"] and row["type"] for row in told)
     for name in ("comparisons.csv", "experiments.csv"):
         headings = [
@@ -83,17 +84,71 @@ def test_every_column_of_every_file_is_in_the_dictionary_with_unit_and_meaning(e
     assert (late["unit"], late["meaning"]) == ("s", "KPI: late")
     for path in columnar.glob("*.parquet"):
         schema = pq.read_schema(path)
-        rows = [r for r in read(columnar / DICTIONARY) if r["file"] == path.name]
-        assert len(schema) == len(rows)
+        rows = [r for r in read(columnar / dictionary_file("parquet")) if r["file"] == path.name]
+        assert schema.names == [row["column"] for row in rows]
         for field, row in zip(schema, rows, strict=True):
             about = {k.decode(): v.decode() for k, v in field.metadata.items()}
             assert (about["unit"], about["meaning"]) == (row["unit"], row["meaning"])
 
 
-def test_columns_of_parquet_have_names_of_their_own(exported):
-    _, columnar, _ = exported
-    names = pq.read_schema(columnar / "trajectories.parquet").names
-    assert all(a != b for a, b in pairwise(sorted(names)))
+def test_columns_that_share_a_name_keep_their_values_under_names_of_their_own(tmp_path):
+    a, rows = Channel("a", "m"), np.arange(4.0)[:, None]
+    channels = Channels(x=(a, a), u=(Channel("a (2)", "%"),), y=(Channel("a", "m"),))
+    run = experiment(
+        0.5, channels=channels, x=np.hstack([rows, rows + 10]), signals={"a [m]": rows[:, 0] + 20},
+        y=rows + 30,
+    )  # fmt: skip
+    with small_study(":memory:", answers=0) as study:
+        study.append(Suggested(1, (0.5,), (0.5,)), (Finished(1), run))
+        export_csv(study, tmp_path)
+        export_parquet(study, tmp_path)
+    table = pq.read_table(tmp_path / "trajectories.parquet")
+    told = [r for r in read(tmp_path / dictionary_file("parquet"))
+            if r["file"] == "trajectories.parquet"]  # fmt: skip
+    assert table.column_names == [row["column"] for row in told]
+    assert len(set(table.column_names)) == len(table.column_names)
+    curves = read(tmp_path / "trajectories" / "experiment-002.csv")
+    assert [curves[0][name] for name in ("a [m]", "a (2) [m]")] == ["0.0", "10.0"]
+    assert curves[0]["a [m] (2)"] == "20.0"
+    first = table.to_pandas().query("experiment == 2").iloc[0]
+    assert [first[name] for name in ("a", "a (2)", "a [m] (2)")] == [0.0, 10.0, 20.0]
+    about = [r for r in read(tmp_path / dictionary_file("csv")) if r["file"] == "trajectories"]
+    known = {f"{r['column']} [{r['unit']}]" if r["unit"] else r["column"] for r in about}
+    assert set(curves[0]) <= known
+
+
+def test_references_that_change_are_columns_with_units(tmp_path):
+    steps = {"t_control": np.array([0.0, 2.0]), "u_control": np.zeros((2, 1)),
+             "y_ref": np.array([[2.0], [3.0]]), "iterations": np.zeros(2, int),
+             "solve_time": np.zeros(2), "solved": np.ones(2, bool)}  # fmt: skip
+    with small_study(":memory:", answers=0) as study:
+        study.append(Suggested(1, (0.5,), (0.5,)), (Finished(1), experiment(0.5, **steps)))
+        export_csv(study, tmp_path)
+        export_parquet(study, tmp_path)
+    curves = read(tmp_path / "trajectories" / "experiment-002.csv")
+    assert [row["Reference of level [m]"] for row in curves] == ["2.0", "2.0", "3.0", "3.0"]
+    mine = pq.read_table(tmp_path / "trajectories.parquet").to_pandas().query("experiment == 2")
+    assert mine["Reference of level"].tolist() == [2.0, 2.0, 3.0, 3.0]
+
+
+def test_an_output_without_a_reference_has_no_column_for_it():
+    table = trajectory_of(experiment(0.5, y_ref=np.full((4, 1), np.nan)))
+    assert table.headings == ["time [s]", "level [m]", "valve [%]"]
+
+
+def test_a_second_export_leaves_the_other_format_and_nothing_of_a_longer_study(tmp_path):
+    with small_study(":memory:", answers=3) as study:
+        export_csv(study, tmp_path)
+    (tmp_path / "trajectories" / "mine.csv").write_text("mine")
+    with small_study(":memory:", answers=1) as study:
+        export_csv(study, tmp_path)
+        told = (tmp_path / dictionary_file("csv")).read_text("utf-8")
+        export_parquet(study, tmp_path)
+    left = {path.name for path in (tmp_path / "trajectories").iterdir()}
+    assert left == {"experiment-001.csv", "experiment-002.csv", "mine.csv"}
+    assert (tmp_path / dictionary_file("csv")).read_text("utf-8") == told
+    files = {row["file"] for row in read(tmp_path / dictionary_file("parquet"))}
+    assert files == {f"{n}.parquet" for n in ("comparisons", "experiments", "trajectories")}
 
 
 def test_a_kpi_that_one_experiment_lacks_is_empty(tmp_path):
@@ -119,3 +174,13 @@ def test_a_folder_that_cannot_be_written_is_named(export, tmp_path):
     (tmp_path / "file").write_text("")
     with small_study(":memory:") as study, pytest.raises(StudyError, match="file"):
         export(study, tmp_path / "file")
+
+
+def test_a_run_without_steps_has_no_reference():
+    none = np.zeros(0)
+    run = experiment(
+        0.5, t_control=none, u_control=np.zeros((0, 1)), y_ref=np.zeros((0, 1)),
+        iterations=np.zeros(0, int), solve_time=none, solved=np.zeros(0, bool),
+    )  # fmt: skip
+    assert np.isnan(run.reference(0)).all()
+    assert "Reference of level [m]" not in trajectory_of(run).headings

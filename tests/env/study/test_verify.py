@@ -141,5 +141,5 @@ def test_tables_hold_units_and_no_formulas(tmp_path):
     assert "'=HYPERLINK(1)" in comparisons
     assert "gain [m/%]" in (tmp_path / "tables" / "experiments.csv").read_text("utf-8")
     curves = (tmp_path / "tables" / "trajectories" / "experiment-001.csv").read_text("utf-8")
-    assert curves.splitlines()[0] == "time [s],level [m],valve [%]"
+    assert curves.splitlines()[0] == "time [s],level [m],valve [%],Reference of level [m]"
     assert len(curves.splitlines()) == 5

@@ -172,7 +172,7 @@ def test_a_study_is_exported_as_parquet_with_its_dictionary(prefcal, study, tmp_
     assert (code, out) == (0, "Written: mine\n"), err
     names = {path.name for path in (tmp_path / "mine").iterdir()}
     tables = {f"{name}.parquet" for name in ("experiments", "comparisons", "trajectories")}
-    assert names == tables | {"dictionary.csv"}
+    assert names == tables | {"dictionary-parquet.csv"}
 
 
 def test_a_report_that_cannot_be_written_is_told_in_one_line(prefcal, study, tmp_path):

@@ -4,9 +4,11 @@
 """
 
 import csv
+import hashlib
+import importlib
 import json
 import shutil
-from importlib.metadata import version
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -18,6 +20,14 @@ from support.interviews import answer_all, clock
 
 KEPT = Path(__file__).parents[3] / "data" / "studies"
 STUDIES = sorted(KEPT.glob("*.prefcal"))
+PROJECT = Path(__file__).parents[4] / "pyproject.toml"
+DIGESTS = {
+    "0.1.0-glisp.json": "e1bbbfd91caaaa3ab5c211452a2865cf80e81dc51a383918564230f4ba4859de",
+    "0.1.0-glisp.prefcal": "32dd1fbe5b9269bd7d2e0d674e942b6929f0c10fd2986db8cd6de6b654c22706",
+    "0.1.0-screening.json": "5cd258938b108638d24fdd43acaa474528ad7d8f38f37a852c125fcc48cdf015",
+    "0.1.0-screening.prefcal": "e5220f278b4bd6fc463448d8c7374f195dc7a6f86a67bebbfd2dc6b0c7b576a0",
+}
+"""SHA-256 of each kept file. Add those of a new version; those of a released one never change."""
 
 
 @pytest.fixture(params=STUDIES, ids=lambda path: path.stem)
@@ -37,9 +47,47 @@ def trusted(facts):
 
 def test_the_present_version_has_kept_its_studies():
     names = {path.name for path in STUDIES}
-    present = {f"{version('prefcal')}-{agent}.prefcal" for agent in ("glisp", "screening")}
+    version = tomllib.loads(PROJECT.read_text("utf-8"))["project"]["version"]
+    present = {f"{version}-{agent}.prefcal" for agent in ("glisp", "screening")}
     assert present <= names, "run tests/data/studies/make.py"
     assert all(path.stat().st_size < 200_000 for path in STUDIES)
+
+
+def test_no_kept_file_has_changed():
+    files = [*STUDIES, *KEPT.glob("*.json")]
+    found = {path.name: path.read_bytes() for path in files}
+    for name in (name for name in found if name.endswith(".json")):
+        found[name] = found[name].replace(b"\r\n", b"\n")  # as Git may write them on Windows
+    assert {name: hashlib.sha256(content).hexdigest() for name, content in found.items()} == DIGESTS
+
+
+@pytest.fixture
+def make(monkeypatch):
+    monkeypatch.syspath_prepend(KEPT)
+    return importlib.import_module("make")
+
+
+def test_studies_are_kept_under_the_version_of_the_project_alone(make, tmp_path):
+    project = tmp_path / "pyproject.toml"
+    project.write_text('[project]\nversion = "7.1.0"\n')
+    assert make.present("7.1.0", project) == "7.1.0"
+    with pytest.raises(make.RefusedError, match=r"7\.0\.0 is installed.* names 7\.1\.0"):
+        make.present("7.0.0", project)
+
+
+def test_a_kept_study_is_replaced_only_on_demand(make, tmp_path):
+    names = make.places("7.1.0", tmp_path)
+    assert {path.name for path in names.values()} == {
+        "7.1.0-glisp.prefcal", "7.1.0-screening.prefcal"
+    }  # fmt: skip
+    facts, other = tmp_path / "7.1.0-screening.json", tmp_path / "7.0.0-glisp.prefcal"
+    for path in (facts, other):
+        path.write_text("kept")
+    with pytest.raises(make.RefusedError, match=r"7\.1\.0-screening\.json exist already"):
+        make.places("7.1.0", tmp_path)
+    assert facts.read_text() == "kept"
+    assert make.places("7.1.0", tmp_path, again=True) == names
+    assert (facts.exists(), other.exists()) == (False, True)
 
 
 def test_a_kept_study_is_sound_and_has_the_same_best(kept, prefcal):

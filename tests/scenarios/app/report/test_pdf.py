@@ -8,7 +8,7 @@ import pytest
 from prefcal_scenarios import KPI
 from prefcal_scenarios.app.report.pdf import FILE, document
 from prefcal_scenarios.app.report.pdf.lines import broken, width
-from prefcal_scenarios.app.report.pdf.paper import HIGH, MARGIN, SPACE, WIDE, Paper
+from prefcal_scenarios.app.report.pdf.paper import HIGH, MARGIN, SMALL, SPACE, WIDE, Paper
 from prefcal_scenarios.app.report.pictures import draw
 from prefcal_scenarios.app.report.write import write_report
 from support.calibrated import without_figures
@@ -69,7 +69,9 @@ def test_many_kpis_fit_on_the_sheet_and_shrink_no_letter_away(said):
     assert "and 8 more: see report.html" in first
 
 
-def test_nothing_is_written_outside_of_the_margins(monkeypatch):
+@pytest.fixture
+def outside(monkeypatch):
+    """Record the lines that are put outside of the margins."""
     wide = []
     put = Paper._put
 
@@ -82,9 +84,39 @@ def test_nothing_is_written_outside_of_the_margins(monkeypatch):
         put(self, text, x, look, right=right)
 
     monkeypatch.setattr(Paper, "_put", checked)
+    return wide
+
+
+def test_nothing_is_written_outside_of_the_margins(outside):
     record = toy_record()
     document(replace(record, command="prefcal calibrate " + "x" * 300), draw(record))
-    assert not wide
+    assert not outside
+
+
+@pytest.mark.parametrize("knobs", [14, 20])
+def test_a_table_of_many_knobs_becomes_several_that_name_the_experiment(knobs, outside, said):
+    names = [f"weight_{k} [kJ/kg]" for k in range(knobs)]
+    rows = [(f"{i} (best)", *["-1.234e-05"] * knobs, "time is up") for i in range(1, 4)]
+    Paper("wide").table(("experiment", *names, "ended"), rows, SMALL)
+    assert not outside
+    lines = [text for _, text in said]
+    parts = lines.count("experiment")
+    assert parts == lines.count("2 (best)") > 1
+    assert lines.count("ended") == 1
+    assert all(lines.count(f"weight_{k}") == 1 for k in range(knobs))
+    assert lines.count("-1.234e-05") == 3 * knobs
+
+
+def test_a_column_wider_than_the_page_breaks_its_lines(outside):
+    Paper("wide").table(("experiment", "x" * 300), [("1", "y" * 300)])
+    assert not outside
+
+
+def test_a_heading_is_never_alone_at_the_end_of_a_page(said):
+    paper = Paper("low")
+    paper.skip(paper.left - 0.3)
+    paper.table(("number", "value"), [("1", "1.5")])
+    assert said == [(2, "number"), (2, "value"), (2, "1"), (2, "1.5")]
 
 
 def test_dollars_and_backslashes_are_letters_not_formulas(said):

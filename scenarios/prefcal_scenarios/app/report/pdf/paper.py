@@ -30,7 +30,7 @@ _GAP = 0.14
 _BELOW = 0.045
 """Distance of a table's text from the lines below and above it in inches."""
 _FIRST = 1.5
-"""Width of a table's first column, in inches, below which the font shrinks."""
+"""Width in inches that a table's first column has if it needs as much; else the font shrinks."""
 _ROOMY = 1.1
 """Width of a heading, in inches, up to which it has a line of its own if there is room."""
 _SMALLEST = 5.0
@@ -91,25 +91,32 @@ class Paper:
     ) -> None:
         """Write a table; its first column is to the left, the others to the right.
 
-        Headings break their lines. The font shrinks until all columns fit; then the first column
-        breaks its lines, too. Headings are repeated on each page.
+        Headings break their lines. The font shrinks until all columns fit. If they do not fit in
+        the smallest one, the columns are divided among several tables, which all begin with the
+        first column. Headings are repeated on each page.
 
         Args:
             headings: Headings of the columns.
             rows: Cells of each row, as many as headings.
             look: Look of the cells.
         """
+        for part in _parts(headings, rows):
+            self._table([headings[k] for k in part], [[row[k] for k in part] for row in rows], look)
+
+    def _table(self, headings: Sequence[str], rows: Sequence[Sequence[str]], look: Look) -> None:
+        """Write a table with the largest font in which its columns fit."""
         size = look.size
         columns = _widths(headings, rows, size, _ROOMY)
-        if columns[0] < _FIRST:
+        if columns[0] < _first(headings, rows, size):
             columns = _widths(headings, rows, size)
-        while columns[0] < _FIRST and size > _SMALLEST:
+        while columns[0] < _first(headings, rows, size) and size > _SMALLEST:
             size -= 0.5
             columns = _widths(headings, rows, size)
         top = _Row(headings, columns, Look(size, True, look.color))
+        written = [_Row(cells, columns, Look(size, look.bold, look.color)) for cells in rows]
+        self._room(top.height + (written[0].height if written else 0.0))
         self._row(top, INK)
-        for cells in rows:
-            row = _Row(cells, columns, Look(size, look.bold, look.color))
+        for row in written:
             if row.height > self.left:
                 self.page()
                 self._row(top, INK)
@@ -208,22 +215,48 @@ class _Row:
         return max(map(len, self.lines)) * self.look.size * _LINE + 2 * _BELOW
 
 
+def _parts(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[list[int]]:
+    """Return the columns of each of the fewest tables that fit, the first column in all of them."""
+    for count in range(1, len(headings)):
+        others = np.array_split(np.arange(1, len(headings)), count)
+        parts = [[0, *map(int, few)] for few in others]
+        if all(_fit([headings[k] for k in p], [[row[k] for k in p] for row in rows])
+               for p in parts):  # fmt: skip
+            return parts
+    return [[0, k] for k in range(1, len(headings))] or [[0]]
+
+
+def _fit(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> bool:
+    """Return whether the columns fit in the smallest font."""
+    return _widths(headings, rows, _SMALLEST)[0] >= _first(headings, rows, _SMALLEST)
+
+
+def _first(headings: Sequence[str], rows: Sequence[Sequence[str]], size: float) -> float:
+    """Return the width that the first column needs, in inches, at most `_FIRST`."""
+    longest = max(width(headings[0], size, bold=True), *(width(row[0], size) for row in rows), 0.0)
+    return min(longest, _FIRST)
+
+
 def _widths(
     headings: Sequence[str], rows: Sequence[Sequence[str]], size: float, roomy: float = 0.0
 ) -> tuple[float, ...]:
     """Return the widths of all columns in inches: the first one gets what the others leave.
 
-    Headings of up to `roomy` inches stay on one line.
+    Headings of up to `roomy` inches stay on one line. No other column is so wide that the first
+    one would have less than `_FIRST`: a cell that needs more breaks its lines.
     """
     others = [
-        max(
-            *(width(word, size, bold=True) for word in headings[k].split() or [""]),
-            *(width(row[k], size) for row in rows),
-            min(width(headings[k], size, bold=True), roomy),
+        min(
+            max(
+                *(width(word, size, bold=True) for word in headings[k].split() or [""]),
+                *(width(row[k], size) for row in rows),
+                min(width(headings[k], size, bold=True), roomy),
+            ),
+            SPACE - _GAP - _FIRST,
         )
         for k in range(1, len(headings))
     ]
-    return (max(SPACE - sum(others) - _GAP * len(others), 0.5), *others)
+    return (max(SPACE - sum(others) - _GAP * len(others), 0.0), *others)
 
 
 def size_of(content: bytes, most: float = HIGH) -> tuple[float, float]:
