@@ -99,7 +99,8 @@ def test_states_at_the_sampling_instants():
 
 
 def test_interrupted_ends():
-    assert [e.interrupted for e in End] == [e in (End.UNSAFE, End.FAILED) for e in End]
+    stopped = (End.CUT_SHORT, End.UNSAFE, End.FAILED)
+    assert [e.interrupted for e in End] == [e in stopped for e in End]
 
 
 def test_a_channel_with_crossed_limits_is_refused():
