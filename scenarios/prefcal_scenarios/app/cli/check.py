@@ -212,7 +212,7 @@ def _end(
     if picture is not None:
         console.print(f"Picture: {picture}", soft_wrap=True, markup=False, highlight=False)
     ran = checkup is not None and (checkup.experiment is not None or checkup.is_live)
-    verdict = _verdict(wanted.scenario, failed, len(findings), ran=ran)
+    verdict = _verdict(wanted.scenario, failed, sum(f.ok is not None for f in findings), ran=ran)
     console.print(verdict, soft_wrap=True, markup=False, highlight=False)
     return int(bool(failed))
 

@@ -25,7 +25,7 @@ def test_a_file_is_checked_and_the_next_command_is_told(prefcal):
     code, out, err = prefcal("check", "oven.toml", "--knob", "K_i=0.1:1:log 1/s")
     assert code == 0, err
     told = " ".join(out.split())
-    assert "2: K_p, K_i" in told
+    assert "2: K_p (0.5 to 20 %/K, log), K_i (0.1 to 1 1/s, log)" in told
     assert "prefcal calibrate oven.toml --knob 'K_i=0.1:1:log 1/s'" in told
 
 
