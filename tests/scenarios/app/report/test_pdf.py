@@ -114,9 +114,11 @@ def test_a_column_wider_than_the_page_breaks_its_lines(outside):
 
 def test_a_heading_is_never_alone_at_the_end_of_a_page(said):
     paper = Paper("low")
-    paper.skip(paper.left - 0.3)
+    while paper.left > 0.4:
+        paper.text("before")
+    assert paper.left > 0.2  # enough for a heading, but not for a row below it
     paper.table(("number", "value"), [("1", "1.5")])
-    assert said == [(2, "number"), (2, "value"), (2, "1"), (2, "1.5")]
+    assert said[-4:] == [(2, "number"), (2, "value"), (2, "1"), (2, "1.5")]
 
 
 def test_dollars_and_backslashes_are_letters_not_formulas(said):
