@@ -1,8 +1,10 @@
 """What several campaigns need: the course of a study, and many studies in several processes."""
 
+import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import nullcontext
+from pathlib import Path
 from typing import Any, TypeVar
 
 from rich.console import Console
@@ -41,3 +43,18 @@ def spread(
     with ProcessPoolExecutor(processes) if processes > 1 else nullcontext() as pool:
         results = map(function, jobs) if pool is None else pool.map(function, jobs)
         yield from track(results, label, total=len(jobs), console=console)
+
+
+def stored(folder: Path) -> list[dict[str, Any]]:
+    """Return the studies that a campaign has stored in a folder."""
+    path = folder / "studies.jsonl"
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def done(jobs: Sequence[Callable[[], T]], processes: int) -> Iterator[T]:
+    """Yield the result of each job as soon as it is ready."""
+    if processes == 1:
+        yield from (job() for job in jobs)
+        return
+    with ProcessPoolExecutor(processes) as pool:
+        yield from (each.result() for each in as_completed([pool.submit(job) for job in jobs]))

@@ -21,13 +21,13 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy: one study is one thread
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from course import done, stored
 from jaxtyping import Float
 from judged.courses import Study, mean_of, ratio_of
 from judged.tables import interval, markdown
@@ -72,7 +72,7 @@ def main(words: Sequence[str] | None = None) -> None:
     """Run what is missing, and write the tables to cutting.md."""
     options = options_of(words)
     options.out.mkdir(parents=True, exist_ok=True)
-    rows = read(options.out)
+    rows = stored(options.out)
     known = {_key(row) for row in rows}
     keys = [
         (place, taste, seed, threshold, options.experiments)
@@ -82,27 +82,13 @@ def main(words: Sequence[str] | None = None) -> None:
         for threshold in (0.0, *options.thresholds)
     ]
     jobs = [partial(study, *key) for key in keys if key not in known]
-    for row in _done(jobs, options.jobs):
+    for row in done(jobs, options.jobs):
         rows.append(row)
         with (options.out / "studies.jsonl").open("a") as file:
             file.write(json.dumps(row) + "\n")
     report = "\n".join(tables(rows))
     (options.out / "cutting.md").write_text(report + "\n")
     print(report)
-
-
-def read(folder: Path) -> list[Row]:
-    """Return the studies of a folder."""
-    path = folder / "studies.jsonl"
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-
-
-def _done(jobs: Sequence[Any], processes: int) -> Iterator[Row]:
-    if processes == 1:
-        yield from (job() for job in jobs)
-        return
-    with ProcessPoolExecutor(processes) as pool:
-        yield from (done.result() for done in as_completed([pool.submit(job) for job in jobs]))
 
 
 def _key(row: Row) -> tuple[Any, ...]:

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from math import nan
 from pathlib import Path
 
+import pytest
+
 from prefcal_env import Knob
 from prefcal_env.errors import ConnectionLostError, LiveError
 from prefcal_env.live import Journal, LiveKnob, LiveRig, LiveStart, Tag
@@ -76,3 +78,17 @@ def memory_rig(plant: Memory, folder: Path, **changes: object) -> LiveRig:
         "journal": Journal(folder / "old.json"),
     }
     return LiveRig(plant, **(parts | changes))
+
+
+def simulate_time(plant: Memory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let every live rig of a test run by the clock of `plant`."""
+    real, recover = LiveRig.drive, LiveRig.recover
+
+    def drive(self, theta, confirm, **rest):
+        return real(self, theta, confirm, clock=plant.clock, sleep=plant.sleep, **rest)
+
+    def recovered(self, **rest):
+        return recover(self, clock=plant.clock, sleep=plant.sleep, **rest)
+
+    monkeypatch.setattr(LiveRig, "drive", drive)
+    monkeypatch.setattr(LiveRig, "recover", recovered)

@@ -46,7 +46,10 @@ def judged(history: History) -> History:
 
 
 def _is_whole(kpis: Mapping[str, float]) -> bool:
-    """Return whether KPIs are those of a completed run: interrupted ones have infinite KPIs."""
+    """Return whether all KPIs are known and finite; an interrupted run has infinite ones.
+
+    A completed run that never settles is left out, too: both look alike here.
+    """
     return bool(kpis) and bool(np.isfinite(list(kpis.values())).all())
 
 

@@ -7,7 +7,6 @@ import pytest
 
 from prefcal_env import End
 from prefcal_env.errors import StaleError
-from prefcal_env.live import LiveRig
 from prefcal_env.preferences.answer import Preference
 from prefcal_scenarios.app.session import Choice, Phase
 from prefcal_scenarios.app.session.live.state import Live
@@ -18,7 +17,7 @@ from prefcal_scenarios.app.web.view.preview import _running
 from prefcal_scenarios.kpis import bounds_of
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.interviews import begin, reopened
-from support.live import Memory, memory_rig
+from support.live import Memory, memory_rig, simulate_time
 
 
 @pytest.fixture
@@ -28,16 +27,7 @@ def plant():
 
 @pytest.fixture
 def scenario(plant, tmp_path, monkeypatch):
-    real, recover = LiveRig.drive, LiveRig.recover
-
-    def drive(self, theta, confirm, **rest):
-        return real(self, theta, confirm, clock=plant.clock, sleep=plant.sleep, **rest)
-
-    def recovered(self, **rest):
-        return recover(self, clock=plant.clock, sleep=plant.sleep, **rest)
-
-    monkeypatch.setattr(LiveRig, "drive", drive)
-    monkeypatch.setattr(LiveRig, "recover", recovered)
+    simulate_time(plant, monkeypatch)
     rig = memory_rig(plant, tmp_path)
     kpi = KPI("integrated error of level", "error", "m s", better="lower")
     return Scenario("tank", "A tank", rig.space, rig, kpis=(kpi,))

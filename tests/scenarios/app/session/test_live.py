@@ -10,7 +10,7 @@ from prefcal_scenarios.app.session import Choice, Phase
 from prefcal_scenarios.app.session.live.state import Recovery
 from prefcal_scenarios.scenario import KPI, Scenario
 from support.interviews import begin, reopened
-from support.live import Memory, memory_rig
+from support.live import Memory, memory_rig, simulate_time
 
 
 @pytest.fixture
@@ -20,16 +20,7 @@ def plant():
 
 @pytest.fixture
 def scenario(plant, tmp_path, monkeypatch):
-    real, recover = LiveRig.drive, LiveRig.recover
-
-    def drive(self, theta, confirm, **rest):
-        return real(self, theta, confirm, clock=plant.clock, sleep=plant.sleep, **rest)
-
-    def recovered(self, **rest):
-        return recover(self, clock=plant.clock, sleep=plant.sleep, **rest)
-
-    monkeypatch.setattr(LiveRig, "drive", drive)
-    monkeypatch.setattr(LiveRig, "recover", recovered)
+    simulate_time(plant, monkeypatch)
     rig = memory_rig(plant, tmp_path)
     kpi = KPI("overshoot of level", "overshoot", "m", better="lower")
     return Scenario("tank", "A tank", rig.space, rig, kpis=(kpi,))
